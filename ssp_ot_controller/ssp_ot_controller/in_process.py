@@ -47,9 +47,7 @@ class InProcessPlant:
     """See ssp_core.world.plant.Plant.
 
     Args:
-        run: the run, in mode lockstep.
         scene: SUMO, or a scene without traffic.
-        resources: closed with the plant.
     """
 
     def __init__(self, run: RunSpec, scene: TrafficSimulation, resources: ExitStack) -> None:

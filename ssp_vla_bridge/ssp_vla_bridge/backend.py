@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import traceback
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from ssp_core.errors import InputError, PeerError, SspError
@@ -90,11 +91,6 @@ def parse_options(
 ) -> dict[str, Any]:
     """The options in a JSON object; blank text has none.
 
-    Args:
-        text: JSON.
-        field: where the text stands, for the message.
-        remedy: what would be right there.
-
     Raises:
         InputError: the text is no JSON object. It doesn't quote the text, in which somebody may
             have put a key that can't be told from the rest.
@@ -117,7 +113,6 @@ def make_backend(name: str, options: Mapping[str, Any]) -> Backend:
 
     Args:
         name: a key of BACKENDS, or ``module:factory`` for a backend of one's own.
-        options: handed to its factory.
 
     Raises:
         InputError: the name or the options are wrong.
@@ -141,7 +136,6 @@ def interface_of(name: str, options: Mapping[str, Any]) -> str:
 
     Args:
         name: a key of BACKENDS, or ``module:factory`` for a backend of one's own.
-        options: for its factory.
 
     Raises:
         InputError: the option ``interface`` names none.
@@ -153,12 +147,7 @@ def interface_of(name: str, options: Mapping[str, Any]) -> str:
 
 
 def telling_options(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that can change what a backend says; of one that isn't ours, all.
-
-    Args:
-        name: a key of BACKENDS, or ``module:factory``.
-        options: of the backend.
-    """
+    """The options that can change what a backend says; of one that isn't ours, all."""
     delivery = _OF_DELIVERY.get(name, frozenset())
     return {key: value for key, value in options.items() if key not in delivery}
 
@@ -185,6 +174,23 @@ def check_options(backend: str, options: Mapping[str, Any], known: Mapping[str, 
             )
 
 
+def number_option(
+    options: Mapping[str, Any], key: str, default: float, least: float, most: float
+) -> float:
+    """A number among the options, or the default.
+
+    Raises:
+        InputError: it lies outside the limits, or is none.
+    """
+    value = options.get(key)
+    number: float = default if value is None else value
+    if not (math.isfinite(number) and least <= number <= most):
+        raise InputError(
+            f"must lie in [{least:g}, {most:g}]", field=f"backend_options.{key}", value=number
+        )
+    return number
+
+
 def respond(backend: Backend, model: str, request: Request) -> BackendResult:
     """The response to one request, whatever the backend does (latency is left to the caller).
 
@@ -199,10 +205,8 @@ def respond(backend: Backend, model: str, request: Request) -> BackendResult:
         return BackendResult(failure(blank, ErrorCode.BAD_REQUEST, "; ".join(problems)))
     try:
         answer = backend.answer(request)
-        response = Response(
-            request_id=request.request_id,
-            stamp_ns=request.stamp_ns,
-            model=model,
+        response = replace(
+            blank,
             model_id=backend.model_id,
             text=answer.text,
             arrays=answer.arrays,
@@ -223,12 +227,11 @@ def respond(backend: Backend, model: str, request: Request) -> BackendResult:
 def failure(response: Response, code: ErrorCode, message: str) -> Response:
     """An answer that says, on one line, why there is none."""
     line = " ".join(message.split())
-    return Response(
-        request_id=response.request_id,
-        stamp_ns=response.stamp_ns,
-        model=response.model,
-        model_id=response.model_id,
-        latency_s=response.latency_s,
+    return replace(
+        response,
+        text="",
+        arrays=(),
+        decoding={},
         error_code=int(code),
         error_msg=line if len(line) <= 400 else line[:397] + "...",
     )

@@ -96,13 +96,7 @@ _RECENT_NS = 60 * NS_PER_S
 
 @dataclass
 class BridgeHealth:
-    """Counts of one bridge; all times are of the steady clock, ns.
-
-    Args:
-        model: name on the topics.
-        model_id: exact model and version.
-        timeout_s: that a request has.
-    """
+    """Counts of one bridge; all times are of the steady clock, ns."""
 
     model: str
     model_id: str
@@ -128,12 +122,7 @@ class BridgeHealth:
         self._failed.append(code != ErrorCode.NONE)
 
     def status(self, waiting: int, now_ns: int) -> Status:
-        """The bridge's health now.
-
-        Args:
-            waiting: requests in the queue.
-            now_ns: steady clock.
-        """
+        """The bridge's health now."""
         level, message = self._judged(now_ns)
         values = [
             ("model", self.model_id),
@@ -177,11 +166,7 @@ class ShadowRequests:
     """Keeps what a request may need of the last seconds; times are those of the session's clock.
 
     Args:
-        model: name on the topics, part of the requests' ids.
-        period_ns: between two requests, ns.
-        rules: which frames and ego samples a request holds.
         carries_previous: a request holds the answer to the one before.
-        task: what is asked.
     """
 
     model: str

@@ -1,111 +1,84 @@
 """What goes over the wire to a model behind HTTP, and back: ``ssp.vla_http/1`` (docs/bridges.md).
 
     GET  {url}/health  ->  {schema, model_id, ready, detail}
-    POST {url}/answer  <-  {schema, request_id, stamp_ns, task, frames, camera, history,
-                            ego_provenance, previous, prompt}
+    POST {url}/answer  <-  {schema, request_id, stamp_ns, frames, camera, history, ego_provenance,
+                            task, previous, prompt}
                        ->  {schema, request_id, model_id, text, arrays, decoding}
 
 Both directions of each are here, so that a service in Python can use the same functions. A frame
 is ``{stamp_ns, jpeg_base64}``; arrays and ``previous`` are in the form of messages.py.
-``prompt`` is the interface's native prompt where that is one text (core/prompts), else null.
+``prompt`` is the interface's native prompt where that is one text (prompts.py), else null.
 """
 
 from __future__ import annotations
 
-import base64
-import binascii
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Strict, TypeAdapter
 
 from ssp_core.errors import InputError
 from ssp_core.files import check_characters
-from ssp_vla_bridge.messages import (
-    Answer,
-    CameraGeometry,
-    DrivingTask,
-    EgoSample,
-    Frame,
-    Malformed,
-    Request,
-    arrays_from_json,
-    arrays_to_json,
-    exact_object,
-    integer,
-    listed,
-    mapping,
-    number,
-    number_to_json,
-    response_from_json,
-    response_to_json,
-    string,
-)
+from ssp_vla_bridge.messages import Answer, NativeArray, Request, of_schema, read_json
 
 HTTP_SCHEMA = "ssp.vla_http/1"
-_REQUEST_KEYS = {
-    "schema", "request_id", "stamp_ns", "task", "frames", "camera", "history", "ego_provenance",
-    "previous", "prompt",
-}  # fmt: skip
-_ANSWER_KEYS = {"schema", "request_id", "model_id", "text", "arrays", "decoding"}
-_HEALTH_KEYS = {"schema", "model_id", "ready", "detail"}
-_TASK_NUMBERS = {"trajectory_step_s", "trajectory_horizon_s"}
-
-Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
 class Health:
-    """What a service says of itself.
+    """What a service says of itself: its exact model and version, and why it isn't ready."""
 
-    Args:
-        model_id: exact model and version.
-        ready: it answers now.
-        detail: why it doesn't, or nothing.
-    """
-
+    __pydantic_config__ = ConfigDict(extra="forbid")
     model_id: str
-    ready: bool
+    ready: Annotated[bool, Strict()]
     detail: str = ""
+
+
+def _finite(decoding: Mapping[str, Any]) -> Mapping[str, Any]:
+    try:
+        json.dumps(decoding, allow_nan=False)
+    except (ValueError, RecursionError):
+        raise ValueError("holds a number that isn't finite") from None
+    return decoding
 
 
 @dataclass(frozen=True)
 class ServiceAnswer:
-    """An answer, and the model that gave it."""
+    """An answer, and the model that gave it.
 
+    Numbers of arrays may be anything that a float holds: an adapter judges them. Decoding facts
+    may not, since they are stored as they are.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
     request_id: str
     model_id: str
-    answer: Answer
+    text: str
+    arrays: tuple[NativeArray, ...]
+    decoding: Annotated[Mapping[str, Any], AfterValidator(_finite)]
+
+    @property
+    def answer(self) -> Answer:
+        return Answer(self.text, self.arrays, self.decoding)
+
+
+_HEALTH: TypeAdapter[Health] = TypeAdapter(
+    Annotated[Health, BeforeValidator(of_schema(HTTP_SCHEMA, Health))]
+)
+_ANSWER: TypeAdapter[ServiceAnswer] = TypeAdapter(
+    Annotated[ServiceAnswer, BeforeValidator(of_schema(HTTP_SCHEMA, ServiceAnswer))]
+)
+_REQUEST: TypeAdapter[Request] = TypeAdapter(
+    Annotated[Request, BeforeValidator(of_schema(HTTP_SCHEMA, Request))]
+)
 
 
 def request_to_json(request: Request, prompt: str | None = None) -> dict[str, Any]:
-    """The JSON object of a request.
-
-    Args:
-        request: what is asked.
-        prompt: the same in words, for a model that is asked in words.
-    """
-    return {
-        "schema": HTTP_SCHEMA,
-        "request_id": request.request_id,
-        "stamp_ns": request.stamp_ns,
-        "task": asdict(request.task),
-        "frames": [
-            {
-                "stamp_ns": frame.stamp_ns,
-                "jpeg_base64": base64.b64encode(frame.jpeg).decode("ascii"),
-            }
-            for frame in request.frames
-        ],
-        "camera": None if request.camera is None else asdict(request.camera),
-        "history": [
-            {name: number_to_json(value) for name, value in asdict(sample).items()}
-            for sample in request.history
-        ],
-        "ego_provenance": request.ego_provenance,
-        "previous": None if request.previous is None else response_to_json(request.previous),
-        "prompt": prompt,
-    }
+    """The JSON object of a request; the prompt says the same to a model that is asked in words."""
+    value = _REQUEST.dump_python(request, mode="json", by_alias=True)
+    return {"schema": HTTP_SCHEMA, **value, "prompt": prompt}
 
 
 def request_from_json(value: Any) -> Request:
@@ -114,45 +87,31 @@ def request_from_json(value: Any) -> Request:
     Raises:
         InputError: naming the field that is wrong.
     """
-    return _read(_request, value)
+    if isinstance(value, dict):
+        if not isinstance(value.get("prompt"), str | None):
+            raise InputError("must be a string", field="prompt", value=value["prompt"])
+        value = {key: one for key, one in value.items() if key != "prompt"}
+    return read_json(_REQUEST, value)
 
 
 def answer_to_json(answer: ServiceAnswer) -> dict[str, Any]:
     """The JSON object of an answer."""
-    return {
-        "schema": HTTP_SCHEMA,
-        "request_id": answer.request_id,
-        "model_id": answer.model_id,
-        "text": answer.answer.text,
-        "arrays": arrays_to_json(answer.answer.arrays),
-        "decoding": dict(answer.answer.decoding),
-    }
+    return {"schema": HTTP_SCHEMA, **_ANSWER.dump_python(answer, mode="json")}
 
 
 def answer_from_json(value: Any) -> ServiceAnswer:
-    """The inverse of answer_to_json.
-
-    Numbers of arrays may be anything that a float holds: an adapter judges them. Decoding facts
-    may not, since they are stored as they are.
-
-    Raises:
-        InputError: naming the field that is wrong.
-    """
-    return _read(_answer, value)
+    """The inverse of answer_to_json; raises InputError naming the field that is wrong."""
+    return read_json(_ANSWER, value)
 
 
 def health_to_json(health: Health) -> dict[str, Any]:
     """The JSON object of a service's health."""
-    return {"schema": HTTP_SCHEMA, **asdict(health)}
+    return {"schema": HTTP_SCHEMA, **_HEALTH.dump_python(health, mode="json")}
 
 
 def health_from_json(value: Any) -> Health:
-    """The inverse of health_to_json.
-
-    Raises:
-        InputError: naming the field that is wrong.
-    """
-    return _read(_health, value)
+    """The inverse of health_to_json; raises InputError naming the field that is wrong."""
+    return read_json(_HEALTH, value)
 
 
 def parse_json(body: bytes) -> Any:
@@ -179,112 +138,3 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(values) < len(pairs):
         raise ValueError("a key stands twice")
     return values
-
-
-def _read(read: Callable[[Any], Read], value: Any) -> Read:
-    try:
-        return read(value)
-    except RecursionError as error:
-        raise InputError("is nested too deeply") from error
-    except Malformed as error:
-        shown = error.value if isinstance(error.value, (str, int, float)) else None
-        raise InputError(error.problem, field=error.field, value=shown) from None
-
-
-def _schema(values: Mapping[str, Any]) -> None:
-    if values["schema"] != HTTP_SCHEMA:
-        raise Malformed("schema", f"must be {HTTP_SCHEMA!r}", values["schema"])
-
-
-def _request(value: Any) -> Request:
-    values = exact_object(value, "request", _REQUEST_KEYS)
-    _schema(values)
-    frames = listed(values["frames"], "frames")
-    history = listed(values["history"], "history")
-    previous = values["previous"]
-    if values["prompt"] is not None:
-        string(values, "prompt", "request")
-    return Request(
-        request_id=string(values, "request_id", "request"),
-        stamp_ns=integer(values["stamp_ns"], "stamp_ns"),
-        task=_task(values["task"]),
-        frames=tuple(_frame(one, f"frames[{i}]") for i, one in enumerate(frames)),
-        camera=None if values["camera"] is None else _camera(values["camera"]),
-        history=tuple(_sample(one, f"history[{i}]") for i, one in enumerate(history)),
-        ego_provenance=string(values, "ego_provenance", "request"),
-        previous=None if previous is None else response_from_json(previous),
-    )
-
-
-def _frame(value: Any, place: str) -> Frame:
-    values = exact_object(value, place, {"stamp_ns", "jpeg_base64"})
-    try:
-        jpeg = base64.b64decode(string(values, "jpeg_base64", place), validate=True)
-    except (binascii.Error, ValueError) as error:
-        if isinstance(error, Malformed):
-            raise
-        raise Malformed(f"{place}.jpeg_base64", f"is no base64: {error}") from None
-    return Frame(integer(values["stamp_ns"], f"{place}.stamp_ns"), jpeg)
-
-
-def _sample(value: Any, place: str) -> EgoSample:
-    names = [one.name for one in fields(EgoSample)]
-    values = exact_object(value, place, set(names))
-    return EgoSample(*(number(values[name], f"{place}.{name}") for name in names))
-
-
-def _camera(value: Any) -> CameraGeometry:
-    values = exact_object(value, "camera", {one.name for one in fields(CameraGeometry)})
-    read: dict[str, Any] = {}
-    for name, one in values.items():
-        place = f"camera.{name}"
-        if name in ("width_px", "height_px"):
-            read[name] = integer(one, place)
-        elif one is None and name in ("height_m", "pitch_down_rad"):
-            read[name] = None
-        else:
-            read[name] = number(one, place)
-    return CameraGeometry(**read)
-
-
-def _task(value: Any) -> DrivingTask:
-    values = exact_object(value, "task", {one.name for one in fields(DrivingTask)})
-    read: dict[str, Any] = {}
-    for name, one in values.items():
-        if name in _TASK_NUMBERS:
-            read[name] = number(one, f"task.{name}")
-        elif name == "instruction":
-            read[name] = string(values, name, "task")
-        else:
-            words = listed(one, f"task.{name}")
-            if not all(isinstance(word, str) for word in words):
-                raise Malformed(f"task.{name}", "must be a list of strings")
-            read[name] = tuple(words)
-    return DrivingTask(**read)
-
-
-def _answer(value: Any) -> ServiceAnswer:
-    values = exact_object(value, "answer", _ANSWER_KEYS)
-    _schema(values)
-    decoding = mapping(values["decoding"], "decoding")
-    try:
-        json.dumps(decoding, allow_nan=False)
-    except (ValueError, RecursionError):
-        raise Malformed("decoding", "holds a number that isn't finite") from None
-    return ServiceAnswer(
-        request_id=string(values, "request_id", "answer"),
-        model_id=string(values, "model_id", "answer"),
-        answer=Answer(
-            string(values, "text", "answer"), arrays_from_json(values["arrays"]), decoding
-        ),
-    )
-
-
-def _health(value: Any) -> Health:
-    values = exact_object(value, "health", _HEALTH_KEYS)
-    _schema(values)
-    if not isinstance(values["ready"], bool):
-        raise Malformed("health.ready", "must be true or false", values["ready"])
-    return Health(
-        string(values, "model_id", "health"), values["ready"], string(values, "detail", "health")
-    )

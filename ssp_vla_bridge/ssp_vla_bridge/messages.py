@@ -2,90 +2,106 @@
 
 from __future__ import annotations
 
+import base64
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, fields
 from enum import IntEnum
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import cv2
 import numpy as np
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+    WrapSerializer,
+)
 
 from ssp_core.errors import InputError
+from ssp_core.files import field_path
 from ssp_core.hashing import sha256_bytes
 from ssp_core.vocabulary import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
 
 
-class Malformed(ValueError):
-    """A value that isn't what its place asks for.
-
-    Args:
-        field: path of the field, such as ``arrays[0].shape``.
-        problem: what is wrong, as one clause.
-        value: the offending value.
-    """
-
-    def __init__(self, field: str, problem: str, value: object = None) -> None:
-        super().__init__(problem)
-        self.field, self.problem, self.value = field, problem, value
-
-
-def exact_object(value: Any, place: str, keys: set[str]) -> dict[str, Any]:
-    """An object that has exactly these keys."""
-    if not isinstance(value, dict):
-        raise Malformed(place, "must be an object", value)
-    for key in sorted(keys ^ set(value)):
-        raise Malformed(f"{place}.{key}", "is missing" if key in keys else "is no known key")
-    return value
-
-
-def listed(value: Any, place: str) -> list[Any]:
-    """A list."""
-    if not isinstance(value, list):
-        raise Malformed(place, "must be a list", value)
-    return value
-
-
-def mapping(value: Any, place: str) -> dict[str, Any]:
-    """An object with any keys."""
-    if not isinstance(value, dict):
-        raise Malformed(place, "must be an object", value)
-    return value
-
-
-def string(fields: dict[str, Any], key: str, place: str = "response") -> str:
-    """The text under a key."""
-    value = fields[key]
-    if not isinstance(value, str):
-        raise Malformed(f"{place}.{key}", "must be a string", value)
-    return value
-
-
-def integer(value: Any, place: str) -> int:
-    """A whole number."""
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise Malformed(place, "must be an integer", value)
-    return value
-
-
-def number(value: Any, place: str) -> float:
+def _number(value: Any) -> float:
     """A number; ``nan``, ``inf`` and ``-inf`` stand for those that JSON doesn't have."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         try:
             return float(value)
         except OverflowError:
-            raise Malformed(place, "is too large a number", value) from None
+            raise ValueError("is too large a number") from None
     if value in ("nan", "inf", "-inf"):
         return float(value)
-    raise Malformed(place, "must be a number", value)
+    raise ValueError("must be a number")
 
 
-def number_to_json(value: float) -> float | str:
-    """The inverse of number."""
+def _number_to_json(value: float) -> float | str:
     return float(value) if math.isfinite(value) else str(float(value))
+
+
+def _jpeg(value: Any) -> bytes:
+    if not isinstance(value, str):
+        raise ValueError("must be a string")
+    try:
+        return base64.b64decode(value, validate=True)
+    except ValueError as error:
+        raise ValueError(f"is no base64: {error}") from None
+
+
+# What the types below are in JSON; with them pydantic reads and writes the dataclasses.
+Number = Annotated[float, BeforeValidator(_number), PlainSerializer(_number_to_json)]
+Whole = Annotated[int, Strict()]
+Jpeg = Annotated[
+    bytes,
+    Field(alias="jpeg_base64"),
+    BeforeValidator(_jpeg),
+    PlainSerializer(lambda data: base64.b64encode(data).decode("ascii")),
+]
+_EXACT = ConfigDict(extra="forbid")
+Read = TypeVar("Read")
+
+
+def read_json(form: TypeAdapter[Read], value: Any, **place: Any) -> Read:
+    """The dataclass of a decoded JSON value.
+
+    Raises:
+        InputError: naming the first field that is wrong, at the ``file`` and ``line`` of place.
+    """
+    try:
+        return form.validate_python(value)
+    except ValidationError as error:
+        failure = error.errors(include_url=False)[0]
+        missing = failure["type"] == "missing"
+        raise InputError(
+            failure["msg"].removeprefix("Value error, "),
+            field=field_path(failure["loc"], value, missing=missing),
+            value=failure["input"] if isinstance(failure["input"], (str, int, float)) else None,
+            **place,
+        ) from None
+
+
+def of_schema(schema: str, form: Any) -> Callable[[Any], Any]:
+    """Takes the schema from an object that has every key; a dataclass would put in defaults."""
+    names = {one.name for one in fields(form)}
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, dict):
+            raise ValueError("must be an object")
+        if value.get("schema") != schema:
+            raise ValueError(f"schema must be {schema!r}")
+        for key in sorted(names - value.keys()):
+            raise ValueError(f"{key} is missing")
+        return {key: one for key, one in value.items() if key != "schema"}
+
+    return check
 
 
 _INSTRUCTION = (
@@ -102,17 +118,11 @@ class DrivingTask:
     """What a model is to answer, independent of its native prompt (METHOD 5.1, 5.4).
 
     Args:
-        instruction: for the model, plain English.
-        objects: closed vocabulary of the objects slot.
-        positions: closed vocabulary of the position slot.
-        motions: closed vocabulary of the motion slot.
-        conflicts: closed vocabulary of the conflict slot.
-        lon_actions: allowed longitudinal actions.
-        lat_actions: allowed lateral actions.
         trajectory_step_s: time between the points asked for, s.
         trajectory_horizon_s: time of the last point asked for, s after the request's time.
     """
 
+    __pydantic_config__ = _EXACT
     instruction: str
     objects: tuple[str, ...]
     positions: tuple[str, ...]
@@ -120,8 +130,8 @@ class DrivingTask:
     conflicts: tuple[str, ...]
     lon_actions: tuple[str, ...]
     lat_actions: tuple[str, ...]
-    trajectory_step_s: float
-    trajectory_horizon_s: float
+    trajectory_step_s: Number
+    trajectory_horizon_s: Number
 
 
 TASK = DrivingTask(
@@ -138,11 +148,6 @@ TASK = DrivingTask(
 
 
 RESPONSE_SCHEMA = "ssp.response/1"
-_ARRAY_KEYS = {"name", "shape", "data", "frame", "unit", "step_s", "first_time_s"}
-_RESPONSE_KEYS = {
-    "schema", "request_id", "stamp_ns", "model", "model_id", "text", "arrays", "decoding",
-    "latency_s", "error_code", "error_msg",
-}  # fmt: skip
 
 
 class ErrorCode(IntEnum):
@@ -161,21 +166,20 @@ class NativeArray:
 
     Args:
         name: as the model's interface calls it.
-        shape: sizes of the axes.
         data: row-major values.
         frame: declared by the model's interface, for example ``ego_xy``.
-        unit: declared unit.
         step_s: time between rows, s, 0 when it has none.
         first_time_s: time of the first row after the request's time, s.
     """
 
+    __pydantic_config__ = _EXACT
     name: str
-    shape: tuple[int, ...]
-    data: tuple[float, ...]
+    shape: tuple[Whole, ...]
+    data: tuple[Number, ...]
     frame: str
     unit: str
-    step_s: float
-    first_time_s: float
+    step_s: Number
+    first_time_s: Number
 
 
 @dataclass(frozen=True)
@@ -192,121 +196,44 @@ class Response:
     """One answer, raw; adapters interpret it later, so that it can be interpreted again.
 
     Args:
-        request_id: the request's.
         stamp_ns: the request's stamp, never the time of answering, ns.
         model: name on the topic.
-        model_id: exact model and version.
-        text: raw.
-        arrays: raw.
         decoding: every decoding parameter, JSON values only.
         latency_s: from request to answer inside the bridge, s.
         error_code: an ErrorCode's number, 0 is none.
         error_msg: one line, empty without an error.
     """
 
+    __pydantic_config__ = _EXACT
     request_id: str
-    stamp_ns: int
+    stamp_ns: Whole
     model: str
     model_id: str
     text: str = ""
     arrays: tuple[NativeArray, ...] = ()
     decoding: Mapping[str, Any] = field(default_factory=dict)
-    latency_s: float = 0.0
-    error_code: int = ErrorCode.NONE
+    latency_s: Number = 0.0
+    error_code: Whole = ErrorCode.NONE
     error_msg: str = ""
 
 
-def arrays_to_json(arrays: Sequence[NativeArray]) -> list[dict[str, Any]]:
-    """The one JSON form of native arrays; numbers that aren't finite stand as strings in it."""
-    return [
-        {
-            "name": array.name,
-            "shape": list(array.shape),
-            "data": [number_to_json(value) for value in array.data],
-            "frame": array.frame,
-            "unit": array.unit,
-            "step_s": number_to_json(array.step_s),
-            "first_time_s": number_to_json(array.first_time_s),
-        }
-        for array in arrays
-    ]
-
-
-def arrays_from_json(value: Any) -> tuple[NativeArray, ...]:
-    """The inverse of arrays_to_json.
-
-    Raises:
-        Malformed: it is no such list.
-    """
-    return tuple(_array(one, f"arrays[{i}]") for i, one in enumerate(listed(value, "arrays")))
+StoredResponse = Annotated[
+    Response,
+    BeforeValidator(of_schema(RESPONSE_SCHEMA, Response)),
+    WrapSerializer(lambda response, write: {"schema": RESPONSE_SCHEMA, **write(response)}),
+]
+_RESPONSE: TypeAdapter[Response] = TypeAdapter(StoredResponse)
 
 
 def response_to_json(response: Response) -> dict[str, Any]:
     """The JSON object of a response; numbers that aren't finite stand as strings in it."""
-    return {
-        "schema": RESPONSE_SCHEMA,
-        "request_id": response.request_id,
-        "stamp_ns": response.stamp_ns,
-        "model": response.model,
-        "model_id": response.model_id,
-        "text": response.text,
-        "arrays": arrays_to_json(response.arrays),
-        "decoding": dict(response.decoding),
-        "latency_s": number_to_json(response.latency_s),
-        "error_code": int(response.error_code),
-        "error_msg": response.error_msg,
-    }
+    value: dict[str, Any] = _RESPONSE.dump_python(response, mode="json")
+    return value
 
 
 def response_from_json(value: Any, *, file: str | None = None, line: int | None = None) -> Response:
-    """The response of such an object: the inverse of response_to_json.
-
-    Args:
-        value: a decoded JSON value.
-        file: where it stands, for the message.
-        line: the line there, from 1.
-
-    Raises:
-        InputError: it is no such object.
-    """
-    try:
-        return _response(value)
-    except Malformed as error:
-        raise InputError(
-            error.problem, file=file, line=line, field=error.field, value=error.value
-        ) from None
-
-
-def _response(value: Any) -> Response:
-    fields = exact_object(value, "response", _RESPONSE_KEYS)
-    if fields["schema"] != RESPONSE_SCHEMA:
-        raise Malformed("schema", f"must be {RESPONSE_SCHEMA!r}", fields["schema"])
-    return Response(
-        request_id=string(fields, "request_id"),
-        stamp_ns=integer(fields["stamp_ns"], "stamp_ns"),
-        model=string(fields, "model"),
-        model_id=string(fields, "model_id"),
-        text=string(fields, "text"),
-        arrays=arrays_from_json(fields["arrays"]),
-        decoding=mapping(fields["decoding"], "decoding"),
-        latency_s=number(fields["latency_s"], "latency_s"),
-        error_code=integer(fields["error_code"], "error_code"),
-        error_msg=string(fields, "error_msg"),
-    )
-
-
-def _array(value: Any, place: str) -> NativeArray:
-    fields = exact_object(value, place, _ARRAY_KEYS)
-    shape, data = (listed(fields[key], f"{place}.{key}") for key in ("shape", "data"))
-    return NativeArray(
-        name=string(fields, "name", place),
-        shape=tuple(integer(size, f"{place}.shape") for size in shape),
-        data=tuple(number(one, f"{place}.data") for one in data),
-        frame=string(fields, "frame", place),
-        unit=string(fields, "unit", place),
-        step_s=number(fields["step_s"], f"{place}.step_s"),
-        first_time_s=number(fields["first_time_s"], f"{place}.first_time_s"),
-    )
+    """The inverse of response_to_json; raises InputError as read_json does."""
+    return read_json(_RESPONSE, value, file=file, line=line)
 
 
 _JPEG_START = b"\xff\xd8"
@@ -320,11 +247,11 @@ class Frame:
 
     Args:
         stamp_ns: time of exposure, ns.
-        jpeg: the compressed image as the camera gave it.
     """
 
-    stamp_ns: int
-    jpeg: bytes
+    __pydantic_config__ = _EXACT
+    stamp_ns: Whole
+    jpeg: Jpeg
 
     @cached_property
     def sha256(self) -> str:
@@ -345,12 +272,13 @@ class EgoSample:
         yaw_rate_radps: rad/s, + is left.
     """
 
-    t_s: float
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    speed_mps: float
-    yaw_rate_radps: float
+    __pydantic_config__ = _EXACT
+    t_s: Number
+    x_m: Number
+    y_m: Number
+    yaw_rad: Number
+    speed_mps: Number
+    yaw_rate_radps: Number
 
 
 @dataclass(frozen=True)
@@ -362,20 +290,19 @@ class CameraGeometry:
         fy_px: focal length along the image's height, px.
         cx_px: principal point from the left, px.
         cy_px: principal point from the top, px.
-        width_px: image width, px.
-        height_px: image height, px.
         height_m: optical centre above the ground, m.
         pitch_down_rad: rad, + looks down.
     """
 
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
-    width_px: int
-    height_px: int
-    height_m: float | None = None
-    pitch_down_rad: float | None = None
+    __pydantic_config__ = _EXACT
+    fx_px: Number
+    fy_px: Number
+    cx_px: Number
+    cy_px: Number
+    width_px: Whole
+    height_px: Whole
+    height_m: Number | None = None
+    pitch_down_rad: Number | None = None
 
 
 @dataclass(frozen=True)
@@ -383,26 +310,25 @@ class Request:
     """One question; it holds nothing later than ``stamp_ns``.
 
     Args:
-        request_id: given back with the answer.
         stamp_ns: the time that the answer is about, ns.
         frames: oldest first, the last one at or before stamp_ns.
         camera: geometry of all frames, None when it is not known.
         history: oldest first, the last sample at t = 0; empty when it is not known.
         ego_provenance: where the history comes from: ``measured``, ``declared`` or ``unknown``.
-        task: what is asked.
         previous: the model's own last answer about the same clip, for interfaces that carry state
             from answer to answer (interfaces.py); a bridge keeps none itself, so that an answer
             depends on its request only.
     """
 
+    __pydantic_config__ = _EXACT
     request_id: str
-    stamp_ns: int
+    stamp_ns: Whole
     frames: tuple[Frame, ...]
     camera: CameraGeometry | None = None
     history: tuple[EgoSample, ...] = ()
     ego_provenance: str = "unknown"
     task: DrivingTask = field(default=TASK)
-    previous: Response | None = None
+    previous: StoredResponse | None = None
 
     @property
     def ego_known(self) -> bool:

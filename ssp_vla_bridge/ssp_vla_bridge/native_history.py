@@ -26,12 +26,7 @@ _LIGHTEMMA_MOST_CURVATURE_PM = 0.2
 
 @dataclass(frozen=True)
 class NativeHistory:
-    """Past values of one system, oldest first, rounded as its prompt prints them.
-
-    Args:
-        rows: two numbers each; what they are is the system's.
-        decimals: that are printed.
-    """
+    """Past values of one system, oldest first, rounded as its prompt prints them."""
 
     rows: tuple[tuple[float, float], ...]
     decimals: int
@@ -61,9 +56,6 @@ def openemma_history(request: Request) -> NativeHistory:
     1/m, + is left, of the triangle p_(i−1), p_i, p_(i+1) with signed area A and sides a, b, c. The
     newest k is a copy of the one before: OpenEMMA takes it from the next pose, which a request
     doesn't hold. Where a step is under 0.1 m, k is 0.
-
-    Args:
-        request: no history is known from one whose ego_provenance is unknown.
     """
     samples = _raster(request, OPENEMMA_PAIRS + 1)
     curvatures = [_curvature_pm(samples[i - 1 : i + 2]) for i in range(1, len(samples) - 1)]
@@ -81,9 +73,6 @@ def lightemma_history(request: Request) -> NativeHistory:
     A speed under 0.2 m/s and a curvature over 0.2 1/m are 0, as there; + is left. The newest pair
     is that of the step which ends at the request's time. A pair needs the pose before its step, so
     n samples give n − 2 pairs.
-
-    Args:
-        request: no history is known from one whose ego_provenance is unknown.
     """
     samples = _raster(request, LIGHTEMMA_PAIRS + 2)
     rows = []
@@ -100,11 +89,7 @@ def lightemma_history(request: Request) -> NativeHistory:
 
 
 def llavida_history(request: Request) -> NativeHistory:
-    """LLaViDA's past positions, up to six, without the present: x lateral, + is right; y forward.
-
-    Args:
-        request: no history is known from one whose ego_provenance is unknown.
-    """
+    """LLaViDA's past positions, up to six, without the present: x to the right, y forward."""
     samples = _raster(request, LLAVIDA_POINTS + 1)[:-1]
     return _rounded([(-sample.y_m, sample.x_m) for sample in samples], 2)
 
@@ -140,11 +125,7 @@ def _curvature_pm(samples: Sequence[EgoSample]) -> float:
 
 
 def waypoints_history(request: Request) -> NativeHistory:
-    """All past positions (x forward, y left), which the prompt of ``waypoints`` prints in its rows.
-
-    Args:
-        request: no history is known from one whose ego_provenance is unknown.
-    """
+    """All past positions (x forward, y left), as the prompt of ``waypoints`` prints them."""
     rows = [(sample.x_m, sample.y_m) for sample in request.history] if request.ego_known else []
     return _rounded(rows, 2)
 
@@ -167,10 +148,6 @@ def stage_text(response: Response, name: str) -> str | None:
     """The raw text of a stage by its span in ``decoding["stages"]``; None: there is none.
 
     A span that isn't one, or lies outside the text, names no stage.
-
-    Args:
-        response: whoever made it.
-        name: of the stage.
     """
     stages = response.decoding.get("stages")
     for stage in stages if isinstance(stages, list) else ():

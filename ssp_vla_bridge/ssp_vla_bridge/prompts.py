@@ -30,7 +30,6 @@ class Prompt:
     """The words of one question; the frames go before the text.
 
     Args:
-        text: of the user's message.
         system: of the system's message, empty where there is none.
     """
 
@@ -421,11 +420,6 @@ def words_sha256(backend: str, options: Mapping[str, Any], request: Request) -> 
 
     What the model itself says in a step is left open in the steps behind it: it follows from the
     words before.
-
-    Args:
-        backend: its name.
-        options: of the backend.
-        request: what is asked.
 
     Raises:
         InputError: the options name no interface.

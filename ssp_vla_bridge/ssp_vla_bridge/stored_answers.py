@@ -62,7 +62,6 @@ class Stored:
     """A stored answer.
 
     Args:
-        response: raw.
         place: the file or topic; answers of one place are in the order in which they came.
     """
 

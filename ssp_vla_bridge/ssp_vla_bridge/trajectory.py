@@ -48,7 +48,6 @@ def check_trajectory(
     meaning: the support of times that don't rise is no interval.
 
     Args:
-        trajectory: positions in the ego frame, m, over times, s.
         support_end_s: end of the interval that must be covered, s.
         tolerance_s: by how much the support may fall short of either end, s.
 
@@ -76,7 +75,6 @@ def interpolate(
     """Position (x_m, y_m) at a time, linear between samples, never outside them (METHOD 5.4).
 
     Args:
-        trajectory: a valid one (check_trajectory returned nothing).
         t_s: time after the record's time, s.
         tolerance_s: a time outside the support by no more than this takes the end sample.
 
@@ -94,10 +92,6 @@ def locate(
     times_s: Sequence[float], t_s: float, tolerance_s: float = TOLERANCE_S
 ) -> tuple[int, float]:
     """Where a time lies among the samples of a valid trajectory.
-
-    Args:
-        times_s: of the samples.
-        t_s, tolerance_s: see interpolate.
 
     Returns:
         Index of a sample, and the share of the way from it to the next; 0 at the sample itself.

@@ -51,9 +51,7 @@ def choose(stamps_ns: Sequence[int], newest: int, rules: Preprocessing) -> list[
     From the newest frame backwards, at most the given rate, number and span.
 
     Args:
-        stamps_ns: of the frames there are, rising, ns.
         newest: index of the request's newest frame.
-        rules: rate, number and span.
     """
     spacing_ns = seconds_to_ns(rules.frame_spacing_s) - _SLACK_NS
     chosen = [newest]
@@ -78,7 +76,6 @@ def ego_history(
         stamps_ns: of the VUT's states, rising, ns.
         state: the state of an index; asked for no more than is needed.
         now_ns: the request's time; no later state is looked at.
-        rules: length, spacing and age.
     """
     newest = bisect_right(stamps_ns, now_ns) - 1
     if newest < 0 or ns_to_seconds(now_ns - stamps_ns[newest]) > rules.state_age_s:
@@ -114,9 +111,7 @@ class Interface:
     """What a family of models expects and gives.
 
     Args:
-        name: as in options and results.
         adapter: that reads its answers, ``name`` or ``name:mode``.
-        preprocessing: which frames and ego samples it is given.
         carries_previous: its request holds the model's own last answer about the same clip.
     """
 
@@ -185,7 +180,6 @@ def geometry_of(info: Any, mount: Mounting | None) -> CameraGeometry | None:
     """The geometry of a sensor_msgs/CameraInfo; None where its matrix K says that it is unknown.
 
     Args:
-        info: with ``k``, ``width`` and ``height``.
         mount: None where it isn't known.
     """
     if float(info.k[0]) <= 0.0 or float(info.k[4]) <= 0.0:

@@ -63,8 +63,6 @@ def state_of(reading: BodyReading, spec: ParticipantSpec, sequence: int) -> Obje
     """An object's own state as its body reads it.
 
     Args:
-        reading: of the body.
-        spec: of the object.
         sequence: number of the state, from 1.
     """
     return ObjectState(
@@ -89,8 +87,6 @@ class MirrorBody:
 
     Args:
         object_class: a walker turns to the commanded heading, others follow the curvature.
-        pose: where it stands.
-        now_ns: session time.
     """
 
     def __init__(self, object_class: ObjectClass, pose: Pose2, now_ns: int = 0) -> None:

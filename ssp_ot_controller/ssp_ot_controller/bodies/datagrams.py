@@ -51,7 +51,6 @@ class Rejected:
 
     Args:
         reason: the first one found.
-        text: what was found and what would have been right.
     """
 
     reason: Reason
@@ -85,8 +84,6 @@ class CommandDatagram:
     """A command, and how long it holds.
 
     Args:
-        envelope: of the datagram.
-        command: what to do.
         timeout_ms: the body brakes by itself when it hears nothing new for so long.
     """
 
@@ -162,12 +159,7 @@ def _open(data: bytes, kind: int, size: int, object_id: str) -> Envelope | Rejec
 
 
 def decode_state(data: bytes, object_id: str) -> tuple[Envelope, BodyReading] | Rejected:
-    """A body's reading, or why it is not taken. Its stamp is the envelope's.
-
-    Args:
-        data: of one datagram, whatever it is.
-        object_id: whose body's datagrams are wanted.
-    """
+    """A body's reading, or why it is not taken. Its stamp is the envelope's."""
     envelope = _open(data, STATE_KIND, STATE_BYTES, object_id)
     if isinstance(envelope, Rejected):
         return envelope

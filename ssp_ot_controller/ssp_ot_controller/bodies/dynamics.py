@@ -52,8 +52,6 @@ class BodyLimits:
     """What a body can do at most, and how quickly it follows.
 
     Args:
-        speed_mps: largest speed.
-        acceleration_mps2: largest acceleration.
         deceleration_mps2: hardest service braking, > 0.
         emergency_deceleration_mps2: braking of an emergency stop, > 0.
         acceleration_rate_mps3: how quickly acceleration may change.
@@ -185,10 +183,6 @@ def step_vehicle(
     """The vehicle's state one step later: x' = v cos yaw, y' = v sin yaw, yaw' = v curvature.
 
     Args:
-        state: present state.
-        command: held over the step.
-        limits: of this body.
-        dt_s: length of the step, > 0.
         lag_scale: factor on both lags (1 is a healthy actuator).
 
     Raises:

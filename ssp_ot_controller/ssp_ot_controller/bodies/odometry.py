@@ -78,7 +78,6 @@ class VutStates:
 
     Args:
         vut: the run's VUT; gives class and size.
-        lever: where the unit sits.
         map_frame: the frame that fixes must be in.
     """
 
@@ -91,10 +90,6 @@ class VutStates:
 
     def take(self, fix: Fix, now_ns: int | None = None) -> ObjectState:
         """The state of the reference point at the fix's stamp.
-
-        Args:
-            fix: that came.
-            now_ns: session time; None: not known.
 
         Raises:
             Unusable: wrong frame, values that aren't finite, a stamp that doesn't rise, or lies

@@ -37,13 +37,6 @@ class BodyServer:
 
     It follows one commander. Another address is not listened to until the first has been silent
     for as long as the watchdog waits and the body stands.
-
-    Args:
-        object_id: whose body.
-        object_class: its plant.
-        pose: where it stands, frame map.
-        now_ns: on the session's clock.
-        rate_hz: how often it sends its state.
     """
 
     def __init__(

@@ -28,9 +28,6 @@ class UdpBody:
     """Talks to one body. Datagrams from elsewhere never get here: the socket is connected.
 
     Args:
-        object_id: whose body.
-        host: name or address of the body.
-        port: of the body.
         boot_ns: session time at which this end was started.
 
     Raises:

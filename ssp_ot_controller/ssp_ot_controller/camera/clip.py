@@ -100,9 +100,7 @@ def write_clip(board: Storyboard, video: Path, advance: Callable[[], None] = lam
     """Draws the clip into an MP4 file and writes its truth file beside it.
 
     Args:
-        board: what to draw.
         video: the file to write; its folder is made.
-        advance: called after each frame.
 
     Raises:
         HostError: OpenCV can't write MP4 here.

@@ -31,12 +31,7 @@ from ssp_ot_controller.camera.renderer.scene import Indicator, Scene
 
 
 def run_command(command: click.Command, module: str) -> int:
-    """Runs a module's command line and returns its exit status.
-
-    Args:
-        command: of the module.
-        module: its name, as ``python -m`` takes it.
-    """
+    """Runs a module's command line and returns its exit status."""
     try:
         command.main(prog_name=f"python -m {module}", standalone_mode=False)
     except click.ClickException as error:

@@ -65,7 +65,6 @@ class Shortfall:
     """A stop that would end outside.
 
     Args:
-        point: of the reference at which it would begin.
         excess_m: how far the object would stick out.
         how: which stop, for people.
     """
@@ -100,9 +99,6 @@ class StoppingRoom:
     """Judges stops of one object, and whether it is inside now.
 
     Args:
-        cls: with a body.
-        size: of the object.
-        limits: of the site.
         fence: polygon, m, frame map.
         step_s: how often the object judges its state.
     """

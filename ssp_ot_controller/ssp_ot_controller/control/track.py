@@ -35,9 +35,6 @@ class Track:
 
     A stream of adapted references replaces each after a few steps, so that points are made ready
     in pieces, when they are first asked for.
-
-    Args:
-        reference: one that ``check_reference`` accepted.
     """
 
     def __init__(self, reference: Reference) -> None:

@@ -190,10 +190,7 @@ class Tracker:
     """Tracks references with one object. It holds tables only: the same input, the same command.
 
     Args:
-        object_class: decides the law.
         limits: of the body; those of the class when None.
-        dt_s: time for which a command is held.
-        gains: weights and gains.
 
     Raises:
         KeyError: a class without a body (UNKNOWN).
@@ -234,7 +231,6 @@ class Tracker:
         Args:
             state: of the object at ``now_ns``.
             reference: accepted, with execute_at at or before ``now_ns``.
-            now_ns: session time, ns.
         """
         track = self.track_of(reference)
         t_s = track.seconds(now_ns)

@@ -28,7 +28,6 @@ def parse_bodies(text: str, object_ids: Iterable[str]) -> dict[str, tuple[str, i
 
     Args:
         text: ``ot1=udp://host:port,ot2=mirror,...``.
-        object_ids: that need one.
 
     Raises:
         InputError: not of that form, or not exactly one for each object.
@@ -104,8 +103,6 @@ class LiveObjects:
     """All bodies of one process, stepped on the session's clock. Reads no clock itself.
 
     Args:
-        run: gives classes, sizes and limits.
-        bodies: by object id.
         warn: is told of readings that aren't taken, once for each object.
     """
 
@@ -122,11 +119,7 @@ class LiveObjects:
         self._step = 0
 
     def tick(self, now_ns: int) -> Tick:
-        """Reads all bodies; one that says nothing new is where it was, with its old stamp.
-
-        Args:
-            now_ns: system clock, which is the session's.
-        """
+        """Reads all bodies; one that says nothing new is where it was, with its old stamp."""
         self._step += 1
         for object_id, body in self._bodies.items():
             reading = body.read()

@@ -74,7 +74,6 @@ class SafetyInputs:
     Args:
         heartbeat_age_s: since the manager's last heartbeat, inf before the first.
         other_managers: how many others send heartbeats too.
-        state: the newest own state.
         running_s: since it was started, 0 when it isn't RUNNING.
         lost: what says that the object doesn't know where it is (``lost_its_place``).
         reference: the one being tracked; None when there is none.
@@ -107,7 +106,6 @@ def lost_its_place(
         state: the newest own state.
         now_ns: on the object's clock.
         continuity: what ``ssp_core.safety.limits.follow`` says of it.
-        limits: of the site.
     """
     age_s = ns_to_seconds(now_ns - state.stamp_ns)
     return (
@@ -134,10 +132,8 @@ def decide(
     brakes for another reason leaves its reference and brakes harder than one.
 
     Args:
-        seen: what the object knows.
         now_ns: on the object's clock.
         control_state: of the object.
-        limits: of the site.
     """
     if control_state not in WATCHED:
         return Continue(brake=True)

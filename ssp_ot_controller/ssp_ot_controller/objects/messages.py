@@ -69,9 +69,6 @@ class MessageBuffer:
     A tick names the manager's last heartbeat before it, and that heartbeat says how many
     references had been sent to each object; it also counts the states of the VUT. Outside lockstep
     nothing is held back.
-
-    Args:
-        object_ids: the objects of this node.
     """
 
     def __init__(self, object_ids: Iterable[str]) -> None:
@@ -183,7 +180,6 @@ class ManagerArbiter:
 
         Args:
             sender: node that sent it.
-            sequence: of the heartbeat.
             steady_ns: when it came, on the steady clock.
             may_move: an object moves or is about to, so that nobody new may take over.
         """
@@ -259,7 +255,6 @@ class HeartbeatAnswer:
     """One answer; fields as in HeartbeatReply.msg.
 
     Args:
-        sequence: of the heartbeat.
         object_ids: that it is given for, sorted.
         sent_ns: when the heartbeat was sent, on the manager's clock.
         received_ns: when it came, on the objects' clock.
@@ -293,9 +288,7 @@ class HeartbeatResponder:
         """The answers that leave at once; others are handed out by ``due``.
 
         Args:
-            sequence: of the heartbeat.
             sent_ns: when it was sent, on the manager's clock.
-            links: clock and delays of each object.
             system_ns: when it came, on this machine's clock.
             steady_ns: the same on the steady clock.
         """

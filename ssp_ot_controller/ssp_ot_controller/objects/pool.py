@@ -64,8 +64,6 @@ class PoolStep:
     """What the objects of a process send for one step, each in the order of the object ids.
 
     Args:
-        step: that is answered.
-        now_ns: session time.
         answered: by StepDone; in lockstep, also while the world holds and wants to hear everybody.
         commands: for the bodies, by object id.
         states: those that arrive at the manager now.
@@ -147,9 +145,7 @@ class ObjectPool:
     """The object targets of one process. Reads no clock; see the arguments of each method.
 
     Args:
-        run: the run.
         object_ids: which of its targets; all of them when empty.
-        steady_ns: time on the steady clock.
 
     Attributes:
         active: False: nothing is armed or accepted, whatever comes.
@@ -197,10 +193,6 @@ class ObjectPool:
         """A heartbeat of a manager (Heartbeat.msg); the objects hear it with the next tick.
 
         Args:
-            sequence: of the heartbeat; one sender's rises.
-            session: state of the session.
-            stamp_ns: session time.
-            references_sent: so far, by object id.
             sender: node that sent it. Another one than before is not obeyed, but stops us.
             steady_ns: when it came, on the steady clock.
         """

@@ -156,17 +156,12 @@ def check_reference(
     """The first reason to refuse a reference, None when it may be taken.
 
     Args:
-        reference: the candidate.
-        now_ns: session time, ns.
         current: the object's own state; its size is used against the fence.
         previous: the reference being tracked or waiting, None when there is none.
-        limits: of the site.
         geofence: polygon, m, frame map.
-        body_limits: of the object.
         event_version: K* version that the object was connected with.
         control_state: references are taken in RUNNING only.
         stop_room: of the object, in this fence.
-        continuity: tolerances.
     """
     return (
         _check_state(control_state)

@@ -126,10 +126,8 @@ def cannot_arm(
     """Why an object can't be armed, None when nothing keeps it from that.
 
     Args:
-        run: of the object.
         event_version: K* version of the manager's run.
         heartbeat_age_s: since the manager's last heartbeat, inf before the first.
-        other_managers: how many managers beside ours send heartbeats.
     """
     ours, limit_s = run.event_version, run.limits.heartbeat_s
     if event_version != ours:

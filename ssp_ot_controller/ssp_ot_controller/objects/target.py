@@ -65,7 +65,6 @@ class Target:
 
     Args:
         object_id: one of the run's targets.
-        run: the run; gives limits, fence, K* version and step.
 
     Raises:
         HostError: the package that its tracker needs isn't installed.
@@ -108,7 +107,6 @@ class Target:
         """A command of the manager; refused ones change nothing.
 
         Args:
-            event: one of the commands.
             event_version: K* version of the manager's run.
             heartbeat_age_s: since the manager's last heartbeat, inf before the first. An object
                 that doesn't hear the manager is not armed: it would have to stop at once.
@@ -205,7 +203,6 @@ class Target:
 
         Args:
             own: the object's localised state.
-            now_ns: session time, ns.
             heartbeat_age_s: since the manager's last heartbeat, on the watchdog's clock.
             others: states of other objects, as far as they are heard; at the stamp of the own one.
             other_managers: how many managers beside ours send heartbeats.

@@ -127,10 +127,7 @@ def _play(
     """Plays until something ends.
 
     Args:
-        run: that is played for.
-        group: the nodes that play, started.
         address: host and first port of the bodies; None: they aren't played.
-        log: of the bodies.
         told: options of `ssp run` that reach the rest.
         what: folder of the run where all of it is played: the whole command is said; None: not.
     """

@@ -26,12 +26,7 @@ _LONGEST_S = 1.0
 
 
 class PlayedVehicle:
-    """Drives by the heartbeats that it hears, as a driver does by the radio. Reads no clock.
-
-    Args:
-        run: its VUT and driver.
-        now_ns: system clock.
-    """
+    """Drives by the heartbeats that it hears, as a driver does by the radio. Reads no clock."""
 
     def __init__(self, run: RunSpec, now_ns: int) -> None:
         self._run = run
@@ -55,12 +50,7 @@ class PlayedVehicle:
         return heard and self._phase is SessionPhase.RUNNING
 
     def advance(self, others: Sequence[ObjectState], now_ns: int) -> BodyState:
-        """Moves the vehicle up to a time.
-
-        Args:
-            others: what its driver sees.
-            now_ns: system clock.
-        """
+        """Moves the vehicle up to a time."""
         left_ns = min(now_ns - self._now_ns, seconds_to_ns(_LONGEST_S))
         self._now_ns = now_ns - left_ns
         longest_ns = seconds_to_ns(_PLANT_STEP_S)
@@ -96,8 +86,6 @@ class PlayedBodies(Closing):
     """One socket and one plant per object of a run.
 
     Args:
-        run: gives classes and starts.
-        host: address to listen at.
         first_port: of the first object, counting up; 0: any that are free.
         log: CSV file for the true states, one row per object and state; None: none.
 

@@ -39,13 +39,7 @@ def info_message(stamp: Time, lens: Intrinsics) -> CameraInfo:
 
 
 def fault_to_msg(change: FaultChange, source: str, now_ns: int) -> FaultEvent:
-    """A fault that begins or ends.
-
-    Args:
-        change: what.
-        source: node that injects it.
-        now_ns: session time.
-    """
+    """A fault that begins or ends."""
     message = FaultEvent(
         source=source,
         fault=f"{change.number} {change.kind}",

@@ -52,8 +52,6 @@ class ObjectPublishers:
     """Publishes for one process of objects.
 
     Args:
-        node: owns the publishers.
-        object_ids: its objects.
         states_in_one: all states in one message instead of one per object.
         destroyers: takes what ends each publisher.
     """

@@ -70,7 +70,6 @@ class DelayLine(Generic[Item]):
     """Messages under way. What is sent in one step shares its fate.
 
     Args:
-        step_ns: length of a step.
         losses: numbers in [0, 1), one is drawn a step.
         jitters: standard normal numbers, one is drawn a step.
         overtakings: numbers in [0, 1), one is drawn a step.
@@ -152,10 +151,6 @@ class Channel:
     holds, noise, delays and losses of the run file are off (the links are judged by what is
     measured of them before the start), but faults without a time strike as soon as the object is
     armed.
-
-    Args:
-        run: disturbances, faults, seed and step.
-        object_id: whose.
     """
 
     def __init__(self, run: RunSpec, object_id: str) -> None:
@@ -199,7 +194,6 @@ class Channel:
         """Opens a step; what begins or ends with it is to be published as FaultEvent.
 
         Args:
-            now_ns: session time.
             running: the session's time goes; False while the world holds.
             armed: the object is armed.
         """
@@ -339,8 +333,6 @@ class Actuator:
     """Drive and brakes of one simulated body, healthy or not.
 
     Args:
-        run: disturbances and faults.
-        object_id: whose.
         lag_scale: factor on the lags of drive, brakes and steering.
     """
 

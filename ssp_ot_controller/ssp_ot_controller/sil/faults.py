@@ -24,11 +24,9 @@ class FaultChange:
 
     Args:
         number: of the fault in the run file, from 0.
-        kind: of the fault.
         target: object or node that it strikes.
         active: True: it begins.
         value: its size, NaN for a kind without one.
-        unit: of the value.
     """
 
     number: int
@@ -44,8 +42,6 @@ class FaultSchedule:
 
     Args:
         faults: all faults of the run; their place is their number.
-        targets: whose faults.
-        kinds: which kinds of them.
     """
 
     def __init__(
@@ -65,7 +61,6 @@ class FaultSchedule:
         """Once a step, before anything else of it: what begins or ends now.
 
         Args:
-            now_ns: session time.
             running: the session's time goes; False while the world holds.
             armed: the target is armed. A fault without a time begins then.
         """

@@ -68,7 +68,6 @@ class SumoWorld:
     next poses of the VUT and all targets, and returns the traffic at the same instant.
 
     Args:
-        run: the run.
         work_dir: folder for the network and SUMO's log; is made when it isn't there.
     """
 

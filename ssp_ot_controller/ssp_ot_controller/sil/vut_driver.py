@@ -131,9 +131,6 @@ def find_obstacles(
     the VUT stops before the place where they cross.
 
     Args:
-        vut: the VUT.
-        others: all other objects.
-        path: of the VUT, frame map.
         driver: for its cruise speed and acceleration.
     """
     return _find_obstacles(vut, others, path, driver, _places(vut, others, path))
@@ -218,10 +215,8 @@ def drive(
     stands with its reference point at the path's end.
 
     Args:
-        vut: state of the VUT.
         others: all other objects; their order doesn't matter.
         path: to be driven, frame map.
-        driver: of the run.
         dt_s: time for which the command is held.
     """
     limits = LIMITS[vut.object_class]
@@ -258,7 +253,6 @@ def needed_deceleration(speed_mps: float, obstacle: Obstacle) -> float:
 
     Args:
         speed_mps: of the VUT, >= 0.
-        obstacle: ahead of it.
     """
     ahead, braking = max(obstacle.speed_mps, 0.0), max(-obstacle.acceleration_mps2, 0.0)
     closing = speed_mps - ahead
@@ -304,9 +298,6 @@ class VutDriver:
 
     ``vut_stop`` brakes with the fault's value, or comfortably without one, for as long as it
     lasts.
-
-    Args:
-        run: the run.
     """
 
     def __init__(self, run: RunSpec) -> None:

@@ -38,7 +38,6 @@ class World:
     """Ground truth of one run.
 
     Args:
-        run: the run.
         scene: supplies traffic; SumoWorld, or an in-memory one in tests.
     """
 

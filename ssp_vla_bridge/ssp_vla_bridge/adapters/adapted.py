@@ -15,8 +15,6 @@ class AdapterInfo:
     """How a response was read; goes into the behaviour record (METHOD 5.3).
 
     Args:
-        name: the adapter's name.
-        mode: which of its readings was used.
         origin_added: True when the frame's origin was put in as the point at t = 0 (METHOD 5.4).
         notes: what a reader of the scores should know, one clause each.
     """
@@ -32,10 +30,8 @@ class Adapted:
     """Text and trajectory of one response.
 
     Args:
-        text: the model's text, as it is.
         trajectory: None when the native output is missing or invalid.
         invalid: why it is None, reasons of METHOD 5.3.
-        info: how it was read.
     """
 
     text: str
@@ -51,9 +47,6 @@ def without_trajectory(
 
     Args:
         response: raw; of one with an error, the error is the note.
-        info: name and mode.
-        reason: of METHOD 5.3.
-        note: why.
     """
     if response.error_code:
         note = f"error {response.error_code} instead of an answer"
@@ -85,11 +78,7 @@ def cut_parts(response: Response) -> tuple[str, ...]:
 
 
 def motion_is_cut(response: Response) -> bool:
-    """Whether the text that holds the motion ends where the tokens did.
-
-    Args:
-        response: whoever made it.
-    """
+    """Whether the text that holds the motion ends where the tokens did."""
     return not {MOTION, _WHOLE}.isdisjoint(cut_parts(response))
 
 
@@ -102,9 +91,7 @@ def arcs(speeds_mps: Sequence[float], curvatures_pm: Sequence[float], step_s: fl
     Numbers that are too large give points that aren't finite; check_trajectory tells.
 
     Args:
-        speeds_mps: of the steps, m/s.
         curvatures_pm: of the steps, 1/m, + is left.
-        step_s: Δt, s.
     """
     xs, ys, heading_rad = [0.0], [0.0], 0.0
     for speed_mps, curvature_pm in zip(speeds_mps, curvatures_pm, strict=True):
@@ -123,7 +110,6 @@ def at_steps(xs_m: Sequence[float], ys_m: Sequence[float], step_s: float) -> Tra
     Args:
         xs_m: forward, m.
         ys_m: to the left, m.
-        step_s: Δt, s.
     """
     times = tuple(k * step_s for k in range(len(xs_m)))
     return Trajectory(times, tuple(xs_m), tuple(ys_m))

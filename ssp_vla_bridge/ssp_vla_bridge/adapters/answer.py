@@ -44,9 +44,7 @@ class Form:
     """What an interface's list looks like.
 
     Args:
-        rows: how many it asks for.
         names: per column, the names that a number may be given; no name is always fine.
-        units: that may be written.
         label: a word of the line before the list, by which it is preferred; empty for none.
         usual: marks that are the interface's own form and no tolerance.
     """
@@ -77,8 +75,6 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
     """The list of a text that answers, by the rules above; takes time linear in its length.
 
     Args:
-        text: of the answer.
-        form: of the interface.
         history: as the prompt printed it, None when the request isn't at hand.
         text_is_cut: whether it is known to end at the limit of tokens.
     """

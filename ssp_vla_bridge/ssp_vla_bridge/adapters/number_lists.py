@@ -40,12 +40,8 @@ class Row:
     """A bracket that is a row of numbers, or tries to be one.
 
     Args:
-        start: offset of the opening bracket.
-        end: offset behind the closing one.
-        brackets: both.
         numbers: empty if it holds digits, but can't be read as a row.
         names: that the numbers are given in the bracket, empty for none.
-        units: behind numbers.
         marks: ways of writing, a few words each.
     """
 
@@ -59,11 +55,7 @@ class Row:
 
 
 def find_rows(text: str) -> Iterator[Row]:
-    """The rows of a text, in its order.
-
-    Args:
-        text: anything.
-    """
+    """The rows of a text, in its order."""
     for match in _GROUP.finditer(text):
         opening, inside, closing = match.groups()
         if _DIGIT.search(inside) is None:
@@ -77,9 +69,6 @@ def read_row(start: int, end: int, inside: str, brackets: str) -> Row | None:
     """The row in a bracket; None if it holds no number, or a single one, which is a label.
 
     Args:
-        start: offset of the opening bracket.
-        end: offset behind the closing one.
-        inside: of the bracket.
         brackets: both; empty for one that never closes.
     """
     marks = (_BRACKETS[brackets],) if brackets in _BRACKETS else ()
@@ -90,11 +79,7 @@ def read_row(start: int, end: int, inside: str, brackets: str) -> Row | None:
 
 
 def may_begin_row(inside: str) -> bool:
-    """Whether what follows an opened bracket may be a row that isn't finished.
-
-    Args:
-        inside: up to the end of the text.
-    """
+    """Whether what follows an opened bracket may be a row that isn't finished."""
     if len(inside) > _LONGEST_BEGUN:
         return False
     begun = inside.rstrip().rstrip("+" + _MINUS)
@@ -188,7 +173,6 @@ class NumberList:
         cut: whether the text ends before the list does.
         loose: indices of rows that no comma parts from the row before.
         names: per column, the names that its numbers were given.
-        units: written behind numbers.
         marks: other ways of writing that were tolerated, a few words each.
     """
 
@@ -216,11 +200,7 @@ class _Gap:
 
 
 def scan_lists(text: str) -> tuple[NumberList, ...]:
-    """The lists of number rows in a text, in its order; takes time linear in its length.
-
-    Args:
-        text: anything.
-    """
+    """The lists of number rows in a text, in its order; takes time linear in its length."""
     lists: list[NumberList] = []
     rows: list[Row] = []
     gaps: list[_Gap] = []  # gaps[i] stands before rows[i]

@@ -50,11 +50,7 @@ def adapt_pairs(
     """Text and trajectory of an answer in pairs.
 
     Args:
-        response: raw.
         history: as the prompt printed it, None when the request isn't at hand.
-        info: name and mode of the adapter.
-        form: of the list that is asked for.
-        integrate: pairs to positions.
     """
     if response.error_code:
         return without_trajectory(response, info, "missing")
@@ -118,9 +114,7 @@ def adapt_openemma(
     ``native``: OpenEMMA's own integration (published_points).
 
     Args:
-        response: raw.
         request: that it answers, by which the echo of its history is known.
-        mode: ``corrected`` or ``native``.
     """
     history = None if request is None else openemma_history(request).rows
     integrate = _openemma_published if mode == NATIVE else _openemma_corrected
@@ -145,7 +139,6 @@ def published_points(steps_m: Sequence[float], curvatures_pm: Sequence[float]) -
     distance is 2.5 m either way.
 
     Args:
-        steps_m: native v, m per step.
         curvatures_pm: 1/m, + is left.
     """
     count = len(steps_m)
@@ -175,9 +168,7 @@ def adapt_lightemma(
     heading doesn't lag half a step behind in a curve. Both give points at 0, 0.5, …, n · 0.5 s.
 
     Args:
-        response: raw.
         request: that it answers, by which the echo of its history is known.
-        mode: ``native`` or ``corrected``.
     """
     history = None if request is None else lightemma_history(request).rows
     integrate = _lightemma_corrected if mode == CORRECTED else _lightemma_native
@@ -204,9 +195,7 @@ def straight_steps(
     result.
 
     Args:
-        speeds_mps: of the steps, m/s.
         curvatures_pm: of the steps, 1/m, + is left.
-        step_s: Δt, s.
     """
     xs, ys, heading_rad = [0.0], [0.0], 0.0
     for speed_mps, curvature_pm in zip(speeds_mps, curvatures_pm, strict=True):

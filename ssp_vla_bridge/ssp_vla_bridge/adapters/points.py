@@ -26,11 +26,8 @@ def adapt_points(
     """The trajectory of points at a fixed step, with the origin before a start one step late.
 
     Args:
-        response: that they come from.
-        info: name, mode and notes.
         xs_m: forward, m.
         ys_m: to the left, m.
-        step_s: between points, s, finite.
         first_time_s: of the first point after the record's time, s, finite.
     """
     times = tuple(first_time_s + k * step_s for k in range(len(xs_m)))
@@ -66,9 +63,7 @@ def adapt_llavida(
     read is no trajectory. A line of meta-actions stays in the text.
 
     Args:
-        response: raw.
         request: that it answers, by which the echo of its history is known.
-        mode: there is one.
     """
     info = AdapterInfo("llavida", mode)
     if response.error_code:
@@ -109,9 +104,7 @@ def adapt_waypoints(
     at the task's step, the first point one step after t = 0.
 
     Args:
-        response: raw.
         request: that it answers, whose task declares the step; None: that of TASK.
-        mode: there is one.
     """
     arrays = [array for array in response.arrays if array.name == WAYPOINTS_ARRAY]
     if response.error_code:
@@ -183,11 +176,6 @@ def adapt_alpamayo(
     1. Step and first time are the array's own (0.1 s each for Alpamayo), so that the origin is
     added before a start one step late. A path that folds back is passed on as it is, and a text
     that is empty stays empty.
-
-    Args:
-        response: raw.
-        request: not used.
-        mode: there is one.
     """
     text, notes = unwrapped(response.text)
     info = AdapterInfo("alpamayo", mode, notes=notes)
@@ -228,11 +216,7 @@ def _read_alpamayo(response: Response, info: AdapterInfo, array: NativeArray) ->
 
 
 def unwrapped(text: str) -> tuple[str, tuple[str, ...]]:
-    """The first string of a text that is the print of an array of strings; notes say if it was.
-
-    Args:
-        text: any; one that is no such print is given back.
-    """
+    """The first string of a text that is the print of an array of strings; notes say if it was."""
     match = _PRINTED.fullmatch(text)
     if match is None or not text.rstrip().endswith("]"):
         return text, ()

@@ -31,9 +31,7 @@ class Read(Protocol):
         """Text and trajectory; raises on nothing.
 
         Args:
-            response: raw.
             request: that it answers, by which an echo of the prompt is known; None: not at hand.
-            mode: one of the adapter's.
         """
 
 
@@ -57,8 +55,6 @@ def adapt(adapter_name: str, response: Response, request: Request | None = None)
 
     Args:
         adapter_name: ``name`` or ``name:mode``.
-        response: raw.
-        request: that it answers, where it is at hand.
 
     Raises:
         InputError: there is no adapter or mode of that name.

@@ -3,30 +3,34 @@
 What is tried again: a refused connection, and 503 or 429 with ``Retry-After`` in seconds; in both
 cases the service hasn't taken the request. Everything else is final, because a request that was
 taken may be answered only once: it becomes an error that says in one line what the service did.
+
+A connection serves one exchange, so that what a service sends unasked, or too late, can't be taken
+for the answer to the next request: no redirects, no cookies, no compression. Proxies of the
+environment are used for services on other machines only.
 """
 
 from __future__ import annotations
 
+import asyncio
+import errno
+import ipaddress
 import json
 import os
 import threading
 import time
-from collections.abc import Mapping
+import urllib.request
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+import aiohttp
 
 from ssp_core.credentials import gives_away, redact
 from ssp_core.errors import InputError, PeerError
-from ssp_vla_bridge.backend import NoTimeError, NotTakenError, check_options
-from ssp_vla_bridge.backends.http_connection import (
-    BrokenError,
-    HttpConnection,
-    HttpReply,
-    LateError,
-    RefusedError,
-)
+from ssp_vla_bridge.backend import NoTimeError, NotTakenError, check_options, number_option
 from ssp_vla_bridge.http_messages import (
-    Health,
     ServiceAnswer,
     answer_from_json,
     health_from_json,
@@ -42,21 +46,47 @@ _POLL_S = 0.25
 _HEALTH_S = 5.0
 _FIRST_WAIT_S = 0.25
 _SHOWN = 200
+_SHORTEST_KEY = 8
+
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
-class Timeouts:
-    """How long and how often a service is asked.
+class Line:
+    """How one service is reached.
 
     Args:
+        url: with scheme and host; paths are put behind it.
+        key: sent as bearer token, None for none.
+        key_name: of the environment variable that holds it.
         timeout_s: for one answer, waits and further tries included.
         start_s: for the service to be ready when the bridge starts.
         tries: of one request, where a further one is safe.
     """
 
-    timeout_s: float = 60.0
-    start_s: float = 20.0
-    tries: int = 3
+    url: str
+    key: str | None
+    key_name: str
+    max_bytes: int
+    timeout_s: float
+    start_s: float
+    tries: int
+
+
+@dataclass(frozen=True)
+class HttpReply:
+    """What came back, with the headers by lower-case name."""
+
+    status: int
+    headers: Mapping[str, str]
+    body: bytes
+
+    @property
+    def retry_after_s(self) -> float | None:
+        """What a busy service asks for, in seconds; None where it says nothing, or a date."""
+        text = self.headers.get("retry-after", "")
+        whole = text.isascii() and text.isdigit() and len(text) < 7
+        return float(text) if whole and self.status in _BUSY else None
 
 
 class _Final(PeerError):
@@ -64,36 +94,19 @@ class _Final(PeerError):
 
 
 class HttpService:
-    """The model at the other end of a line.
+    """The model at the other end of a line, which speaks an interface."""
 
-    Args:
-        line: to the service.
-        interface: that it speaks.
-        patience: with it.
-        key: sent as bearer token, None for none.
-        key_name: of the environment variable that holds it.
-    """
-
-    def __init__(
-        self,
-        line: HttpConnection,
-        interface: str,
-        patience: Timeouts,
-        key: str | None = None,
-        key_name: str = "",
-    ) -> None:
+    def __init__(self, line: Line, interface: str) -> None:
         self.interface = interface
         self.model_id = f"http({line.url})"
         self._line = line
-        self._patience = patience
-        self._key = key
-        self._key_name = key_name
+        self._proxy = _proxy(line.url)
         self._ready = False
         self._one_at_a_time = threading.Lock()
 
     def wait_ready(self) -> None:
         """Waits until the service is ready, at most ``start_s``; what isn't ready then may come."""
-        deadline_s = time.monotonic() + self._patience.start_s
+        deadline_s = time.monotonic() + self._line.start_s
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             try:
                 self._require_ready(min(left_s, _HEALTH_S))
@@ -112,15 +125,14 @@ class HttpService:
             PeerError: there is no answer, for the reason that it says.
             InputError: the interface's prompt can't ask what the task asks.
         """
-        deadline_s = time.monotonic() + self._patience.timeout_s
-        if not self._one_at_a_time.acquire(timeout=self._patience.timeout_s):
+        deadline_s = time.monotonic() + self._line.timeout_s
+        if not self._one_at_a_time.acquire(timeout=self._line.timeout_s):
             raise NoTimeError(self._text("the request before this one isn't answered yet"))
         try:
             if not self._ready:
                 self._require_ready(min(_HEALTH_S, _left_s(deadline_s)))
             value = request_to_json(request, native_prompt(self.interface, request))
-            body = json.dumps(value, allow_nan=False).encode()
-            reply = self._ask(body, deadline_s)
+            reply = self._ask(json.dumps(value, allow_nan=False).encode(), deadline_s)
             answer = self._answer(reply, request.request_id)
         finally:
             self._one_at_a_time.release()
@@ -128,16 +140,9 @@ class HttpService:
         return answer.answer
 
     def _require_ready(self, timeout_s: float) -> None:
-        try:
-            reply = self._line.exchange("/health", None, timeout_s)
-        except RefusedError as error:
-            raise NotTakenError(self._text(str(error))) from error
-        except LateError as error:
-            raise NoTimeError(self._text(str(error))) from error
-        except BrokenError as error:
-            raise self._error(str(error)) from error
-        self._check_status(reply, "/health")
-        health = self._health(reply)
+        reply = self._exchange("/health", None, timeout_s)
+        health = self._read(reply, "/health", health_from_json)
+        self._refuse_key([health.model_id, health.detail])
         self.model_id = health.model_id
         if not health.ready:
             detail = self._short(health.detail)
@@ -146,56 +151,126 @@ class HttpService:
 
     def _ask(self, body: bytes, deadline_s: float) -> HttpReply:
         wait_s = _FIRST_WAIT_S
-        for left in range(self._patience.tries - 1, -1, -1):
-            pause_s = wait_s
+        for tried in range(1, self._line.tries + 1):
             try:
-                reply = self._line.exchange("/answer", body, _left_s(deadline_s))
-            except RefusedError as error:
-                self._ready = False
-                reason = str(error)
-            except LateError as error:
-                raise NoTimeError(self._text(str(error))) from error
-            except BrokenError as error:
-                raise self._error(str(error)) from error
-            else:
-                if reply.status not in _BUSY or reply.retry_after_s is None:
+                reply = self._exchange("/answer", body, _left_s(deadline_s))
+                if reply.retry_after_s is None:
                     return reply
-                reason = f"the service is busy ({reply.status})"
                 pause_s = reply.retry_after_s
-            if not left or time.monotonic() + pause_s >= deadline_s:
-                tried = self._patience.tries - left
-                raise NotTakenError(self._text(f"{reason}, {tried} tries"))
+                reason = self._text(f"the service is busy ({reply.status})")
+            except NotTakenError as error:
+                self._ready = False
+                pause_s, reason = wait_s, str(error)
+            if tried == self._line.tries or time.monotonic() + pause_s >= deadline_s:
+                break
             time.sleep(pause_s)
             wait_s *= 2.0
-        raise ValueError("a request needs at least one try")
+        raise NotTakenError(f"{reason}, {tried} tries")
 
     def _answer(self, reply: HttpReply, request_id: str) -> ServiceAnswer:
-        self._check_status(reply, "/answer")
-        try:
-            answer = answer_from_json(parse_json(reply.body))
-        except InputError as error:
-            raise self._unreadable(reply, "the answer", error) from error
+        answer = self._read(reply, "/answer", answer_from_json)
         if answer.request_id != request_id:
-            raise self._error(
-                f"the answer is for another request ({self._short(answer.request_id)!r})"
-            )
-        self._refuse_key(answer.model_id, answer.answer)
+            shown = self._short(answer.request_id)
+            raise PeerError(self._text(f"the answer is for another request ({shown!r})"))
+        names = [(array.name, array.frame, array.unit) for array in answer.arrays]
+        self._refuse_key([answer.model_id, answer.text, dict(answer.decoding), names])
         return answer
 
-    def _health(self, reply: HttpReply) -> Health:
+    def _refuse_key(self, kept: list[Any]) -> None:
+        """A key must not get into what is stored, also not by way of the service."""
+        if gives_away(json.dumps(kept).encode(), self._line.key):
+            raise PeerError(self._text("the answer repeats the key, and isn't kept"))
+
+    # -- one exchange --------------------------------------------------------------------------
+
+    def _exchange(self, path: str, body: bytes | None, timeout_s: float) -> HttpReply:
+        """Sends a request and reads the whole reply.
+
+        Args:
+            body: JSON to post; None: gets.
+            timeout_s: for everything, from connecting to the last byte.
+
+        Raises:
+            NotTakenError: the connection was refused.
+            NoTimeError: it wasn't done in time.
+            PeerError: it failed otherwise, after the service may have taken the request.
+        """
+        kind: type[PeerError] = PeerError
         try:
-            health = health_from_json(parse_json(reply.body))
+            return asyncio.run(self._talk(path, body, timeout_s))
+        except TimeoutError:
+            kind, reason = NoTimeError, f"no whole answer within {round(timeout_s, 2):g} s"
+        except aiohttp.ClientConnectorError as error:
+            reason = f"the service can't be reached ({error})"
+            if error.os_error.errno == errno.ECONNREFUSED:
+                kind, reason = NotTakenError, "nobody listens there (connection refused)"
+        except aiohttp.ServerDisconnectedError:
+            reason = "the service closed the connection without an answer"
+        except aiohttp.ClientPayloadError:
+            reason = "the service closed the connection within its answer"
+        except aiohttp.ClientResponseError as error:
+            reason = f"the service doesn't speak HTTP ({error.message})"
+        except _TooLargeError:
+            reason = f"the answer is larger than {self._line.max_bytes / (1 << 20):g} MiB"
+        except (aiohttp.ClientError, OSError, ValueError) as error:
+            reason = f"the exchange failed ({type(error).__name__}: {error})"
+        raise kind(self._text(reason))
+
+    async def _talk(self, path: str, body: bytes | None, timeout_s: float) -> HttpReply:
+        headers = {"Accept": "application/json", "Accept-Encoding": "identity"}
+        if self._line.key is not None:
+            headers["Authorization"] = f"Bearer {self._line.key}"
+        if body is not None:
+            headers["Content-Type"] = "application/json"
+        session = aiohttp.ClientSession(
+            connector=aiohttp.TCPConnector(force_close=True),
+            cookie_jar=aiohttp.DummyCookieJar(),
+            timeout=aiohttp.ClientTimeout(total=None, sock_connect=None),
+            auto_decompress=False,
+            trust_env=False,  # it would also read passwords from ~/.netrc
+        )
+        method, url = "GET" if body is None else "POST", self._line.url + path
+        options: dict[str, Any] = {"allow_redirects": False, "proxy": self._proxy}
+        async with (
+            asyncio.timeout(timeout_s),
+            session,
+            session.request(method, url, data=body, headers=headers, **options) as response,
+        ):
+            if (response.content_length or 0) > self._line.max_bytes:
+                raise _TooLargeError
+            read = bytearray()
+            async for chunk in response.content.iter_any():
+                read += chunk
+                if len(read) > self._line.max_bytes:
+                    raise _TooLargeError
+            named = {name.lower(): value for name, value in response.headers.items()}
+            return HttpReply(response.status, named, bytes(read))
+
+    def _read(self, reply: HttpReply, path: str, read: Callable[[Any], Read]) -> Read:
+        """What a reply says; raises PeerError where it is none of the exchange's."""
+        self._check_status(reply, path)
+        try:
+            return read(parse_json(reply.body))
         except InputError as error:
-            raise self._unreadable(reply, "/health", error) from error
-        self._refuse_key(health.model_id, Answer(health.detail))
-        return health
+            what = "the answer" if path == "/answer" else path
+            begins = ""
+            if reply.body.lstrip()[:1] != b"{":
+                kind = self._short(reply.headers.get("content-type", "no content type"))
+                begins = f" ({kind}, begins with {self._said(reply.body)[:40]!r})"
+            where = f"{error.field}: " if error.field else ""
+            shown = error.value is not None and self._line.key is None
+            given = f" (got {error.value!r})" if shown else ""
+            problem = self._short(error.problem + given)
+            raise PeerError(
+                self._text(f"{what} can't be read{begins}: {where}{problem}")
+            ) from error
 
     def _check_status(self, reply: HttpReply, path: str) -> None:
         status = reply.status
         if status in (401, 403):
             remedy = "name the environment variable that holds it with api_key_env"
-            if self._key is not None:
-                remedy = f"the one in {self._key_name} isn't accepted"
+            if self._line.key is not None:
+                remedy = f"the one in {self._line.key_name} isn't accepted"
             raise _Final(self._text(f"the service asks for a key ({status}); {remedy}"))
         if 300 <= status < 400:
             to = self._short(reply.headers.get("location", "nowhere"))
@@ -205,55 +280,33 @@ class HttpService:
             raise error(self._text(f"{path} says {status}: {self._said(reply.body)}"))
         encoding = reply.headers.get("content-encoding", "identity")
         if encoding != "identity":
-            raise self._error(f"{path} is compressed ({self._short(encoding)}), unasked")
+            raise PeerError(self._text(f"{path} is compressed ({self._short(encoding)}), unasked"))
 
     def _said(self, body: bytes) -> str:
         """What a service says of its failure, ``{"error": …}`` or any text."""
-        try:
+        with suppress(InputError):
             value = parse_json(body)
-        except InputError:
-            value = None
-        if isinstance(value, dict) and isinstance(value.get("error"), str):
-            return self._short(value["error"])
+            if isinstance(value, dict) and isinstance(value.get("error"), str):
+                return self._short(value["error"])
         return self._short(body.decode("utf-8", "replace"))
 
-    def _unreadable(self, reply: HttpReply, what: str, error: InputError) -> PeerError:
-        kind = self._short(reply.headers.get("content-type", "no content type"))
-        begins = ""
-        if reply.body.lstrip()[:1] != b"{":
-            begins = f" ({kind}, begins with {self._short(self._said(reply.body))[:40]!r})"
-        where = f"{error.field}: " if error.field else ""
-        given = f" (got {error.value!r})" if error.value is not None and self._key is None else ""
-        return self._error(
-            f"{what} can't be read{begins}: {where}{self._short(error.problem + given)}"
-        )
-
-    def _refuse_key(self, model_id: str, answer: Answer) -> None:
-        """A key must not get into what is stored, also not by way of the service."""
-        names = [(array.name, array.frame, array.unit) for array in answer.arrays]
-        kept = json.dumps([model_id, answer.text, dict(answer.decoding), names])
-        if gives_away(kept.encode(), self._key):
-            raise self._error("the answer repeats the key, and isn't kept")
-
-    def _error(self, reason: str) -> PeerError:
-        return PeerError(self._text(reason))
-
     def _text(self, reason: str) -> str:
-        return redact(f"{self._line.url}: {reason}", self._key)
+        return redact(f"{self._line.url}: {reason}", self._line.key)
 
     def _short(self, text: str) -> str:
         """One printable line without the key; cut before, as a text may be large, and after."""
-        text = redact(text[: 4 * _SHOWN], self._key)
-        line = "".join(c if c.isprintable() else " " for c in text)
-        line = " ".join(line.split())
+        text = redact(text[: 4 * _SHOWN], self._line.key)
+        line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
         return line if len(line) <= _SHOWN else line[: _SHOWN - 1] + "…"
+
+
+class _TooLargeError(Exception):
+    """More came than may."""
 
 
 def _left_s(deadline_s: float) -> float:
     return max(0.001, deadline_s - time.monotonic())
 
-
-_SHORTEST_KEY = 8
 
 OPTIONS: dict[str, type] = {
     "url": str,
@@ -266,59 +319,44 @@ OPTIONS: dict[str, type] = {
 }
 
 
-def make(options: Mapping[str, Any]) -> HttpService:
+def make(
+    options: Mapping[str, Any], name: str = "http", defaults: Mapping[str, Any] | None = None
+) -> HttpService:
     """A model behind HTTP, for the options in OPTIONS; waits for it at most ``start_s``.
 
     Raises:
         InputError: the options are wrong.
     """
-    return make_service("http", options)
-
-
-def make_service(
-    name: str,
-    options: Mapping[str, Any],
-    interface: str = "waypoints",
-    defaults: Mapping[str, Any] | None = None,
-) -> HttpService:
-    """As make, with another name, interface and defaults.
-
-    Raises:
-        InputError: the options are wrong.
-    """
     check_options(name, options, OPTIONS)
-    chosen = {**(defaults or {}), **options}
+    chosen = {"interface": "waypoints", **(defaults or {}), **options}
     if "url" not in chosen:
         raise InputError(
             "is missing",
             field="backend_options.url",
             remedy="give the service's address, such as http://127.0.0.1:8300",
         )
-    patience = Timeouts(
-        timeout_s=_within(chosen, "timeout_s", Timeouts.timeout_s, 0.001, 86400.0),
-        start_s=_within(chosen, "start_s", Timeouts.start_s, 0.0, 86400.0),
-        tries=int(_within(chosen, "tries", Timeouts.tries, 1, 100)),
-    )
-    max_mb = _within(chosen, "max_mb", 16.0, 0.001, 1024.0)
-    key_name = str(chosen.get("api_key_env", ""))
+    timeout_s = number_option(chosen, "timeout_s", 60.0, 0.001, 86400.0)
+    start_s = number_option(chosen, "start_s", 20.0, 0.0, 86400.0)
+    tries = int(number_option(chosen, "tries", 3, 1, 100))
+    max_bytes = round(number_option(chosen, "max_mb", 16.0, 0.001, 1024.0) * (1 << 20))
+    key_name = chosen.get("api_key_env", "")
     key = _key(key_name) if "api_key_env" in chosen else None
-    headers = {} if key is None else {"Authorization": f"Bearer {key}"}
-    line = HttpConnection(str(chosen["url"]), headers, round(max_mb * (1 << 20)))
-    spoken = find_interface(str(chosen.get("interface", interface))).name
-    service = HttpService(line, spoken, patience, key, key_name)
+    line = Line(_checked(chosen["url"]), key, key_name, max_bytes, timeout_s, start_s, tries)
+    service = HttpService(line, find_interface(chosen["interface"]).name)
     service.wait_ready()
     return service
 
 
-def _within(
-    options: Mapping[str, Any], key: str, default: float, least: float, most: float
-) -> float:
-    value = options.get(key, default)
-    if not least <= value <= most:
-        raise InputError(
-            f"must lie in [{least:g}, {most:g}]", field=f"backend_options.{key}", value=value
-        )
-    return float(value)
+def make_llavida(options: Mapping[str, Any]) -> HttpService:
+    """The backend ``http`` with LLaViDA's interface, its sidecar's port and more patience."""
+    defaults = {"interface": "llavida", "url": "http://127.0.0.1:8302", "timeout_s": 120.0}
+    return make(options, "llavida", defaults)
+
+
+def make_alpamayo(options: Mapping[str, Any]) -> HttpService:
+    """The backend ``http`` with Alpamayo's interface, its sidecar's port and more patience."""
+    defaults = {"interface": "alpamayo", "url": "http://127.0.0.1:8301", "timeout_s": 120.0}
+    return make(options, "alpamayo", defaults)
 
 
 def _key(name: str) -> str:
@@ -341,25 +379,36 @@ def _key(name: str) -> str:
     return key
 
 
-LLAVIDA_DEFAULTS = {"url": "http://127.0.0.1:8302", "timeout_s": 120.0}
+def _checked(url: str) -> str:
+    def refused(problem: str) -> InputError:
+        remedy = "give one such as http://127.0.0.1:8300"
+        return InputError(problem, field="backend_options.url", value=url, remedy=remedy)
+
+    try:
+        parts = urlsplit(url)
+        host, _ = parts.hostname, parts.port
+    except ValueError as error:
+        raise refused(f"is no address: {error}") from error
+    if "@" in parts.netloc:
+        raise InputError(
+            "has a user or password in it, which would be stored with the results",
+            field="backend_options.url",
+            remedy="put the key into an environment variable and name that with api_key_env",
+        )
+    plain = url.isascii() and url.isprintable() and " " not in url
+    if parts.scheme not in ("http", "https") or not host or not plain:
+        raise refused("is no address of HTTP")
+    if parts.query or parts.fragment or url.endswith(("?", "#")):
+        raise refused("must end with its path")
+    return url.rstrip("/")
 
 
-def make_llavida(options: Mapping[str, Any]) -> HttpService:
-    """The backend ``http`` with LLaViDA's interface, its sidecar's port and its patience.
-
-    Raises:
-        InputError: the options are wrong.
-    """
-    return make_service("llavida", options, "llavida", LLAVIDA_DEFAULTS)
-
-
-ALPAMAYO_DEFAULTS = {"url": "http://127.0.0.1:8301", "timeout_s": 120.0}
-
-
-def make_alpamayo(options: Mapping[str, Any]) -> HttpService:
-    """The backend ``http`` with Alpamayo's interface, its sidecar's port and its patience.
-
-    Raises:
-        InputError: the options are wrong.
-    """
-    return make_service("alpamayo", options, "alpamayo", ALPAMAYO_DEFAULTS)
+def _proxy(url: str) -> str | None:
+    parts = urlsplit(url)
+    host = parts.hostname or ""
+    with suppress(ValueError):
+        if ipaddress.ip_address(host).is_loopback:
+            return None
+    if host == "localhost" or host.endswith(".localhost") or urllib.request.proxy_bypass(host):
+        return None
+    return urllib.request.getproxies().get(parts.scheme)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 import os
 import threading
 import time
@@ -28,7 +27,7 @@ from ssp_core.chat import (
 from ssp_core.credentials import check_key, gives_away, is_http_address
 from ssp_core.errors import InputError, PeerError
 from ssp_core.hashing import canonical_json, sha256_bytes, sha256_json
-from ssp_vla_bridge.backend import NoTimeError, NotTakenError, check_options
+from ssp_vla_bridge.backend import NoTimeError, NotTakenError, check_options, number_option
 from ssp_vla_bridge.messages import Answer, Frame, Request
 from ssp_vla_bridge.native_history import previous_stage
 from ssp_vla_bridge.prompts import Prompt, find_stages
@@ -38,8 +37,8 @@ _TYPES: dict[str, type] = {
     "seed": int, "top_p": float, "presence_penalty": float, "frequency_penalty": float,
     "max_tokens": int, "timeout_s": float, "tries": int, "image_width": int, "extra": dict,
 }  # fmt: skip
-# What each may be; null leaves a parameter of the request out, for servers that refuse it.
-_DECODING: dict[str, tuple[float | None, float, float]] = {
+# Default, least and most.
+_DECODING: dict[str, tuple[float, float, float]] = {
     "temperature": (0.0, 0.0, 2.0),
     "seed": (0, -(2**63), 2**63 - 1),
     "top_p": (1.0, 0.0, 1.0),
@@ -57,15 +56,12 @@ class Options:
     Args:
         base_url: up to and with ``/v1``.
         model: as the server names it.
-        interface: whose prompts are used.
         decoding: parameters of every request, in the words of the interface; those that are None
             are not sent.
         timeout_s: for a whole answer with all its stages and tries.
         tries: of one stage.
         image_width_px: wider frames are scaled down to this; None: frames are sent as they are.
-        extra: further parameters of every request.
         api_key_env: name of the variable with the key, empty: the server wants none.
-        key: the key; it is never shown.
     """
 
     base_url: str
@@ -128,14 +124,17 @@ def read_options(given: Mapping[str, Any], environ: Mapping[str, str] = os.envir
                 field="backend_options",
                 remedy="leave the key to the environment",
             )
+    width = given.get("image_width")
     return Options(
         base_url=_address(given["base_url"]),
         model=given["model"],
         interface=interface,
         decoding={name: _decoding(given, name) for name in _DECODING},
-        timeout_s=_within(given, "timeout_s", 60.0, 0.001, 86400.0),
-        tries=int(_within(given, "tries", 3, 1, 20)),
-        image_width_px=_width(given),
+        timeout_s=number_option(given, "timeout_s", 60.0, 0.001, 86400.0),
+        tries=int(number_option(given, "tries", 3, 1, 20)),
+        image_width_px=None
+        if width is None
+        else int(number_option(given, "image_width", 0, 16, 8192)),
         extra=dict(extra),
         api_key_env=variable,
         key=key,
@@ -143,26 +142,10 @@ def read_options(given: Mapping[str, Any], environ: Mapping[str, str] = os.envir
 
 
 def _decoding(given: Mapping[str, Any], name: str) -> float | None:
-    default, low, high = _DECODING[name]
+    """A parameter of the request; null leaves it out, for servers that refuse it."""
     if name in given and given[name] is None:
         return None
-    return _within(given, name, default or 0, low, high)
-
-
-def _width(given: Mapping[str, Any]) -> int | None:
-    if given.get("image_width") is None:
-        return None
-    return int(_within(given, "image_width", 0, 16, 8192))
-
-
-def _within(given: Mapping[str, Any], name: str, default: float, low: float, high: float) -> float:
-    value = given.get(name)
-    number: float = default if value is None else value
-    if not (math.isfinite(number) and low <= number <= high):
-        raise InputError(
-            f"must lie in [{low:g}, {high:g}]", field=f"backend_options.{name}", value=number
-        )
-    return number
+    return number_option(given, name, *_DECODING[name])
 
 
 def _address(url: str) -> str:
@@ -206,12 +189,7 @@ class _Said:
 
 
 class OpenAIBackend:
-    """Asks one model; one answer at a time, as a server is not deterministic under concurrency.
-
-    Args:
-        options: checked.
-        sleep: waits some seconds.
-    """
+    """Asks one model; one answer at a time, as a server is not deterministic under concurrency."""
 
     def __init__(self, options: Options, sleep: Callable[[float], None] = time.sleep) -> None:
         self._options = options

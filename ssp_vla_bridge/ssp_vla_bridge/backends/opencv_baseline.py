@@ -54,9 +54,7 @@ class Perception:
 
     Args:
         blind: the newest frame shows nothing.
-        plane: the geometry that was used.
         tracks: in the newest ego frame.
-        looked_at: number of frames.
     """
 
     blind: bool

@@ -6,14 +6,22 @@ no model. Its result belongs beside the models' as a check of the harness, never
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
-from ssp_core.files import read_mapping
-from ssp_core.vocabulary import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
+from ssp_core.files import load_model
+from ssp_core.vocabulary import (
+    ConflictWord,
+    LatWord,
+    LonWord,
+    MotionWord,
+    ObjectWord,
+    PositionWord,
+)
 from ssp_vla_bridge.backend import check_options
 from ssp_vla_bridge.backends.phrases import (
     action_sentence,
@@ -34,24 +42,27 @@ _STOP_FROM_MPS = 3.0
 _SIDEWAYS_MPS = {"left": 0.8, "straight": 0.0, "right": -0.8}
 
 
-@dataclass(frozen=True)
-class PerfectLabel:
+class PerfectLabel(BaseModel):
     """The part of a label (METHOD 5.2) that an answer needs; None is not evaluable."""
 
-    t_s: float
-    objects: tuple[str, ...] | None
-    position: str | None
-    motion: str | None
-    conflict: str | None
-    lon_actions: tuple[str, ...]
-    lat_actions: tuple[str, ...]
+    model_config = ConfigDict(frozen=True)
+    t_s: Annotated[float, Strict()]
+    objects: tuple[ObjectWord, ...] | None = None
+    position: PositionWord | None = None
+    motion: MotionWord | None = None
+    conflict: ConflictWord | None = None
+    lon_actions: Annotated[tuple[LonWord, ...], Field(min_length=1)]
+    lat_actions: Annotated[tuple[LatWord, ...], Field(min_length=1)]
+
+
+class _Labels(BaseModel):
+    labels: Annotated[tuple[PerfectLabel, ...], Field(min_length=1)]
 
 
 class Perfect:
     """Answers each request from the label nearest to its time.
 
     Args:
-        labels: those of the clip that is replayed.
         clip_start_ns: stamp of clip time 0, ns.
     """
 
@@ -106,49 +117,5 @@ def make(options: Mapping[str, Any]) -> Perfect:
         raise InputError(
             "is missing", field="backend_options.labels_file", remedy="name the clip's labels file"
         )
-    path = str(options["labels_file"])
-    labels = read_mapping(path).get("labels")
-    if not isinstance(labels, list) or not labels:
-        raise InputError("must be a list of labels", file=path, field="labels", value=labels)
-    parsed = tuple(_label(value, path, f"labels[{i}]") for i, value in enumerate(labels))
-    return Perfect(parsed, int(options.get("clip_start_ns", 0)))
-
-
-def _label(value: Any, path: str, place: str) -> PerfectLabel:
-    if not isinstance(value, dict):
-        raise InputError("must be a mapping", file=path, field=place, value=value)
-    time_s = value.get("t_s")
-    if not isinstance(time_s, (int, float)) or isinstance(time_s, bool):
-        raise InputError("must be a number", file=path, field=f"{place}.t_s", value=time_s)
-
-    def words(key: str, allowed: Sequence[str]) -> tuple[str, ...] | None:
-        given = value.get(key)
-        if given is None:
-            return None
-        listed = given if isinstance(given, list) else [given]
-        for word in listed:
-            if word not in allowed:
-                raise InputError(
-                    "is not in the vocabulary", file=path, field=f"{place}.{key}", value=word
-                )
-        return tuple(listed)
-
-    def one(key: str, allowed: Sequence[str]) -> str | None:
-        found = words(key, allowed)
-        return found[0] if found else None
-
-    def actions(key: str, allowed: Sequence[str]) -> tuple[str, ...]:
-        found = words(key, allowed)
-        if not found:
-            raise InputError("must name an action", file=path, field=f"{place}.{key}")
-        return found
-
-    return PerfectLabel(
-        t_s=float(time_s),
-        objects=words("objects", OBJECTS),
-        position=one("position", POSITIONS),
-        motion=one("motion", MOTIONS),
-        conflict=one("conflict", CONFLICTS),
-        lon_actions=actions("lon_actions", LON_ACTIONS),
-        lat_actions=actions("lat_actions", LAT_ACTIONS),
-    )
+    labels = load_model(_Labels, str(options["labels_file"])).labels
+    return Perfect(labels, int(options.get("clip_start_ns", 0)))

@@ -71,9 +71,6 @@ def scene_text(
 
     Args:
         objects: the critical one first; empty says that nobody is there.
-        position: of the critical object.
-        motion: of the critical object.
-        conflict: with the critical object.
     """
     sentences = []
     critical = objects[0] if objects else ""

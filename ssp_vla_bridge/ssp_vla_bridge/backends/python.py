@@ -37,9 +37,6 @@ class PythonFunction:
     """A function as a model.
 
     Args:
-        function: called with the request.
-        model_id: exact model and version.
-        interface: that it speaks.
         step_s: between the points that it gives, s; None: the task's.
         first_time_s: of the first point after the request's time, s.
     """
@@ -140,11 +137,7 @@ def check(options: Mapping[str, Any]) -> None:
 
 
 def split(path: str) -> tuple[str, str]:
-    """Module and function of ``module:function`` or ``module.function``; what is missing is empty.
-
-    Args:
-        path: the option ``function``.
-    """
+    """Module and function of ``module:function`` or ``module.function``; empty where missing."""
     module, separator, name = path.partition(":")
     if not separator:
         module, _, name = path.rpartition(".")

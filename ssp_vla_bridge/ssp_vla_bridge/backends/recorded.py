@@ -19,7 +19,6 @@ class Recorded:
 
     Args:
         stored: in order; of two that fit from one model in one place, the later one counts.
-        interface: in which they were asked.
     """
 
     def __init__(self, stored: Sequence[Stored], interface: str = "waypoints") -> None:

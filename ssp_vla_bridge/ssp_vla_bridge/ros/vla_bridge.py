@@ -47,8 +47,6 @@ class Shadow:
     """Feeds a follower from the forward camera and the VUT's own states, and nothing else.
 
     Args:
-        node: owns the subscriptions.
-        follower: is fed.
         due: called when a request about the newest frame is due.
     """
 

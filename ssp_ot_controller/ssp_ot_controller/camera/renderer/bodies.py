@@ -34,9 +34,7 @@ def body(
 
     Args:
         state: gives class, extents, acceleration (brake lamps) and stamp (blinking).
-        palette: colours, and whether lamps are on.
         travelled_m: way so far; turns wheels and moves limbs.
-        indicator: which indicators blink.
     """
     number = zlib.crc32(state.object_id.encode())
     lit = is_lit(state.stamp_ns)
@@ -69,10 +67,8 @@ class Body:
     """One object in its place.
 
     Args:
-        mesh: in its own frame.
         pose: of its reference point, block frame.
         floor_m: height of the ground that it stands on.
-        lit: the mesh in its place, with its colours.
         drawn: False for the VUT, which only casts a shadow.
         outline: x, y, cos yaw, sin yaw, front, rear, half width of what darkens the ground.
     """

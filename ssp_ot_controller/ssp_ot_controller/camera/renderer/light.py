@@ -27,7 +27,6 @@ class Lit:
     Args:
         corners: shape (n, 3, 3), m.
         attributes: shape (n, 3, 5): blue, green, red, u, v; see raster.
-        kinds: shape (n,).
     """
 
     corners: Array
@@ -98,8 +97,6 @@ def lit(
     """A mesh in its place under the palette's light.
 
     Args:
-        mesh: in the frame of its object.
-        palette: gives the light.
         sun: unit vector towards the sun, block frame.
         pose: the object's, in the block's frame.
         floor_m: height of the ground that the object stands on, and gets darker towards; None

@@ -109,12 +109,9 @@ def render(
     frame_index together draw sensor noise and rain.
 
     Args:
-        scene: what is there.
         look: palette, weather, sun (azimuth counter-clockwise from the map's x axis), exposure,
             noise.
         camera: lens, mounting and exposure time.
-        frame_index: number of the frame in its run.
-        seed: of the run.
         detail: leaves scenery or texture away.
 
     Returns:

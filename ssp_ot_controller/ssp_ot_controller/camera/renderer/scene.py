@@ -116,7 +116,6 @@ class Indicators:
     """What blinks, frame by frame.
 
     Args:
-        road: the block.
         soon: the side to which an object is about to move, given the present states.
     """
 
@@ -180,7 +179,6 @@ class Scene:
     """What is there at one instant.
 
     Args:
-        road: the block.
         vut: state of the vehicle that carries the camera; it isn't drawn, but casts a shadow.
         objects: ground truth of all others, frame map; the VUT may be among them.
         travelled_m: distance travelled so far by object id, which moves legs, pedals and wheels.

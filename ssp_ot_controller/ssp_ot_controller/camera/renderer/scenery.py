@@ -65,7 +65,6 @@ class Mapped:
     """The map's things.
 
     Args:
-        items: those that can stand where they are.
         poses: theirs, block frame.
     """
 
@@ -77,7 +76,6 @@ class Mapped:
 
         Args:
             kind: of the thing; the map says all where it has any of that kind.
-            mesh: in its own frame.
             pose: block frame.
         """
         if not self.items:

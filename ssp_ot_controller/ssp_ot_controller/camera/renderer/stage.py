@@ -45,7 +45,6 @@ class Static:
     """Scenery as one list of triangles in the block's frame, and where each prop's part lies.
 
     Args:
-        mesh: the triangles, unlit.
         bodies: the same with their colours.
         shadows: shape (m, 3, 3), their shadows on the ground.
         places: shape (props, 3): x, y, radius.

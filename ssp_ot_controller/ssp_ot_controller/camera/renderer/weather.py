@@ -252,11 +252,7 @@ def add_rain(
     """The light with rain before it, shape (height, width, 3).
 
     Args:
-        light: of the scene, roll included.
-        stage: gives the sky's colour.
         scene: its VUT's speed slants the streaks, its stamp wets the windscreen.
-        look: its rain.
-        camera: the lens.
         frame_index, seed: draw the streaks.
     """
     sky = np.array(stage.palette.sky_horizon, dtype=np.float32)
@@ -400,8 +396,6 @@ def add_reflections(field: LightField, stage: Stage, road: Road, rain: float) ->
 
     Args:
         field: of a camera without roll.
-        stage: of the run.
-        road: the block.
         rain: 0 none, 1 a downpour.
     """
     bend = stage.bend

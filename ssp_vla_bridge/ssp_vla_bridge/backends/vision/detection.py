@@ -72,13 +72,7 @@ class _Blob:
 
 
 def detect_objects(ycc: NDArray[np.float32], foreign: Mask, plane: GroundPlane) -> list[Detection]:
-    """The things that stand on the ground, nearest first.
-
-    Args:
-        ycc: the image, as of surface.to_ycc.
-        foreign: as of surface.foreign_pixels.
-        plane: of the image.
-    """
+    """The things that stand on the ground, nearest first."""
     closed = cv2.morphologyEx(
         foreign, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_RECT, (3, 5))
     )

@@ -28,12 +28,6 @@ class GroundPlane:
     Ground coordinates are x forward of the camera and y to the left, m.
 
     Args:
-        fx_px: focal length along the width, px.
-        fy_px: focal length along the height, px.
-        cx_px: principal point, px.
-        cy_px: principal point, px.
-        width_px: image width.
-        height_px: image height.
         height_m: camera above ground, m.
         pitch_down_rad: rad, + looks down.
         assumed: what of this was not given but assumed.
@@ -97,9 +91,7 @@ def ground_plane(
     pitch from the horizon's row if that was found, else a level camera.
 
     Args:
-        camera: as the request gives it.
         image_size: width and height of the images as they came, px.
-        scale: of the images that are looked at.
         horizon_px: row of the horizon in the scaled image; used where the pitch is not given.
     """
     width, height = image_size
@@ -235,12 +227,7 @@ def strip_index(plane: GroundPlane) -> NDArray[np.int32]:
 
 
 def learn_surface(frames: Sequence[NDArray[np.float32]], plane: GroundPlane) -> Surface:
-    """Medians over the near ground of all frames.
-
-    Args:
-        frames: as of to_ycc.
-        plane: of the frames.
-    """
+    """Medians over the near ground of all frames."""
     count = round(2 * HALF_WIDTH_M / STRIP_M)
     index = strip_index(plane)
     # Only as far as needed to see a strip at all: farther away, something stands on it.
@@ -283,13 +270,7 @@ def _filled(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np
 def foreign_pixels(
     frames: Sequence[NDArray[np.float32]], surface: Surface, index: NDArray[np.int32]
 ) -> list[Mask]:
-    """Per frame, 1 where a pixel of the strips looks like none of the strips around it.
-
-    Args:
-        frames: as of to_ycc.
-        surface: as learned.
-        index: as of strip_index, for the frames' size.
-    """
+    """Per frame, 1 where a pixel of the strips looks like none of the strips around it."""
     last = len(surface.colours) - 1
     places = np.flatnonzero(index >= 0)
     strips = index.ravel()[places]
