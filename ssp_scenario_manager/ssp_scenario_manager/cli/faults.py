@@ -28,7 +28,7 @@ from ssp_scenario_manager.faults.report import (
     junit_cases,
     markdown,
     measured_parts,
-    write_page,
+    page,
 )
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_scenario_manager.run.junit import write_junit
@@ -116,7 +116,7 @@ def faults(
     facts = as_json(results)
     write_json(out / "faults.json", facts)
     write_text(out / "faults.md", markdown(results, scenes[0].run))
-    write_page(out / "faults.html", results, scenes[0].run)
+    write_text(out / "faults.html", page(results, scenes[0].run))
     if junit is not None:
         write_junit(junit, "faults", junit_cases(results))
     if json_wanted:
