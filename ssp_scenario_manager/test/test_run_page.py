@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -44,9 +45,14 @@ def wait_until_said(said: list[str], part: str) -> None:
         time.sleep(0.01)
 
 
+def beside(session: ProcessGroup, run_file: str, said: list[str]) -> AbstractContextManager[None]:
+    page = over_dds.page_companion(session.env, Path(run_file), 0)
+    return over_dds.beside(session, [page], said.append)
+
+
 def test_says_where_it_is_with_the_token_that_no_log_has(session: ProcessGroup) -> None:
     said: list[str] = []
-    with over_dds.page_beside(session, Path("run.yaml"), 0, said.append):
+    with beside(session, "run.yaml", said):
         wait_until_said(said, "operator page: ")
         assert not session.processes  # nobody who watches the session's processes sees it
     (line,) = said
@@ -65,7 +71,7 @@ def test_a_token_that_was_given_is_kept_and_not_shown(session: ProcessGroup) -> 
         "print('page: http://127.0.0.1:4711/', flush=True)\ntime.sleep(600)\n"
     )
     said: list[str] = []
-    with over_dds.page_beside(session, Path("run.yaml"), 0, said.append):
+    with beside(session, "run.yaml", said):
         wait_until_said(said, "operator page: ")
     assert said == ["operator page: http://127.0.0.1:4711/"]
 
@@ -73,11 +79,8 @@ def test_a_token_that_was_given_is_kept_and_not_shown(session: ProcessGroup) -> 
 @pytest.mark.parametrize("token", ["short", "ä" * 20, "with spaces in between it"])
 def test_a_token_that_can_be_none_is_refused(session: ProcessGroup, token: str) -> None:
     session.env["SSP_PAGE_TOKEN"] = token
-    with (
-        pytest.raises(InputError, match="SSP_PAGE_TOKEN") as refused,
-        over_dds.page_beside(session, Path("run.yaml"), 0, print),
-    ):
-        pytest.fail("it began")
+    with pytest.raises(InputError, match="SSP_PAGE_TOKEN") as refused:
+        over_dds.page_companion(session.env, Path("run.yaml"), 0)
     assert token not in str(refused.value)
     assert not list(session.log_dir.iterdir())
 
@@ -93,18 +96,10 @@ def test_a_wrong_token_is_said_before_a_run_starts(tmp_path: Path) -> None:
 
 def test_an_end_of_its_own_is_said_and_no_more(session: ProcessGroup) -> None:
     said: list[str] = []
-    with over_dds.page_beside(session, Path("die"), 0, said.append):
+    with beside(session, "die", said):
         wait_until_said(said, "exited")
     assert "the operator page exited with status 1; the session goes on without it" in said[-1]
     assert "port 4711 is taken" in said[-1]
-
-
-def test_without_a_port_there_is_none(session: ProcessGroup) -> None:
-    said: list[str] = []
-    with over_dds.page_beside(session, Path("run.yaml"), None, said.append):
-        pass
-    assert not said
-    assert not list(session.log_dir.iterdir())
 
 
 def test_one_process_has_no_page() -> None:

@@ -171,7 +171,7 @@ def run(
         raise click.UsageError("--in-process has no camera to record; leave out --video")
     if shadows and (in_process or (no_camera and live is None)):
         raise click.UsageError("--shadow needs a camera and processes to follow")
-    for name, count in Counter(one.name for one in shadows).items():
+    for name, count in Counter(text.partition("=")[0] for text in shadow_texts).items():
         if count > 1:
             raise click.UsageError(f"--shadow {name} stands {count} times")
     compiled = is_compiled(what) or is_session(what)

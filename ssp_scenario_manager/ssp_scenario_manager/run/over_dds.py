@@ -12,7 +12,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -60,61 +60,94 @@ def given_token(env: Mapping[str, str]) -> str:
     return check_token(given, f"environment variable {TOKEN_VARIABLE}") if given else ""
 
 
-@contextmanager
-def page_beside(
-    session: ProcessGroup,
-    run_file: Path,
-    port: int | None,
-    say: Callable[[str], None],
-    remappings: Sequence[str] = (),
-) -> Iterator[None]:
-    """Has the page run as long as the block does; its process is none of the session's own.
+@dataclass(frozen=True, slots=True)
+class Companion:
+    """A node that runs beside a session and is none of its own: page, shadow model.
 
     Args:
-        session: whose domain and log folder the page shares.
+        name: of the node.
+        module: of the node.
+        parameters: of the node.
+        what: for people.
+        env: what its environment has besides.
+        hint: for the address of a page, what belongs to its end.
+    """
+
+    name: str
+    module: str
+    parameters: Mapping[str, object]
+    what: str
+    env: Mapping[str, str] = field(default_factory=dict)
+    hint: str = ""
+
+
+def page_companion(env: Mapping[str, str], run_file: Path, port: int) -> Companion:
+    """The operators' page.
+
+    Args:
+        env: of the session.
         run_file: of the session.
-        port: to listen on; 0: any; None: there is to be no page.
-        say: takes one line for people per thing that happens.
-        remappings: ``from:=to``, as the session's own nodes have them.
+        port: to listen on; 0: any.
 
     Raises:
         InputError: the token in SSP_PAGE_TOKEN can't be one.
     """
-    if port is None:
-        yield
-        return
-    given = given_token(session.env)
+    given = given_token(env)
     token = given or secrets.token_urlsafe(24)
-    env = {**session.env, TOKEN_VARIABLE: token}
-    # Whoever chose the token knows it; it needs to stand in no log of a terminal.
-    shown = "" if given else f"#token={token}"
-    # The session's group alone may remove what is left of the domain.
-    with ProcessGroup(env, session.log_dir, owns_domain=False) as group:
-        parameters: dict[str, object] = {"run_file": run_file, "port": port}
-        node = group.start_node(names.MONITOR_PAGE, PAGE_MODULE, parameters, remappings)
-        watch = threading.Thread(target=_watch, args=(node, shown, say), daemon=True)
-        watch.start()
-        try:
-            yield
-        finally:
-            group.stop()
-            watch.join()
+    return Companion(
+        names.MONITOR_PAGE,
+        PAGE_MODULE,
+        {"run_file": run_file, "port": port},
+        "the operator page",
+        {TOKEN_VARIABLE: token},
+        # Whoever chose the token knows it; it needs to stand in no log of a terminal.
+        "" if given else f"#token={token}",
+    )
 
 
-def _watch(node: NodeProcess, shown: str, say: Callable[[str], None]) -> None:
-    """Says where the page is, once it is, and that it has ended, should it."""
-    deadline = time.monotonic() + START_S
+@contextmanager
+def beside(
+    session: ProcessGroup,
+    companions: Sequence[Companion],
+    say: Callable[[str], None],
+    remappings: Sequence[str] = (),
+) -> Iterator[None]:
+    """Has nodes run as long as the block does; their processes are none of the session's own.
+
+    Args:
+        session: whose domain and log folder they share.
+        companions: which; none starts nothing.
+        say: takes one line for people per thing that happens.
+        remappings: ``from:=to``, as the session's own nodes have them.
+    """
+    with ExitStack() as stack:
+        for companion in companions:
+            env = {**session.env, **companion.env}
+            # The session's group alone may remove what is left of the domain.
+            group = stack.enter_context(ProcessGroup(env, session.log_dir, owns_domain=False))
+            parameters = dict(companion.parameters)
+            node = group.start_node(companion.name, companion.module, parameters, remappings)
+            watch = threading.Thread(target=_watch, args=(companion, node, say), daemon=True)
+            watch.start()
+            stack.callback(watch.join)
+            stack.callback(group.stop)
+        yield
+
+
+def _watch(companion: Companion, node: NodeProcess, say: Callable[[str], None]) -> None:
+    """Says where a page is, once it is, and that a companion has ended, should it."""
+    deadline = time.monotonic() + START_S if companion.module == PAGE_MODULE else 0.0
     while node.returncode is None and time.monotonic() < deadline:
         found = _URL.search(node.log.read_text(errors="replace"))
         if found is not None:
-            say(f"operator page: {found[1]}{shown}")
+            say(f"operator page: {found[1]}{companion.hint}")
             break
         time.sleep(0.05)
     node.process.wait()
     if not node.expected_to_stop:
         tail = node.log_tail(3)
         say(
-            f"the operator page {node.describe_exit()}; the session goes on without it"
+            f"{companion.what} {node.describe_exit()}; the session goes on without it"
             + (f": {tail}" if tail else "")
         )
 
@@ -127,20 +160,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _OWN = ("backend", "interface", "timeout_s", "hz")
 
 
-@dataclass(frozen=True)
-class ShadowModel:
-    """One model that follows the session.
-
-    Args:
-        name: on the topics.
-        parameters: of its bridge.
-    """
-
-    name: str
-    parameters: dict[str, object] = field(default_factory=dict)
-
-
-def shadow_model(text: str) -> ShadowModel:
+def shadow_model(text: str) -> Companion:
     """The model of ``NAME`` or ``NAME={"backend": …, "hz": …, further options}``.
 
     Raises:
@@ -173,60 +193,14 @@ def shadow_model(text: str) -> ShadowModel:
     if backend_options:
         # Parameter values are read as YAML; the quoted text stays one string.
         parameters["backend_options"] = json.dumps(json.dumps(backend_options))
-    return ShadowModel(name, parameters)
+    node = f"vla_bridge_{name}"
+    return Companion(node, SHADOW_MODULE, parameters, f"the bridge of {name}")
 
 
 def _seconds(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError("must be seconds", field="--shadow timeout_s", value=value)
     return float(value)
-
-
-@contextmanager
-def shadows_beside(
-    session: ProcessGroup,
-    models: Sequence[ShadowModel],
-    say: Callable[[str], None],
-    remappings: Sequence[str] = (),
-) -> Iterator[None]:
-    """Has the models follow as long as the block runs; their processes are none of the session's.
-
-    Args:
-        session: whose domain and log folder they share.
-        models: which; none starts nothing.
-        say: takes one line for people per thing that happens.
-        remappings: ``from:=to``, as the session's own nodes have them.
-    """
-    if not models:
-        yield
-        return
-    # The session's group alone may remove what is left of the domain.
-    with ProcessGroup(session.env, session.log_dir, owns_domain=False) as group:
-        watches = []
-        for model in models:
-            name = f"vla_bridge_{model.name}"
-            node = group.start_node(name, SHADOW_MODULE, model.parameters, remappings)
-            watches.append(
-                threading.Thread(target=_watch_shadow, args=(model, node, say), daemon=True)
-            )
-            watches[-1].start()
-        try:
-            yield
-        finally:
-            group.stop()
-            for watch in watches:
-                watch.join()
-
-
-def _watch_shadow(model: ShadowModel, node: NodeProcess, say: Callable[[str], None]) -> None:
-    """Says that a model has ended, should it."""
-    node.process.wait()
-    if not node.expected_to_stop:
-        tail = node.log_tail(3)
-        say(
-            f"the bridge of {model.name} {node.describe_exit()}; the session goes on without it"
-            + (f": {tail}" if tail else "")
-        )
 
 
 FAULTS_FILE = "faults.json"
@@ -273,7 +247,7 @@ def run_session(
     live: LiveSetup | None = None,
     page_port: int | None = None,
     video: str | None = None,
-    shadows: Sequence[ShadowModel] = (),
+    shadows: Sequence[Companion] = (),
 ) -> RunResult:
     """Runs one session in processes of its own and leaves run.yaml, bag, logs and result.json.
 
@@ -334,10 +308,10 @@ def run_session(
             for name, parameters in nodes.items():
                 group.start_node(name, NODE_MODULES[name], parameters, remappings)
             go = Go() if live is not None and live.wait else None
-            with (
-                page_beside(group, run_file, page_port, say, remappings),
-                shadows_beside(group, shadows, say, remappings),
-            ):
+            companions = list(shadows)
+            if page_port is not None:
+                companions.insert(0, page_companion(group.env, run_file, page_port))
+            with beside(group, companions, say, remappings):
                 followed = follow(spec, group, run_file, bag, say, interrupt, go)
                 outcome = _shut_down(group, followed.outcome)
         return _conclude(spec, folder, followed, outcome, started, say)
