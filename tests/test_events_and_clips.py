@@ -6,8 +6,8 @@ import pytest
 
 from ssp_core.geometry import Polyline
 from ssp_core.motion.encounter import encounter
+from ssp_core.motion.event import find_event, instants_of
 from ssp_core.run_file.model import ConflictThresholds
-from ssp_eval.recordings.event import find_event, samples_of
 from ssp_ot_controller.camera.clip import GENERATOR
 from ssp_ot_controller.camera.storyboards import INTERACTIONS, Storyboard, storyboard
 from ssp_scenario_manager.event_spec.load import load_event
@@ -47,7 +47,7 @@ def test_clip_and_rate(event: Event, board: Storyboard) -> None:
 
 def test_phases_start_when_the_ground_truth_says(event: Event, board: Storyboard) -> None:
     series = [(t_s, {s.object_id: s for s in board.states(t_s)}) for t_s in board.times()]
-    samples = samples_of(series, event.vut_id, event.interaction.initiator)
+    samples = instants_of(series, event.vut_id, event.interaction.initiator)
     ttc, gap = event.constraints.thresholds.ttc, event.constraints.thresholds.arrival_gap
     thresholds = ConflictThresholds(
         ttc_s=_value(ttc) if ttc else None, arrival_gap_s=_value(gap) if gap else None

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
+from ssp_core.motion.event import Corridor, find_event, instants_of
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.labels.check import response_problems
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.truth import Truth
-from ssp_eval.recordings.event import event_observable, event_thresholds, find_event, samples_of
-from ssp_eval.recordings.geometry import Corridor
+from ssp_eval.recordings.event import event_observable, event_thresholds
 from ssp_eval.recordings.sight import blocked, clear_share, surface_points
 from ssp_scenario_manager.event_spec.load import load_event
 
@@ -132,7 +132,7 @@ def test_braking_behind_the_vut_is_none() -> None:
     for t_s, (lead, vut) in source.series:
         series.append((t_s, {"ot1": replace(lead, x_m=lead.x_m - 60.0), "vut": vut}))
     corridor = Corridor.of([now["vut"] for _, now in series])
-    samples = samples_of(series, "vut", "ot1")
+    samples = instants_of(series, "vut", "ot1")
     assert find_event(samples, corridor.path, TTC_ONLY, "braking") is None
 
 

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2, wrap_angle
+from ssp_core.motion.event import Corridor, find_event, instants_of
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.data.labels import Labels, labels_to_json, load_labels, parse_labels
@@ -24,8 +25,7 @@ from ssp_eval.labels.cli import labels as labels_command
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.review import is_unreviewed, sidecar, write_proposal
 from ssp_eval.labels.truth import ProposalRules, Truth
-from ssp_eval.recordings.event import find_event, samples_of
-from ssp_eval.recordings.geometry import Corridor, motion_word, position_word
+from ssp_eval.recordings.geometry import motion_word, position_word
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import Interval
 
@@ -284,7 +284,7 @@ def test_who_only_passes_behind_makes_no_event() -> None:
     ahead = [(t_s, [s[0], replace(s[1], x_m=s[1].x_m + 150.0)]) for t_s, s in source.series]
     series = [(t_s, {x.object_id: x for x in states}) for t_s, states in ahead]
     corridor = Corridor.of([states["vut"] for _, states in series])
-    samples = samples_of(series, "vut", "ot1")
+    samples = instants_of(series, "vut", "ot1")
     assert find_event(samples, corridor.path, source.thresholds) is None
 
 

@@ -11,10 +11,10 @@ import pytest
 
 from ssp_core.geometry import Polyline, Pose2
 from ssp_core.motion.encounter import Observable
+from ssp_core.motion.event import PhaseBegan, PhaseWatch, next_phase
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.vocabulary import ObjectClass, Phase
-from ssp_scenario_manager.triggers.phases import PhaseStart, PhaseWatch, next_phase
 
 MS = 1_000_000
 STEP_NS = 20 * MS
@@ -42,7 +42,7 @@ def play(
     for vut, target in pairs:
         watch, start = next_phase(watch, turned(vut), turned(target), path, thresholds, kind)
         if start is not None:
-            assert isinstance(start, PhaseStart)
+            assert isinstance(start, PhaseBegan)
             assert ("deceleration" in start.evidence) is (kind == "braking")
             begun.append((start.phase, start.stamp_ns // MS))
     return begun

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from ssp_core.motion.event import Passing, PhaseBegan
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec, WantedPassing
 from ssp_core.vocabulary import Phase, Verdict
@@ -18,19 +19,24 @@ from ssp_core.world.plant import FaultFact
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.run.result import (
     Happened,
-    Passing,
     happened_by,
     misses,
     result_keys,
     shown_gap,
 )
-from ssp_scenario_manager.session.outbox import PhaseBegan
 
 S = 1_000_000_000
 
 
 def fault(name: str, at_ns: int, value: float = math.nan) -> FaultFact:
     return FaultFact("sil_world", name, "ot1", True, value, "", at_ns)
+
+
+def passed(other_first: bool | None, gap_s: float | None) -> Passing:
+    """Of whom one arrives first; None: the other never arrives."""
+    if other_first is None:
+        return Passing()
+    return Passing("merge", None, 1.0, 2.0 if other_first else 0.0, gap_s)
 
 
 @pytest.fixture
@@ -110,32 +116,32 @@ def replace_mode(run: RunSpec) -> RunSpec:
 @pytest.mark.parametrize(
     ("first", "bounds", "seen", "said"),
     [
-        ("initiator", (0.2, 6.0), Passing(True, 0.2), None),
-        ("initiator", (0.2, 6.0), Passing(True, 6.0), None),
-        ("initiator", (None, 6.0), Passing(True, -3.0), None),
-        ("initiator", (None, None), Passing(True, None), None),
-        ("vut", (0.2, None), Passing(False, 40.0), None),
-        ("initiator", (0.2, 6.0), Passing(True, 0.199), "0.199 s, K* wants 0.2 to 6 s"),
-        ("initiator", (0.2, 6.0), Passing(True, 6.001), "6.001 s, K* wants 0.2 to 6 s"),
-        ("initiator", (0.2, 6.0), Passing(True, math.nan), "nan s, K* wants 0.2 to 6 s"),
+        ("initiator", (0.2, 6.0), passed(True, 0.2), None),
+        ("initiator", (0.2, 6.0), passed(True, 6.0), None),
+        ("initiator", (None, 6.0), passed(True, -3.0), None),
+        ("initiator", (None, None), passed(True, None), None),
+        ("vut", (0.2, None), passed(False, 40.0), None),
+        ("initiator", (0.2, 6.0), passed(True, 0.199), "0.199 s, K* wants 0.2 to 6 s"),
+        ("initiator", (0.2, 6.0), passed(True, 6.001), "6.001 s, K* wants 0.2 to 6 s"),
+        ("initiator", (0.2, 6.0), passed(True, math.nan), "nan s, K* wants 0.2 to 6 s"),
         (
             "initiator",
             (0.2, None),
-            Passing(True, None),
+            passed(True, None),
             "none, the VUT never reached the conflict zone, or ot1 never left it; "
             "K* wants 0.2 to inf s",
         ),
-        ("initiator", (0.2, 6.0), Passing(None, None), "passing order: ot1 never came into"),
+        ("initiator", (0.2, 6.0), passed(None, None), "passing order: ot1 never came into"),
         (
             "initiator",
             (None, None),
-            Passing(False, 1.0),
+            passed(False, 1.0),
             "passing order: the VUT before ot1, K* wants ot1 before the VUT",
         ),
         (
             "vut",
             (None, None),
-            Passing(True, 1.0),
+            passed(True, 1.0),
             "passing order: ot1 before the VUT, K* wants the VUT before ot1",
         ),
     ],
@@ -162,7 +168,7 @@ def test_nobody_judges_the_passing_of_a_run_that_was_made_by_hand(
     run: RunSpec, empty: Callable[..., Happened]
 ) -> None:
     assert run.passing is None
-    assert misses(run, replace(empty(0), passing=Passing(None, None))) == []
+    assert misses(run, replace(empty(0), passing=passed(None, None))) == []
 
 
 def test_the_resolution_is_the_last_one_of_the_whole_recording(
@@ -195,7 +201,7 @@ def test_the_resolution_is_the_last_one_of_the_whole_recording(
         5.0,
         2.0,
     )
-    cut = replace(seen(4), passing=Passing(True, None))
+    cut = replace(seen(4), passing=passed(True, None))
     (only,) = result_keys(run, cut)["phases"]
     assert (only["phase"], only["at_s"]) == ("conflict", 0.5)
     assert misses(run, cut)[0].startswith("resolution: the conflict began again and lasts")

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from ssp_core.motion.event import PhaseBegan
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
@@ -33,7 +34,7 @@ EFFECTS: dict[tuple[str, str], tuple[str, list[type]]] = {
     ("CONNECTED", "arm"): ("ARMED", [outbox.ArmObjects]),
     ("CONNECTED", "reset"): ("IDLE", []),
     ("ARMED", "disarm"): ("CONNECTED", [outbox.ArmObjects]),
-    ("ARMED", "start"): ("RUNNING", [outbox.PhaseBegan, outbox.Dispatch]),
+    ("ARMED", "start"): ("RUNNING", [PhaseBegan, outbox.Dispatch]),
     ("RUNNING", "stop"): ("STOPPING", []),
     ("FINISHED", "reset"): ("IDLE", []),
     ("ABORTED", "all_clear"): ("IDLE", [outbox.ClearObjects]),

@@ -9,6 +9,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ssp_core.motion.event import PhaseBegan
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
@@ -122,7 +123,7 @@ def test_no_sequence_breaks_the_promises(
                     assert all(wanted in happened for wanted in needed)
                     assert "abort" not in since or "all_clear" in since
                     since = []
-            elif isinstance(fact, outbox.Dispatch | outbox.Triggered | outbox.PhaseBegan):
+            elif isinstance(fact, outbox.Dispatch | outbox.Triggered | PhaseBegan):
                 # Nothing is sent but while running: what follows an abort in the outbox would
                 # reach the objects after it.
                 assert here is SessionPhase.RUNNING

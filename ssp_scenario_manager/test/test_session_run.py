@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from ssp_core.motion.event import PhaseBegan
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_scenario_manager.session import outbox
@@ -28,7 +29,7 @@ def test_a_run_from_load_to_reset(driver: Any, tools: Any) -> None:
         ("ARMED", "start", "RUNNING"),
     ]
     assert [f.armed for f in facts if isinstance(f, outbox.ArmObjects)] == [True]
-    (begun,) = [f for f in facts if isinstance(f, outbox.PhaseBegan)]
+    (begun,) = [f for f in facts if isinstance(f, PhaseBegan)]
     assert (begun.phase, begun.stamp_ns) == (Phase.APPROACH, 0)
     (sent,) = [f.reference for f in facts if isinstance(f, outbox.Dispatch)]
     assert (sent.object_id, sent.purpose, sent.event_version) == ("ot1", "approach", "sha256:event")
@@ -64,7 +65,7 @@ def test_a_run_from_load_to_reset(driver: Any, tools: Any) -> None:
     for _ in range(60):
         driver.step()
     facts = driver.acknowledge()
-    began = [f for f in facts if isinstance(f, outbox.PhaseBegan)]
+    began = [f for f in facts if isinstance(f, PhaseBegan)]
     assert [f.phase for f in began] == [Phase.TRIGGER, Phase.CONFLICT, Phase.RESOLUTION]
     # Confirmed after a second of resolution, complete 1.5 s after that.
     end_ns = began[-1].stamp_ns + S + 3 * S // 2
@@ -103,7 +104,7 @@ def test_the_event_is_that_of_the_initiator(
     driver.move("ot2", y_m=0.0, acceleration_mps2=-2.0)
     for _ in range(11):
         driver.step()
-    (began,) = [f for f in driver.acknowledge() if isinstance(f, outbox.PhaseBegan)]
+    (began,) = [f for f in driver.acknowledge() if isinstance(f, PhaseBegan)]
     assert (began.phase, began.stamp_ns) == (Phase.TRIGGER, 20 * MS)
     assert began.evidence == "gap 35.5 m, TTC inf s, deceleration 2.00 m/s^2"
 

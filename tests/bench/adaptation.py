@@ -29,6 +29,8 @@ from measure import report
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline
+from ssp_core.motion.encounter import corridor_half_m
+from ssp_core.motion.event import Corridor, Passing, passing_since
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
@@ -52,7 +54,7 @@ from ssp_scenario_manager.dispatch.references import (
 )
 from ssp_scenario_manager.event_spec import picture as drawing
 from ssp_scenario_manager.run.in_process import Record, run_in_process
-from ssp_scenario_manager.run.result import Passing, passing
+from ssp_scenario_manager.run.result import instants
 
 SCENARIOS = ("cut_in", "vru_crossing")
 Scenario = Literal["cut_in", "vru_crossing"]
@@ -326,12 +328,9 @@ def _measured(run: RunSpec, record: Record) -> Passing:
     """Gap and order on the true states, from when both are at their speeds."""
     if run.vut.approach is None:
         raise RuntimeError("the VUT has no path")
-    return passing(
-        record.truths(run.vut.id),
-        record.truths(run.initiator_id),
-        Polyline(run.vut.approach.path),
-        seconds_to_ns(run.triggers[0].not_before_s),
-    )
+    corridor = Corridor(Polyline(run.vut.approach.path), corridor_half_m(run.vut.size.width_m))
+    states = record.truths(run.vut.id), record.truths(run.initiator_id)
+    return passing_since(instants(*states), corridor, run.triggers[0].not_before_s)
 
 
 def measure_case(scenario: Scenario, gap_s: float, adapt: bool, seed: int) -> Result:

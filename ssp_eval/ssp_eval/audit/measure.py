@@ -13,21 +13,25 @@ from itertools import pairwise
 
 from ssp_core.geometry import box_distance
 from ssp_core.motion.encounter import Observable, encounter
+from ssp_core.motion.event import (
+    TOLERANCE_S,
+    Corridor,
+    Instant,
+    Passing,
+    RecordedEvent,
+    Zone,
+    find_event,
+    instants_of,
+    passing_of,
+)
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import MOTIONS
-from ssp_eval.audit.paths import Lanes, Meeting, Spot, Zone, meet
+from ssp_eval.audit.paths import Lanes, Spot
 from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
-from ssp_eval.recordings.event import (
-    LOCATED_S,
-    TOLERANCE_S,
-    RecordedEvent,
-    Sample,
-    find_event,
-    samples_of,
-)
-from ssp_eval.recordings.geometry import Corridor, motion_word
+from ssp_eval.recordings.event import LOCATED_S
+from ssp_eval.recordings.geometry import motion_word
 from ssp_eval.recordings.states import Series
 
 
@@ -135,7 +139,7 @@ class _Pair:
 
     observer: str
     other: str
-    samples: Sequence[Sample]
+    samples: Sequence[Instant]
     corridor: Corridor
     event: RecordedEvent | None
 
@@ -158,7 +162,7 @@ def measure(scene: Scene) -> Measured:
         None if event is None else event.conflict_s,
         None if event is None else event.resolution_s,
     )
-    meeting = meet(pair.samples, pair.corridor, event)
+    meeting = passing_of(pair.samples, pair.corridor, event)
     target_id = pair.other if pair.observer == scene.vut_id else pair.observer
     own = Corridor.of(vut)
     lanes = None if scene.road is None else Lanes.of(scene.road.road, vut)
@@ -200,7 +204,7 @@ def _critical_pair(scene: Scene, vut: Sequence[ObjectState]) -> _Pair:
     seen, turned = [], []
     corridor = Corridor.of(vut)
     for target_id in scene.target_ids:
-        samples = samples_of(scene.series, scene.vut_id, target_id)
+        samples = instants_of(scene.series, scene.vut_id, target_id)
         if not samples:
             continue
         seen.append(_pair(scene, scene.vut_id, target_id, samples, corridor))
@@ -210,12 +214,12 @@ def _critical_pair(scene: Scene, vut: Sequence[ObjectState]) -> _Pair:
     if best.event is not None and best.event.conflict_s is not None:
         return best
     for target_id in scene.target_ids:
-        samples = samples_of(scene.series, target_id, scene.vut_id)
+        samples = instants_of(scene.series, target_id, scene.vut_id)
         if any(s.vut.speed_mps > 0.0 for s in samples):
             path = Corridor.of([s.vut for s in samples])
             pair = _pair(scene, target_id, scene.vut_id, samples, path)
             # Of two paths that cross, neither is the one that the other crosses.
-            if meet(samples, path, pair.event).relation in ("merge", "following"):
+            if passing_of(samples, path, pair.event).relation in ("merge", "following"):
                 turned.append(pair)
     return min([*seen, *turned], key=_urgency)
 
@@ -229,7 +233,7 @@ def _urgency(pair: _Pair) -> tuple[float, float]:
 
 
 def _pair(
-    scene: Scene, observer: str, other: str, samples: Sequence[Sample], corridor: Corridor
+    scene: Scene, observer: str, other: str, samples: Sequence[Instant], corridor: Corridor
 ) -> _Pair:
     event = find_event(
         samples,
@@ -315,7 +319,7 @@ def _dominant_motion(scene: Scene, corridor: Corridor, target_id: str, phases: P
     if span is None:
         return Property(None, "there is no trigger that it could be measured from")
     held: dict[str, float] = dict.fromkeys(MOTIONS, 0.0)
-    samples = samples_of(scene.series, scene.vut_id, target_id)
+    samples = instants_of(scene.series, scene.vut_id, target_id)
     for sample, following in pairwise(samples):
         if span[0] <= sample.t_s < span[1]:
             word = motion_word(corridor, sample.vut, sample.other)
@@ -329,7 +333,7 @@ def _dominant_motion(scene: Scene, corridor: Corridor, target_id: str, phases: P
     return Property({"motion": (word,)}, f"of {target_id} from {span[0]:.2f} s on: {shares}")
 
 
-def _order(pair: _Pair, meeting: Meeting) -> Property:
+def _order(pair: _Pair, meeting: Passing) -> Property:
     first = meeting.other_first
     if first is None:
         return Property(None, "the paths have no conflict zone")
@@ -341,7 +345,7 @@ def _order(pair: _Pair, meeting: Meeting) -> Property:
     return Property({"order": (" before ".join(pair_ids),)}, how)
 
 
-def _first_arrival(meeting: Meeting) -> float | None:
+def _first_arrival(meeting: Passing) -> float | None:
     arrivals = (meeting.other_arrival_s, meeting.own_arrival_s)
     return min((t_s for t_s in arrivals if t_s is not None), default=None)
 
@@ -356,9 +360,9 @@ def _outline(corridor: Corridor, zone: Zone) -> tuple[tuple[float, float], ...]:
 
 
 def _facts(
-    scene: Scene, corridor: Corridor, target_id: str, phases: Phases, meeting: Meeting
+    scene: Scene, corridor: Corridor, target_id: str, phases: Phases, meeting: Passing
 ) -> dict[str, float | None]:
-    samples = samples_of(scene.series, scene.vut_id, target_id)
+    samples = instants_of(scene.series, scene.vut_id, target_id)
     span = phases.critical_s
     meetings = [
         encounter(s.vut, s.other, corridor.path)
@@ -380,7 +384,7 @@ def _facts(
     return facts
 
 
-def _notes(pair: _Pair, meeting: Meeting) -> tuple[str, ...]:
+def _notes(pair: _Pair, meeting: Passing) -> tuple[str, ...]:
     notes = []
     if meeting.other_first and meeting.own_arrival_s is None:
         notes.append(f"{pair.observer} never reaches the conflict zone; {pair.other} is the first")

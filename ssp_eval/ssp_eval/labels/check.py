@@ -5,10 +5,11 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any
 
+from ssp_core.motion.event import TOLERANCE_S
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import Labels, PhasePosition
 from ssp_eval.labels.plan import APART_S
-from ssp_eval.recordings.event import TOLERANCE_S, source_times
+from ssp_eval.recordings.event import source_times
 from ssp_eval.score.thresholds import DEFAULT
 from ssp_scenario_manager.event_spec.fields import si
 from ssp_scenario_manager.event_spec.model import Event, Interval

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from ssp_core.errors import InputError
+from ssp_core.motion.event import TOLERANCE_S
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import PhasePosition
-from ssp_eval.recordings.event import TOLERANCE_S, Crop
+from ssp_eval.recordings.event import Crop
 from ssp_eval.score.thresholds import DEFAULT
 
 # At most so much between labels from the trigger to the end of the conflict (METHOD 6.9).

@@ -10,20 +10,14 @@ from dataclasses import dataclass
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
+from ssp_core.motion.event import TOLERANCE_S, Corridor, RecordedEvent, find_event, instants_of
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import LON_ACTIONS
 from ssp_eval.data.labels import BY_CLOCK, BY_PHASE, Label, Labels, PhasePosition
 from ssp_eval.labels.plan import NoPlan, Plan, Timeline, plan_labels
 from ssp_eval.labels.truth import DEFAULT_RULES, ProposalRules, Truth
-from ssp_eval.recordings.event import (
-    TOLERANCE_S,
-    Crop,
-    RecordedEvent,
-    crop_of,
-    find_event,
-    samples_of,
-)
-from ssp_eval.recordings.geometry import Corridor, in_view, is_hidden, motion_word, position_word
+from ssp_eval.recordings.event import Crop, crop_of
+from ssp_eval.recordings.geometry import in_view, is_hidden, motion_word, position_word
 from ssp_eval.score.thresholds import DEFAULT
 
 
@@ -284,7 +278,7 @@ def _critical_event(
     events: list[RecordedEvent] = []
     for kind in kinds:
         for object_id in truth.target_ids:
-            samples = samples_of(series, truth.vut_id, object_id)
+            samples = instants_of(series, truth.vut_id, object_id)
             if not samples:
                 continue
             event = find_event(

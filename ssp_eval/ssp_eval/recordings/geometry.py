@@ -13,19 +13,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssp_core.geometry import Polyline, Pose2, wrap_angle
+from ssp_core.geometry import Pose2
 from ssp_core.motion.encounter import (
     AGAINST_RAD,
     OBSERVABLE_LATERAL_MPS,
-    corridor_half_m,
     is_crossing,
 )
+from ssp_core.motion.event import Corridor
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass
 from ssp_eval.recordings.sight import MIN_SHARE, clear_share
 
-_EXTENSION_M = 500.0
-_POINT_SPACING_M = 0.5
 _EYE_HEIGHT_M = 1.45
 # Seen from the VUT's front, an object this far to the side is beside it rather than ahead.
 _BESIDE_RAD = math.radians(60.0)
@@ -51,61 +49,6 @@ class MotionThresholds:
 
 
 DEFAULT_MOTION = MotionThresholds()
-
-
-@dataclass(frozen=True)
-class Extent:
-    """Stations and offsets that a box covers along a path, m."""
-
-    s_min_m: float
-    s_max_m: float
-    l_min_m: float
-    l_max_m: float
-
-
-@dataclass(frozen=True)
-class Corridor:
-    """The VUT's swept corridor (METHOD 1): its path, and half the width plus the margin."""
-
-    path: Polyline
-    half_width_m: float
-
-    @classmethod
-    def of(cls, vut: Sequence[ObjectState]) -> Corridor:
-        """The corridor of a recorded VUT.
-
-        Args:
-            vut: its states in time order, at least one.
-        """
-        points = [(vut[0].x_m, vut[0].y_m)]
-        for state in vut[1:]:
-            if math.dist(points[-1], (state.x_m, state.y_m)) >= _POINT_SPACING_M:
-                points.append((state.x_m, state.y_m))
-        points.insert(0, vut[0].pose.to_parent(-_EXTENSION_M, 0.0))
-        end = Pose2(*points[-1], vut[-1].yaw_rad)
-        points.append(end.to_parent(_EXTENSION_M, 0.0))
-        return cls(Polyline(points), corridor_half_m(vut[0].size.width_m))
-
-    def extent(self, state: ObjectState) -> Extent:
-        """What an object's box covers."""
-        projected = self.path.project_all(state.box.corners())
-        stations = [station for station, _ in projected]
-        offsets = [offset for _, offset in projected]
-        return Extent(min(stations), max(stations), min(offsets), max(offsets))
-
-    def overlaps(self, extent: Extent) -> bool:
-        """True when an extent reaches into the corridor sideways."""
-        return extent.l_min_m < self.half_width_m and extent.l_max_m > -self.half_width_m
-
-    def velocity(self, state: ObjectState) -> tuple[float, float]:
-        """Speed along the path and to its left, m/s."""
-        station, _ = self.path.project(state.x_m, state.y_m)
-        angle = wrap_angle(state.yaw_rad - self.path.pose(station).yaw_rad)
-        return state.speed_mps * math.cos(angle), state.speed_mps * math.sin(angle)
-
-    def front_m(self, vut: ObjectState) -> float:
-        """Station of the VUT's front bumper."""
-        return self.path.project(*vut.pose.to_parent(vut.size.front_m, 0.0))[0]
 
 
 def position_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> str:

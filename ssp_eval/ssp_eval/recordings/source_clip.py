@@ -21,9 +21,10 @@ from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_file
+from ssp_core.motion.event import find_event, instants_of
 from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_core.world.source_clip import ClipBoard, clip_maker
-from ssp_eval.recordings.event import event_thresholds, find_event, samples_of
+from ssp_eval.recordings.event import event_thresholds
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, seal_event, seals, write_event
@@ -99,7 +100,7 @@ def measure_clip(event: Event, board: ClipBoard) -> Drawn:
     """
     times = board.times()
     series = [(t_s, {s.object_id: s for s in board.states(t_s)}) for t_s in times]
-    samples = samples_of(series, event.vut_id, event.interaction.initiator)
+    samples = instants_of(series, event.vut_id, event.interaction.initiator)
     thresholds = event_thresholds(event)
     road = Polyline([(0.0, 0.0), (board.road.length_m, 0.0)])
     kind = KINDS[event.interaction.type]

@@ -20,12 +20,12 @@ from rosbags.typesys import Stores, get_typestore
 from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.clock import NS_PER_S
+from ssp_core.motion.event import Corridor, RecordedEvent, find_event, instants_of
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.data.provenance import Provenance, read_provenance
-from ssp_eval.recordings.event import RecordedEvent, event_thresholds, find_event, samples_of
-from ssp_eval.recordings.geometry import Corridor
+from ssp_eval.recordings.event import event_thresholds
 from ssp_eval.recordings.states import RecordedStates, Series, clip_zero_ns, read_states
 from ssp_scenario_manager.event_spec.load import load_event
 
@@ -250,7 +250,7 @@ def cut_in(duration_s: float = 10.0) -> TrackDay:
 
 def event_of(series: Series) -> RecordedEvent:
     """The cut-in that states show."""
-    samples = samples_of(series, "vut", "ot1")
+    samples = instants_of(series, "vut", "ot1")
     path = Corridor.of([s.vut for s in samples]).path
     found = find_event(samples, path, event_thresholds(CUT_IN))
     assert found is not None

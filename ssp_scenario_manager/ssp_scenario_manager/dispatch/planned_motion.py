@@ -12,6 +12,7 @@ import numpy as np
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.geometry import FloatArray, Polyline, wrap_angle
 from ssp_core.motion.encounter import AGAINST_RAD, corridor_half_m, is_crossing, swept_stations
+from ssp_core.motion.event import Zone
 from ssp_core.motion.reference import Points, Reference, ReferencePoint, between
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.participants import ParticipantSpec
@@ -21,14 +22,6 @@ from ssp_core.vocabulary import Role
 _LOOKED_AT_S = 20.0
 # Points that are looked at at once.
 _PIECE = 32
-
-
-@dataclass(frozen=True, slots=True)
-class Zone:
-    """The conflict zone along the VUT's path, m: from the conflict point to its end."""
-
-    start_m: float
-    end_m: float
 
 
 @dataclass(frozen=True)

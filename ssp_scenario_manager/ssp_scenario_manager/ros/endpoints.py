@@ -20,6 +20,7 @@ from ssp_core.cdr.references import Acknowledgement, decode_ack, encode_referenc
 from ssp_core.cdr.states import decode_state
 from ssp_core.cdr.steps import decode_done, decode_tick_head
 from ssp_core.clock import NS_PER_S
+from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.names import MAP_FRAME
@@ -303,7 +304,7 @@ def trigger_to_msg(fired: outbox.Triggered, dispatch_ns: int, processing_s: floa
     return message
 
 
-def phase_to_msg(began: outbox.PhaseBegan) -> PhaseEvent:
+def phase_to_msg(began: PhaseBegan) -> PhaseEvent:
     message = PhaseEvent()
     message.header.stamp = stamp_from_ns(began.stamp_ns)
     message.header.frame_id = MAP_FRAME
@@ -377,7 +378,7 @@ class Publications:
 
     def send(
         self,
-        fact: outbox.Triggered | outbox.PhaseBegan | outbox.LimitPassed | outbox.Note,
+        fact: outbox.Triggered | PhaseBegan | outbox.LimitPassed | outbox.Note,
         now_ns: int,
         arrival_ns: int,
     ) -> None:
@@ -391,7 +392,7 @@ class Publications:
         if isinstance(fact, outbox.Triggered):
             processing_s = (time.monotonic_ns() - arrival_ns) / NS_PER_S
             self._trigger.publish(trigger_to_msg(fact, now_ns, processing_s))
-        elif isinstance(fact, outbox.PhaseBegan):
+        elif isinstance(fact, PhaseBegan):
             self._phase.publish(phase_to_msg(fact))
         elif isinstance(fact, outbox.Note):
             self._log.info(fact.text)

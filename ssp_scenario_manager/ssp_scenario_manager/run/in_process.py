@@ -17,16 +17,16 @@ import numpy as np
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.files import write_bytes
+from ssp_core.motion.event import Passing, PhaseBegan
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_core.world.plant import FaultFact, LimitFact, ManagerUpdate, Plant, StepReport, make_plant
-from ssp_scenario_manager.run.result import Fired, Happened, Passing, misses, result_keys, rounded
+from ssp_scenario_manager.run.result import Fired, Happened, misses, result_keys, rounded
 from ssp_scenario_manager.session import limits, outbox
 from ssp_scenario_manager.session.link_quality import LinkEstimate
-from ssp_scenario_manager.session.outbox import PhaseBegan
 from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.run_script import RunOutcome, RunScript
 from ssp_scenario_manager.session.session import Session
@@ -52,7 +52,7 @@ class Account:
 
     changes: list[outbox.StateChanged] = field(default_factory=list)
     triggers: list[Fired] = field(default_factory=list)
-    phases: list[outbox.PhaseBegan] = field(default_factory=list)
+    phases: list[PhaseBegan] = field(default_factory=list)
     violations: list[limits.Violation] = field(default_factory=list)
     references: list[Reference] = field(default_factory=list)
     notes: list[outbox.Note] = field(default_factory=list)
@@ -239,7 +239,7 @@ class InProcessSession:
                 account.changes.append(fact)
             elif isinstance(fact, outbox.Triggered):
                 account.triggers.append(_fired(fact, self._now_ns))
-            elif isinstance(fact, outbox.PhaseBegan):
+            elif isinstance(fact, PhaseBegan):
                 account.phases.append(fact)
             elif isinstance(fact, outbox.LimitPassed):
                 account.violations.append(fact.violation)

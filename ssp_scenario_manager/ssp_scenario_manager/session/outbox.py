@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.reference import Reference
-from ssp_core.vocabulary import Phase, SessionPhase, Verdict
+from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_scenario_manager.session.limits import Violation
 from ssp_scenario_manager.triggers.conditions import Sample
 
@@ -41,15 +42,6 @@ class Triggered:
     samples: tuple[Sample, ...]
     crossing_ns: int
     references: tuple[Reference, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class PhaseBegan:
-    """A phase of the event was confirmed."""
-
-    stamp_ns: int
-    phase: Phase
-    evidence: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.motion.event import PhaseBegan, next_phase
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
@@ -34,7 +35,6 @@ from ssp_scenario_manager.session.limits import (
 )
 from ssp_scenario_manager.session.preconditions import trigger_age_s
 from ssp_scenario_manager.session.run import Run
-from ssp_scenario_manager.triggers import phases
 from ssp_scenario_manager.triggers.conditions import Snapshot
 from ssp_scenario_manager.triggers.evaluator import Firing, OpenWatches, TriggerWatch
 
@@ -43,7 +43,7 @@ def begin(run: Run, now_ns: int) -> list[outbox.Outgoing]:
     """Starts the run's clock and sends everybody on their approach; who has none stands."""
     run.started_ns = now_ns
     run.watches = OpenWatches(TriggerWatch(t, run.path, now_ns) for t in run.spec.triggers)
-    facts: list[outbox.Outgoing] = [outbox.PhaseBegan(now_ns, Phase.APPROACH, "start of the run")]
+    facts: list[outbox.Outgoing] = [PhaseBegan(now_ns, Phase.APPROACH, "start of the run")]
     for target in run.spec.targets:
         if target.approach is not None:
             address = run.address(target.id, "approach", now_ns, references.APPROACH_LEAD_S)
@@ -141,7 +141,7 @@ def judge_phases(
     state = targets.get(run.spec.initiator_id)
     if state is None:
         return []
-    run.phase_watch, began = phases.next_phase(
+    run.phase_watch, began = next_phase(
         run.phase_watch,
         vut,
         state.extrapolated(vut.stamp_ns),
@@ -154,7 +154,7 @@ def judge_phases(
     run.phase_starts[began.phase] = began.stamp_ns
     if began.phase is Phase.RESOLUTION:
         run.resolved_ns = vut.stamp_ns
-    return [outbox.PhaseBegan(began.stamp_ns, began.phase, began.evidence)]
+    return [began]
 
 
 def is_complete(run: Run, now_ns: int) -> bool:

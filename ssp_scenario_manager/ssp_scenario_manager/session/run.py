@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline
+from ssp_core.motion.event import PhaseWatch
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
@@ -21,7 +22,6 @@ from ssp_scenario_manager.dispatch.references import (
 )
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation, of_object
-from ssp_scenario_manager.triggers import phases
 from ssp_scenario_manager.triggers.evaluator import OpenWatches
 
 
@@ -36,7 +36,7 @@ class Run:
     answers: PendingReferences = field(default_factory=PendingReferences)
     adaptations: Adaptations = field(default_factory=Adaptations)
     watches: OpenWatches = field(default_factory=OpenWatches)
-    phase_watch: phases.PhaseWatch = field(default_factory=phases.PhaseWatch)
+    phase_watch: PhaseWatch = field(default_factory=PhaseWatch)
     phase_starts: dict[Phase, int] = field(default_factory=dict)
     armed: bool = False
     resolved_ns: int | None = None

@@ -13,6 +13,7 @@ import numpy as np
 
 from ssp_core.geometry import FloatArray, Polyline
 from ssp_core.motion.encounter import OBSERVABLE_BRAKING_MPS2, corridor_half_m
+from ssp_core.motion.event import RESOLUTION_CONFIRMATION_S
 from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import RunSpec
@@ -39,7 +40,6 @@ from ssp_core.run_file.values import Path2
 from ssp_core.safety.fence import room_m
 from ssp_scenario_manager.dispatch.references import APPROACH_LEAD_S
 from ssp_scenario_manager.triggers.conditions import leaves
-from ssp_scenario_manager.triggers.phases import RESOLUTION_CONFIRMATION_S
 
 SPACING_M = 0.5
 _LANE_CHANGE_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)

@@ -18,6 +18,7 @@ from pydantic import TypeAdapter
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import Polyline
+from ssp_core.motion.event import RESOLUTION_CONFIRMATION_S
 from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.run_file.participants import Condition, FollowPath, RelativeDistance, TimeToArrival
 from ssp_core.vocabulary import ObjectClass, Phase
@@ -25,7 +26,6 @@ from ssp_scenario_manager.compile.targets.openscenario import export_openscenari
 from ssp_scenario_manager.compile.targets.ramps import legs
 from ssp_scenario_manager.compile.task import PlaceLink, Task, sealed
 from ssp_scenario_manager.run.in_process import driven
-from ssp_scenario_manager.triggers.phases import RESOLUTION_CONFIRMATION_S
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 # The others write nothing on a bend that these don't.

@@ -12,6 +12,7 @@ from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.geometry import Polyline
+from ssp_core.motion.event import RESOLUTION_CONFIRMATION_S
 from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Motion
@@ -19,7 +20,6 @@ from ssp_core.vocabulary import ObjectWord, Phase
 from ssp_scenario_manager.dispatch.references import APPROACH_LEAD_S
 from ssp_scenario_manager.run.in_process import driven
 from ssp_scenario_manager.triggers.conditions import condition_text
-from ssp_scenario_manager.triggers.phases import RESOLUTION_CONFIRMATION_S
 
 # When a target's ramp begins, s after the session's start.
 TARGET_START_S = APPROACH_LEAD_S + DEFAULT_RAMP_S / 2
