@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import pytest
@@ -15,8 +14,7 @@ from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import ControlState, Verdict
 from ssp_scenario_manager.session import limits
-from ssp_scenario_manager.session.limits import Violation, verdict_for
-from ssp_scenario_manager.session.progress import violations
+from ssp_scenario_manager.session.limits import Violation, verdict_for, violations
 
 S = 1_000_000_000
 FENCE = [(-100.0, -100.0), (1000.0, -100.0), (1000.0, 100.0), (-100.0, 100.0)]
@@ -66,11 +64,11 @@ def test_separation(state: StateMaker, gap_m: float, code: SafetyCode | None) ->
         state("ot1", size=size, x_m=-4.5 - gap_m),  # behind
         state("ot1", size=size, y_m=2.0 + gap_m),  # beside
     ):
-        found = limits.too_near(vut, other, LIMITS)
+        near = limits.too_near([vut, other], LIMITS)
         if code is None:
-            assert found is None
+            assert near == []
             continue
-        assert found is not None
+        (found,) = near
         assert (found.code, found.object_id, found.stamp_ns) == (code, "ot1", 7)
         assert found.measured == pytest.approx(max(gap_m, 0.0), abs=1e-12)
         assert found.limit == (0.5 if code is SafetyCode.SEPARATION else 0.0)
@@ -86,8 +84,7 @@ def test_separation_of_large_and_turned_objects_is_not_skipped(state: StateMaker
         corner = max(state("vut", yaw_rad=yaw).box.corners(), key=lambda p: p[0])
         # The VUT's foremost corner 0.2 m behind the bus, at the middle of its rear.
         vut = state("vut", yaw_rad=yaw, x_m=-3.2 - corner[0], y_m=-corner[1])
-        found = limits.too_near(vut, bus, LIMITS)
-        assert found is not None
+        (found,) = limits.too_near([vut, bus], LIMITS)
         assert found.measured == pytest.approx(0.2)
 
 
@@ -103,54 +100,25 @@ def test_separation_does_not_depend_on_the_place(state: StateMaker) -> None:
                 x_m=x_m + dx_m,
                 y_m=y_m + dy_m,
             )
-            found = limits.too_near(bus, walker, LIMITS)
-            assert found is not None
+            (found,) = limits.too_near([bus, walker], LIMITS)
             assert found.measured == pytest.approx(0.25)
         away = replace(walker, y_m=y_m + 2.7)
-        assert limits.too_near(bus, away, LIMITS) is None
+        assert limits.too_near([bus, away], LIMITS) == []
 
 
 # -- times ----------------------------------------------------------------------------------------
 
-Judge = Callable[[float], Violation | None]
-TIMES: list[tuple[SafetyCode, str, float, Judge]] = [
-    (SafetyCode.VUT_SILENT, "vut", 0.125, lambda s: limits.vut_silent(s, LIMITS, 3)),
-    (SafetyCode.OBJECT_SILENT, "a", 0.125, lambda s: limits.object_silent("a", s, LIMITS, 3)),
-    (SafetyCode.REPLY_MISSING, "a", 0.25, lambda s: limits.reply_missing("a", s, LIMITS, 3)),
-    (
-        SafetyCode.RECORDER,
-        "monitor",
-        2.0,
-        lambda s: limits.silent(SafetyCode.RECORDER, "monitor", s, 2.0, 3),
-    ),
-]
 
+@pytest.mark.parametrize("limit_s", [0.125, 2.0])
+def test_silence(limit_s: float) -> None:
+    def judged(age_s: float) -> Violation | None:
+        return limits.silent(SafetyCode.RECORDER, "monitor", age_s, limit_s, 3)
 
-@pytest.mark.parametrize(
-    ("code", "who", "limit_s", "judged"), TIMES, ids=[code.name.lower() for code, *_ in TIMES]
-)
-def test_silence(code: SafetyCode, who: str, limit_s: float, judged: Judge) -> None:
     for age_s in (0.0, math.nextafter(limit_s, 0.0), limit_s):
         assert judged(age_s) is None
     for age_s in (math.nextafter(limit_s, 9.0), math.inf):
-        assert judged(age_s) == Violation(code, who, age_s, limit_s, 3)
+        assert judged(age_s) == Violation(SafetyCode.RECORDER, "monitor", age_s, limit_s, 3)
     assert judged(math.nan) is not None
-
-
-@pytest.mark.parametrize(("age_ns", "passed"), [(S // 2 - 1, 0), (S // 2, 0), (S // 2 + 1, 1)])
-def test_ack_missing(age_ns: int, passed: bool) -> None:
-    found = limits.ack_missing("ot1", 2 * S, 2 * S + age_ns, LIMITS)
-    assert (found is not None) == passed
-    if found is not None:
-        assert (found.code, found.object_id, found.limit) == (SafetyCode.ACK_MISSING, "ot1", 0.5)
-
-
-@pytest.mark.parametrize(("age_ns", "passed"), [(60 * S - 1, 0), (60 * S, 0), (60 * S + 1, 1)])
-def test_duration(age_ns: int, passed: bool) -> None:
-    found = limits.duration(S, S + age_ns, LIMITS)
-    assert (found is not None) == passed
-    if found is not None:
-        assert (found.code, found.limit) == (SafetyCode.DURATION, 60.0)
 
 
 @pytest.mark.parametrize("allowance_ns", [0, S // 4])
@@ -175,28 +143,14 @@ def test_a_stamp_ahead_of_time(
 # -- counts ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("judged", "code"),
-    [
-        (limits.recorder_lost, SafetyCode.RECORDER),
-        (partial(limits.foreign_manager, detail=""), SafetyCode.FOREIGN_MANAGER),
-    ],
-)
-def test_one_is_too_many(judged: Callable[[int, int], Violation | None], code: SafetyCode) -> None:
-    assert judged(0, 7) is None
+def test_one_is_too_many() -> None:
+    assert limits.too_many(SafetyCode.RECORDER, 0, 7, "x") is None
     for count in (1, 12):
-        found = judged(count, 7)
-        assert found is not None
-        assert (found.code, found.measured, found.limit, found.stamp_ns) == (code, count, 0.0, 7)
+        found = limits.too_many(SafetyCode.RECORDER, count, 7, "x")
+        assert found == Violation(SafetyCode.RECORDER, "", count, 0.0, 7, "x")
 
 
 # -- reports of objects ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("control_state", ControlState)
-def test_own_abort(state: StateMaker, control_state: ControlState) -> None:
-    found = limits.own_abort(state("ot1", control_state=control_state))
-    assert (found is not None) == (control_state is ControlState.ABORTING)
 
 
 ERRORS = {
@@ -214,16 +168,14 @@ ERRORS = {
      (math.inf, True)],
 )  # fmt: skip
 def test_tracking_error(
-    state: StateMaker, name: str, sign: float, factor: float, passed: bool
+    state: StateMaker, spec: RunSpec, name: str, sign: float, factor: float, passed: bool
 ) -> None:
     code, limit = ERRORS[name]
     reported = state("ot1", reference_id="r", **{name: sign * factor * limit})
-    found = limits.tracking_error(reported, LIMITS)
-    assert (found is not None) == passed
-    if found is not None:
-        assert (found.code, found.object_id, found.limit) == (code, "ot1", limit)
+    found = [(v.code, v.object_id, v.limit) for v in violations([reported], spec)]
+    assert found == ([(code, "ot1", limit)] if passed else [])
     # Without a reference the fields say nothing.
-    assert limits.tracking_error(replace(reported, reference_id=""), LIMITS) is None
+    assert violations([replace(reported, reference_id="")], spec) == []
 
 
 # -- together -------------------------------------------------------------------------------------

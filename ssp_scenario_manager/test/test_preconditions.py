@@ -13,9 +13,9 @@ import pytest
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState
-from ssp_scenario_manager.session import preconditions
 from ssp_scenario_manager.session.link_quality import LinkEstimate
-from ssp_scenario_manager.session.preconditions import Facts, missing_to_connect
+from ssp_scenario_manager.session.preconditions import Facts, missing_for
+from ssp_scenario_manager.session.state_machine import SessionEvent
 
 S = 1_000_000_000
 NOW_NS = 50 * S
@@ -30,8 +30,9 @@ READY = Facts(
 )
 StateMaker = Callable[..., ObjectState]
 # At the instant of the states.
-missing_to_arm = partial(preconditions.missing_to_arm, now_ns=NOW_NS)
-missing_to_start = partial(preconditions.missing_to_start, now_ns=NOW_NS)
+missing_to_connect = partial(missing_for, SessionEvent.CONNECT, now_ns=NOW_NS)
+missing_to_arm = partial(missing_for, SessionEvent.ARM, now_ns=NOW_NS)
+missing_to_start = partial(missing_for, SessionEvent.START, now_ns=NOW_NS)
 
 
 @pytest.fixture

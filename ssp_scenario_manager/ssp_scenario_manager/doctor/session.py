@@ -18,7 +18,8 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.doctor.checks import Finding, Status
 from ssp_scenario_manager.session.link_quality import LinkEstimate
-from ssp_scenario_manager.session.preconditions import Facts, missing_to_arm
+from ssp_scenario_manager.session.preconditions import Facts, missing_for
+from ssp_scenario_manager.session.state_machine import SessionEvent
 
 # A stream that comes at less than this share of its nominal rate is too slow to rely on.
 RATE_SHARE = 0.8
@@ -318,7 +319,8 @@ def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
         other_managers=max(0, len(heard.managers) - 1),
     )
     targets = {i: state for i, state in heard.states.items() if i != spec.vut.id}
-    missing = missing_to_arm(spec, facts, heard.states.get(spec.vut.id), targets, heard.now_ns)
+    vut = heard.states.get(spec.vut.id)
+    missing = missing_for(SessionEvent.ARM, spec, facts, vut, targets, heard.now_ns)
     if missing:
         return Finding("arming", Status.FAIL, "; ".join(missing), "see the findings above")
     return Finding("arming", Status.OK, "nothing keeps this session from arming")

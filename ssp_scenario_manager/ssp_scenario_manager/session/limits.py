@@ -1,39 +1,70 @@
-"""Limits of a session as the manager judges them: one named predicate each, with what it measured.
+"""Limits of a session as the manager judges them: what was passed, and what it makes of a run.
 
-A predicate returns None while its limit is kept. Limits are inclusive: a value equal to its limit
-is still allowed (METHOD 6.11). What objects judge by too stands in ssp_core.safety.limits.
+Limits are inclusive: a value equal to its limit is still allowed (METHOD 6.11). The predicates that
+objects judge by too stand in ssp_core.safety.limits.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.model import Limits
+from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.vocabulary import ControlState, Verdict
 
 # A manager whose own timer comes so late blames nobody for that time.
 LATE_S = 0.5
-_OF_TIME = {
-    SafetyCode.HEARTBEAT_LOST,
-    SafetyCode.WORLD_SILENT,
-    SafetyCode.VUT_SILENT,
-    SafetyCode.OBJECT_SILENT,
-    SafetyCode.OBJECT_ABORTED,
-    SafetyCode.REPLY_MISSING,
-    SafetyCode.ACK_MISSING,
-    SafetyCode.CLOCK_OFFSET,
-    SafetyCode.LINK_DELAY,
-    SafetyCode.PARTICIPANT_LOST,
-}
-_OF_OBJECTS = {SafetyCode.OBJECT_ABORTED, SafetyCode.HEARTBEAT_LOST}
 # Events of other nodes are under way for less.
 REPORT_AGE_S = 2.0
+_C = SafetyCode
+# What a run becomes whose first reason is this; whatever isn't here failed on safety.
+_VERDICTS = {
+    **dict.fromkeys(
+        (
+            _C.OPERATOR,
+            _C.OBJECT_SILENT,
+            _C.VUT_SILENT,
+            _C.HEARTBEAT_LOST,
+            _C.ACK_MISSING,
+            _C.REFERENCE_REFUSED,
+            _C.STATE_STALE,
+            _C.REPLY_MISSING,
+            _C.CLOCK_OFFSET,
+            _C.LINK_DELAY,
+        ),
+        Verdict.ABORTED,
+    ),
+    **dict.fromkeys(
+        (_C.RECORDER, _C.WORLD_SILENT, _C.PARTICIPANT_LOST, _C.OVERRUN, _C.FOREIGN_MANAGER),
+        Verdict.INVALID_HARNESS,
+    ),
+    _C.EVENT_MISSING: Verdict.OFF_SPEC,
+}
+# Objects stop by themselves for many reasons; a manager that was heard in time is none.
+_OF_OBJECTS = {_C.OBJECT_ABORTED, _C.HEARTBEAT_LOST}
+# What also seems passed to a manager that stood still itself.
+_OF_TIME = _OF_OBJECTS | {
+    _C.WORLD_SILENT,
+    _C.VUT_SILENT,
+    _C.OBJECT_SILENT,
+    _C.REPLY_MISSING,
+    _C.ACK_MISSING,
+    _C.CLOCK_OFFSET,
+    _C.LINK_DELAY,
+    _C.PARTICIPANT_LOST,
+}
+
+
+def verdict_for(code: SafetyCode) -> Verdict:
+    """The verdict of a run whose first reason has this code."""
+    return _VERDICTS.get(code, Verdict.FAILED_SAFETY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,54 +107,16 @@ def of_object(
     return Violation(passed.code, object_id, passed.measured, passed.limit, stamp_ns, detail)
 
 
-# -- of two objects -------------------------------------------------------------------------------
-
-
-def too_near(a: ObjectState, b: ObjectState, limits: Limits) -> Violation | None:
-    """The boxes of two objects are closer than the separation limit, or touch."""
-    passed = judge.separation(a, b, limits)
-    return of_object(passed, b.object_id, a.stamp_ns, f"{a.object_id} and {b.object_id}")
-
-
-# -- of times -------------------------------------------------------------------------------------
-
-
 def silent(
     code: SafetyCode, who: str, age_s: float, limit_s: float, stamp_ns: int
 ) -> Violation | None:
     """Nothing was heard for longer than allowed; an age that is no number is too long."""
-    if age_s <= limit_s:
-        return None
-    return Violation(code, who, age_s, limit_s, stamp_ns)
+    return None if age_s <= limit_s else Violation(code, who, age_s, limit_s, stamp_ns)
 
 
-def vut_silent(age_s: float, limits: Limits, stamp_ns: int) -> Violation | None:
-    """The newest state of the VUT is too old, s on the session's clock."""
-    return silent(SafetyCode.VUT_SILENT, "vut", age_s, limits.state_age_s, stamp_ns)
-
-
-def object_silent(object_id: str, age_s: float, limits: Limits, stamp_ns: int) -> Violation | None:
-    """The newest state of an object target is too old, s on the session's clock."""
-    return silent(SafetyCode.OBJECT_SILENT, object_id, age_s, limits.state_age_s, stamp_ns)
-
-
-def reply_missing(object_id: str, age_s: float, limits: Limits, stamp_ns: int) -> Violation | None:
-    """An object target doesn't answer heartbeats any more, s on the steady clock."""
-    return silent(SafetyCode.REPLY_MISSING, object_id, age_s, limits.heartbeat_s, stamp_ns)
-
-
-def ack_missing(
-    object_id: str, dispatched_ns: int, now_ns: int, limits: Limits
-) -> Violation | None:
-    """A reference was sent and not answered in time."""
-    age_s = ns_to_seconds(now_ns - dispatched_ns)
-    return silent(SafetyCode.ACK_MISSING, object_id, age_s, limits.ack_s, now_ns)
-
-
-def duration(started_ns: int, now_ns: int, limits: Limits) -> Violation | None:
-    """The run goes on for too long."""
-    passed = judge.duration(ns_to_seconds(now_ns - started_ns), limits)
-    return of_object(passed, "", now_ns)
+def too_many(code: SafetyCode, count: int, stamp_ns: int, detail: str) -> Violation | None:
+    """There is something of which there may be none."""
+    return None if count <= 0 else Violation(code, "", float(count), 0.0, stamp_ns, detail)
 
 
 def stamp_ahead(
@@ -142,34 +135,56 @@ def stamp_ahead(
     return of_object(passed, state.object_id, now_ns, "its states are stamped ahead of time")
 
 
-# -- of reports -----------------------------------------------------------------------------------
+# -- of the states of one instant ------------------------------------------------------------------
 
 
-def own_abort(state: ObjectState) -> Violation | None:
-    """An object went to ABORTING on its own."""
-    if state.control_state is not ControlState.ABORTING:
-        return None
-    return Violation(
-        SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, "local stop"
-    )
+def too_near(everyone: Sequence[ObjectState], limits: Limits) -> list[Violation]:
+    """Pairs whose boxes are closer than the separation limit, or touch.
+
+    Args:
+        everyone: finite states at one stamp.
+        limits: of the site.
+    """
+    found = []
+    for i, k in judge.near_pairs(everyone, limits.separation_m):
+        a, b = everyone[i], everyone[k]
+        both = f"{a.object_id} and {b.object_id}"
+        found.append(of_object(judge.separation(a, b, limits), b.object_id, a.stamp_ns, both))
+    return [violation for violation in found if violation is not None]
 
 
-def not_running(state: ObjectState) -> Violation:
-    """An object that isn't RUNNING although the session is."""
-    detail = f"it is {state.control_state.name} while the session runs"
-    return Violation(SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, detail)
+def violations(everyone: Sequence[ObjectState], spec: RunSpec) -> list[Violation]:
+    """All limits that the states of one instant pass, the gravest first.
+
+    Args:
+        everyone: states at one stamp, that of the VUT first where there is one.
+        spec: gives limits and fence.
+    """
+    limits = spec.limits
+    found = [of_object(judge.state_not_finite(s), s.object_id, s.stamp_ns) for s in everyone]
+    sound = [state for state in everyone if state.is_finite]
+    found += too_near(sound, limits)
+    for state in sound:
+        passed = [
+            judge.over_speed(state, limits),
+            judge.outside_geofence(box_excess_m(state.box, spec.geofence)),
+            judge.localisation(state, limits),
+        ]
+        if state.reference_id and state.control_state is ControlState.RUNNING:
+            # Who brakes for another reason leaves its reference, and brakes harder than one asks.
+            passed.append(judge.over_acceleration(state, limits))
+        if state.reference_id:
+            passed.append(
+                judge.error_longitudinal(state.error_longitudinal_m, limits)
+                or judge.error_lateral(state.error_lateral_m, limits)
+                or judge.error_yaw(state.error_yaw_rad, limits)
+            )
+        found += [of_object(one, state.object_id, state.stamp_ns) for one in passed]
+    real = [violation for violation in found if violation is not None]
+    return sorted(real, key=lambda v: v.code != SafetyCode.COLLISION)
 
 
-def tracking_error(state: ObjectState, limits: Limits) -> Violation | None:
-    """The object's own report of its distance from the reference that it drives."""
-    if not state.reference_id:
-        return None
-    passed = (
-        judge.error_longitudinal(state.error_longitudinal_m, limits)
-        or judge.error_lateral(state.error_lateral_m, limits)
-        or judge.error_yaw(state.error_yaw_rad, limits)
-    )
-    return of_object(passed, state.object_id, state.stamp_ns)
+# -- of reports ------------------------------------------------------------------------------------
 
 
 def own_lateness(found: Violation, late_s: float, heartbeat_s: float) -> Violation:
@@ -185,14 +200,13 @@ def own_lateness(found: Violation, late_s: float, heartbeat_s: float) -> Violati
     """
     # A recorder that lost messages is one without a name; a silent one has its node's.
     silent_recorder = found.code is SafetyCode.RECORDER and bool(found.object_id)
-    # Objects stop by themselves for many reasons; a manager that was heard in time is none.
     limit_s = max(LATE_S, heartbeat_s) if found.code in _OF_OBJECTS else LATE_S
     if late_s <= limit_s or not (found.code in _OF_TIME or silent_recorder):
         return found
-    instead = f"instead of {MEANINGS[found.code].limit_name}"
     who = f" of {found.object_id}" if found.object_id else ""
+    instead = f"instead of {MEANINGS[found.code].limit_name}{who}"
     return Violation(
-        SafetyCode.OVERRUN, names.SCENARIO_MANAGER, late_s, limit_s, found.stamp_ns, instead + who
+        SafetyCode.OVERRUN, names.SCENARIO_MANAGER, late_s, limit_s, found.stamp_ns, instead
     )
 
 
@@ -208,53 +222,3 @@ def in_session_time(reported: Violation, now_ns: int) -> Violation:
         return reported
     detail = f"{reported.detail}, stamped {off_s:+.3g} s from the session's time"
     return replace(reported, stamp_ns=now_ns, detail=detail)
-
-
-def recorder_lost(lost: int, stamp_ns: int) -> Violation | None:
-    """The recorder has lost messages: the run can't be explained from its bag."""
-    if lost <= 0:
-        return None
-    detail = "messages lost by the recorder"
-    return Violation(SafetyCode.RECORDER, "", float(lost), 0.0, stamp_ns, detail)
-
-
-def foreign_manager(others: int, stamp_ns: int, detail: str) -> Violation | None:
-    """Others publish what one node alone may, as a second manager its heartbeats; who, in words."""
-    if others <= 0:
-        return None
-    return Violation(SafetyCode.FOREIGN_MANAGER, "", float(others), 0.0, stamp_ns, detail)
-
-
-# -- verdicts -------------------------------------------------------------------------------------
-
-# What an abort for this reason makes of the run; codes that aren't here fail on safety.
-_ABORTED = {
-    SafetyCode.OPERATOR,
-    SafetyCode.OBJECT_SILENT,
-    SafetyCode.VUT_SILENT,
-    SafetyCode.HEARTBEAT_LOST,
-    SafetyCode.ACK_MISSING,
-    SafetyCode.REFERENCE_REFUSED,
-    SafetyCode.STATE_STALE,
-    SafetyCode.REPLY_MISSING,
-    SafetyCode.CLOCK_OFFSET,
-    SafetyCode.LINK_DELAY,
-}
-_HARNESS = {
-    SafetyCode.RECORDER,
-    SafetyCode.WORLD_SILENT,
-    SafetyCode.PARTICIPANT_LOST,
-    SafetyCode.OVERRUN,
-    SafetyCode.FOREIGN_MANAGER,
-}
-
-
-def verdict_for(code: SafetyCode) -> Verdict:
-    """The verdict of a run whose first reason has this code."""
-    if code in _HARNESS:
-        return Verdict.INVALID_HARNESS
-    if code in _ABORTED:
-        return Verdict.ABORTED
-    if code is SafetyCode.EVENT_MISSING:
-        return Verdict.OFF_SPEC
-    return Verdict.FAILED_SAFETY

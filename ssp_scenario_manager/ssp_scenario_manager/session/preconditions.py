@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds
@@ -12,17 +12,32 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety import limits as judge
+from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.fence import box_excess_m
+from ssp_core.safety.limits import LimitViolation
 from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.session.link_quality import LinkEstimate
-from ssp_scenario_manager.session.run import Run
 from ssp_scenario_manager.session.state_machine import SessionEvent
 
 FRESH_S = 1.0
 RECORDER_FRESH_S = 2.0
 CAMERA_FRESH_S = 3.0
 STANDSTILL_MPS = 0.05
-_READY_TO_ARM = (ControlState.DISARMED, ControlState.ARMED)
+# What an object must report before a command.
+_CONTROL = {
+    SessionEvent.ARM: (ControlState.DISARMED, ControlState.ARMED),
+    SessionEvent.START: (ControlState.ARMED,),
+}
+# How a refused command names a limit that is passed: whose, measured value, limit.
+_WORDS = {
+    SafetyCode.STATE_STALE: "the state of {who} is {value:.2f} s old, limit {limit:g} s",
+    SafetyCode.LOCALISATION: "the position of {who} is uncertain by {value:.2f} m, "
+    "limit {limit:g} m",
+    SafetyCode.OUTSIDE_GEOFENCE: "{who} is outside the geofence by {value:.2f} m, limit 0 m",
+    SafetyCode.CLOCK_OFFSET: "the clock of {who} is off by {value:.3f} s, limit {limit:g} s",
+    SafetyCode.LINK_DELAY: "the link to {who} takes {value:.3f} s there and back, "
+    "limit {limit:g} s",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,54 +82,41 @@ def trigger_age_s(spec: RunSpec) -> float:
     return 2.0 * spec.step_s if given is None else given
 
 
-def missing_to_connect(
-    spec: RunSpec, facts: Facts, vut: ObjectState | None, targets: Mapping[str, ObjectState]
+def missing_for(
+    event: SessionEvent,
+    spec: RunSpec,
+    facts: Facts,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
 ) -> list[str]:
-    """Every participant is heard."""
+    """Everything that a command lacks, each with object, measured value and limit.
+
+    Connecting needs a fresh state of everybody. Arming and starting need besides that everything is
+    measured, recorded and in place; an object is DISARMED or ARMED for the one, ARMED for the
+    other. The other commands need nothing of this.
+
+    Args:
+        event: the command.
+        spec: the run.
+        facts: of the node.
+        vut: newest state of the VUT.
+        targets: newest states by id.
+        now_ns: session time.
+    """
+    if event is not SessionEvent.CONNECT and event not in _CONTROL:
+        return []
+    missing = []
     heard = [("the VUT", vut, facts.vut_age_s)]
     heard += [(t.id, targets.get(t.id), facts.age_of(t.id)) for t in spec.targets]
-    missing = []
-    for name, state, age_s in heard:
-        if state is None or math.isinf(age_s):
+    for name, known, age_s in heard:
+        if known is None or math.isinf(age_s):
             missing.append(f"no state of {name} arrives")
         elif not age_s <= FRESH_S:
-            missing.append(
-                f"no state of {name} arrives: none for {age_s:.2f} s, limit {FRESH_S:g} s"
-            )
-    return missing
-
-
-def missing_to_arm(
-    spec: RunSpec,
-    facts: Facts,
-    vut: ObjectState | None,
-    targets: Mapping[str, ObjectState],
-    now_ns: int,
-) -> list[str]:
-    """Everything fresh, measured, recorded and in place; the objects DISARMED or ARMED."""
-    return _missing(spec, facts, vut, targets, now_ns, _READY_TO_ARM)
-
-
-def missing_to_start(
-    spec: RunSpec,
-    facts: Facts,
-    vut: ObjectState | None,
-    targets: Mapping[str, ObjectState],
-    now_ns: int,
-) -> list[str]:
-    """All that arming needs, once more, and every object reports that it is ARMED."""
-    return _missing(spec, facts, vut, targets, now_ns, (ControlState.ARMED,))
-
-
-def _missing(
-    spec: RunSpec,
-    facts: Facts,
-    vut: ObjectState | None,
-    targets: Mapping[str, ObjectState],
-    now_ns: int,
-    wanted: tuple[ControlState, ...],
-) -> list[str]:
-    missing = missing_to_connect(spec, facts, vut, targets)
+            late = f"none for {age_s:.2f} s, limit {FRESH_S:g} s"
+            missing.append(f"no state of {name} arrives: {late}")
+    if event is SessionEvent.CONNECT:
+        return missing
     if facts.other_managers:
         who = f": {facts.foreign}" if facts.foreign else ""
         missing.append(f"{facts.other_managers} other managers, limit 0{who}")
@@ -122,29 +124,30 @@ def _missing(
     present = [(spec.vut, vut)] if vut is not None else []
     for target in spec.targets:
         missing += _unmeasured(target.id, facts.link_of(target.id), spec.limits)
-        state = targets.get(target.id)
-        if state is not None:
-            present.append((target, state))
+        if target.id in targets:
+            present.append((target, targets[target.id]))
     for participant, state in present:
+        wanted = _CONTROL[event]
         if participant is not spec.vut and state.control_state not in wanted:
             names = " or ".join(control.name for control in wanted)
             missing.append(f"{participant.id} is {state.control_state.name}, not {names}")
-        missing += _not_as_it_must_be(participant, state, spec, now_ns)
+        missing += _not_in_place(participant, state, spec, now_ns)
     if vut is not None and spec.mode == "live":
-        missing += _too_late_for_triggers(vut, spec, now_ns)
+        # The newest state may lie here for a period before the next one comes.
+        age_s, limit_s = ns_to_seconds(now_ns - vut.stamp_ns) - spec.step_s, trigger_age_s(spec)
+        if not age_s <= limit_s:
+            missing.append(
+                f"states of {spec.vut.id} are {age_s:.3f} s old when they come, limit for triggers "
+                f"{limit_s:g} s (limits.trigger_age_s)"
+            )
     return missing + _too_close([state for _, state in present], spec.limits)
 
 
-def _too_late_for_triggers(vut: ObjectState, spec: RunSpec, now_ns: int) -> list[str]:
-    """A VUT whose states come so late that no trigger would ever be judged on them."""
-    # The newest state may lie here for a period before the next one comes.
-    age_s = ns_to_seconds(now_ns - vut.stamp_ns) - spec.step_s
-    limit_s = trigger_age_s(spec)
-    if age_s <= limit_s:
-        return []
+def _said(who: str, *passed: LimitViolation | None) -> list[str]:
     return [
-        f"states of {spec.vut.id} are {age_s:.3f} s old when they come, limit for triggers "
-        f"{limit_s:g} s (limits.trigger_age_s)"
+        _WORDS[one.code].format(who=who, value=one.measured, limit=one.limit)
+        for one in passed
+        if one is not None
     ]
 
 
@@ -169,40 +172,24 @@ def _unmeasured(object_id: str, link: LinkEstimate, limits: Limits) -> list[str]
             f"clock offset and link delay of {object_id} are not measured: no answer to heartbeats"
             + (f" for {link.age_s:.2f} s, limit {FRESH_S:g} s" if math.isfinite(link.age_s) else "")
         ]
-    missing = []
-    if (offset := judge.clock_offset(link.offset_s, limits)) is not None:
-        missing.append(
-            f"the clock of {object_id} is off by {offset.measured:.3f} s, limit {offset.limit:g} s"
-        )
-    if (delay := judge.link_delay(link.delay_s, limits)) is not None:
-        missing.append(
-            f"the link to {object_id} takes {delay.measured:.3f} s there and back, "
-            f"limit {delay.limit:g} s"
-        )
-    return missing
+    offset = judge.clock_offset(link.offset_s, limits)
+    return _said(object_id, offset, judge.link_delay(link.delay_s, limits))
 
 
-def _not_as_it_must_be(
+def _not_in_place(
     participant: ParticipantSpec, state: ObjectState, spec: RunSpec, now_ns: int
 ) -> list[str]:
     """What is wrong with one object: its values, their age, its place, its motion."""
-    name, limits = participant.id, spec.limits
+    name, limits, start = participant.id, spec.limits, participant.start
     if not state.is_finite:
         return [f"{name} has a state with a value that is no number"]
-    problems = []
     age_s = ns_to_seconds(now_ns - state.stamp_ns)
-    if (stale := judge.state_stale(age_s, limits)) is not None:
-        problems.append(f"the state of {name} is {age_s:.2f} s old, limit {stale.limit:g} s")
-    if (ahead := judge.clock_offset(min(age_s, 0.0), limits)) is not None:
+    problems = _said(name, judge.state_stale(age_s, limits))
+    if (ahead := judge.stamp_ahead(age_s, limits)) is not None:
         problems.append(
             f"the state of {name} is stamped {-age_s:.3f} s ahead of time, limit {ahead.limit:g} s"
         )
-    if (vague := judge.localisation(state, limits)) is not None:
-        problems.append(
-            f"the position of {name} is uncertain by {vague.measured:.2f} m, "
-            f"limit {vague.limit:g} m"
-        )
-    start = participant.start
+    problems += _said(name, judge.localisation(state, limits))
     away_m = math.hypot(state.x_m - start.x_m, state.y_m - start.y_m)
     if not away_m <= limits.start_region_m:
         problems.append(
@@ -210,25 +197,19 @@ def _not_as_it_must_be(
         )
     if not abs(state.speed_mps) <= STANDSTILL_MPS:
         problems.append(f"{name} moves at {state.speed_mps:.2f} m/s, limit {STANDSTILL_MPS:g} m/s")
-    outside = judge.outside_geofence(box_excess_m(state.box, spec.geofence))
-    if outside is not None:
-        problems.append(f"{name} is outside the geofence by {outside.measured:.2f} m, limit 0 m")
-    return problems
+    return problems + _said(name, judge.outside_geofence(box_excess_m(state.box, spec.geofence)))
 
 
 def _too_close(everyone: list[ObjectState], limits: Limits) -> list[str]:
     """Pairs that would break the separation limit as soon as the run starts."""
-    problems = []
-    for i, state in enumerate(everyone):
-        for other in everyone[:i]:
-            passed = judge.separation(other, state, limits)
-            if passed is not None and state.is_finite and other.is_finite:
-                distance_m = box_distance(other.box, state.box)
-                problems.append(
-                    f"{state.object_id} is {distance_m:.2f} m from {other.object_id}, "
-                    f"limit {limits.separation_m:g} m"
-                )
-    return problems
+    return [
+        f"{state.object_id} is {box_distance(other.box, state.box):.2f} m from {other.object_id}, "
+        f"limit {limits.separation_m:g} m"
+        for i, state in enumerate(everyone)
+        for other in everyone[:i]
+        if state.is_finite and other.is_finite
+        if judge.separation(other, state, limits) is not None
+    ]
 
 
 _MOVING = (ControlState.RUNNING, ControlState.REMOTE_CONTROLLED)
@@ -287,47 +268,3 @@ def moving(
         for object_id, state in known.items()
         if (armed if state is None else not stands(state, now_ns, aborting))
     ]
-
-
-def missing_for(
-    event: SessionEvent,
-    run: Run,
-    facts: Facts,
-    vut: ObjectState | None,
-    targets: Mapping[str, ObjectState],
-    now_ns: int,
-    heard: Set[str],
-) -> list[str]:
-    """Everything that a command lacks, each with object, measured value and limit.
-
-    Args:
-        event: the command.
-        run: that is loaded.
-        facts: of the node.
-        vut: newest state of the VUT.
-        targets: newest states by id.
-        now_ns: session time.
-        heard: ids of those who have sent a state since the last abort.
-    """
-    if event is SessionEvent.CONNECT:
-        return missing_to_connect(run.spec, facts, vut, targets)
-    if event is SessionEvent.ARM:
-        return missing_to_arm(run.spec, facts, vut, targets, now_ns)
-    if event is SessionEvent.START:
-        return missing_to_start(run.spec, facts, vut, targets, now_ns)
-    if event is SessionEvent.ALL_CLEAR:
-        return _not_clear(run, vut, targets, now_ns, heard)
-    return []
-
-
-def _not_clear(
-    run: Run,
-    vut: ObjectState | None,
-    targets: Mapping[str, ObjectState],
-    now_ns: int,
-    heard: Set[str],
-) -> list[str]:
-    """Who moves, or has said nothing since the abort: what was heard before is no proof."""
-    unknown = set(moving(run.spec, vut, targets, now_ns, armed=run.armed))
-    known = set(targets) | ({run.spec.vut.id} if vut is not None else set())
-    return [f"it is not known of {i} that it stands" for i in sorted(unknown | (known - heard))]

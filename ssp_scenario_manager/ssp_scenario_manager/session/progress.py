@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.motion.event import PhaseBegan, next_phase
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TriggerSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.safety.fence import box_excess_m
 from ssp_core.vocabulary import ControlState, Phase
 from ssp_scenario_manager.dispatch import references
 from ssp_scenario_manager.dispatch.adaptation import Wish
@@ -22,16 +20,11 @@ from ssp_scenario_manager.dispatch.references import ADAPTED, EXPIRY_S
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import (
     Violation,
-    ack_missing,
-    duration,
-    not_running,
-    object_silent,
     of_object,
-    own_abort,
+    silent,
     stamp_ahead,
     too_near,
-    tracking_error,
-    vut_silent,
+    violations,
 )
 from ssp_scenario_manager.session.preconditions import trigger_age_s
 from ssp_scenario_manager.session.run import Run
@@ -209,22 +202,23 @@ def limits_passed(
     # Who was never heard has been silent since the start, and may be still before it.
     since_ns = run.started_ns if run.started_ns is not None else now_ns
     early_s = spec.step_s if spec.mode == "realtime" else 0.0
-    if vut is None:
-        age_s = ns_to_seconds(now_ns - since_ns)
-        found.append(vut_silent(age_s, limits, now_ns))
-    else:
-        found.append(vut_silent(ns_to_seconds(now_ns - vut.stamp_ns), limits, now_ns))
+
+    def unheard(code: SafetyCode, who: str, last_ns: int, limit_s: float) -> Violation | None:
+        return silent(code, who, ns_to_seconds(now_ns - last_ns), limit_s, now_ns)
+
+    last_ns = since_ns if vut is None else vut.stamp_ns
+    found.append(unheard(SafetyCode.VUT_SILENT, "vut", last_ns, limits.state_age_s))
+    if vut is not None:
         found.append(stamp_ahead(vut, now_ns, early_s, limits))
         present.append(vut)
     # A stamp from the future makes its state a jump, or one that stands; it is the reason.
     found += breaks
     for target in spec.targets:
         state = targets.get(target.id)
-        last_ns = state.stamp_ns if state is not None else since_ns
-        age_s = ns_to_seconds(now_ns - last_ns)
-        silent = object_silent(target.id, age_s, limits, now_ns)
-        found.append(silent)
-        if state is not None and silent is None:
+        last_ns = since_ns if state is None else state.stamp_ns
+        late = unheard(SafetyCode.OBJECT_SILENT, target.id, last_ns, limits.state_age_s)
+        found.append(late)
+        if state is not None and late is None:
             found.append(stamp_ahead(state, now_ns, early_s, limits))
             found.append(_own_abort(run, state, now_ns))
             if running:
@@ -232,55 +226,23 @@ def limits_passed(
             present.append(state if vut is None else _at(state, vut.stamp_ns))
     found += violations(present, spec)
     for reference in run.answers.due:
-        found.append(ack_missing(reference.object_id, reference.dispatched_ns, now_ns, limits))
+        who, sent_ns = reference.object_id, reference.dispatched_ns
+        found.append(unheard(SafetyCode.ACK_MISSING, who, sent_ns, limits.ack_s))
     if run.started_ns is not None:
-        found.append(duration(run.started_ns, now_ns, limits))
+        passed = judge.duration(ns_to_seconds(now_ns - run.started_ns), limits)
+        found.append(of_object(passed, "", now_ns))
     return [violation for violation in found if violation is not None]
-
-
-def violations(everyone: Sequence[ObjectState], spec: RunSpec) -> list[Violation]:
-    """All limits that the states of one instant pass, the gravest first.
-
-    Args:
-        everyone: states at one stamp, that of the VUT first where there is one.
-        spec: gives limits and fence.
-    """
-    broken = [state for state in everyone if not state.is_finite]
-    found = [of_object(judge.state_not_finite(s), s.object_id, s.stamp_ns) for s in broken]
-    sound = [state for state in everyone if state.is_finite]
-    limits = spec.limits
-    for i, k in judge.near_pairs(sound, limits.separation_m):
-        found.append(too_near(sound[i], sound[k], limits))
-    for state in sound:
-        checks = [
-            judge.over_speed(state, limits),
-            judge.outside_geofence(box_excess_m(state.box, spec.geofence)),
-            judge.localisation(state, limits),
-        ]
-        if state.reference_id and state.control_state is ControlState.RUNNING:
-            # Who brakes for another reason leaves its reference, and brakes harder than one asks.
-            checks.append(judge.over_acceleration(state, limits))
-        found += [of_object(passed, state.object_id, state.stamp_ns) for passed in checks]
-        found.append(tracking_error(state, limits))
-    real = [violation for violation in found if violation is not None]
-    return sorted(real, key=lambda v: v.code != SafetyCode.COLLISION)
 
 
 def collisions(
     run: Run, vut: ObjectState | None, targets: Mapping[str, ObjectState]
 ) -> list[Violation]:
     """While everything brakes there is one thing left to see: that two of us touch."""
-    everyone = [vut] if vut is not None and vut.is_finite else []
-    for target in run.spec.targets:
-        state = targets.get(target.id)
-        if state is not None and state.is_finite:
-            everyone.append(state if vut is None else _at(state, vut.stamp_ns))
-    limits = run.spec.limits
-    found = [
-        too_near(everyone[i], everyone[k], limits)
-        for i, k in judge.near_pairs(everyone, limits.separation_m)
-    ]
-    return [v for v in found if v is not None and v.code is SafetyCode.COLLISION]
+    known = [targets[target.id] for target in run.spec.targets if target.id in targets]
+    if vut is not None:
+        known = [vut, *(_at(state, vut.stamp_ns) for state in known)]
+    near = too_near([state for state in known if state.is_finite], run.spec.limits)
+    return [violation for violation in near if violation.code is SafetyCode.COLLISION]
 
 
 def _at(state: ObjectState, stamp_ns: int) -> ObjectState:
@@ -289,11 +251,14 @@ def _at(state: ObjectState, stamp_ns: int) -> ObjectState:
 
 def _own_abort(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
     """An object that stopped by itself; in a run it has time to say why, with a safety event."""
-    violation = own_abort(state)
-    if violation is None or run.started_ns is None:
-        return violation
+    if state.control_state is not ControlState.ABORTING:
+        return None
     since = run.own_abort_ns.setdefault(state.object_id, now_ns)
-    return violation if now_ns - since >= seconds_to_ns(OWN_REASON_S) else None
+    if run.started_ns is not None and now_ns - since < seconds_to_ns(OWN_REASON_S):
+        return None
+    return Violation(
+        SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, "local stop"
+    )
 
 
 def _left_the_run(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
@@ -309,7 +274,8 @@ def _left_the_run(run: Run, state: ObjectState, now_ns: int) -> Violation | None
     hears_s = limits.heartbeat_s + limits.state_age_s
     if control is ControlState.ARMED and now_ns - run.started_ns <= seconds_to_ns(hears_s):
         return None
-    return not_running(state)
+    detail = f"it is {control.name} while the session runs"
+    return Violation(SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, detail)
 
 
 def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Outgoing | Violation]:
@@ -327,17 +293,7 @@ def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Out
     for wish in run.adaptations.judge(run.spec, run.path, vut, now_ns):
         decision, trigger = wish.decision, wish.fired.trigger
         if decision.wrong_order:
-            elapsed_s = ns_to_seconds(now_ns - (run.started_ns or 0))
-            facts.append(
-                Violation(
-                    SafetyCode.EVENT_MISSING,
-                    trigger.object_id,
-                    elapsed_s,
-                    run.spec.end.at_latest_s,
-                    now_ns,
-                    decision.wrong_order,
-                )
-            )
+            facts.append(_missing(run, trigger.object_id, now_ns, decision.wrong_order))
             continue
         if decision.pace is not None:
             facts.append(_dispatch(run, wish, decision.pace, now_ns))

@@ -106,10 +106,7 @@ class Session:
             next_state(self.state, event)
         except IllegalTransition as error:
             return Answer(False, REFUSED_TRANSITION, str(error))
-        missing: list[str] = []
-        if self._run is not None:
-            known = (self.facts, self.vut, self.targets)
-            missing = preconditions.missing_for(event, self._run, *known, now_ns, self._known.heard)
+        missing = self._missing_for(event, now_ns)
         if missing:
             text = f"{event.value} refused: " + "; ".join(missing)
             return Answer(False, REFUSED_CONDITION, text, tuple(missing))
@@ -278,6 +275,19 @@ class Session:
                 now_ns, self.state, previous, event.value, reason, self.verdict, self.reasons
             )
         )
+
+    def _missing_for(self, event: SessionEvent, now_ns: int) -> list[str]:
+        """Everything that a command lacks."""
+        run, vut, targets = self._run, self.vut, self.targets
+        if run is None:
+            return []
+        if event is not SessionEvent.ALL_CLEAR:
+            return preconditions.missing_for(event, run.spec, self.facts, vut, targets, now_ns)
+        # What was heard before the abort is no proof.
+        known = {*targets, *([] if vut is None else [run.spec.vut.id])}
+        unknown = set(preconditions.moving(run.spec, vut, targets, now_ns, armed=run.armed))
+        who = sorted(unknown | (known - self._known.heard))
+        return [f"it is not known of {i} that it stands" for i in who]
 
     def _abort_by_operator(self, now_ns: int, requested_by: str, reason: str) -> None:
         text = f"abort by {requested_by}" + (f": {reason}" if reason else "")

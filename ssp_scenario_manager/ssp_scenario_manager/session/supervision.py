@@ -14,15 +14,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_scenario_manager.session.limits import (
-    LATE_S,
-    Violation,
-    foreign_manager,
-    of_object,
-    recorder_lost,
-    reply_missing,
-    silent,
-)
+from ssp_scenario_manager.session.limits import LATE_S, Violation, of_object, silent, too_many
 from ssp_scenario_manager.session.link_quality import WINDOW_S, LinkClocks
 from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.session import WATCHED, Session
@@ -126,8 +118,10 @@ class LivenessMonitor:
             silent(code, who, self.age_s(who, steady_ns), limit_s, stamp_ns)
             for code, who, limit_s in watched
         ]
-        found.append(recorder_lost(self.recorder_lost, stamp_ns))
-        found.append(foreign_manager(self.other_managers, stamp_ns, self.foreign_text))
+        lost, others = self.recorder_lost, self.other_managers
+        detail = "messages lost by the recorder"
+        found.append(too_many(SafetyCode.RECORDER, lost, stamp_ns, detail))
+        found.append(too_many(SafetyCode.FOREIGN_MANAGER, others, stamp_ns, self.foreign_text))
         if not lockstep:
             for target in spec.targets:
                 found += self._of_link(spec, target.id, steady_ns, stamp_ns)
@@ -138,7 +132,8 @@ class LivenessMonitor:
     ) -> list[Violation | None]:
         """What the answers to heartbeats say; a link that isn't measured is silent by its age."""
         link, limits = self.links.link(object_id, steady_ns), spec.limits
-        found = [reply_missing(object_id, link.age_s, limits, stamp_ns)]
+        late = SafetyCode.REPLY_MISSING
+        found = [silent(late, object_id, link.age_s, limits.heartbeat_s, stamp_ns)]
         if math.isfinite(link.delay_s):
             offset = judge.clock_offset(link.offset_s, limits)
             delay = judge.link_delay(link.delay_s, limits)
