@@ -19,7 +19,6 @@ from ssp_core.bag.types import serialize, typestore
 from ssp_core.bag.writer import BagWriter
 from ssp_core.files import write_json, write_text
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase, Verdict
-from ssp_eval.extract import extract
 from ssp_scenario_manager.compile.task import Task, sealed
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import Record, append_record
@@ -440,21 +439,3 @@ def make_task(tmp_path: Path) -> Callable[..., Path]:
 def make_bag(tmp_path: Path, bag_writer: Callable[..., Path]) -> Callable[..., Path]:
     """write_bag into the test's folder."""
     return lambda name="bag", *given, **options: bag_writer(tmp_path / name, *given, **options)
-
-
-@pytest.fixture(scope="session")
-def actors_in() -> Callable[[str], dict[str, str]]:
-    """What a text says of others, short: o(bjects), p(osition) and m(otion), where it says it."""
-
-    def read(text: str) -> dict[str, str]:
-        slots = extract(text)
-        found = {}
-        if slots.objects is not None:
-            found["o"] = ",".join(slots.objects.value) or "-"
-        if slots.position is not None:
-            found["p"] = str(slots.position.value)
-        if slots.motion is not None:
-            found["m"] = str(slots.motion.value)
-        return found
-
-    return read

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
+import sys
+from pathlib import Path
 
-from ssp_eval.extract import extract
+sys.path.insert(0, str(Path(__file__).parent))
+
+from extract_tables import holds, score
 
 ACTIVE = [
     "A child is ahead. Without braking we'd hit it.",
@@ -90,16 +93,8 @@ NONE = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        *((text, "active") for text in ACTIVE),
-        *((text, "potential") for text in POTENTIAL),
-        *((text, "no_conflict") for text in NO_CONFLICT),
-        *((text, "resolved") for text in RESOLVED),
-        *((text, None) for text in NONE),
-    ],
-)
-def test_conflict(text: str, told: str | None) -> None:
-    found = extract(text).conflict
-    assert (found.value if found else None) == told
+def test_the_rules_read_conflicts() -> None:
+    labelled = {"active": ACTIVE, "potential": POTENTIAL, "no_conflict": NO_CONFLICT,
+                "resolved": RESOLVED}  # fmt: skip
+    cases = [(text, f"c={label}") for label, table in labelled.items() for text in table]
+    assert holds(score([*cases, *((text, "") for text in NONE)], ("conflict",)), 0.95, 0.65)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import random
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -24,11 +25,12 @@ from ssp_eval.data.records import (
 )
 from ssp_eval.extract import extract, extractor_hash
 from ssp_eval.extract.checks import check
-from ssp_eval.extract.rules.tokens import tokenise
-from ssp_eval.extract.rules.words import ego_and_scene
-from ssp_eval.extract.rules.words.vocabulary import ENTRIES, entries
+from ssp_eval.extract.lexicon import FILES, FOLDER, lexicon
+from ssp_eval.extract.tokens import tokenise
 
-PIECES = [*sorted(ENTRIES), ".", ",", "?", "\n", ":", ";", '"', "(", "[", "left", "right", "not",
+# Every word of the lexicon, and what else texts hold.
+WORDS = sorted(set(re.findall(r"[a-z']+", "".join((FOLDER / f).read_text("utf-8") for f in FILES))))
+PIECES = [*WORDS, ".", ",", "?", "\n", ":", ";", '"', "(", "[", "left", "right", "not",
           "if", "the", "a", "frame 2", "lane", "İ", "ﬁ", "—", "don't", "3.5"]  # fmt: skip
 
 sentences = st.lists(st.sampled_from(PIECES), max_size=40).map(" ".join)
@@ -105,7 +107,7 @@ def test_offsets_hold_behind_other_scripts(prefix: str) -> None:
             "A Van is Ahead on the RIGHT; it is cutting in from the right.",
             {
                 "objects": ["Van"],
-                "position": ["Ahead", "on the RIGHT"],
+                "position": ["Ahead on the RIGHT"],
                 "motion": ["cutting in from the right"],
             },
         ),
@@ -115,7 +117,7 @@ def test_offsets_hold_behind_other_scripts(prefix: str) -> None:
                 "objects": ["vehicle"],
                 "position": ["lead vehicle"],
                 "conflict": ["no longer a risk"],
-                "lon_action": ["Slow down", "stop"],
+                "lon_action": ["Slow down and stop"],
             },
         ),
         (
@@ -131,7 +133,7 @@ def test_offsets_hold_behind_other_scripts(prefix: str) -> None:
             {
                 "objects": ["pedestrian"],
                 "conflict": ["no risk"],
-                "lon_action": ["Maintain speed"],
+                "lon_action": ["Maintain speed and lane"],
                 "lat_action": ["Maintain speed and lane"],
             },
         ),
@@ -270,9 +272,31 @@ def test_what_fails_a_check_is_dropped(name: str, slot: Slot, kept: bool) -> Non
     assert (check("I stop.", name, slot) is not None) == kept
 
 
-def test_a_phrase_that_two_tables_explain_differently_is_refused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(ego_and_scene, "SCENE", (*ego_and_scene.SCENE, "stationary"))
-    with pytest.raises(ValueError, match=r"'stationary' stands for .*STATE.* and for .*SCENE"):
-        entries()
+@pytest.mark.parametrize(
+    ("text", "kind", "value"),
+    [
+        ("slowing gently down", "verb", "slow"),
+        ("slow down", "verb", "slow"),
+        ("pedestrian crossings", "skip", ""),
+        ("wheelchair users", "user", "pedestrian"),
+        ("on our left", "place", "left"),
+        ("from the right", "from", "right"),
+        ("no other road users", "nobody", ""),
+        ("on a collision course", "conflict", "active"),
+    ],
+)
+def test_the_longest_phrase_at_a_word_is_found(text: str, kind: str, value: str) -> None:
+    words = text.split()
+    entry, stop = lexicon().longest(words, 0)
+    assert entry is not None
+    assert (entry.kind, entry.value, stop) == (kind, value, len(words))
+
+
+def test_every_cue_of_scope_is_one_that_the_rules_know() -> None:
+    flags = {"denied", "imagined", "possible", "future", "past", "planned", "intended", "rejected",
+             "quoted", "later", ""}  # fmt: skip
+    reaches = {"forward", "back", "clause", "sentence", "condition", "none"}
+    for name, cue in lexicon().cues.items():
+        assert cue["flag"] in flags, name
+        assert cue["reach"] in reaches, name
+        assert cue["words"].strip(), name

@@ -13,12 +13,12 @@ from ssp_core.chat import Chat, NoCompletion, read_completion
 from ssp_core.errors import PeerError
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.data.records import SLOT_NAMES, Slots
+from ssp_eval.extract.engine import extract, extractor_hash
 from ssp_eval.extract.language import foreign_language
 from ssp_eval.extract.llm.cache import Cache
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.prompt import build_request, prompt_hash
 from ssp_eval.extract.llm.reply import read_reply
-from ssp_eval.extract.rules import extract, extractor_hash
 
 MAX_CHARACTERS = 20_000  # of a text that the LLM is asked about
 MAX_FAILURES = 5  # in a row, after which the service isn't asked any more
@@ -193,7 +193,7 @@ def make_extractor(
 @cache
 def _checks_hash() -> str:
     """Of the modules that read and judge what the LLM says."""
-    names = ("reply.py", "meaning.py", "judge.py")
+    names = ("reply.py", "judge.py")
     return sha256_json({n: sha256_bytes(Path(__file__).with_name(n).read_bytes()) for n in names})
 
 

@@ -1,11 +1,9 @@
-"""What of the LLM's proposals the text supports, by the rules' own reading (METHOD 5.5 c).
+"""Which of the LLM's proposals the text supports (METHOD 5.5 c).
 
-A quote is read as if it were the rules' own word for its label: a hit of that kind takes the place
-of the quoted words, and scope, binding and decision run as they do for any text. The proposal
-stands if the label comes out on the strength of these words, and if nothing that was found before
-comes out otherwise. So a quote in a condition, a denial, a prompt or a rejected option, one about
-somebody else, or one that a later plan takes back, is dropped by the stage that would drop a phrase
-of the tables there.
+The rules needn't know the quoted words. What is checked is what holds for any evidence: the quote
+stands in the text and cuts no word; it names no other label of its slot, and the side that its
+label has; no negation, condition, possibility or echo is in force over it; and it is said of the
+right one, the VUT for an action, and somebody else for a motion.
 """
 
 from __future__ import annotations
@@ -16,28 +14,32 @@ from dataclasses import dataclass
 
 from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.checks import check
-from ssp_eval.extract.llm.meaning import ACTIONS, misquoted
+from ssp_eval.extract.lexicon import lexicon
 from ssp_eval.extract.llm.prompt import NOBODY
 from ssp_eval.extract.llm.reply import Proposal
-from ssp_eval.extract.rules.decide import Found, decide
-from ssp_eval.extract.rules.hits import Hit, Kind
-from ssp_eval.extract.rules.matching.find import find
-from ssp_eval.extract.rules.reading.reader import read
-from ssp_eval.extract.rules.scope.flags import Scope
-from ssp_eval.extract.rules.scope.scopes import scopes, sentences
-from ssp_eval.extract.rules.tokens import Tokens, tokenise
+from ssp_eval.extract.match import Hit, find, sentences
+from ssp_eval.extract.scope import Scope, scopes
+from ssp_eval.extract.tokens import tokenise
 
 MAX_PLACES = 8  # of one quote in a text that are looked at
-_KINDS = {"position": Kind.PLACE, "motion": Kind.STATE, "conflict": Kind.CONFLICT}
-# A quote may begin with its subject, which stays what it is.
-_LEADING = frozenset(
-    {Kind.EGO, Kind.OBJECT, Kind.PRONOUN, Kind.RELATIVE, Kind.AUX, Kind.KEY, Kind.JOIN}
-    | {Kind.THEN, Kind.FINAL, Kind.PURPOSE}
-)
-_LEADING_MARKS = frozenset({",", ":", '"', "[", "("})
-_SUBJECT_GAP = 3  # the small white van
-_DEFINITE = frozenset({"the", "this", "that", "these", "those"})
-_INDEFINITE = frozenset({"a", "an", "another", "some", "two", "three", "several", "one"})
+_ACTIONS = ("lon_action", "lat_action")
+_KINDS = {"objects": "user", "position": "place", "motion": "state", "conflict": "conflict"}
+# Cues within a quote that turn it round, but for the labels that consist in them.
+_TURNING = frozenset({"not", "no", "if", "needed", "else", "may", "past", "ready", "reject",
+                      "rejected", "quoted", "imaginary", "revise", "but"})  # fmt: skip
+_CARRIED: Mapping[str, frozenset[str]] = {
+    "no_conflict": frozenset({"not", "no"}),
+    "resolved": frozenset({"not", "no", "past"}),
+    "potential": frozenset({"may", "imaginary", "if", "ready"}),
+    "active": frozenset({"ready", "if", "else", "not", "no"}),
+    NOBODY: frozenset({"not", "no"}),
+}
+_RISKY = ("risk", "danger", "threat", "hazard", "potential", "possib", "chance", "likel")
+_PLACED = Scope.REJECTED | Scope.PLANNED | Scope.FUTURE | Scope.LATER | Scope.INTENDED
+_COMMITTED = Scope.FUTURE | Scope.INTENDED | Scope.LATER
+_SUBJECTS = frozenset({"user", "pronoun", "ego"})
+_CONJUNCTIONS = frozenset({"but", "so", "because", "while", "if", "and", "then", "final"})
+_SENTENCE = frozenset({".", "?", "\n"})
 
 
 @dataclass(frozen=True)
@@ -61,49 +63,64 @@ def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judged:
         found: what the rules found; a slot that is filled stays as it is.
         proposals: of the LLM.
     """
-    desk = _Desk(text, found)
-    dropped = []
+    bench = _Bench(text)
+    filled: dict[str, Slot] = {}
+    dropped: list[str] = []
     for name in SLOT_NAMES:
-        if getattr(found, name) is None:
-            for proposal in proposals:
-                if proposal.slot == name:
-                    problem = desk.weigh(proposal)
-                    if problem:
-                        dropped.append(f"{name}: {problem}")
-    return Judged(desk.taken(), tuple(dropped))
+        if getattr(found, name) is not None:
+            continue
+        taken: list[tuple[str, tuple[int, int]]] = []
+        for proposal in (one for one in proposals if one.slot == name):
+            if taken and name != "objects":
+                dropped.append(f"{name}: a second answer")
+                continue
+            place = bench.weigh(proposal)
+            if isinstance(place, str):
+                dropped.append(f"{name}: {place}")
+            else:
+                taken.append((proposal.label, place))
+        slot = _slot(text, name, taken)
+        if slot is not None:
+            filled[name] = slot
+    return Judged(filled, tuple(dropped))
 
 
-class _Desk:
-    """A text with the proposals that were taken so far read into it."""
+def _slot(text: str, name: str, taken: list[tuple[str, tuple[int, int]]]) -> Slot | None:
+    if not taken:
+        return None
+    labels = sorted({label for label, _ in taken if label != NOBODY})
+    spans = tuple(sorted({span for _, span in taken}))
+    return check(text, name, Slot(tuple(labels) if name == "objects" else labels[0], spans))
 
-    def __init__(self, text: str, found: Slots) -> None:
+
+class _Bench:
+    """A text with what is found in it, at which quotes are held against their labels."""
+
+    def __init__(self, text: str) -> None:
         self.text = text
-        self.tokens: Tokens = tokenise(text)
-        self.hits = find(self.tokens.words)
-        given = {name: getattr(found, name) for name in SLOT_NAMES}
-        self.values = {name: slot.value for name, slot in given.items() if slot is not None}
-        self.spans: dict[str, list[tuple[int, int]]] = {}
+        self.tokens = tokenise(text)
+        self.words = self.tokens.words
+        self.hits = find(self.words)
 
-    def weigh(self, proposal: Proposal) -> str:
-        """Takes a proposal if one of its places supports it; says why not."""
+    def weigh(self, proposal: Proposal) -> tuple[int, int] | str:
+        """The first place that supports a proposal, or why none does."""
         problem = "the quote isn't in the text"
-        if proposal.slot in self.spans and proposal.slot != "objects":
-            return "a second answer"
         for start, end in self._places(proposal.quote):
-            problem = self._weigh_at(proposal, start, end)
+            first = bisect_right(self.tokens.ends, start)
+            stop = bisect_left(self.tokens.starts, end)
+            if (
+                first >= stop
+                or self.tokens.starts[first] < start
+                or self.tokens.ends[stop - 1] > end
+            ):
+                problem = "the quote cuts a word"
+                continue
+            problem = self._misquoted(proposal, first, stop) or self._unasserted(
+                proposal, first, stop
+            )
             if not problem:
-                self.spans.setdefault(proposal.slot, []).append((start, end))
-                return ""
+                return start, end
         return problem
-
-    def taken(self) -> dict[str, Slot]:
-        """The slots that were filled, after the checks that hold for rules too."""
-        filled = {}
-        for name, spans in self.spans.items():
-            slot = check(self.text, name, Slot(self.values[name], tuple(sorted(set(spans)))))
-            if slot is not None:
-                filled[name] = slot
-        return filled
 
     def _places(self, quote: str) -> Iterator[tuple[int, int]]:
         at = -1
@@ -113,105 +130,119 @@ class _Desk:
                 return
             yield at, at + len(quote)
 
-    def _weigh_at(self, proposal: Proposal, start: int, end: int) -> str:
-        tokens = self.tokens
-        first = bisect_right(tokens.ends, start)
-        stop = bisect_left(tokens.starts, end)
-        if first >= stop or tokens.starts[first] < start or tokens.ends[stop - 1] > end:
-            return "the quote cuts a word"
-        problem = misquoted(proposal, self.hits, tokens.words, first, stop)
-        if problem:
-            return problem
-        if proposal.slot != "objects":
-            first = self._after_subject(first, stop)
-        if first >= stop:
-            return "the quote names only who, not what"
-        hit = self._as_hit(proposal, first, stop)
-        inside = [h for h in self.hits if h.stop <= first or h.first >= stop]
-        place = sum(h.stop <= first for h in inside)
-        hits = [*inside[:place], hit, *inside[place:]]
-        decided, flags = self._decide(hits, place)
-        if flags & ~_allowed(proposal, tokens.words[first]):
+    def _misquoted(self, proposal: Proposal, first: int, stop: int) -> str:
+        """Why a quote by itself can't support its label; empty where nothing speaks against it."""
+        inside = [hit for hit in self.hits if hit.first >= first and hit.stop <= stop]
+        carried = _CARRIED.get(proposal.label, frozenset())
+        if any(
+            hit.first < first < hit.stop and self.words[hit.first] in ("not", "no", "never")
+            for hit in self.hits
+        ):
+            return "the quote leaves out a denial"
+        if any(
+            (hit.kind == "cue" and hit.value in _TURNING - carried)
+            or (hit.kind == "nobody" and proposal.label != NOBODY)
+            or (hit.kind == "mark" and hit.value in _SENTENCE)
+            for hit in inside
+        ):
+            return "the quote holds a word that turns it round"
+        if any(_is_another(proposal, hit) for hit in inside):
+            return "the quote means something else"
+        if not self._names_side(proposal, first, stop):
+            return "the quote names no such side"
+        if proposal.label == "potential" and not (
+            any(hit.kind == "risk" or hit.value in ("may", "imaginary") for hit in inside)
+            or any(word.startswith(_RISKY) for word in self.words[first:stop])
+        ):
+            return "the quote says of nothing that it may happen"
+        return ""
+
+    def _names_side(self, proposal: Proposal, first: int, stop: int) -> bool:
+        """Whether a label with a side has it in its words; where somebody comes from, nearby."""
+        side = next((one for one in ("left", "right") if proposal.label.endswith(one)), "")
+        if not side or proposal.slot == "position":
+            return True
+        if proposal.slot == "motion":
+            while first and self.words[first - 1] not in _SENTENCE:
+                first -= 1
+            while stop < len(self.words) and self.words[stop] not in _SENTENCE:
+                stop += 1
+        return any(word.startswith(side) or word == side[0] for word in self.words[first:stop])
+
+    def _unasserted(self, proposal: Proposal, first: int, stop: int) -> str:
+        """Why a quote in its place asserts nothing of the present, or of somebody else."""
+        hit = Hit(_kind(proposal), proposal.label, self._form(proposal, first, stop), first, stop)
+        others = [one for one in self.hits if one.stop <= first or one.first >= stop]
+        place = sum(one.stop <= first for one in others)
+        hits = [*others[:place], hit, *others[place:]]
+        flags = scopes(self.words, hits, sentences(hits))[place]
+        if flags & ~_allowed(proposal, self.words[first]):
             return "the text doesn't assert it"
-        return self._accept(proposal, decided, hits, first)
-
-    def _accept(
-        self, proposal: Proposal, decided: Mapping[str, Found], hits: list[Hit], first: int
-    ) -> str:
-        value, support = decided.get(proposal.slot, (None, ()))
-        wanted = proposal.label
-        if isinstance(value, tuple):
-            right = wanted in value if wanted != NOBODY else not value
-            right = right and set(value) >= set(self.values.get("objects", ()))
-        else:
-            right = value == wanted
-        if value is None or not right or all(said.first != first for said in support):
+        subject = self._subject(hits, place, first, stop)
+        if proposal.slot in _ACTIONS and subject in ("user", "pronoun"):
             return "the text doesn't assert it of the right one"
-        before = {name: old for name, old in self.values.items() if name != proposal.slot}
-        if any(name not in decided or decided[name][0] != old for name, old in before.items()):
-            return "it contradicts what was found before"
-        self.values[proposal.slot] = value
-        self.hits = hits
+        if proposal.slot == "motion" and subject == "ego":
+            return "the text doesn't assert it of the right one"
         return ""
 
-    def _decide(self, hits: list[Hit], place: int) -> tuple[dict[str, Found], int]:
-        ranges = sentences(hits)
-        flags = scopes(self.tokens.words, hits, ranges)
-        flag = flags[place]
-        return decide(read(self.tokens.words, hits, flags, ranges)), flag
-
-    def _after_subject(self, first: int, stop: int) -> int:
-        at, gap = first, _SUBJECT_GAP
-        for hit in self.hits:
-            if hit.first < at:
-                continue
-            leads = hit.kind in _LEADING or (
-                (hit.kind is Kind.MODAL and hit.value != "may")
-                or (hit.kind is Kind.MARK and hit.value in _LEADING_MARKS)
-            )
-            if not leads or hit.first >= stop or hit.first - at > gap:
+    def _subject(self, hits: list[Hit], place: int, first: int, stop: int) -> str:
+        """The kind of the subject of a quote's clause, or of the quote where it begins with one."""
+        opening = next((h for h in self.hits if first <= h.first < stop), None)
+        if opening is not None and opening.kind in _SUBJECTS and opening.first <= first + 3:
+            return opening.kind
+        subject = ""
+        for hit in reversed(hits[max(place - 24, 0) : place]):
+            if hit.kind in ("mark", "field") or hit.value in _CONJUNCTIONS:
                 break
-            at, gap = hit.stop, 0
-        return at
+            if hit.kind == "verb" and not subject and lexicon().verbs[hit.value].ego:
+                return "ego" if hit.form == "base" else subject  # yield to the jogger crossing
+            if hit.kind in _SUBJECTS:
+                subject = hit.kind
+        return subject
 
-    def _as_hit(self, proposal: Proposal, first: int, stop: int) -> Hit:
-        slot, label = proposal.slot, proposal.label
-        if label == NOBODY:
-            return Hit(Kind.NOBODY, "", "", first, stop)
-        if slot == "objects":
-            return Hit(Kind.OBJECT, label, self._article(first, stop), first, stop)
-        if slot in ACTIONS:
-            lemma = next(verb for verb, action in ACTIONS[slot].items() if action == label)
-            return Hit(Kind.VERB, lemma, self._form(first, stop), first, stop)
-        return Hit(_KINDS[slot], label, "", first, stop)
-
-    def _article(self, first: int, stop: int) -> str:
-        words = self.tokens.words
-        for word in (words[first], *reversed(words[max(first - 3, 0) : first])):
-            if word in _DEFINITE:
-                return "definite"
-            if word in _INDEFINITE:
-                return "indefinite"
-        return ""
-
-    def _form(self, first: int, stop: int) -> str:
-        for hit in self.hits:
-            if hit.kind is Kind.VERB and first <= hit.first < stop:
-                return hit.form
-        words = self.tokens.words[first:stop]
-        word = next((word for word in words if not word.endswith("ly")), words[0])
-        for ending in ("ing", "ed"):
-            if word.endswith(ending):
-                return ending
-        return "s" if word.endswith("s") and not word.endswith("ss") else "base"
+    def _form(self, proposal: Proposal, first: int, stop: int) -> str:
+        if proposal.slot == "objects":
+            before = {self.words[first], *self.words[max(first - 3, 0) : first]}
+            return "the" if before & {"the", "this", "that", "these", "those"} else "a"
+        word = next((w for w in self.words[first:stop] if not w.endswith("ly")), "")
+        return "ing" if word.endswith("ing") else "s" if word.endswith("s") else "base"
 
 
-def _allowed(proposal: Proposal, word: str) -> int:
-    """The reasons against evidence that leave this proposal standing, as the rules have it."""
-    if proposal.slot in ACTIONS:
-        return Scope.AHEAD  # we will: a commitment
-    if proposal.slot == "motion":  # the van rolling along: true whatever is planned about it
-        return Scope.AHEAD | Scope.READY | Scope.REJECTED if word.endswith("ing") else 0
-    if proposal.slot == "position":
-        return Scope.AHEAD | Scope.READY | Scope.REJECTED
-    return Scope.AHEAD if proposal.label == "no_conflict" else 0
+def _kind(proposal: Proposal) -> str:
+    if proposal.label == NOBODY:
+        return "nobody"
+    return "action" if proposal.slot in _ACTIONS else _KINDS[proposal.slot]
+
+
+def _is_another(proposal: Proposal, hit: Hit) -> bool:
+    """Whether the lexicon knows a word as one for another label of the slot."""
+    slot, label = proposal.slot, proposal.label
+    if slot == "objects":
+        return hit.kind == "user" and hit.value != label
+    if slot in _ACTIONS:
+        action = lexicon().verbs[hit.value].ego if hit.kind == "verb" else hit.value
+        known = lexicon().values[slot].values()
+        return hit.kind in ("verb", "noun", "action") and action in known and action != label
+    if slot == "conflict":
+        return (
+            hit.kind == "conflict"
+            and hit.value in ("no_conflict", "resolved")
+            and (hit.value != label)
+        )
+    if slot == "position" and hit.kind == "place":
+        parts = {*hit.value.split("_"), *label.split("_")}
+        return {"left", "right"} <= parts or {"front", "rear"} <= parts
+    return False
+
+
+def _allowed(proposal: Proposal, word: str) -> Scope:
+    """What may be in force over evidence for a proposal."""
+    if proposal.slot in _ACTIONS:
+        return _COMMITTED
+    if proposal.slot == "motion":
+        return _PLACED if word.endswith("ing") else Scope(0)
+    if proposal.slot in ("position", "objects"):
+        return _PLACED
+    if proposal.label == "active":
+        return Scope.FUTURE | Scope.IMAGINED
+    return Scope.FUTURE | (Scope.POSSIBLE if proposal.label == "potential" else Scope(0))

@@ -1,0 +1,612 @@
+"""Who does what: binds places, movements, conflicts and actions to the VUT or to a road user."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.clause import EGO, PEOPLE, RIDERS, SCENE, Clause
+from ssp_eval.extract.match import Hit
+from ssp_eval.extract.scope import Scope
+from ssp_eval.extract.world import Actor, Statement, World
+
+# Motions that need company or a side, see decide.py.
+ALONG, CROSSING, CUTTING_IN = "along", "crossing", "cutting_in"
+_OTHER_SIDE = {"left": "right", "right": "left"}
+_ENDANGERS = frozenset({"cross", "intrude", "drift", "step", "leave"})
+_UNSAFE = frozenset({"open", "accelerate", "hide"})
+_AUXILIARIES = frozenset({"may", "will", "not", "ready", "must", "is", "past", "intend"})
+
+
+class Binder(Clause):
+    """One pass over the hits of a text, sentence by sentence."""
+
+    def run(self, ranges: list[tuple[int, int]]) -> World:
+        """Reads all sentences."""
+        for number, (start, stop) in enumerate(ranges):
+            self.unit = number
+            self.step += 1
+            self._begin(start, stop)
+            for index in range(start, stop):
+                self._at = index
+                self._read(index, self.hits[index], self.flags[index])
+            self._close()
+        return self.world
+
+    def _read(self, index: int, hit: Hit, flags: Scope) -> None:
+        kind = hit.kind
+        if kind == "mark":
+            self._mark(index, hit)
+        elif kind == "cue":
+            self._cue(hit)
+        elif kind == "user":
+            self._user(index, hit, flags)
+        elif kind == "ego":
+            if not self.busy and (self.near is None or not self._attributed(index)):
+                self.subject, self.near = EGO, None
+        elif kind == "pronoun":
+            self._pronoun(index, hit)
+        elif kind == "relative":
+            self.void = self.near is None or self.words[hit.first] == "whose"
+            if self.near is not None:
+                self.subject, self.busy = self.near, False
+        elif kind == "scene":
+            if (self.near is not None or self.planned or isinstance(self.subject, Actor)) and (
+                self.known.sets["prepositions_of_place"]
+                & set(self.words[max(hit.first - 3, 0) : hit.first])
+            ):  # fmt: skip
+                return  # on the sidewalk
+            if not self.busy and not isinstance(self.subject, Actor):
+                self.subject = SCENE
+            self.pending, self.near, self.void = [], None, True
+        elif kind == "place" or (kind == "towards" and not self._directed(index)):
+            self._place(index, hit, flags)
+        elif kind in ("from", "across", "towards", "goal"):
+            self._path(index, hit)
+        elif kind == "verb":
+            self._verb(index, hit, flags)
+        elif kind in ("noun", "action"):
+            self._noun(index, hit, flags)
+        elif kind == "state":
+            self._state(index, hit, flags)
+        elif kind == "braked_in_lane":
+            actor = self._owner(index)
+            if actor is not None and self.words[hit.first : hit.first + 2] in (
+                ["in", "our"],
+                ["in", "the"],
+            ):
+                actor.matters = actor.matters or "our" in self.words[hit.first : hit.stop]
+            if (
+                self.planned
+                and self.near is None
+                and self.subject in (None, EGO)
+                and not flags & ~Scope.FUTURE
+            ):
+                self.plan.in_lane(hit, self.step)
+        elif kind in ("conflict", "risk", "affects"):
+            self._conflict(index, hit, flags)
+        elif kind == "field":
+            self._field(hit)
+        else:
+            self._salience(index, hit, flags)
+
+    # --- structure of the sentence
+
+    def _mark(self, index: int, hit: Hit) -> None:
+        if hit.value == "," and index + 1 < self.stop and self.hits[index + 1].kind == "place":
+            return
+        self.busy = self.void = False
+        self.clause = index + 1
+        if hit.value in (";", ":", "|", "{") and (
+            self.field not in ("motion", "position", "conflict")
+        ):
+            self.subject = None
+        if hit.value in ("{", "|") and not self.field:
+            self.near = None
+
+    def _cue(self, hit: Hit) -> None:
+        around = self.words[hit.first - 1 : hit.first], self.words[hit.stop : hit.stop + 1]
+        if hit.value == "but" and around == ([","], [","]):
+            return
+        after = self.hits[self._at + 1] if self._at + 1 < self.stop else None
+        if hit.value == "while" and after is not None and after.form == "ing":
+            return  # braking while turning
+        if hit.value == "but" and self.planned:
+            self.step += 1
+        if hit.value == "reject" and self.words[hit.first].startswith("avoid"):
+            self.reacting = True
+        if hit.value in ("but", "so", "because", "while", "if", "then", "final", "before"):
+            self.busy = self.void = False
+            self.because = self.because or hit.value == "because"
+            if hit.value in ("because", "so", "while", "if", "but", "before"):
+                self.subject = None
+                self.near = None if hit.value != "before" else self.near
+            if hit.value == "final":
+                self.plan.final = True
+                self.plan.sequence = None
+        elif hit.value == "revise":
+            self.step += 1
+            self.world.revised.append(self.step)
+        elif hit.value == "meta":
+            self.plan.sequence = set()
+            self.busy = False
+        elif hit.value == "and":
+            self.busy = False
+
+    def _field(self, hit: Hit) -> None:
+        self.field = hit.value
+        self.busy = False
+        if hit.value in ("lon_action", "lat_action", "action", "conflict") or (
+            not hit.value and self.words[hit.first - 1].isalpha() and hit.first - 4 < self._line()
+        ):  # fmt: skip
+            self.listing = False
+        if hit.value in ("lon_action", "lat_action", "action"):
+            self.subject, self.near = None, None
+        elif hit.value == "objects":
+            self.subject, self.near = None, None
+            self.listing = True
+
+    def _close(self) -> None:
+        if self.planned:
+            for actor in self.named:
+                actor.reaction = max(actor.reaction, 1)
+
+    # --- road users
+
+    def _is_ego(self, index: int, hit: Hit, known: Actor | None) -> bool:
+        """Whether "the car" is the VUT: no other is there, or it is said what it should do."""
+        if hit.form != "the" or self.words[hit.first : hit.stop] not in (["car"], ["vehicle"]):
+            return False
+        if (
+            self.words[hit.first - 1] != "the"
+            or self.words[hit.first - 2] in self.known.sets["prepositions_before_us"]
+        ):
+            return False
+        after = self.words[hit.stop] if hit.stop < len(self.words) else "."
+        if after in self.known.sets["openers_of_attributes"] or after.endswith("ing"):
+            return False
+        following = self.hits[index + 1] if index + 1 < self.stop else None
+        if following is not None and following.kind == "cue" and following.value == "must":
+            return True
+        beyond = self.hits[index + 2] if index + 2 < self.stop else None
+        if following is not None and following.value == "is" and beyond is not None:
+            told = beyond.kind in ("place", "towards", "state", "conflict", "affects", "critical")
+            moves = (
+                beyond.kind == "verb"
+                and beyond.value not in ("go", "say")
+                and (not self.known.verbs[beyond.value].ego)
+            )
+            if told or moves:
+                return False
+        attributed = following is not None and following.kind in ("place", "relative", "towards")
+        return (known is None or known.background or known.parked) and not attributed
+
+    def _user(self, index: int, hit: Hit, flags: Scope) -> None:
+        if self._is_ego(index, hit, self._known(hit)):
+            after = self.hits[index + 1] if index + 1 < self.stop else None
+            if after is not None and after.value == "is" and not self.busy:
+                self.subject, self.near = SCENE, None  # what the VUT is doing is no plan
+                return
+            self.subject, self.near = EGO, None
+            return
+        alone = hit.form == "" and self.words[hit.first : hit.stop] in (["car"], ["vehicle"])
+        if alone and hit.first and self.words[hit.first - 1] in ("one", "only", "per", "moving"):
+            self.near, self.void = None, True
+            return
+        following = self.hits[index + 1] if index + 1 < self.stop else None
+        if hit.form != "the" and following is not None and following.value == "may" and (
+            following.first == hit.stop
+        ):  # fmt: skip
+            flags |= Scope.POSSIBLE  # a child may run out: there is none
+        if flags & (Scope.QUOTED | Scope.DENIED | Scope.IMAGINED | Scope.POSSIBLE | Scope.PAST):
+            known = self._known(hit)
+            kept = (
+                hit.form == "the" or flags == Scope.PAST or not self.words[hit.first - 1].isalpha()
+            )
+            if known is None and kept and not flags & (Scope.QUOTED | Scope.DENIED):
+                known = self._identify(hit)
+                known.first = self._said(known.name, hit)
+            if known is None or flags & Scope.QUOTED:
+                if not self.busy:
+                    self.subject = SCENE
+                self.near, self.void = None, True
+                self.pending, self.states = [], []
+                return
+            actor = known
+        else:
+            actor = self._is_a(index, hit) or self._identify(hit)
+            actor.mentions.append(self._said(actor.name, hit))
+        self.named.append(actor)
+        self.void = False
+        adjoining = index > self.start and self.hits[index - 1].kind == "user"
+        self.near = self.last = actor
+        if not self.busy and self.subject is not EGO and not adjoining:
+            self.subject = actor
+        because = self.planned and self.because and self.named[:-1] == []
+        if self.reacting or because or self._reacted_to(index):
+            actor.reaction = 2
+        if self.critical or (
+            self.listing and (self.subject is actor or len(self.named) == 1) and not self.shows
+        ):  # fmt: skip
+            actor.critical = True
+        if self.shows:
+            actor.matters = True
+        for at, place in self.pending:
+            self._put(actor, place, self.flags[at])
+        for state in self.states:
+            self._rest(actor, state)
+        self.pending, self.states, self.reacting = [], [], False
+
+    def _reacted_to(self, index: int) -> bool:
+        """Whether a commitment of the VUT stands right before: yield to the cyclist."""
+        for before in range(index - 1, max(index - 4, self.start - 1), -1):
+            hit = self.hits[before]
+            if hit in self.planned:
+                return self.hits[index].first - hit.stop < 7
+            if hit.kind not in ("place", "state", "braked_in_lane", "reacts", "noun"):
+                return False
+        return False
+
+    def _pronoun(self, index: int, hit: Hit) -> None:
+        last = self.last
+        if hit.value == "it" and index - self.clause < 3 and not self.busy and (
+            (self.subject is EGO and not self.named)
+            or (self.carried is EGO and not self.were_named)
+        ):  # fmt: skip
+            self.subject, self.near = EGO, None
+            return
+        if hit.value == "it" and last is not None and last.name in PEOPLE:
+            last = next((a for a in reversed(self.world.actors) if a.name not in PEOPLE), None)
+        if hit.value == "he" and (last is None or last.name not in RIDERS):
+            last = next((a for a in reversed(self.world.actors) if a.name in RIDERS), None)
+        if hit.value in ("they", "both") and (last is None or not last.plural):
+            last = next((a for a in reversed(self.world.actors) if a.plural), None)
+        if not self.busy or self.subject is None:
+            self.subject = last if last is not None else SCENE
+        self.void = last is None
+        if last is not None:
+            self.near = last
+            if self._reacted_to(index):
+                last.reaction = 2
+
+    # --- places and movements
+
+    def _path(self, index: int, hit: Hit) -> None:
+        """In our path, from the right: remembered for what follows."""
+        owner = self._owner(index)
+        if hit.kind == "goal" and self.words[hit.first] in ("in", "inside") and owner is not None:
+            self.in_path = self.was_in_path = (owner, hit)
+
+    def _place(self, index: int, hit: Hit, flags: Scope) -> None:
+        owner = self._owner(index)
+        after = self.words[hit.stop] if hit.stop < len(self.words) else "."
+        if after == "of" and self._other(index):
+            return
+        if self.words[hit.first] in _OTHER_SIDE and self.words[hit.first - 1] in ("the", "a"):
+            return  # blocks the left lane
+        if hit.value == "rear" and after in self.known.sets["articles_and_pronouns"]:
+            if self.planned or self.subject is EGO:
+                self.reacting = True
+            return
+        if hit.form == "lead":
+            self.pending.append((index, hit))
+            return
+        if self.words[hit.first] == "straight" and hit.stop - hit.first == 2 and (
+            self.planned and (owner is None or self.subject is EGO)
+        ):  # fmt: skip
+            if not flags & ~(Scope.FUTURE | Scope.LATER):
+                straight = Hit("action", "straight", "", hit.first, hit.stop)
+                self.plan.act(straight, flags, self.step, self._strong())
+            return
+        if hit.value == "rear" and index + 1 < self.stop:
+            following = self.hits[index + 1]
+            if following.kind == "user" and following.first - hit.stop < 4:
+                if self.planned or self.subject is EGO:
+                    self.reacting = True
+                return  # behind the van
+        if self.void or (self.subject is SCENE and self.near is None):
+            return
+        if owner is None or (self.subject is EGO and self.near is None):
+            self.pending.append((index, hit))
+        elif hit.stop < len(self.words) and self.words[hit.stop] == "of" and self._other(index):
+            return
+        else:
+            self._put(owner, hit, flags)
+
+    def _put(self, actor: Actor, hit: Hit, flags: Scope) -> None:
+        if not flags & ~(Scope.REJECTED | Scope.PLANNED | Scope.FUTURE | Scope.LATER):
+            actor.places.append(self._said(hit.value, hit))
+            self._show(actor)
+
+    def _show(self, actor: Actor) -> None:
+        """What is said of a road user makes one present that was only named before."""
+        if not actor.mentions and actor.first is not None:
+            actor.mentions.append(actor.first)
+
+    def _state(self, index: int, hit: Hit, flags: Scope) -> None:
+        following = self.hits[index + 1] if index + 1 < self.stop else None
+        if following is not None and following.kind == "user" and following.first - hit.stop < 3:
+            self.states.append(hit)
+            return
+        owner = self._owner(index)
+        if owner is None or self.void or (self.subject is EGO and self.near is None):
+            return
+        if not flags & ~(Scope.REJECTED | Scope.FUTURE | Scope.LATER):
+            self._rest(owner, hit)
+
+    def _rest(self, actor: Actor, hit: Hit) -> None:
+        value = hit.value
+        if value == "parked":
+            actor.parked, value = True, "stationary"
+        actor.motions.append(self._said(value, hit))
+        self._show(actor)
+
+    def _verb(self, index: int, hit: Hit, flags: Scope) -> None:
+        meaning = self.known.verbs[hit.value]
+        if self._adjective(index, hit, meaning.other):
+            return
+        if flags == Scope.POSSIBLE and self.subject in (None, SCENE) and self.near is None:
+            if self.subject is None and self.last is not None and (
+                self.hits[index - 1].value == "may" and self._may(index)
+            ):  # fmt: skip
+                self._move(self.last, index, hit, flags)
+                return
+            if meaning.other in ("step", "cross", "drift", "intrude") and (
+                self._nobody_known(index) and self._may(index)
+            ):  # fmt: skip
+                self.world.loose.append(self._said("potential", hit))
+                return
+        if self._of_other(index, hit):
+            owner = self._mover(index, hit)
+            if owner is not None:
+                self._move(owner, index, hit, flags)
+            self.busy = self.busy or hit.form != "ing" or isinstance(self.subject, Actor)
+            return
+        if self._hindered(index, hit) or (
+            hit.form == "base" and hit.first and self.words[hit.first - 1] == "to"
+            and index > self.start and self.hits[index - 1].kind in ("user", "pronoun")
+            and self.hits[index - 1].stop == hit.first - 1
+        ):  # fmt: skip
+            self.busy = True  # wait for the car to stop; our merge that somebody blocks
+            return
+        if hit.form == "ing" and self._gerund(index, hit):
+            self.busy = True
+            return
+        if self.plan.act(hit, flags, self.step, self._strong()):
+            self.planned.append(hit)
+            if self.subject is None:
+                self.subject = EGO
+        elif self.subject is None and not meaning.ego:
+            self.reacting = self.reacting or hit.value in ("follow", "overtake", "wait")
+        self.busy = True
+
+    def _adjective(self, index: int, hit: Hit, other: str) -> bool:
+        """The stopped taxi, an overtaking motorbike: the verb is its noun's attribute."""
+        following = self.hits[index + 1 : index + 3]
+        if following and following[0].form == "lead":
+            following = following[1:]
+        if not following or following[0].kind != "user" or following[0].first - hit.stop > 2:
+            return False
+        article = self.words[hit.first - 1] in ("the", "a", "an", "slow", "slower")
+        kinds = {"stand": "stationary", "with": "same_direction", "along": ALONG, "go": ALONG,
+                 "oncoming": "oncoming"}  # fmt: skip
+        if other not in kinds or not (hit.form == "ed" or (hit.form == "ing" and article)):
+            return False
+        if hit.form == "ed" and other != "stand":
+            return False
+        if hit.value == "stop" and hit.form == "ing":
+            return False
+        self.states.append(Hit("state", kinds[other], "", hit.first, hit.stop))
+        return True
+
+    def _mover(self, index: int, hit: Hit) -> Actor | None:
+        if isinstance(self.subject, Actor) and (hit.form != "ing" or not self._adjoins(index)):
+            return self.subject
+        return self._owner(index)
+
+    def _of_other(self, index: int, hit: Hit) -> bool:
+        """Whether a verb is somebody else's, not the VUT's."""
+        if self.field in ("motion", "position"):
+            return True
+        following = self.hits[index + 1] if index + 1 < self.stop else None
+        attribute = (
+            following is not None
+            and following.kind == "user"
+            and (following.first == hit.stop and self.words[hit.first - 1] in ("the", "a", "an"))
+        )
+        if hit.form == "ing" and attribute:
+            return False
+        if self._adjoins(index) and hit.form in ("ing", "s", "ed"):
+            return True
+        if isinstance(self.subject, Actor):
+            before = self.hits[index - 1] if index > self.start else None
+            finite = before is not None and (
+                before.kind in ("user", "pronoun", "relative")
+                or (before.kind == "cue" and before.value in _AUXILIARIES)
+            )
+            return hit.form != "base" or self.subject.plural or finite
+        if self.subject is SCENE:
+            return True
+        return self.subject is None and hit.form in ("s", "ed") and self.field != "action"
+
+    def _move(self, actor: Actor, index: int, hit: Hit, flags: Scope) -> None:
+        meaning = self.known.verbs[hit.value]
+        kind = meaning.other
+        goals = self._goals(index)
+        if flags & Scope.POSSIBLE and not flags & ~(Scope.POSSIBLE | Scope.FUTURE | Scope.LATER):
+            into = {goal.value for goal in goals} & {"into_ours", "across"}
+            if (
+                kind in _ENDANGERS or (kind == "go" and into) or hit.value in _UNSAFE
+            ) and self._may(index):
+                actor.conflicts.append(self._with_cue("potential", index, ("may",)))
+            return
+        perfect = hit.form == "ed" and kind not in ("stand", "parked")
+        if flags & ~(Scope.REJECTED | Scope.LATER) or perfect:
+            return
+        value = self._motion(actor, kind, goals, hit)
+        if value is None:
+            return
+        if kind == "parked":
+            actor.parked = True
+        stop = max([hit.stop, *(goal.stop for goal in goals)]) if "_from_" in value else hit.stop
+        actor.motions.append(Statement(value, hit.first, stop, self.unit))
+        self._show(actor)
+        actor.intruding = actor.intruding or value.startswith((CROSSING, CUTTING_IN))
+
+    def _motion(self, actor: Actor, kind: str, goals: list[Hit], hit: Hit) -> str | None:
+        names = {goal.value for goal in goals if goal.kind == "goal"}
+        side = next((g.value for g in goals if g.kind in ("across", "from")), "")
+        both = any(goal.kind == "across" for goal in goals)
+        end = next((goal.value for goal in goals if goal.kind == "towards"), "")
+        people = actor.name in PEOPLE
+        light = people or actor.name == "cyclist"
+        if kind in ("stand", "parked"):
+            return ALONG if hit.value == "stop" and hit.form == "ing" else "stationary"
+        if kind in ("oncoming", "recede", "with"):
+            return {"recede": "receding", "with": "same_direction"}.get(kind, kind)
+        if kind == "leave":
+            return None if people else "cutting_out"
+        if kind == "cross" and {"line", "into_ours"} & names and not light:
+            kind = "intrude"
+        if kind == "cross":
+            side = side or _OTHER_SIDE.get(end, "")
+            return f"crossing_from_{side}" if side else CROSSING
+        if kind in ("go", "drift", "step", "along") and not side:
+            if "towards_us" in names and kind != "drift":
+                return "oncoming"
+            if "away" in names:
+                return "receding"
+        if "out_of_ours" in names and not people:
+            return "cutting_out"
+        if kind == "intrude" or (kind in ("drift", "go", "step") and "into_ours" in names):
+            word = CROSSING if people else CUTTING_IN
+            return f"{word}_from_{side}" if side else word
+        if (
+            kind in ("step", "go", "drift")
+            and (both or "across" in names)
+            and (light or both or kind != "drift")
+        ):
+            side = side or (_OTHER_SIDE.get(end, "") if "across" in names else "")
+            return f"crossing_from_{side}" if side else CROSSING if people else None
+        if kind == "drift" and side:
+            return (
+                f"{CUTTING_IN}_from_{side}"
+                if hit.value == "drift" and self.words[hit.first].startswith("merg")
+                else None
+            )
+        if kind in ("along", "go") and not side:
+            return ALONG
+        return None
+
+    # --- actions, conflicts, salience
+
+    def _noun(self, index: int, hit: Hit, flags: Scope) -> None:
+        theirs = isinstance(self.subject, Actor) and not self.planned and not self._strong()
+        if (theirs and hit.kind == "noun") or self._hindered(index, hit):
+            return
+        if self.field in ("motion", "position", "objects") and hit.kind == "noun":
+            return
+        if hit.kind == "action" and self.field in ("motion", "position", "objects", "conflict"):
+            return
+        after = self.hits[index + 1] if index + 1 < self.stop else None
+        if hit.value == "straight" and after is not None and after.first == hit.stop and (
+            after.kind in ("place", "towards")
+        ):  # fmt: skip
+            return  # no steering to the left
+        if self.plan.act(hit, flags, self.step, self._strong() or hit.form == "value"):
+            self.planned.append(hit)
+
+    def _conflict(self, index: int, hit: Hit, flags: Scope) -> None:
+        if flags & (Scope.QUOTED | Scope.PAST | Scope.REJECTED | Scope.PLANNED):
+            return
+        value = hit.value
+        if value == "forced":
+            if self.in_path is not None and not flags & ~(Scope.FUTURE | Scope.DENIED):
+                actor, place = self.in_path
+                actor.conflicts.append(self._said("active", place))
+            return
+        denied = bool(flags & Scope.DENIED)
+        if hit.kind == "conflict":
+            if denied and value == "active" and "without" in self._sentence():
+                denied = False
+            if denied:
+                gone = "resolved" if self._no_longer(hit) else "no_conflict"
+                value = gone if value == "potential" else ""
+            elif value == "no_conflict" and self._no_longer(hit):
+                value = "resolved"
+            elif flags & Scope.POSSIBLE and value == "active":
+                would = {"would", "i'd"} & set(self._sentence())
+                certain = (
+                    "active"
+                    if self.known.sets["words_of_certainty"] & set(self._sentence())
+                    else ""
+                )
+                value = certain if would else "potential"
+            if flags & Scope.IMAGINED:
+                around = set(self._sentence())
+                if value != "active" or not self.known.sets["words_of_certainty"] & around:
+                    value = "active" if value == "active" and self._trailing(index) else ""
+            if value == "resolved" and flags & (Scope.POSSIBLE | Scope.FUTURE):
+                return
+        elif denied:
+            near = self.hits[index + 1 : index + 3]
+            if any(one.kind == "conflict" for one in near):
+                return
+            value = "resolved" if self._no_longer(hit) else "no_conflict"
+        elif hit.kind == "risk":
+            risky = self.words[hit.first] in ("risk", "danger", "hazard", "threat")
+            asserted = self.words[hit.first - 1] in ("a", "is", "some", "the")
+            value = "potential" if flags & Scope.POSSIBLE or (risky and asserted) else ""
+            if {"none", "nil", "no"} & set(self.words[hit.stop : hit.stop + 2]):
+                value = "no_conflict"
+            if flags & Scope.IMAGINED:
+                value = ""
+        else:
+            value = "potential" if flags & Scope.POSSIBLE else ""
+        if not value:
+            return
+        if self.subject is SCENE and self.near is None and hit.kind == "affects":
+            return
+        said = self._with_cue(value, index, ("no", "not", "may"))
+        owner = self.subject if isinstance(self.subject, Actor) else self.near
+        following = self.hits[index + 1] if index + 1 < self.stop else None
+        if following is not None and following.kind == "user" and following.first - hit.stop < 5:
+            owner = self._known(following) or self._identify(following)
+        present = [one for one in self.world.actors if one.mentions and not one.background]
+        if owner is None and self.field and self.last is not None and present == [self.last]:
+            owner = self.last
+        if owner is None:
+            self.world.loose.append(said)
+        else:
+            owner.conflicts.append(said)
+
+    def _salience(self, index: int, hit: Hit, flags: Scope) -> None:
+        owner = self._owner(index)
+        if hit.kind == "nobody":
+            after = self.hits[index + 1 : index + 3]
+            acts = any(one.kind in ("verb", "relative") for one in after)
+            alone = (
+                self.words[hit.first] in ("nobody", "no_one", "noone") or hit.stop - hit.first < 3
+            )
+            if not flags & ~Scope.DENIED and not (acts and alone):
+                self.world.nobody.append(self._said("", hit))
+        elif hit.kind == "reacts":
+            if (self.planned or self.subject in (EGO, None)) and not flags & Scope.QUOTED:
+                self.reacting = True
+        elif flags & (Scope.QUOTED | Scope.IMAGINED):
+            return
+        elif hit.kind == "critical":
+            if flags & Scope.DENIED:
+                if owner is not None:
+                    owner.background = True
+            elif owner is not None and self.near is not None:
+                owner.critical = True
+            else:
+                self.critical = True
+        elif hit.kind == "background":
+            whom = self.subject if isinstance(self.subject, Actor) and not self.void else owner
+            for actor in [whom] if whom else self.named[-1:]:
+                actor.background = True
+        elif hit.kind == "matters":
+            if owner is not None:
+                owner.matters = True
+                if flags == Scope.POSSIBLE and self.words[hit.first].startswith(("hid", "conceal")):
+                    owner.conflicts.append(self._said("potential", hit))
+            self.shows = True

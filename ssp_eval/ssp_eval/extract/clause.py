@@ -1,0 +1,287 @@
+"""The state of the reading within a sentence, and what is asked of the hits around one."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.lexicon import lexicon
+from ssp_eval.extract.match import Hit
+from ssp_eval.extract.plan import Plan
+from ssp_eval.extract.scope import Scope
+from ssp_eval.extract.world import Actor, Statement, World
+
+EGO = "ego"
+SCENE = "scene"
+REACH = 24  # hits that a look along the sentence covers, so that the whole stays linear
+_GOALS = frozenset({"goal", "from", "across", "towards", "place"})
+PEOPLE = frozenset({"pedestrian"})
+RIDERS = frozenset({"pedestrian", "cyclist", "motorcycle"})
+_GENERIC = frozenset({"vehicle", "car", "vehicles", "cars"})
+_CALLED = frozenset({("bike", "motorcycle"), ("cab", "truck"), ("bike", "cyclist")})
+_ANY_MORE = ("no longer", "any more", "anymore", "any longer", "no more", "no further")
+
+
+class Clause:
+    """What is known at a hit: the clause's subject, who was named, what was planned.
+
+    ``near`` is the road user that was named last in the clause, ``last`` the one that a pronoun
+    means, ``void`` says that something else was named since, ``busy`` that the clause has its verb.
+    """
+
+    def __init__(self, words: list[str], hits: list[Hit], flags: list[Scope]) -> None:
+        self.words, self.hits, self.flags = words, hits, flags
+        self.known = lexicon()
+        self.world = World()
+        self.plan = Plan(words, self.world)
+        self.last: Actor | None = None
+        self.field = ""
+        self.heading = False
+        self.unit = self.step = 0
+        self.listing = False
+        self._at = 0
+        self.was_in_path: tuple[Actor, Hit] | None = None  # who was said to be in our path
+        self.subject: Actor | str | None = None
+        self.named: list[Actor] = []
+        self._begin(0, 0)
+
+    def _begin(self, start: int, stop: int) -> None:
+        self.start, self.stop = start, stop
+        self.carried = self.subject
+        self.subject = None
+        self.near: Actor | None = None
+        self.busy = False
+        self.clause = start
+        self.pending: list[tuple[int, Hit]] = []
+        self.states: list[Hit] = []
+        self.were_named = self.named
+        self.named = []
+        self.planned: list[Hit] = []
+        self.reacting = False
+        self.critical = False
+        self.shows = self.because = self.void = False
+        self.in_path = self.was_in_path
+        self.was_in_path = None
+        self.field = self.field if self.field in ("action", "lon_action", "lat_action") and (
+            start < len(self.hits) and self._continues(start)
+        ) else ""  # fmt: skip
+
+    def _continues(self, start: int) -> bool:
+        """Whether a line goes on with the list under a heading of objects."""
+        return start < len(self.hits) and not any(
+            hit.kind == "field" for hit in self.hits[start : min(self.stop, start + REACH)]
+        )
+
+    def _said(self, value: str, hit: Hit) -> Statement:
+        return Statement(value, hit.first, hit.stop, self.unit)
+
+    def _line(self) -> int:
+        return self.hits[self.start].first if self.start < len(self.hits) else 0
+
+    def _attributed(self, index: int) -> bool:
+        before = self.hits[index - 1] if index > self.start else None
+        return before is not None and before.kind in ("reacts", "goal", "verb")
+
+    def _directed(self, index: int) -> bool:
+        """Whether "to the left" says where a movement goes, not where somebody is."""
+        for before in range(index - 1, max(index - 4, self.start - 1), -1):
+            hit = self.hits[before]
+            if hit.kind == "verb":
+                return self.known.verbs[hit.value].other in (
+                    "go",
+                    "drift",
+                    "step",
+                    "cross",
+                    "leave",
+                )
+            if hit.kind not in ("goal", "from", "towards"):
+                return False
+        return False
+
+    def _owner(self, index: int) -> Actor | None:
+        """Whom an attribute speaks of: the noun of the clause, else its subject."""
+        if self.near is not None:
+            return self.near
+        if isinstance(self.subject, Actor):
+            return self.subject
+        if self.field in ("position", "motion", "conflict"):
+            return self.last
+        return None
+
+    def _other(self, index: int) -> bool:
+        """Whether a place is relative to somebody else: in front of the bus."""
+        at = self.hits[index].stop
+        return any(
+            hit.kind == "user" and hit.first - at < 4 for hit in self.hits[index + 1 : index + 4]
+        )
+
+    def _hindered(self, index: int, hit: Hit) -> bool:
+        """Whether somebody blocks the manoeuvre: a bus that is blocking a merge to the left."""
+        for before in range(index - 1, max(self.clause, index - 8) - 1, -1):
+            if self.hits[before].kind == "matters":
+                return True
+            if self.hits[before].kind in ("user", "cue"):
+                break
+        after = self.hits[index + 1] if index + 1 < self.stop else None
+        return after is not None and after.kind == "matters" and after.first - hit.stop < 3
+
+    def _gerund(self, index: int, hit: Hit) -> bool:
+        """Braking sends a wave through the traffic; the reason for braking: no action is taken."""
+        if (
+            self.words[hit.first - 1] in self.known.sets["prepositions_before_gerunds"]
+            and hit.first
+        ):
+            return True
+        if self.subject is EGO or self.planned or self._strong():
+            return False
+        for after in self.hits[index + 1 : min(self.stop, index + REACH)]:
+            if after.kind == "mark" and after.value != ",":
+                return False
+            if (after.kind == "verb" and after.form == "s") or after.value in ("is", "may", "past"):
+                return True
+            if after.kind in ("user", "ego", "cue"):
+                return False
+        return False
+
+    def _nobody_known(self, index: int) -> bool:
+        """Whether a possible movement is that of somebody unseen: someone may walk out."""
+        return any(
+            self.words[at]
+            in (
+                "someone",
+                "somebody",
+                "one",
+                "anyone",
+                "child",
+                "car",
+                "pedestrian",
+                "person",
+                "he",
+                "it",
+            )
+            for at in range(max(self.hits[index].first - 6, 0), self.hits[index].first)
+        )
+
+    def _strong(self) -> bool:
+        return self.field in ("lon_action", "lat_action", "action")
+
+    def _adjoins(self, index: int) -> bool:
+        for before in range(index - 1, max(index - 5, self.start - 1), -1):
+            kind = self.hits[before].kind
+            if kind == "user":
+                return True
+            if kind not in ("place", "state"):
+                return False
+        return False
+
+    def _may(self, index: int) -> bool:
+        """Whether it is may, could or might, not would, that makes a movement possible."""
+        for before in range(index - 1, max(self.start, index - REACH) - 1, -1):
+            hit = self.hits[before]
+            if hit.kind == "cue" and hit.value == "may":
+                return self.words[hit.first] not in self.known.sets["modals_without_risk"]
+        return False
+
+    def _goals(self, index: int) -> list[Hit]:
+        """The places and directions that belong to a verb."""
+        found = []
+        for before in range(index - 1, max(index - 4, self.start - 1), -1):
+            hit = self.hits[before]
+            if hit.kind == "from":
+                found.append(hit)
+            elif hit.kind in ("verb", "ego") or (hit.kind == "cue" and hit.value != "is"):
+                break
+        for after in range(index + 1, min(index + 9, self.stop)):
+            hit = self.hits[after]
+            if hit.kind in _GOALS:
+                found.append(hit)
+            elif hit.kind == "verb" and hit.form == "ing" and self.hits[after - 1].kind == "cue":
+                continue
+            elif hit.kind in ("verb", "user", "noun", "field") or hit.value in (
+                ";", "so", "because", "but", "if", "."
+            ):  # fmt: skip
+                break
+        return found
+
+    def _with_cue(self, value: str, index: int, cues: tuple[str, ...]) -> Statement:
+        """A statement whose words begin with what makes it one: could swerve, no risk."""
+        hit = self.hits[index]
+        for before in self.hits[max(self.clause, index - 4) : index]:
+            if before.kind == "cue" and before.value in cues and hit.first - before.stop < 4:
+                return Statement(value, before.first, hit.stop, self.unit)
+        return self._said(value, hit)
+
+    def _sentence(self) -> list[str]:
+        first = self.hits[max(self.start, self._at - REACH)].first
+        return self.words[first : self.hits[min(self.stop, self._at + REACH) - 1].stop]
+
+    def _no_longer(self, hit: Hit) -> bool:
+        around = " ".join(self.words[max(hit.first - 6, 0) : hit.stop + 4])
+        return any(f" {end}" in f" {around}" for end in _ANY_MORE)
+
+    def _trailing(self, index: int) -> bool:
+        return not any(
+            hit.kind == "cue" and hit.value == "if"
+            for hit in self.hits[max(self.start, index - REACH) : index]
+        )
+
+    def _is_a(self, index: int, hit: Hit) -> Actor | None:
+        """The vehicle that matters is a truck: the one who was called a vehicle."""
+        before = self.hits[index - 1] if index > self.start else None
+        actor = self.subject
+        if hit.form != "a" or before is None or before.value != "is" or hit.first - before.stop > 3:
+            return None
+        if not isinstance(actor, Actor) or actor.noun not in ("vehicle", "car"):
+            return None
+        actor.name = hit.value
+        return actor
+
+    def _noun_of(self, hit: Hit) -> tuple[str, str]:
+        colour = next(
+            (
+                w
+                for w in self.words[max(hit.first - 4, 0) : hit.first]
+                if w in self.known.sets["colours"]
+            ),
+            "",
+        )
+        label = self.words[hit.stop] if hit.stop < len(self.words) else ""
+        named = [label] if label in self.known.sets["labels"] else []
+        return " ".join([*self.words[hit.first : hit.stop], *named]), colour
+
+    def _known(self, hit: Hit) -> Actor | None:
+        noun, colour = self._noun_of(hit)
+        if hit.form == "another":
+            return None
+        single = noun.removesuffix("s")
+        for actor in reversed(self.world.actors[-24:]):
+            if actor.noun.startswith(f"{noun} ") and actor.name == "cyclist":
+                return actor  # a child on a bike: the child
+            if (noun, actor.name) in _CALLED and hit.form == "the":
+                return actor
+            same = actor.noun.removesuffix("s") == single
+            generic = noun in _GENERIC or actor.noun in _GENERIC
+            if noun in ("vehicle", "vehicles") and hit.form == "the" and (
+                actor.name not in PEOPLE and actor.name != "cyclist"
+            ):  # fmt: skip
+                return actor
+            if actor.name == hit.value and (same or generic or actor.name in RIDERS):
+                if colour and actor.colour and colour != actor.colour:
+                    continue
+                return actor
+        return None
+
+    def _identify(self, hit: Hit) -> Actor:
+        noun, colour = self._noun_of(hit)
+        known = self._known(hit)
+        fresh = hit.form == "a" and known is not None and (
+            known in self.named or (known.noun != noun and known.name not in PEOPLE)
+        )  # fmt: skip
+        if known is not None and known.parked != any(one.value == "parked" for one in self.states):
+            fresh = fresh or not known.parked or hit.form == "a"
+        if known is not None and not fresh:
+            known.colour = known.colour or colour
+            return known
+        plural = (
+            self.words[hit.stop - 1].endswith("s") or self.words[hit.stop - 1] in self.known.plurals
+        )
+        actor = Actor(hit.value, len(self.world.actors), noun, colour, plural)
+        self.world.actors.append(actor)
+        return actor

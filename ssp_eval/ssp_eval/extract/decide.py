@@ -1,0 +1,212 @@
+"""The slots that follow from what was gathered."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.bind import ALONG, CROSSING, CUTTING_IN
+from ssp_eval.extract.world import Actor, Statement, World
+
+Found = tuple[str | tuple[str, ...], tuple[Statement, ...]]
+_PARTNER = {"active": 3, "potential": 2, "resolved": 1}
+MAX_OTHERS = 2
+_NEVER_ALONG = frozenset({"pedestrian"})
+
+
+def decide(world: World) -> dict[str, Found]:
+    """Each slot that the text fills, with the words that say so."""
+    found: dict[str, Found | None] = {}
+    objects = _objects(world)
+    critical = _critical(objects)
+    if objects and _sure(objects, world):
+        names = tuple(sorted({actor.name for actor in objects}))
+        said = tuple(next(a for a in objects if a.name == name).mentions[0] for name in names)
+        found["objects"] = (names, said)
+    elif (
+        not objects
+        and world.nobody
+        and not [a for a in world.actors if a.mentions and not a.background]
+    ):
+        found["objects"] = ((), (world.nobody[0],))
+    if critical is not None:
+        found["position"] = _unmixed(_position(critical), critical, world)
+        found["motion"] = _unmixed(_motion(critical), critical, world)
+    found["conflict"] = _conflict(critical, world)
+    for slot in ("lon_action", "lat_action"):
+        found[slot] = _action(world, slot)
+    return {slot: value for slot, value in found.items() if value is not None}
+
+
+def _unmixed(found: Found | None, critical: Actor, world: World) -> Found | None:
+    """Drops what may be said of another: a sentence names two, or the text is about many."""
+    others = [a for a in world.actors if a is not critical and (a.mentions or a.first)]
+    if found is None or not others:
+        return found
+    sentence = found[1][-1].sentence
+    named = sentence > 0 and any(said.sentence == sentence for a in others for said in a.mentions)
+    present = [a for a in others if a.mentions and not a.background]
+    return None if (named and present) or len(present) >= MAX_OTHERS else found
+
+
+def _strong(actor: Actor) -> bool:
+    return bool(
+        actor.critical or actor.reaction == 2 or actor.conflicts or actor.matters or actor.intruding
+    )
+
+
+def _sure(objects: list[Actor], world: World) -> bool:
+    """Whether all who are present are accounted for: as objects, or as of no importance."""
+    left = [a for a in world.actors if a.mentions and a not in objects]
+    names = {actor.name for actor in objects}
+    if any(not (a.background or a.parked or a.name in names) for a in left):
+        return False
+    return len(names) == 1 or all(_strong(actor) for actor in objects)
+
+
+def _marked(actor: Actor) -> bool:
+    partner = any(said.value in _PARTNER for said in actor.conflicts)
+    if actor.parked:
+        return actor.critical or actor.matters or actor.reaction == 2 or partner
+    return bool(actor.critical or actor.matters or actor.reaction or actor.intruding or partner)
+
+
+def _objects(world: World) -> list[Actor]:
+    """Who is present and matters: marked as such, or all where the text marks nobody."""
+    present = [
+        actor
+        for actor in world.actors
+        if actor.mentions
+        and not (
+            actor.background
+            and not any(s.value in ("active", "potential") for s in actor.conflicts)
+        )
+        and (not actor.parked or _marked(actor))
+    ]
+    if not any(_marked(actor) for actor in present):
+        return present
+    return [a for a in present if _marked(a) or (a.motions and a.places and not a.parked)]
+
+
+def _critical(objects: list[Actor]) -> Actor | None:
+    """The conflict partner, else what the plan reacts to, else the first critical object."""
+    if not objects:
+        return None
+    return max(
+        objects,
+        key=lambda a: (
+            max((_PARTNER.get(said.value, 0) for said in a.conflicts[-1:]), default=0),
+            a.reaction == 2 and not a.parked,
+            a.intruding and a.reaction > 0,
+            a.critical and not a.parked,
+            a.reaction == 2,
+            a.reaction,
+            a.intruding,
+            a.critical,
+            -a.order,
+        ),
+    )
+
+
+def _position(actor: Actor) -> Found | None:
+    """The last sentence's place, put together from its parts: ahead + on the right."""
+    places = [place for place in actor.places if place.value != "beside"]
+    if not places:
+        return None
+    spoken: dict[int, list[Statement]] = {}
+    for place in places:
+        spoken.setdefault(place.sentence, []).append(place)
+    sets = {
+        at: frozenset(p for one in said for p in one.value.split("_"))
+        for at, said in spoken.items()
+    }
+    last = places[-1].sentence
+    best = (
+        last
+        if _changes(actor)
+        else max((at for at in sets if sets[at] >= sets[last]), key=lambda at: (len(sets[at]), at))
+    )
+    every = frozenset().union(*sets.values())
+    unlike = [at for at in sets if not (sets[at] <= sets[best] or sets[best] <= sets[at])]
+    if unlike and not _changes(actor):
+        return None
+    if _excludes(sets[best]) or (_excludes(every) and not _changes(actor)):
+        return None
+    order = ("front", "rear", "left", "right")
+    return "_".join(part for part in order if part in sets[best]), tuple(spoken[best])
+
+
+def _excludes(parts: frozenset[str]) -> bool:
+    return {"left", "right"} <= parts or {"front", "rear"} <= parts
+
+
+def _changes(actor: Actor) -> bool:
+    """Whether the text follows somebody through several frames."""
+    return len({place.sentence for place in actor.places}) > 2
+
+
+def _motion(actor: Actor) -> Found | None:
+    """The last motion that is complete: some need company or a side."""
+    values: dict[str, Statement] = {}
+    over = any(said.value == "resolved" for said in actor.conflicts)
+    for said in actor.motions:
+        value = _complete(said.value, actor)
+        if over and value is not None and value.startswith(("crossing", "cutting")):
+            continue  # a finished crossing is no motion
+        if value is None or (said.value == ALONG and set(values) - {"same_direction"}):
+            continue
+        values.pop(value, None)
+        values[value] = said
+    if not values:
+        return None
+    value, said = list(values.items())[-1]
+    earlier = {old for old, one in values.items() if one.sentence != said.sentence}
+    if value in ("same_direction", "stationary", "oncoming") and earlier - {value}:
+        return None
+    for specific, other in values.items():
+        if value == "same_direction" and specific != value and other.sentence == said.sentence:
+            return specific, (other,)
+    return value, (said,)
+
+
+def _complete(value: str, actor: Actor) -> str | None:
+    place = "_".join(said.value for said in actor.places)
+    if value == ALONG:
+        last = actor.places[-1].value if actor.places else ""
+        along = last and not last.startswith("rear") and actor.name not in _NEVER_ALONG
+        return "same_direction" if along else None
+    if value == CUTTING_IN:
+        sides = {side for side in ("left", "right") if side in place}
+        return f"cutting_in_from_{sides.pop()}" if len(sides) == 1 else None
+    return None if value == CROSSING else value
+
+
+def _conflict(actor: Actor | None, world: World) -> Found | None:
+    said = list(actor.conflicts) if actor is not None else []
+    said = sorted([*said, *world.loose], key=lambda one: one.first)
+    if not said:
+        return None
+    last = said[-1]
+    if last.value == "potential":  # a possible turn of what is active already
+        last = next((one for one in said if one.value == "active"), last)
+    for other in said:
+        if other.sentence == last.sentence and other.value == "active":
+            last = other
+    return last.value, (last,)
+
+
+def _action(world: World, slot: str) -> Found | None:
+    """The final plan's first step; slowing down and then stopping is a stop."""
+    units = {one.unit for one in world.commitments}
+    revision = max((unit for unit in world.revised if unit in units), default=0)
+    said = [one for one in world.commitments if one.slot == slot and one.unit >= revision]
+    said = [one for one in said if one.final] or said
+    now = [one for one in said if not one.later] or (said if slot == "lat_action" else [])
+    if not now:
+        return None
+    steps = [one for one in now if one.unit == now[-1].unit]
+    first = steps[0]
+    if first.value == "decelerate":
+        for step in (one for one in said if one.unit == first.unit):
+            if step.value == "stop" and 0 < step.first - first.stop < 5:
+                return "stop", (Statement("stop", step.first, step.stop, step.unit),)
+    if first.value == "left" and any(step.value == "right" for step in steps):
+        return None
+    return first.value, (Statement(first.value, first.first, first.stop, first.unit),)

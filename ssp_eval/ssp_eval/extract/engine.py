@@ -1,0 +1,55 @@
+"""The rules: text in, slots with evidence out. They see nothing but the text (METHOD 5.5 a, c)."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_eval.data.records import Slot, Slots
+from ssp_eval.extract.bind import Binder
+from ssp_eval.extract.checks import check
+from ssp_eval.extract.decide import decide
+from ssp_eval.extract.match import find, sentences
+from ssp_eval.extract.scope import scopes
+from ssp_eval.extract.tokens import tokenise
+
+RULES_VERSION = "2"
+_SOURCES = (
+    "lexicon.yaml", "scope.yaml", "lexicon.py", "tokens.py", "match.py", "scope.py", "world.py",
+    "plan.py", "clause.py", "bind.py", "decide.py", "engine.py", "checks.py",
+)  # fmt: skip
+
+
+def extract(text: str) -> Slots:
+    """What the text asserts about the present, in the closed vocabularies (METHOD 5.5 a, c).
+
+    Precision comes before recall: where the rules aren't sure a slot is None. Linear in the length
+    of the text; raises on no string.
+
+    Args:
+        text: a model's text, with nothing else.
+    """
+    tokens = tokenise(text)
+    hits = find(tokens.words)
+    ranges = sentences(hits)
+    flags = scopes(tokens.words, hits, ranges)
+    world = Binder(tokens.words, hits, flags).run(ranges)
+    slots: dict[str, Slot] = {}
+    for name, (value, support) in decide(world).items():
+        spans = sorted({tokens.span(said.first, said.stop) for said in support})
+        slot = check(text, name, Slot(value, tuple(spans)))
+        if slot is not None:
+            slots[name] = slot
+    return Slots(**slots)
+
+
+@cache
+def extractor_hash() -> str:
+    """Hash of the rules, ``sha256:<hex>``, for the provenance of what they extracted.
+
+    It covers every word of the lexicon and every module that reads it.
+    """
+    folder = Path(__file__).parent
+    modules = {name: sha256_bytes((folder / name).read_bytes()) for name in _SOURCES}
+    return sha256_json({"version": RULES_VERSION, "modules": modules})

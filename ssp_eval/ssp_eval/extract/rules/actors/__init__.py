@@ -1,1 +1,0 @@
-"""Who is who: which road user a noun names, and when it names the ego."""

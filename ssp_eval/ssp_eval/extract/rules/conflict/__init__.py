@@ -1,1 +1,0 @@
-"""Whether there is a conflict, and with whom: stated, or what somebody may do."""

@@ -1,1 +1,0 @@
-"""What road users do and where they are."""

@@ -1,1 +1,0 @@
-"""Stage 5c: what the ego commits itself to."""

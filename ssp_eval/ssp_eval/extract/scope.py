@@ -1,0 +1,263 @@
+"""What is in force at each hit: negation, hypotheticals, the past, echoes, other plans.
+
+The cues, what each makes of the words around it, and how far it reaches stand in ``scope.yaml``. A
+clause ends at a mark or a conjunction; a condition reaches to the end of its sentence or to "but".
+"""
+
+from __future__ import annotations
+
+from enum import IntFlag
+
+from ssp_eval.extract.lexicon import lexicon
+from ssp_eval.extract.match import Hit
+
+
+class Scope(IntFlag):
+    """Reasons why words are no evidence of the present."""
+
+    DENIED = 1
+    IMAGINED = 2
+    POSSIBLE = 4
+    FUTURE = 8
+    PAST = 16
+    PLANNED = 32
+    REJECTED = 64
+    QUOTED = 128
+    LATER = 256
+    INTENDED = 512
+
+
+_FLAGS = {
+    "denied": Scope.DENIED, "imagined": Scope.IMAGINED, "possible": Scope.POSSIBLE,
+    "future": Scope.FUTURE, "past": Scope.PAST, "planned": Scope.PLANNED,
+    "rejected": Scope.REJECTED, "quoted": Scope.QUOTED, "later": Scope.LATER,
+    "intended": Scope.INTENDED, "": Scope(0),
+}  # fmt: skip
+_SUBJECTS = frozenset({"user", "pronoun", "ego", "scene"})
+_NOT_OF_THINGS = Scope.REJECTED | Scope.PLANNED | Scope.FUTURE | Scope.LATER | Scope.INTENDED
+_OPTIONS = frozenset({"options", "alternatives", "candidates", "choices"})
+_ITEMS = frozenset({"(", "a", "b", "c", "d", "i", "ii", "iii", "1", "2", "3", "4", ")"})
+REACH = 24  # hits that a backward look covers, so that the whole stays linear
+
+
+def scopes(words: list[str], hits: list[Hit], ranges: list[tuple[int, int]]) -> list[Scope]:
+    """The flags of every hit."""
+    flags = [Scope(0)] * len(hits)
+    for start, stop in ranges:
+        _Sentence(words, hits, flags, start, stop).run()
+    _echoes(words, hits, flags, ranges)
+    return flags
+
+
+class _Sentence:
+    def __init__(
+        self, words: list[str], hits: list[Hit], flags: list[Scope], start: int, stop: int
+    ) -> None:
+        self.words, self.hits, self.flags = words, hits, flags
+        self.start, self.stop, self.clause = start, stop, start
+        self.local = self.wide = Scope(0)
+        self.verb: Hit | None = None
+        self.verb_at = start
+
+    def run(self) -> None:
+        """Sets the flags of the sentence's hits."""
+        for index in range(self.start, self.stop):
+            hit = self.hits[index]
+            if hit.kind == "mark":
+                self._mark(index, hit.value)
+            elif hit.kind == "cue":
+                self._cue(index, hit)
+            else:
+                self.flags[index] |= self._at(index, hit)
+                if index > self.start and self._attached(index, hit):
+                    self.flags[index] = self.flags[index - 1]
+                if hit.kind == "relative":
+                    self._end(index)
+                elif hit.kind in ("verb", "noun", "action"):
+                    self.verb, self.verb_at = hit, index
+
+    def _attached(self, index: int, hit: Hit) -> bool:
+        """Whether an attribute stands right behind its noun, and is as true as the noun is."""
+        before = self.hits[index - 1]
+        if before.kind not in ("user", "place", "from") or hit.first - before.stop > 1:
+            return False
+        return hit.kind in ("place", "from") or (hit.form == "ing" and hit.kind == "verb")
+
+    def _at(self, index: int, hit: Hit) -> Scope:
+        if hit.kind not in ("user", "place", "from"):
+            return self.local | self.wide
+        local = self.local & ~_NOT_OF_THINGS
+        wide = self.wide
+        if hit.kind == "user" and hit.form == "the":  # until the car has passed: it is there
+            local &= ~(Scope.IMAGINED | Scope.POSSIBLE | Scope.DENIED)
+            following = self.hits[index + 1] if index + 1 < self.stop else None
+            if following is not None and following.kind == "place":
+                wide &= ~Scope.IMAGINED
+        elif (
+            hit.kind == "user"
+            and self.verb is not None
+            and self.verb_at >= self.clause
+            and self.words[hit.first - 1] not in ("no", "any")
+        ):
+            local &= ~Scope.DENIED  # doesn't affect a car
+        return local | wide
+
+    def _end(self, index: int) -> None:
+        self.local = Scope(0)
+        self.clause = index + 1
+
+    def _mark(self, index: int, value: str) -> None:
+        near = self.hits[max(index - 1, self.start) : index + 3]
+        if value == "," and near[0].kind == "user" and any(
+            hit.kind == "user" or hit.value in ("or", "and") for hit in near[2:]
+        ):  # fmt: skip
+            return  # no cars, trucks or buses
+        if value == '"' and near[0].kind == "cue" and self.local & Scope.DENIED:
+            return  # not "slow"
+        self._end(index)
+        if value in (";", "|"):
+            self.wide &= Scope.QUOTED
+
+    def _cue(self, index: int, hit: Hit) -> None:
+        name = hit.value
+        cue = lexicon().cues[name]
+        flag, reach = _FLAGS[cue["flag"]], cue["reach"]
+        self.flags[index] |= self.local | self.wide
+        if name == "ticked":
+            self.wide = self.local = Scope(0)
+        if name == "no" and self._answers(index):
+            for before in range(max(self.start, index - REACH), index):
+                if self.hits[before].kind in ("user", "verb", "risk"):
+                    self.flags[before] |= Scope.DENIED
+        if name == "but" and self._parenthetic(index):
+            return
+        if self.words[hit.first] == "or" and index + 1 < self.stop:
+            both = self.hits[index - 1], self.hits[index + 1]
+            if all(one.kind in ("verb", "noun", "action") for one in both):
+                self.flags[index - 1] |= Scope.POSSIBLE
+        if name in ("but", "so", "because", "while", "final"):
+            self._end(index)
+            if name == "but":
+                self.wide = Scope(0)
+            elif name == "so":
+                self.wide &= ~Scope.IMAGINED
+        elif name == "and":
+            self._and(index)
+        elif reach == "forward":
+            self.local |= flag
+            if flag in (Scope.DENIED, Scope.POSSIBLE):
+                self._subject(index, flag)
+            if name == "then":
+                self._end(index)
+                self.local |= flag
+        elif reach == "condition":
+            opens = index == self.start or self.hits[index - 1].kind == "mark"
+            if not opens and self.verb is not None and self.verb_at >= self.clause:
+                self.flags[self.verb_at] |= flag
+            self.wide |= flag
+        elif reach == "sentence":
+            self.wide |= flag
+        elif name == "rejected" and index == self.start and self.hits[index + 1 :][:1]:
+            self.wide |= Scope.QUOTED  # not recommended: speed up; …
+        elif reach in ("back", "clause"):
+            for before in range(max(self._back(index), index - REACH), index):
+                if self.hits[before].kind in ("verb", "noun", "action", "state", "conflict") or (
+                    reach == "clause" and self.hits[before].kind != "ego"
+                ):
+                    self.flags[before] |= flag
+            if reach == "clause":
+                self.local |= flag
+        elif name == "is":
+            self.local &= ~Scope.PAST
+
+    def _answers(self, index: int) -> bool:
+        """Cyclists: none. | lead vehicle | none |"""
+        before = self.words[self.hits[index].first - 1] if self.hits[index].first else ""
+        following = self.hits[index + 1] if index + 1 < self.stop else None
+        ends = following is None or following.kind == "mark" or self.words[
+            self.hits[index].first
+        ] == "none"  # fmt: skip
+        return (
+            before in (":", "|", ",")
+            and ends
+            and (before != "," or self.words[self.hits[index].first] == "none")
+        )
+
+    def _parenthetic(self, index: int) -> bool:
+        """The SUV, however, is turning."""
+        hit = self.hits[index]
+        around = self.words[hit.first - 1 : hit.first], self.words[hit.stop : hit.stop + 1]
+        return around == ([","], [","])
+
+    def _back(self, index: int) -> int:
+        """Where the clause begins that is taken back behind a mark: constant speed, rejected."""
+        start = self.clause
+        if start == index and index > self.start and self.hits[index - 1].value in (",", ":"):
+            start = index - 1
+            while start > max(self.start, index - REACH) and self.hits[start - 1].kind != "mark":
+                start -= 1
+        return start
+
+    def _subject(self, index: int, flag: Scope) -> None:
+        """Braking is not necessary: a noun of action before the cue is what is denied."""
+        if flag is Scope.POSSIBLE:
+            for before in range(max(self.clause, index - REACH), index):
+                if self.hits[before].kind == "risk":
+                    self.flags[before] |= flag
+        if self.verb is None or self.verb_at < self.clause:
+            return
+        if self.verb.form == "ing" or self.verb.kind == "noun":
+            between = self.hits[max(self.clause, index - REACH) : index]
+            if not any(hit.kind in _SUBJECTS for hit in between):
+                self.flags[self.verb_at] |= flag
+
+    def _and(self, index: int) -> None:
+        following = self.hits[index + 1] if index + 1 < self.stop else None
+        if following is None:
+            return
+        if following.kind == "user" and self.hits[index - 1].kind == "user":
+            return
+        if following.kind == "verb" and self.verb is not None and following.form == self.verb.form:
+            if following.form == "base" and self.local & Scope.DENIED:
+                self._end(index)
+            return
+        self._end(index)
+
+
+def _echoes(
+    words: list[str], hits: list[Hit], flags: list[Scope], ranges: list[tuple[int, int]]
+) -> None:
+    """Marks questions, quotations and struck out or rejected items."""
+    for start, stop in ranges:
+        if hits[stop - 1].value == "?":
+            for index in range(start, stop):
+                flags[index] |= Scope.QUOTED
+    listing = False
+    for start, stop in ranges:
+        options = any(
+            hit.kind == "cue" and words[hit.first] in _OPTIONS for hit in hits[start:stop]
+        )
+        item = words[hits[start].first] in _ITEMS or words[max(hits[start].first - 1, 0)] in _ITEMS
+        if listing and item and not options:
+            for index in range(start, stop):
+                flags[index] |= Scope.QUOTED
+        else:
+            listing = options
+    opened = -1
+    for index, hit in enumerate(hits):
+        if hit.kind != "mark" or hit.value != '"':
+            if hit.value == "\n" and hit.kind == "mark":
+                opened = -1
+            continue
+        if opened < 0:
+            opened = index
+            continue
+        first, last = hits[opened].first, hit.first
+        before = words[first - 1] if first else "\n"
+        after = words[last + 1] if last + 1 < len(words) else ""
+        data = before in "[{,:=|(" or after in ":]},=|"
+        spoken = before == "," or (before == ":" and words[first - 2 : first - 1] != ['"'])
+        if last - first > 2 and (not data or (spoken and after not in ("}", "]", ":", ","))):
+            for inner in range(opened, index):
+                flags[inner] |= Scope.QUOTED
+        opened = -1

@@ -1,0 +1,199 @@
+"""Stage 1: text to words with character offsets. One pass, no backtracking, any string."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from dataclasses import dataclass
+
+
+def _base(letter: str) -> str:
+    """The plain letter of one with an accent, else nothing: coupé is coupe."""
+    first = unicodedata.normalize("NFD", letter)[0]
+    return first if first.isascii() and first != letter else ""
+
+
+# One character for one, so that offsets stay those of the text.
+_PLAIN = {
+    **dict.fromkeys(map(ord, "\u2018\u2019\u02bc\u00b4`"), "'"),
+    **dict.fromkeys(map(ord, "\u201c\u201d\u00ab\u00bb"), '"'),
+    **dict.fromkeys(map(ord, "\u2010\u2011\u2022\u25cf\u25e6"), "-"),
+    **dict.fromkeys(map(ord, "\u2013\u2014"), ","),
+    **dict.fromkeys(map(ord, "\u00a0\u2009\u202f\r"), " "),
+    **dict.fromkeys(map(ord, "\u2028\u2029"), "\n"),
+    **dict.fromkeys(map(ord, "\u3002\u2026"), "."),
+    **dict.fromkeys(map(ord, "\uff0c\u3001"), ","),
+    ord("\u2192"): ">",
+    **{code: base for code in range(0xC0, 0x180) if (base := _base(chr(code)))},
+    ord("\uff1a"): ":",
+    ord("\uff1b"): ";",
+    ord("\u2212"): "-",
+}
+
+# Alternatives are disjoint in their first character, except for the tag, whose length is bounded.
+_TOKEN = re.compile(
+    r"(?:i\.e|e\.g)\b\.?|(?:const|approx|resp|incl|veh|ped)\.|[a-z]+(?:'[a-z]+)*|[0-9]+(?:\.[0-9]+)*|</?[a-z_|]{1,24}>|[.!?]+|\n\s*"
+    r"|,+|;+|:+|\"+|=+|\|+|\[[x ]\]|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)[-*]+(?=\s)|[^\x00-\x7f]+"
+)
+
+# Boxes of a form; what stands behind an empty one isn't said.
+_TICKS = {
+    **dict.fromkeys(("[ ]", "\u2610", "\u2b1c", "\u25a1", "\u274c", "\u2717"), "unticked"),
+    **dict.fromkeys(("[x]", "\u2611", "\u2705", "\u2714", "\u2713"), "ticked"),
+}
+_FIXED = {
+    **dict.fromkeys(("cannot", "cant", "dont", "doesnt", "isnt", "wont"), "not"),
+    "let's": "we",
+    "travelling": "traveling",
+    "travelled": "traveled",
+    "signalling": "signaling",
+    "const.": "constant",
+    "veh.": "vehicle",
+    "ped.": "pedestrian",
+    "approx.": "about",
+    "incl.": "with",
+    "resp.": "or",
+    **dict.fromkeys(("i.e", "i.e.", "e.g", "e.g."), ","),
+}
+_OTHERS = frozenset({"he", "she", "it", "they", "that", "who", "which"})
+_OPENERS: tuple[list[str], ...] = ([], [":"], ["."], ["\n"])
+_DROPPED = ""
+_SINGLE = frozenset(',;:"=|')
+_LISTS = "\u2022\u25cf\u25e6-*#>|0123456789\"'[({<"
+
+FIELD_NAME = 24  # characters in which the name of a field at the start of a line must end
+
+SENTENCE_END = "."
+QUESTION = "?"
+BREAK = "\n"
+FOREIGN = "~"
+
+
+@dataclass(frozen=True, slots=True)
+class Tokens:
+    """The words of a text in plain lower case, with their half-open character spans.
+
+    Words are letters only, so that ``cut-in``, ``cut_in`` and ``cut in`` are the same two words; a
+    possessive or contracted ending is folded away (``don't`` becomes ``not``). Marks are words of
+    one character: the constants above and ``, ; : " = | [ ( { < ) } >``; a run of brackets is one.
+
+    Args:
+        words: the words and marks.
+        found: where each stands; offsets are asked for few of them only.
+    """
+
+    words: list[str]
+    found: list[re.Match[str]]
+
+    @property
+    def starts(self) -> list[int]:
+        """The start of each word, characters."""
+        return [match.start() for match in self.found]
+
+    @property
+    def ends(self) -> list[int]:
+        """The end of each word, characters."""
+        return [match.end() for match in self.found]
+
+    def span(self, first: int, stop: int) -> tuple[int, int]:
+        """The characters from word ``first`` up to but without word ``stop``."""
+        return self.found[first].start(), self.found[stop - 1].end()
+
+
+def plain(text: str) -> str:
+    """The text in lower case with plain quotes and dashes, character for character."""
+    if not text.isascii():
+        text = text.translate(_PLAIN)
+        lower = text.lower()
+        if len(lower) != len(text):
+            lower = "".join(c.lower() if len(c.lower()) == 1 else c for c in text)
+        return lower
+    return text.lower().replace("`", "'").replace("\r", " ")
+
+
+def tokenise(text: str) -> Tokens:
+    """The words of a text with their offsets."""
+    lower = _without_struck(plain(text))
+    found = list(_TOKEN.finditer(lower))
+    words = [match.group() for match in found]
+    for index, word in enumerate(words):
+        first = word[0]
+        if "a" <= first <= "z":
+            fixed = _FIXED.get(word)
+            if fixed is not None:
+                words[index] = fixed
+            elif "'" in word:
+                words[index] = _fold(word)
+        elif not "0" <= first <= "9":
+            if (
+                first == "\n"
+                and word.count("\n") < 2
+                and not _starts_item(text, found[index].end())
+            ):
+                words[index] = _DROPPED
+                continue
+            words[index] = _mark(word)
+            if words[index] == SENTENCE_END and _numbers_item(words, index):
+                words[index] = BREAK
+    if _DROPPED in words:
+        found = [match for match, word in zip(found, words, strict=True) if word]
+        words = [word for word in words if word]
+    return Tokens(words, found)
+
+
+def _without_struck(text: str) -> str:
+    """Blanks what is struck out, ~~so~~, character for character."""
+    if "~~" not in text:
+        return text
+    parts = text.split("~~")
+    for at in range(1, len(parts) - 1, 2):
+        parts[at] = " " * len(parts[at])
+    return "  ".join(parts)
+
+
+def _numbers_item(words: list[str], index: int) -> bool:
+    """Whether a full stop belongs to the number of a list's item."""
+    return (
+        index > 0
+        and words[index - 1].isdigit()
+        and words[max(index - 2, 0) : index - 1] in _OPENERS
+    )
+
+
+def _fold(word: str) -> str:
+    if word == "i'd":
+        return word
+    if word.endswith("n't"):
+        return "not"
+    stem, _, ending = word.partition("'")
+    if ending == "ll" and stem in _OTHERS:
+        return "will"
+    return "would" if ending == "d" else stem
+
+
+def _mark(word: str) -> str:
+    """The mark that a token without letters or digits at its start stands for."""
+    first = word[0]
+    if first in _SINGLE:
+        return first
+    if first in ".!?":
+        return QUESTION if "?" in word else SENTENCE_END
+    if first == "\n" or (first == "<" and len(word) > 2 and word[-1] == ">"):
+        return BREAK
+    if word in _TICKS or first in _TICKS:
+        return _TICKS.get(word) or _TICKS[first]
+    if first in "()[]{}<>":
+        return "[" if "[" in word or "]" in word else first
+    return "," if first in "-*" else FOREIGN
+
+
+def _starts_item(text: str, start: int) -> bool:
+    """Whether a line looks like a new item rather than the rest of a wrapped sentence."""
+    if start >= len(text):
+        return True
+    first = text[start]
+    if first in _LISTS or (first.isupper() and text[start : start + 2] != "I "):
+        return True
+    head = text[start : start + FIELD_NAME]
+    colon = max(head.find(":"), head.find("="))
+    return colon > 0 and head[:colon].count(" ") < 3 and "\n" not in head[:colon]
