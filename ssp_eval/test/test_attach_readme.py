@@ -1,4 +1,4 @@
-"""The three ways to attach a model, as the README gives them: taken out of the text and run."""
+"""The ways to attach a model, as the documents give them: taken out of the text and run."""
 
 from __future__ import annotations
 
@@ -23,8 +23,13 @@ pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "ssp_vla_bridge" / "README.md"
-MAIN = ROOT / "README.md"
-WAYS = ("python", "http", "node")
+RESEARCHER = ROOT / "docs" / "researcher.md"
+WAYS = [
+    pytest.param(README, "python", id="python"),
+    pytest.param(README, "http", id="http"),
+    pytest.param(README, "node", id="node"),
+    pytest.param(RESEARCHER, "python", id="researcher"),
+]
 DEADLINE_S = 120.0
 
 
@@ -65,7 +70,7 @@ def listens(port: int) -> bool:
 
 
 def evaluate(command: str, bag: Path, folder: Path, env: Mapping[str, str]) -> dict[str, Any]:
-    """Runs the README's command for a bag, and gives its cell.json."""
+    """Runs a document's command for a bag, and gives its cell.json."""
     words = shlex.split(command.replace("BAG", str(bag)))
     assert words[0] == "./ssp"
     run = subprocess.run(
@@ -81,15 +86,13 @@ def evaluate(command: str, bag: Path, folder: Path, env: Mapping[str, str]) -> d
     return found
 
 
-@pytest.mark.parametrize("name", WAYS)
-@pytest.mark.parametrize("file", [README, MAIN], ids=["package", "main"])
+@pytest.mark.parametrize(("file", "name"), WAYS)
 def test_a_way_is_complete_in_under_20_lines(name: str, file: Path) -> None:
     code, command = way(file, name)
     assert len((code + command).splitlines()) < 20
 
 
-@pytest.mark.parametrize("file", [README, MAIN], ids=["package", "main"])
-@pytest.mark.parametrize("name", WAYS)
+@pytest.mark.parametrize(("file", "name"), WAYS)
 def test_the_text_of_a_way_runs(
     name: str, file: Path, bag_writer: Callable[..., Path], tmp_path: Path
 ) -> None:
