@@ -31,3 +31,18 @@ def test_the_readme_names_every_verb_but_no_other() -> None:
     named = set(re.findall(r"\./ssp ([a-z][a-z-]*)", (ROOT / "README.md").read_text()))
     # The launcher's own: it prints the environment that the command line is called in.
     assert named == {*VERBS, "env"}
+
+
+def test_the_architecture_names_functions_that_are_there() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    named = re.findall(r"\| ((?:`[\w.]+`(?:, )?)+) \| (ssp_\w+): `([\w/.]+)` \|", text)
+    named += re.findall(r"(`[\w.]+`)\s\(?(?:in )?(ssp_\w+): `([\w/.]+)`", text)
+    assert len(named) >= 30
+    for names, package, file in named:
+        source = ROOT / ("ssp_msgs" if package == "ssp_core" else package) / package / file
+        code = source.read_text()
+        for name in re.findall(r"`([\w.]+)`", names):
+            owner, _, method = name.rpartition(".")
+            assert not owner or re.search(rf"^class {owner}\b", code, re.M), name
+            start = r"^    (?:async )?def" if owner else r"^(?:def|class)"
+            assert re.search(rf"(?:{start} {method}\b|^{method}\b.* = )", code, re.M), name

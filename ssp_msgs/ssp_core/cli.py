@@ -57,7 +57,7 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_scenario_manager.cli.faults:faults",
         "Inject every fault at every stage of a run and judge what comes of it.",
     ),
-    "bench": ("ssp_eval.checkout:bench", "Measure each path beside its own lower bound."),
+    "bench": ("ssp_eval.bench:bench", "Measure each path beside its own lower bound."),
     "doctor": (
         "ssp_scenario_manager.cli.doctor:doctor",
         "Say what is installed, missing or broken.",

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from measure import report
+from measure import LONG, report
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline
@@ -472,7 +472,7 @@ def _steps(
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--seeds", type=int, default=100 if LONG else 20)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--svg", type=Path)
     asked = parser.parse_args()
@@ -482,7 +482,7 @@ def main() -> None:
         asked.svg.write_text(picture(rows), encoding="utf-8")
     for without, adapted in zip(rows[::2], rows[1::2], strict=True):
         report(
-            f"conflict timing: {adapted.scenario}, share within {TOLERANCE_S} s",
+            f"adaptation: {adapted.scenario}, within {TOLERANCE_S} s",
             adapted.share_within,
             None,
             "1",
@@ -493,7 +493,7 @@ def main() -> None:
             limit=ASKED_SHARE,
         )
         report(
-            f"conflict timing: {adapted.scenario}, wrong passing orders",
+            f"adaptation: {adapted.scenario}, wrong order",
             float(adapted.wrong_orders),
             None,
             "runs",

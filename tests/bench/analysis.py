@@ -45,7 +45,7 @@ def main() -> None:
             block_draws(count, block_of(count), RESAMPLES, rng)
 
     report(
-        "bootstrap",
+        "analysis: bootstrap",
         best_s(lambda: bootstrap_records(cells, GROUPINGS)),
         best_s(bare),
         "s",

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+
+# `ssp bench --long`: loads that take minutes each.
+LONG = bool(os.environ.get("SSP_BENCH_LONG"))
 
 
 def percentile(values: list[float], share: float) -> float:

@@ -73,7 +73,7 @@ def measure(way: str) -> None:
         finally:
             stage.close()
     report(
-        f"page, {OBJECTS} objects at 100 Hz, {way}",
+        f"page: {OBJECTS} objects, {way}",
         100.0 * ours,
         100.0 * bound,
         "% of a core",

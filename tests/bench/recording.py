@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from measure import report
+from measure import LONG, report
 from traffic import Load
 
 from ssp_core import names
@@ -46,7 +46,7 @@ LOADS = (
     Load(objects=100),
     Load(raws=2, objects=20),
 )
-SECONDS = 60.0
+SECONDS = 60.0 if LONG else 8.0
 RATIO_LIMIT = 2.2
 # What is still on its way to the disk when the last message was sent is paid for too.
 AFTER_S = 1.5
@@ -258,7 +258,7 @@ def search(make: Callable[[int], Load], start: int, folder: Path) -> Break:
 
 def report_break(name: str, found: Break, rate: Callable[[Load], float], unit: str) -> None:
     report(
-        f"recording: {name} that are recorded whole",
+        f"recording: {name} recorded whole",
         rate(found.good) if found.good else 0.0,
         None,
         unit,
@@ -276,7 +276,7 @@ def report_break(name: str, found: Break, rate: Callable[[Load], float], unit: s
     show_default=True,
     help="For the bags, which are removed again.",
 )
-@click.option("--search/--no-search", "searching", default=True, help="Look for where it breaks.")
+@click.option("--search/--no-search", "searching", default=LONG, help="Look for where it breaks.")
 def main(seconds: float, folder: Path, searching: bool) -> None:
     """Measure recording end to end."""
     for load in LOADS:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from measure import report
+from measure import LONG, report
 from replay import make_bag
 
 from ssp_eval.evaluate.campaign import run_campaign
@@ -29,7 +29,7 @@ from ssp_eval.report.page import write_report
 from tests.large_campaign import clone_campaign
 from tests.system.browser import Browser
 
-CELLS = 5000
+CELLS = 5000 if LONG else 1000
 TABLES_MS_PER_CELL, TABLES_MB = 50.0, 1500.0
 PAINT_MS, FILTER_MS, OPEN_MS, HEAP_MB = 3000.0, 200.0, 1000.0, 200.0
 PAINT = "performance.getEntriesByType('paint').find((e) => e.name.startsWith('first-c'))?.startTime"

@@ -90,7 +90,7 @@ def main() -> None:
     middle = {name: statistics.median(found) for name, found in rates.items()}
     best = {name: f"{max(found):.3g}" for name, found in rates.items()}
     report(
-        "SIL: lockstep through DDS, camera off",
+        "sil: lockstep through DDS, no camera",
         middle["dds"],
         middle["five"],
         unit,
@@ -99,7 +99,7 @@ def main() -> None:
         limit=8.0,
     )
     report(
-        "SIL: lockstep through DDS, 1280x720 at 10 Hz recorded",
+        "sil: the same, 720p camera recorded",
         middle["filmed"],
         None,
         unit,
@@ -109,7 +109,7 @@ def main() -> None:
     )
     for name, spec in (("one", one), ("five", five)):
         report(
-            "SIL: in one process",
+            f"sil: in one process, {len(spec.targets)} target(s)",
             middle[name],
             None,
             unit,

@@ -86,10 +86,11 @@ class Load:
         return self.object_hz if topic.msgtype == STATE_TYPE else CAMERA_HZ
 
     def __str__(self) -> str:
+        rate = "" if self.object_hz == OBJECT_HZ else f" at {self.object_hz:g} Hz"
         parts = [
-            f"{self.jpegs} JPEG cameras at {CAMERA_HZ:g} Hz" if self.jpegs else "",
-            f"{self.raws} raw cameras at {CAMERA_HZ:g} Hz" if self.raws else "",
-            f"{self.objects} objects at {self.object_hz:g} Hz" if self.objects else "",
+            f"{self.jpegs} JPEG cameras" if self.jpegs else "",
+            f"{self.raws} raw cameras" if self.raws else "",
+            f"{self.objects} objects{rate}" if self.objects else "",
         ]
         return " + ".join(part for part in parts if part)
 

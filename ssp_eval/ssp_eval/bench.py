@@ -1,0 +1,149 @@
+"""``ssp bench``: the benchmarks of a source checkout, each path beside its own lower bound."""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ssp_core import console
+from ssp_core.errors import HostError, PeerError
+
+# In the order in which the data flow.
+BENCHMARKS = (
+    "topology", "wire", "dispatch", "sil", "adaptation", "recorder", "recording", "replay",
+    "memory", "scoring", "analysis", "extraction", "page", "report_page",
+)  # fmt: skip
+# A benchmark that missed a limit is measured this often in all.
+MOST_RUNS = 3
+NAME_COLUMNS, WIDTH = 35, 80
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of a benchmark, as measured in each of its runs.
+
+    Args:
+        runs: what tests/bench/measure.py printed, one object per run.
+    """
+
+    runs: tuple[dict[str, Any], ...]
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """The run in the middle by our figure: of three runs neither the luckiest nor the worst."""
+        middle = statistics.median_low([run["ours"] for run in self.runs])
+        return next(run for run in self.runs if run["ours"] == middle)
+
+    @property
+    def missed(self) -> int:
+        """Runs in which the limit was missed."""
+        return sum(not run["kept"] for run in self.runs)
+
+    @property
+    def kept(self) -> bool:
+        """The limit was kept in most of the runs."""
+        return 2 * self.missed < len(self.runs)
+
+    @property
+    def verdict(self) -> str:
+        """``ok``, ``noisy`` (missed, but not in most of the runs), ``MISSED``; empty: no limit."""
+        if self.told["limit"] is None:
+            return ""
+        if self.missed:
+            return "noisy" if self.kept else "MISSED"
+        return "ok"
+
+
+def run_benchmark(folder: Path, name: str, long: bool) -> list[dict[str, Any]]:
+    """The figures of one run of a benchmark.
+
+    Raises:
+        PeerError: it failed; the message ends with its last lines.
+    """
+    done = subprocess.run(
+        [sys.executable, f"{name}.py"], cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "SSP_BENCH_LONG": "1" if long else ""},
+    )  # fmt: skip
+    if done.returncode != 0:
+        tail = "\n".join(done.stderr.splitlines()[-10:])
+        raise PeerError(f"benchmark {name} failed with status {done.returncode}\n{tail}")
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+
+
+def measure(folder: Path, name: str, long: bool) -> list[Figure]:
+    """The figures of a benchmark; one that misses a limit is run again, to tell noise from loss."""
+    runs = [run_benchmark(folder, name, long)]
+    while len(runs) < MOST_RUNS and not all(figure["kept"] for run in runs for figure in run):
+        runs.append(run_benchmark(folder, name, long))
+    return [Figure(found) for found in zip(*runs, strict=True)]
+
+
+def row(figure: Figure, notes: bool) -> str:
+    """A figure as one line of at most 80 columns; what was missed, and notes, on lines below."""
+    told = figure.told
+    name = told["name"].split(": ", 1)[-1]
+    ours = f"{told['ours']:.4g} {told['unit']}"
+    ratio = "" if told["ratio"] is None else f"x {told['ratio']:.2f}"
+    limit = (told["limit"] or "").removesuffix(f" {told['unit']}")
+    values = f"{ours:<17} {ratio:<7} {figure.verdict:<6} {limit}".rstrip()
+    if len(name) > NAME_COLUMNS:
+        lines = [f"  {name}", f"  {'':{NAME_COLUMNS}} {values}"]
+    else:
+        lines = [f"  {name:{NAME_COLUMNS}} {values}"]
+    if figure.missed:
+        each = ", ".join(f"{run['ours']:.4g}" for run in figure.runs)
+        ratios = ", ".join(f"{run['ratio']:.2f}" for run in figure.runs if run["ratio"] is not None)
+        lines.append(
+            f"      missed in {figure.missed} of {len(figure.runs)} runs: {each} {told['unit']}"
+            + (f"; ratios {ratios}" if ratios else "")
+        )
+    if notes:
+        if told["bound"] is not None:
+            lines.append(f"      bound: {told['bound']:.4g} {told['unit']}")
+        lines += click.wrap_text(told["note"], WIDTH, "      ", "      ").splitlines()
+    return "\n".join(lines)
+
+
+@click.command()
+@click.argument("names", nargs=-1, type=click.Choice(BENCHMARKS))
+@click.option(
+    "--long", is_flag=True, help="The long loads too: half an hour instead of five minutes."
+)
+@click.option("--notes", is_flag=True, help="Below each figure: its bound, sizes and counts.")
+@click.option("--json", "as_json", is_flag=True, help="One line per figure, for programs.")
+def bench(names: Sequence[str], long: bool, notes: bool, as_json: bool) -> int:
+    """Measure each path beside its own lower bound, in the same run.
+
+    A row says what we need, how many times as bad as the bound that is (x 1 can't be beaten), and
+    whether a limit is kept. What misses a limit is measured twice more: `noisy` was missed in one
+    of three runs, `MISSED` in most of them. Leave the machine alone meanwhile.
+
+    Exit status: 0 every limit is kept, 1 one is missed.
+    """
+    root = os.environ.get("SSP_ROOT")
+    if root is None or not (Path(root) / "tests" / "bench").is_dir():
+        raise HostError("the benchmarks need the source checkout: start them with ./ssp bench")
+    kept = True
+    chosen = tuple(names) or BENCHMARKS
+    with console.progress("bench", len(chosen)) as bar:
+        for name in chosen:
+            bar.update(bar.task_ids[0], description=f"bench {name}")
+            found = measure(Path(root) / "tests" / "bench", name, long)
+            kept = kept and all(figure.kept for figure in found)
+            if as_json:
+                for figure in found:
+                    told = figure.told | {"kept": figure.kept, "runs": len(figure.runs)}
+                    click.echo(json.dumps(told | {"missed": figure.missed}))
+            else:
+                click.echo("\n".join([name, *(row(figure, notes) for figure in found)]))
+            bar.advance(bar.task_ids[0])
+    return 0 if kept else 1
