@@ -24,7 +24,7 @@ BENCHMARKS = (
 )  # fmt: skip
 # A benchmark that missed a limit is measured this often in all.
 MOST_RUNS = 3
-NAME_COLUMNS, WIDTH = 35, 80
+NAME_COLUMNS, WIDTH = 31, 80
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import threading
 import time
 from pathlib import Path
@@ -14,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.bag import mcap_output
+from ssp_core.bag import writer as bag_writer
 from ssp_core.bag.mcap_output import (
     CHUNK_BYTES,
     COPIED_BYTES,
@@ -164,6 +166,26 @@ def test_the_offered_depths_of_all_publishers_are_repeated(tmp_path: Path) -> No
             ("/x", b"end", 2 * 10**9),
         ]
         assert reader.topics["/map"].count == 3
+
+
+def test_a_folder_that_is_replaced_just_before_a_split_is_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = tmp_path / "bag"
+    writer = BagWriter(bag, split=Split(max_s=1.0))
+    writer.add_topic("/x", STRING)
+    writer.write("/x", b"first", 0, 0)
+    make = bag_writer.McapOutput
+
+    def replace_and_make(file: Path, library: str) -> mcap_output.McapOutput:
+        bag.rename(tmp_path / "elsewhere")
+        shutil.copytree(tmp_path / "elsewhere", bag)
+        return make(file, library)
+
+    monkeypatch.setattr(bag_writer, "McapOutput", replace_and_make)
+    with pytest.raises(HostError, match="it was replaced while it was being written"):
+        writer.write("/x", b"second", 2 * 10**9, 0)
+    assert [file.name for file in bag.iterdir()] == ["bag_0.mcap"]
 
 
 def test_a_split_bag_that_was_cut_off_recovers_as_the_unsplit_one(tmp_path: Path) -> None:

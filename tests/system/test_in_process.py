@@ -122,7 +122,7 @@ def test_states_depend_on_the_seed_alone(tmp_path: Path, monkeypatch: pytest.Mon
     assert spec.disturbance.position_noise_m > 0.0
     assert spec.camera is not None
     small = spec.camera.model_copy(update={"width_px": 160, "height_px": 96})
-    monkeypatch.setattr(runner, "_NODES", dict(reversed(runner._NODES.items())))
+    monkeypatch.setattr(runner, "NODE_MODULES", dict(reversed(runner.NODE_MODULES.items())))
     busy: list[subprocess.Popen[bytes]] = []
 
     def make_busy(line: str) -> None:

@@ -309,12 +309,19 @@ class BagWriter(Closing):
 
     def _next_file(self, begin_ns: int) -> None:
         self._finish_file()
-        # A folder that was replaced would take the next file without a word.
-        self._hand_over()
+        file = self.path / f"{self._stem}_{len(self.files)}.mcap"
+        output = McapOutput(file, LIBRARY)
+        try:
+            # Only now: a folder that was replaced before has taken the new file without a word.
+            self._hand_over()
+        except HostError:
+            output.close()
+            file.unlink(missing_ok=True)
+            raise
         self._sync.request(self.file.name, self._output.descriptor)
         self._output.close()
-        self.files += (self.path / f"{self._stem}_{len(self.files)}.mcap",)
-        self._output = output = McapOutput(self.file, LIBRARY)
+        self.files += (file,)
+        self._output = output
         self._chunk = output.chunk
         self._begun_ns = begin_ns
         for schema in self._topics.schemas.values():
@@ -418,4 +425,4 @@ class BagWriter(Closing):
         self._sync.abandon()
         with suppress(OSError):  # closed before, or the disk's error comes once more
             self._output.close()
-        return HostError(f"{self.file}: writing failed: {error.strerror or error}")
+        return HostError(f"{error.filename or self.file}: writing failed: {error.strerror or error}")
