@@ -425,4 +425,5 @@ class BagWriter(Closing):
         self._sync.abandon()
         with suppress(OSError):  # closed before, or the disk's error comes once more
             self._output.close()
-        return HostError(f"{error.filename or self.file}: writing failed: {error.strerror or error}")
+        file = error.filename or self.file
+        return HostError(f"{file}: writing failed: {error.strerror or error}")
