@@ -317,7 +317,7 @@ def _may_lack(field: str, part: str) -> bool:
 def observed(agreement: Agreement) -> Evidence:
     """What a person saw, or what several persons saw alike."""
     seen = {k: q for k, q in agreement.properties().items() if q.words is not None}
-    starts = agreement.phase_starts()
+    starts = agreement.answers.phase_starts()
     return Evidence("observed", f"observed by {agreement.by}", seen, starts or None)
 
 

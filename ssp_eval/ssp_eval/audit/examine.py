@@ -515,7 +515,7 @@ def _rejections(agreement: Agreement) -> list[Finding]:
     """The five reasons of the source gate (METHOD 1), as persons saw them."""
     return [
         Finding("source_rejected", f"{GATE_REASONS[reason]}, as {agreement.by} saw")
-        for reason in agreement.rejections()
+        for reason in agreement.answers.rejections()
     ]
 
 

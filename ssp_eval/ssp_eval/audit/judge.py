@@ -19,7 +19,6 @@ from ssp_eval.data.audit import (
     EVENT_PHASES,
     FIELDS,
     TOPOLOGY,
-    AgreementEntry,
     Audit,
     FindingEntry,
     LabelCount,
@@ -452,7 +451,7 @@ def _observations(recording: Recording) -> ObservationsEntry | None:
         observers=list(agreement.observers),
         files={file.name: sha256_file(file) for file in recording.observation_files},
         tolerance_s=agreement.tolerance_s,
-        rows=[AgreementEntry.model_validate(asdict(row)) for row in agreement.rows],
+        rows=list(agreement.rows),
     )
 
 

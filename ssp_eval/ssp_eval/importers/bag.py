@@ -21,10 +21,8 @@ from ssp_core.errors import InputError
 from ssp_core.names import VUT_ID
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Intrinsics, Mounting
-from ssp_eval.data.provenance import ImportedEgo, ImportedStates, ImportRecord
 from ssp_eval.importers import target
-from ssp_eval.importers.options import ALL, Declared, MotionOptions
-from ssp_eval.importers.road import bind_road
+from ssp_eval.importers.options import ALL, ImportOptions
 from ssp_eval.importers.ros_bag import (
     TF_STATIC,
     Clock,
@@ -43,6 +41,7 @@ from ssp_eval.importers.target import (
     jpeg,
     keep_every,
     make_bag,
+    measured_motion,
     output_size,
     write_states,
 )
@@ -165,36 +164,24 @@ class BagOptions:
 
     Args:
         bag: source.
-        out: bag directory to make.
+        clip: crop, rate, frames, sizes, road and what persons declare.
         objects: topic and class by id in the recording, the VUT first.
         camera: topic of the forward camera.
         camera_info: topic, None: none.
         mounting: declared place of the camera from the VUT's reference point, None: that of
             /tf_static, where there is one.
-        start_s: crop, from the camera's first frame on.
-        end_s: as start_s, None: all.
-        rate_hz: at least this many frames per second are kept, None: at least 10.
-        max_width_px: wider frames are scaled down, None: never.
         clock: whose times count.
         datum: origin of the map's frame for geodetic positions, None: there are none.
-        motion: frames, reference points, sizes, road.
-        declared: what persons say.
     """
 
     bag: Path
-    out: Path
+    clip: ImportOptions
     objects: Mapping[str, tuple[str, ObjectClass]]
     camera: str
     camera_info: str | None
     mounting: Mounting | None
-    start_s: float
-    end_s: float | None
-    rate_hz: float | None
-    max_width_px: int | None
     clock: Clock
     datum: Datum | None
-    motion: MotionOptions
-    declared: Declared
 
 
 @dataclass(frozen=True)
@@ -237,10 +224,9 @@ def import_bag(
     Raises:
         InputError: bag, topics, clocks, frames or poses can't be used; nothing is left behind.
     """
-    check_free(options.out)
+    check_free(options.clip.out)
     ids = tuple(options.objects)
-    options.motion.check_ids(ids)
-    options.declared.check_ids(ids)
+    options.clip.check_ids(ids)
     with SourceBag(options.bag) as bag:
         bag.check_topic(options.camera, IMAGES)
         poses = {
@@ -259,7 +245,7 @@ def import_bag(
             notes += _coverage(track, clip)
         started(len(clip.kept))
         return make_bag(
-            options.out,
+            options.clip.out,
             lambda writer: _write(writer, options, bag, poses, tracks, clip, notes, advance),
         )
 
@@ -267,7 +253,9 @@ def import_bag(
 def _check_frames(options: BagOptions, poses: Mapping[str, Poses]) -> None:
     """Raises InputError where poses in one frame are taken for poses in another."""
     plain = {
-        name: pose.frame_id for name, pose in poses.items() if name not in options.motion.transforms
+        name: pose.frame_id
+        for name, pose in poses.items()
+        if name not in options.clip.motion.transforms
     }
     frames = sorted(set(plain.values()))
     if len(frames) > 1:
@@ -286,17 +274,17 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses) -> _Clip:
     """The frames within the crop and the VUT's states, thinned to the rate."""
     zero_ns = int(stamps_ns[0])
     notes = []
-    low_ns = zero_ns + seconds_to_ns(options.start_s)
+    start_s, end_s = options.clip.start_s, options.clip.end_s
+    low_ns = zero_ns + seconds_to_ns(start_s)
     high_ns = int(stamps_ns[-1])
-    if options.end_s is not None:
-        high_ns = min(high_ns, zero_ns + seconds_to_ns(options.end_s))
+    if end_s is not None:
+        high_ns = min(high_ns, zero_ns + seconds_to_ns(end_s))
     states_ns = vut.samples.stamps_ns
     first_ns, last_ns = int(states_ns.min()), int(states_ns.max())
     if low_ns > int(stamps_ns[-1]) or high_ns <= low_ns:
         length_s = ns_to_seconds(int(stamps_ns[-1]) - zero_ns)
         raise InputError(
-            f"has no frame from {options.start_s:g} s on"
-            + ("" if options.end_s is None else f" to {options.end_s:g} s"),
+            f"has no frame from {start_s:g} s on" + ("" if end_s is None else f" to {end_s:g} s"),
             file=options.bag, field=options.camera,
             remedy=f"its frames span {length_s:.3f} s; --start and --end count from the first",
         )  # fmt: skip
@@ -329,7 +317,7 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses) -> _Clip:
     times = stamps_ns[inside]
     fps = (len(times) - 1) * NS_PER_S / float(times[-1] - times[0])
     try:
-        step = keep_every(fps, options.rate_hz)
+        step = keep_every(fps, options.clip.rate_hz)
     except ValueError as error:
         raise InputError(str(error), file=options.bag, field="--rate") from error
     gaps = np.diff(times) / NS_PER_S
@@ -347,7 +335,7 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses) -> _Clip:
 def _track(options: BagOptions, name: str, poses: Poses, clip: _Clip) -> Track:
     _, object_class = options.objects[name]
     role = Role.VUT if name == VUT_ID else Role.OT
-    body = options.motion.body(name, object_class, role, "rear_axle")
+    body = options.clip.motion.body(name, object_class, "rear_axle", role)
     stamps_ns = poses.samples.stamps_ns
     inside = (stamps_ns >= clip.first_ns) & (stamps_ns <= clip.last_ns)
     return make_track(poses.samples.taken(np.flatnonzero(inside)), body)
@@ -356,7 +344,7 @@ def _track(options: BagOptions, name: str, poses: Poses, clip: _Clip) -> Track:
 def _said(options: BagOptions, poses: Poses, track: Track) -> list[str]:
     """What was taken for granted of an object's frames."""
     name = track.body.object_id
-    if {name, ALL} & set(options.motion.references):
+    if {name, ALL} & set(options.clip.motion.references):
         return []
     point = poses.child_frame_id or "the reported point"
     return [f"{name}: {point} is taken as its reference point (rear axle, or middle of a person)"]
@@ -397,7 +385,7 @@ def _write(
             found_px = _size(image)
             if count == 0:
                 source_px = found_px
-                stored_px = output_size(*found_px, options.max_width_px)
+                stored_px = output_size(*found_px, options.clip.max_width_px)
             elif found_px != source_px:
                 raise ValueError(f"{found_px[0]}x{found_px[1]} px, not {source_px[0]}x"
                                  f"{source_px[1]} as the first")  # fmt: skip
@@ -421,43 +409,21 @@ def _write(
         writer.write(IMAGE, target.image(stamp_ns, shown), stamp_ns, stamp_ns, count)
         advance(1)
     write_states(writer, {track.body.object_id: track.states() for track in tracks})
-    road = None
-    if options.motion.site is not None:
-        road = bind_road(options.motion.site, options.motion.block, tracks[0])
-        notes = [*notes, f"{100 * road.share:.0f} % of the VUT's way lie on {road.site.block}"]
-    said, digest = options.declared, bag.sha256()
-    record = ImportRecord(
-        source={
-            "name": options.bag.name,
-            "sha256": digest,
-            "kind": "bag",
-            "topics": {name: topic for name, (topic, _) in options.objects.items()}
-            | {"camera": options.camera},
-            "clock": options.clock,
-        },
-        crop={"start_s": clip.crop_s[0], "end_s": clip.crop_s[1]},
-        generator=said.generator,
-        domain=said.domain,
-        scenario=said.scenario,
-        event_version=said.event_version,
-        ego=ImportedEgo(provenance="measured", speed_mps=None),
-        camera=camera.record,
-        declaration=said.declaration,
-        log=said.log,
-        states=ImportedStates(
-            name=options.bag.name,
-            sha256=digest,
-            vut=VUT_ID,
-            objects={t.body.object_id: t.body.object_class.word for t in tracks[1:]},
-            notes=notes,
-        ),
-        site=None if road is None else road.site,
-    )
-    attach_record(writer, record, said, road)
+    digest = bag.sha256()
+    motion = measured_motion(options.clip.motion, tracks, options.bag.name, digest, notes)
+    source: dict[str, object] = {
+        "name": options.bag.name,
+        "sha256": digest,
+        "kind": "bag",
+        "topics": {name: topic for name, (topic, _) in options.objects.items()}
+        | {"camera": options.camera},
+        "clock": options.clock,
+    }
+    record = attach_record(writer, options.clip.declared, source, clip.crop_s, camera, motion)
+    duration_s = ns_to_seconds(clip.last_ns - clip.first_ns)
     return ImportSummary(
-        options.out, count, clip.keep_every, clip.rate_hz,
-        ns_to_seconds(clip.last_ns - clip.first_ns), *stored_px, record,
-    )  # fmt: skip
+        options.clip.out, count, clip.keep_every, clip.rate_hz, duration_s, stored_px, record
+    )
 
 
 def _size(image: ImageMessage) -> tuple[int, int]:

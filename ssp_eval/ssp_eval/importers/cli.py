@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,15 @@ from ssp_core.options import Number
 from ssp_core.vocabulary import OBJECTS, ObjectClass
 from ssp_core.world.camera import Mounting
 from ssp_eval.importers.bag import BagOptions, import_bag
-from ssp_eval.importers.options import declared, declaring, motion_options, moving, numbers, pairs
+from ssp_eval.importers.options import (
+    MotionOptions,
+    declaring,
+    domain_option,
+    import_options,
+    moving,
+    numbers,
+    pairs,
+)
 from ssp_eval.importers.ros_bag import Clock, Datum
 from ssp_eval.importers.target import ImportSummary, log_source
 from ssp_eval.importers.video import LensOptions, TableOptions, VideoOptions, import_clip
@@ -59,7 +68,8 @@ from ssp_eval.importers.video import LensOptions, TableOptions, VideoOptions, im
 @click.option("--camera-forward", type=Number(-10, 10), help="Ahead of the rear axle, m.")
 @click.option("--camera-pitch-deg", type=Number(-45, 45), help="Downwards is positive.")
 @click.option("--camera-assumed", is_flag=True, help="The camera's values are a guess.")
-@declaring("synthetic")
+@domain_option("synthetic")
+@declaring
 @click.option("--max-width", type=click.IntRange(64, 8192), help="Scale wider frames down to PX.")
 @click.option(
     "--accept-damaged",
@@ -73,30 +83,16 @@ from ssp_eval.importers.video import LensOptions, TableOptions, VideoOptions, im
 @click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
 def import_video(
     video: Path,
-    start: float,
-    end: float | None,
-    ego_speed: float | None,
-    ego_unknown: bool,
+    target: Path | None,
     states: Path | None,
     vut: str,
     objects: tuple[str, ...],
     time_offset: float,
-    site: str | None,
-    block: str | None,
-    transforms: tuple[str, ...],
-    references: tuple[str, ...],
-    headings: tuple[str, ...],
-    target: Path | None,
-    rate: float | None,
-    hfov_deg: float | None,
-    camera_height: float | None,
-    camera_forward: float | None,
-    camera_pitch_deg: float | None,
-    camera_assumed: bool,
-    max_width: int | None,
+    ego_speed: float | None,
+    ego_unknown: bool,
     most_damaged: int,
     json_: bool,
-    **said: Any,
+    **given: Any,
 ) -> None:
     """Make a bag from a video file, or from a span of it.
 
@@ -110,50 +106,35 @@ def import_video(
             "give exactly one of --states FILE.csv, --ego-speed M_PER_S and --ego-unknown: a video "
             "doesn't tell how fast its camera moved, and it is never guessed"
         )
-    if end is not None and start >= end:
-        raise click.UsageError(f"--start {start:g} must lie before --end {end:g}")
-    motion = motion_options(site, block, transforms, references, headings)
+    options = import_options(target or Path(f"{video.stem}_bag"), given)
     table = None
     if states is not None:
-        table = TableOptions(states, vut, pairs("--object", objects), time_offset, motion)
-    elif objects or time_offset or site or transforms or references or headings or vut != VUT_ID:
+        table = TableOptions(states, vut, pairs("--object", objects), time_offset)
+    elif objects or time_offset or options.motion != MotionOptions() or vut != VUT_ID:
         raise click.UsageError("options about objects and road are of no use without --states")
-    options = VideoOptions(
-        video=video,
-        out=target or Path(f"{video.stem}_bag"),
-        start_s=start,
-        end_s=end,
-        ego_speed_mps=ego_speed,
-        rate_hz=rate,
-        max_width_px=max_width,
-        lens=_lens(hfov_deg, camera_height, camera_forward, camera_pitch_deg, camera_assumed),
-        declared=declared(**said),
-        table=table,
-        most_damaged=most_damaged,
-    )
+    hfov_deg, assumed = given["hfov_deg"], given["camera_assumed"]
+    mounting = _camera_place(given)
+    if hfov_deg is None and (mounting is not None or assumed):
+        raise click.UsageError("a camera's place is of no use without --hfov-deg")
+    lens = LensOptions(hfov_deg, mounting, assumed)
     with progress("importing", None) as bar:
         task = bar.task_ids[0]
-        summary = import_clip(options, lambda count: bar.advance(task, count))
+        summary = import_clip(
+            VideoOptions(video, options, lens, ego_speed, table, most_damaged),
+            lambda count: bar.advance(task, count),
+        )
     finish(summary, "ssp import-video", json_)
 
 
-def _lens(
-    hfov_deg: float | None,
-    height_m: float | None,
-    forward_m: float | None,
-    pitch_deg: float | None,
-    assumed: bool,
-) -> LensOptions:
+def _camera_place(given: Mapping[str, Any]) -> Mounting | None:
+    height_m, pitch_deg = given["camera_height"], given["camera_pitch_deg"]
     if (height_m is None) != (pitch_deg is None):
         raise click.UsageError("--camera-height and --camera-pitch-deg belong together")
-    if forward_m is not None and height_m is None:
+    if given["camera_forward"] is not None and height_m is None:
         raise click.UsageError("--camera-forward needs --camera-height and --camera-pitch-deg")
-    if hfov_deg is None and (height_m is not None or assumed):
-        raise click.UsageError("a camera's place is of no use without --hfov-deg")
-    mounting = None
-    if height_m is not None and pitch_deg is not None:
-        mounting = Mounting(forward_m or 0.0, height_m, math.radians(pitch_deg))
-    return LensOptions(hfov_deg, mounting, assumed)
+    if height_m is None:
+        return None
+    return Mounting(given["camera_forward"] or 0.0, height_m, math.radians(pitch_deg))
 
 
 def finish(summary: ImportSummary, who: str, json_: bool) -> None:
@@ -226,30 +207,21 @@ def finish(summary: ImportSummary, who: str, json_: bool) -> None:
     "or all of a slower camera].",
 )
 @click.option("--max-width", type=click.IntRange(64, 8192), help="Scale wider frames down to PX.")
-@declaring(None)
+@domain_option(None)
+@declaring
 @click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
 def import_bag_command(
     bag: Path,
+    target: Path | None,
     vut: str,
     objects: tuple[str, ...],
     camera: str,
     camera_info: str | None,
     mount: str | None,
-    start: float,
-    end: float | None,
     clock: Clock,
     datum: str | None,
-    sizes: tuple[str, ...],
-    site: str | None,
-    block: str | None,
-    transforms: tuple[str, ...],
-    references: tuple[str, ...],
-    headings: tuple[str, ...],
-    target: Path | None,
-    rate: float | None,
-    max_width: int | None,
     json_: bool,
-    **said: Any,
+    **given: Any,
 ) -> None:
     """Make a recording that can be audited of a ROS 2 bag (MCAP or SQLite) that others recorded.
 
@@ -258,8 +230,6 @@ def import_bag_command(
     gaps and speeds are checked; what is derived or taken for granted is said and kept in the
     recording. Where it comes from is entered into log L, <out>.log.jsonl.
     """
-    if end is not None and start >= end:
-        raise click.UsageError(f"--start {start:g} must lie before --end {end:g}")
     named = {VUT_ID: _topic("--vut", vut, "car")}
     for name, text in pairs("--object", objects).items():
         if name == VUT_ID:
@@ -267,19 +237,13 @@ def import_bag_command(
         named[name] = _topic(f"--object {name}", text, None)
     options = BagOptions(
         bag=bag,
-        out=target or Path(f"{bag.stem}_imported"),
+        clip=import_options(target or Path(f"{bag.stem}_imported"), given),
         objects=named,
         camera=camera,
         camera_info=camera_info,
         mounting=None if mount is None else _mounting(mount),
-        start_s=start,
-        end_s=end,
-        rate_hz=rate,
-        max_width_px=max_width,
         clock=clock,
         datum=None if datum is None else _datum(datum),
-        motion=motion_options(site, block, transforms, references, headings, sizes),
-        declared=declared(**said),
     )
     with progress("importing", None) as bar:
         task = bar.task_ids[0]

@@ -1,4 +1,4 @@
-"""Options that both importers share: what persons declare of a recording, frames, sizes, road."""
+"""Options that both importers share: crop, frames, sizes, road, and what persons declare."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
+from pathlib import Path
 from typing import Any, get_args
 
 import click
@@ -20,8 +21,9 @@ from ssp_eval.importers.tracks import Body, ReferencePoint, Rigid, size_of
 from ssp_scenario_manager.event_spec.load import load_event, read_event_file
 from ssp_scenario_manager.event_spec.model import Event
 
-_NAME = re.compile(SAFE_NAME)
-_VERSION = re.compile(r"sha256:[0-9a-f]{64}")
+Option = Callable[[Any], Any]
+ALL = "all"
+_ID = re.compile(r"[a-z][a-z0-9_]{0,31}")
 
 
 @dataclass(frozen=True)
@@ -39,200 +41,14 @@ class Declared:
         log: what a named person declares in place of a log; None: nobody does.
     """
 
-    domain: DomainWord = "synthetic"
-    scenario: str | None = None
-    event_version: str | None = None
-    event: Event | None = None
-    event_file: bytes | None = None
-    generator: str = "unknown"
-    declaration: DomainDeclaration | None = None
-    log: LogDeclaration | None = None
-
-    def check_ids(self, ids: tuple[str, ...]) -> None:
-        """Raises InputError where an object has an id that the K* doesn't know, or lacks one."""
-        if self.event is None or not ids:
-            return
-        wanted = sorted(self.event.participants)
-        if sorted(ids) != wanted:
-            raise InputError(
-                f"has the objects {', '.join(sorted(ids))}, the K* {self.event.name} has "
-                f"{', '.join(wanted)}",
-                field="--object",
-                remedy="name each of its participants with --object, by the K*'s ids",
-            )
-
-
-NOTHING = Declared()
-
-
-def _matching(
-    pattern: re.Pattern[str], what: str
-) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
-    def check(_: click.Context, __: click.Parameter, value: str | None) -> str | None:
-        if value is not None and not pattern.fullmatch(value):
-            raise click.BadParameter(f"{value!r} is no {what}")
-        return value
-
-    return check
-
-
-class Day(click.ParamType[date]):
-    """A date, YYYY-MM-DD."""
-
-    name = "date"
-
-    def convert(
-        self, value: str | date, param: click.Parameter | None, ctx: click.Context | None
-    ) -> date:
-        if isinstance(value, date):
-            return value
-        try:
-            return date.fromisoformat(value)
-        except ValueError:
-            self.fail(f"{value!r} is no date; give YYYY-MM-DD", param, ctx)
-
-
-_YES_NO = click.Choice(["yes", "no"])
-_OPTIONS: tuple[Callable[[Any], Any], ...] = (
-    click.option(
-        "--scenario",
-        callback=_matching(_NAME, "name of letters, digits, _ . and -"),
-        help="Name of the scenario.",
-    ),
-    click.option(
-        "--event-version",
-        callback=_matching(_VERSION, "sha256:<64 hex digits>"),
-        help="K* version that the recording shows.",
-    ),
-    click.option(
-        "--event", help="The K* itself, by name or file: gives scenario and version, is attached."
-    ),
-    click.option(
-        "--generator", default="unknown", show_default=True, help="What made the recording."
-    ),
-    click.option("--declared-by", help="Who says of which domain it is."),
-    click.option("--declared-on", type=Day(), help="When it was recorded, YYYY-MM-DD."),
-    click.option("--place", help="Where it was recorded."),
-    click.option("--log-by", help="Who declares what only a log would show."),
-    click.option("--log-on", type=Day(), help="When he does [default: today]."),
-    click.option("--safety-abort", type=_YES_NO, help="Was there a safety abort?"),
-    click.option("--identity-switch", type=_YES_NO, help="Was an object taken for another?"),
-    click.option("--site-change", multiple=True, help="What was changed on site; or: none."),
-)
-
-
-def declaring(domain_default: str | None) -> Callable[[Any], Any]:
-    """Adds the options; the command takes them as keywords for ``declared``.
-
-    Args:
-        domain_default: None: the domain must be given.
-    """
-
-    def add(function: Any) -> Any:
-        # A default of None would count as one.
-        default: dict[str, Any] = {} if domain_default is None else {"default": domain_default}
-        domain = click.option(
-            "--domain",
-            type=Domain(),
-            required=domain_default is None,
-            show_default=True,
-            help="synthetic, simulation or physical.",
-            **default,
-        )
-        for option in reversed((domain, *_OPTIONS)):
-            function = option(function)
-        return function
-
-    return add
-
-
-def declared(
-    *,
-    domain: DomainWord,
-    scenario: str | None,
-    event_version: str | None,
-    event: str | None,
-    generator: str,
-    declared_by: str | None,
-    declared_on: date | None,
-    place: str | None,
-    log_by: str | None,
-    log_on: date | None,
-    safety_abort: str | None,
-    identity_switch: str | None,
-    site_change: tuple[str, ...],
-) -> Declared:
-    """The options of ``declaring`` as one.
-
-    Raises:
-        UsageError: what belongs together isn't given together.
-        InputError: the K* can't be read.
-    """
-    found, data = None, None
-    if event is not None:
-        if scenario is not None or event_version is not None:
-            raise click.UsageError("--event gives --scenario and --event-version by itself")
-        found, event_version = load_event(event)
-        scenario = found.name
-        data = read_event_file(event)[1].read_bytes()
-    return Declared(
-        domain,
-        scenario,
-        event_version,
-        found,
-        data,
-        generator,
-        _declaration(declared_by, declared_on, place),
-        _log(log_by, log_on, safety_abort, identity_switch, site_change),
-    )
-
-
-def _text(option: str, text: str) -> str:
-    if not text.strip() or len(text) > 500:
-        raise click.UsageError(f"{option} needs 1 to 500 characters that aren't all blank")
-    return text.strip()
-
-
-def _declaration(by: str | None, on: date | None, place: str | None) -> DomainDeclaration | None:
-    if by is None and on is None and place is None:
-        return None
-    if by is None or on is None or place is None:
-        raise click.UsageError(
-            "--declared-by NAME, --declared-on DATE and --place TEXT belong together: a domain is "
-            "declared by a person with date and place"
-        )
-    if on > datetime.now(UTC).date():
-        raise click.UsageError(f"--declared-on {on.isoformat()} lies in the future")
-    return DomainDeclaration(by=_text("--declared-by", by), on=on, place=_text("--place", place))
-
-
-def _log(
-    by: str | None,
-    on: date | None,
-    abort: str | None,
-    switch: str | None,
-    changes: tuple[str, ...],
-) -> LogDeclaration | None:
-    if by is None and on is None and abort is None and switch is None and not changes:
-        return None
-    if by is None or abort is None or switch is None or not changes:
-        raise click.UsageError(
-            "--log-by NAME, --safety-abort yes|no, --identity-switch yes|no and --site-change "
-            "TEXT|none belong together: what isn't declared is unknown"
-        )
-    if "none" in changes and len(changes) > 1:
-        raise click.UsageError("--site-change none stands alone")
-    return LogDeclaration(
-        by=_text("--log-by", by),
-        on=datetime.now(UTC).date() if on is None else on,
-        safety_abort=abort == "yes",
-        identity_switch=switch == "yes",
-        site_changes=[] if changes == ("none",) else [_text("--site-change", c) for c in changes],
-    )
-
-
-ALL = "all"
-_ID = re.compile(r"[a-z][a-z0-9_]{0,31}")
+    domain: DomainWord
+    scenario: str | None
+    event_version: str | None
+    event: Event | None
+    event_file: bytes | None
+    generator: str
+    declaration: DomainDeclaration | None
+    log: LogDeclaration | None
 
 
 @dataclass(frozen=True)
@@ -256,22 +72,11 @@ class MotionOptions:
     block: str | None = None
 
     def body(
-        self,
-        object_id: str,
-        object_class: ObjectClass,
-        role: Role,
-        reference: ReferencePoint,
-        size: Size | None = None,
-    ) -> Body:
-        """What is known of one object.
-
-        Args:
-            object_id: in the recording that is made.
-            object_class: word.
-            role: in the event.
-            reference: the point that the source reports where nobody says otherwise.
-            size: that the source gives.
-        """
+        self, object_id: str, object_class: ObjectClass, reference: ReferencePoint,
+        role: Role, size: Size | None = None,
+    ) -> Body:  # fmt: skip
+        """What is known of an object; ``reference`` and ``size`` are the source's, where nobody
+        says otherwise."""
         if object_id in self.sizes:
             size = size_of(object_class, *self.sizes[object_id])
         return Body(
@@ -280,24 +85,206 @@ class MotionOptions:
             role,
             size,
             self.references.get(object_id, self.references.get(ALL, reference)),
-            object_id in self.from_motion or ALL in self.from_motion,
+            bool({object_id, ALL} & self.from_motion),
             self.transforms.get(object_id, self.transforms.get(ALL, Rigid())),
         )
 
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """What both importers are told.
+
+    Args:
+        out: bag directory to make.
+        start_s: crop: of a video source time, of a bag from the camera's first frame on.
+        end_s: as start_s, exclusive for a video; None: all.
+        rate_hz: at least this many frames per second are kept, None: at least 10 where the source
+            has them.
+        max_width_px: wider frames are scaled down, None: never.
+        motion: frames, reference points, sizes, road.
+        declared: what persons say.
+    """
+
+    out: Path
+    start_s: float
+    end_s: float | None
+    rate_hz: float | None
+    max_width_px: int | None
+    motion: MotionOptions
+    declared: Declared
+
     def check_ids(self, ids: tuple[str, ...]) -> None:
-        """Raises UsageError where an option names nobody."""
+        """Raises UsageError where an option names nobody, and InputError where the objects aren't
+        those of the K*."""
         for option, named in (
-            ("--transform", self.transforms),
-            ("--reference", self.references),
-            ("--heading", self.from_motion),
-            ("--size", self.sizes),
+            ("--transform", self.motion.transforms),
+            ("--reference", self.motion.references),
+            ("--heading", self.motion.from_motion),
+            ("--size", self.motion.sizes),
         ):
             for name in named:
                 if name not in (*ids, ALL):
                     raise click.UsageError(f"{option} {name}=…: the objects are {', '.join(ids)}")
+        event = self.declared.event
+        if event is not None and set(ids) != set(event.participants):
+            raise InputError(
+                f"has the objects {', '.join(sorted(ids))}, the K* {event.name} has "
+                f"{', '.join(sorted(event.participants))}",
+                field="--object",
+                remedy="name each of its participants with --object, by the K*'s ids",
+            )
 
 
-_MOTION_OPTIONS: tuple[Callable[[Any], Any], ...] = (
+def import_options(out: Path, given: Mapping[str, Any]) -> ImportOptions:
+    """The options of ``declaring`` and ``moving``, and those about the crop, as one.
+
+    Raises:
+        UsageError: one makes no sense, or what belongs together isn't given together.
+        InputError: the K* can't be read.
+    """
+    start_s, end_s = given["start"], given["end"]
+    if end_s is not None and start_s >= end_s:
+        raise click.UsageError(f"--start {start_s:g} must lie before --end {end_s:g}")
+    return ImportOptions(
+        out, start_s, end_s, given["rate"], given["max_width"], _motion(given), _declared(given)
+    )
+
+
+def adding(*options: Option) -> Option:
+    """One decorator that adds several options."""
+
+    def add(function: Any) -> Any:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
+
+
+def _matching(
+    pattern: str, what: str
+) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
+    def check(_: click.Context, __: click.Parameter, value: str | None) -> str | None:
+        if value is not None and not re.fullmatch(pattern, value):
+            raise click.BadParameter(f"{value!r} is no {what}")
+        return value
+
+    return check
+
+
+_DAY = click.DateTime(["%Y-%m-%d"])
+_YES_NO = click.Choice(["yes", "no"])
+declaring = adding(
+    click.option(
+        "--scenario",
+        callback=_matching(SAFE_NAME, "name of letters, digits, _ . and -"),
+        help="Name of the scenario.",
+    ),
+    click.option(
+        "--event-version",
+        callback=_matching(r"sha256:[0-9a-f]{64}", "sha256:<64 hex digits>"),
+        help="K* version that the recording shows.",
+    ),
+    click.option(
+        "--event", help="The K* itself, by name or file: gives scenario and version, is attached."
+    ),
+    click.option(
+        "--generator", default="unknown", show_default=True, help="What made the recording."
+    ),
+    click.option("--declared-by", help="Who says of which domain it is."),
+    click.option(
+        "--declared-on", type=_DAY, metavar="DATE", help="When it was recorded, YYYY-MM-DD."
+    ),
+    click.option("--place", help="Where it was recorded."),
+    click.option("--log-by", help="Who declares what only a log would show."),
+    click.option("--log-on", type=_DAY, metavar="DATE", help="When he does [default: today]."),
+    click.option("--safety-abort", type=_YES_NO, help="Was there a safety abort?"),
+    click.option("--identity-switch", type=_YES_NO, help="Was an object taken for another?"),
+    click.option(
+        "--site-change",
+        "site_changes",
+        multiple=True,
+        help="What was changed on site; or: none.",
+    ),
+)
+
+
+def domain_option(default: str | None) -> Option:
+    """``--domain``; with a default of None it must be given."""
+    # A default of None would count as one.
+    more: dict[str, Any] = {} if default is None else {"default": default}
+    return click.option(
+        "--domain",
+        type=Domain(),
+        required=default is None,
+        show_default=True,
+        help="synthetic, simulation or physical.",
+        **more,
+    )
+
+
+def _declared(given: Mapping[str, Any]) -> Declared:
+    scenario, version, event, data = given["scenario"], given["event_version"], None, None
+    if given["event"] is not None:
+        if scenario is not None or version is not None:
+            raise click.UsageError("--event gives --scenario and --event-version by itself")
+        event, version = load_event(given["event"])
+        scenario, data = event.name, read_event_file(given["event"])[1].read_bytes()
+    return Declared(
+        given["domain"], scenario, version, event, data, given["generator"],
+        _declaration(given["declared_by"], given["declared_on"], given["place"]), _log(given),
+    )  # fmt: skip
+
+
+def _today() -> date:
+    return datetime.now(UTC).date()
+
+
+def _text(option: str, text: str) -> str:
+    if not text.strip() or len(text) > 500:
+        raise click.UsageError(f"{option} needs 1 to 500 characters that aren't all blank")
+    return text.strip()
+
+
+def _declaration(
+    by: str | None, on: datetime | None, place: str | None
+) -> DomainDeclaration | None:
+    if by is None and on is None and place is None:
+        return None
+    if by is None or on is None or place is None:
+        raise click.UsageError(
+            "--declared-by NAME, --declared-on DATE and --place TEXT belong together: a domain is "
+            "declared by a person with date and place"
+        )
+    if on.date() > _today():
+        raise click.UsageError(f"--declared-on {on.date().isoformat()} lies in the future")
+    return DomainDeclaration(
+        by=_text("--declared-by", by), on=on.date(), place=_text("--place", place)
+    )
+
+
+def _log(given: Mapping[str, Any]) -> LogDeclaration | None:
+    names = ("log_by", "safety_abort", "identity_switch", "site_changes")
+    by, abort, switch, changes = needed = [given[name] for name in names]
+    if not any((*needed, given["log_on"])):
+        return None
+    if not all(needed):
+        raise click.UsageError(
+            "--log-by NAME, --safety-abort yes|no, --identity-switch yes|no and --site-change "
+            "TEXT|none belong together: what isn't declared is unknown"
+        )
+    if "none" in changes and len(changes) > 1:
+        raise click.UsageError("--site-change none stands alone")
+    return LogDeclaration(
+        by=_text("--log-by", by),
+        on=_today() if given["log_on"] is None else given["log_on"].date(),
+        safety_abort=abort == "yes",
+        identity_switch=switch == "yes",
+        site_changes=[] if changes == ("none",) else [_text("--site-change", c) for c in changes],
+    )
+
+
+moving = adding(
     click.option("--site", help="OpenDRIVE map, SUMO network or site: the road, for topology."),
     click.option("--block", help="The stretch of it that the VUT drives on, where several fit."),
     click.option(
@@ -325,34 +312,20 @@ _MOTION_OPTIONS: tuple[Callable[[Any], Any], ...] = (
 )
 
 
-def moving(function: Any) -> Any:
-    """Adds the options; the command takes them as keywords for ``motion_options``."""
-    for option in reversed(_MOTION_OPTIONS):
-        function = option(function)
-    return function
-
-
-def motion_options(
-    site: str | None,
-    block: str | None,
-    transforms: tuple[str, ...],
-    references: tuple[str, ...],
-    headings: tuple[str, ...],
-    sizes: tuple[str, ...] = (),
-) -> MotionOptions:
-    """The options of ``moving`` as one; raises UsageError for what has no sense."""
-    if block is not None and site is None:
+def _motion(given: Mapping[str, Any]) -> MotionOptions:
+    if given["block"] is not None and given["site"] is None:
         raise click.UsageError("--block is of no use without --site")
-    for name, what in pairs("--heading", headings).items():
+    headings = pairs("--heading", given["headings"])
+    for name, what in headings.items():
         if what != "motion":
             raise click.UsageError(f"--heading {name}={what}: it can only be taken from `motion`")
     return MotionOptions(
-        {name: rigid(text) for name, text in pairs("--transform", transforms).items()},
-        {name: _reference(text) for name, text in pairs("--reference", references).items()},
-        frozenset(pairs("--heading", headings)),
-        {name: _size(text) for name, text in pairs("--size", sizes).items()},
-        site,
-        block,
+        {name: _rigid(text) for name, text in pairs("--transform", given["transforms"]).items()},
+        {name: _point(text) for name, text in pairs("--reference", given["references"]).items()},
+        frozenset(headings),
+        {name: _size(text) for name, text in pairs("--size", given.get("sizes", ())).items()},
+        given["site"],
+        given["block"],
     )
 
 
@@ -383,25 +356,22 @@ def numbers(option: str, text: str, names: str, least: int | None = None) -> lis
     Raises:
         UsageError: it is something else.
     """
-    wanted = names.split(",")
+    most = names.count(",") + 1
     try:
         found = [float(part) for part in text.split(",")]
     except ValueError:
         found = []
-    if not (least or len(wanted)) <= len(found) <= len(wanted) or not all(
-        map(math.isfinite, found)
-    ):
+    if not (least or most) <= len(found) <= most or not all(map(math.isfinite, found)):
         raise click.UsageError(f"{option} {text}: give {names} as numbers")
     return found
 
 
-def rigid(text: str) -> Rigid:
-    """X,Y,YAW_DEG as a rigid motion."""
+def _rigid(text: str) -> Rigid:
     x_m, y_m, yaw_deg = numbers("--transform", text, "X,Y,YAW_DEG")
     return Rigid(x_m, y_m, math.radians(yaw_deg))
 
 
-def _reference(text: str) -> ReferencePoint | float:
+def _point(text: str) -> ReferencePoint | float:
     for word in get_args(ReferencePoint):
         if text == word:
             point: ReferencePoint = word

@@ -104,16 +104,12 @@ def _known(field: str, word: str) -> str:
 
 def _way(vut: Track) -> tuple[FloatArray, FloatArray]:
     """Points at even steps along the VUT's way, and its headings there."""
-    s = vut.samples
     size = vut.body.extent
-    if s.yaw_rad is None:
-        raise ValueError("a track has headings")
-    middle_m = (size.front_m - size.rear_m) / 2.0
-    x = s.x_m + middle_m * np.cos(s.yaw_rad)
-    y = s.y_m + middle_m * np.sin(s.yaw_rad)
+    middle = vut.samples.moved_ahead((size.front_m - size.rear_m) / 2.0)
+    x, y = middle["x_m"], middle["y_m"]
     gone = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     at = np.arange(0.0, gone[-1] + _STEP_M, _STEP_M).clip(max=gone[-1])
-    yaw = np.interp(at, gone, np.unwrap(s.yaw_rad))
+    yaw = np.interp(at, gone, np.unwrap(middle["yaw_rad"]))
     return np.column_stack([np.interp(at, gone, x), np.interp(at, gone, y)]), yaw
 
 

@@ -357,25 +357,23 @@ def read_poses(bag: SourceBag, topic: str, clock: Clock, datum: Datum | None) ->
     frame_id, child = frames.pop()
     stamps, received = np.array(times, dtype=np.int64).T
     base = Times(topic, stamps, received)
-    columns = np.array(rows).T
+    columns = dict(zip(_COLUMNS[kind], np.array(rows).T, strict=True))
     notes = []
     if kind == FIX and datum is not None:
-        x_m, y_m = local(datum, columns[0], columns[1], np.nan_to_num(columns[2]))
-        yaw = speed = rate = None
+        columns["x_m"], columns["y_m"] = local(
+            datum, columns.pop("latitude"), columns.pop("longitude"),
+            np.nan_to_num(columns.pop("altitude")),
+        )  # fmt: skip
         frame_id, child = DATUM_FRAME, frame_id
         notes.append(f"{topic}: geodetic, in the frame of the datum")
     elif kind == ODOMETRY:
-        x_m, y_m, yaw, forward, left, rate = columns
-        speed = forward
+        left, yaw = columns.pop("left_mps"), columns["yaw_rad"]
         if child == frame_id and child:
-            speed = forward * np.cos(yaw) + left * np.sin(yaw)
+            columns["speed_mps"] = columns["speed_mps"] * np.cos(yaw) + left * np.sin(yaw)
             notes.append(f"{topic}: speeds are in {frame_id}, and were turned into the heading")
         elif not child:
             notes.append(f"{topic}: names no child frame; speeds are taken as along the heading")
-    else:
-        x_m, y_m, yaw = columns
-        speed = rate = None
-    samples = Samples(base.on(clock), x_m, y_m, yaw, speed, rate, None, Source(bag.path, topic))
+    samples = Samples(base.on(clock), columns, Source(bag.path, topic))
     return Poses(samples, base, frame_id, child, tuple(notes))
 
 
@@ -390,14 +388,6 @@ def _odometry(message: Any) -> tuple[float, ...]:
     return (*_pose(message.pose.pose), *speeds)
 
 
-def _pose_stamped(message: Any) -> tuple[float, ...]:
-    return _pose(message.pose)
-
-
-def _pose_covariance(message: Any) -> tuple[float, ...]:
-    return _pose(message.pose.pose)
-
-
 def _fix(message: Any) -> tuple[float, ...]:
     if message.status.status < 0:
         raise ValueError("it is without a fix")
@@ -406,7 +396,14 @@ def _fix(message: Any) -> tuple[float, ...]:
 
 _READERS: dict[str, Callable[[Any], tuple[float, ...]]] = {
     ODOMETRY: _odometry,
-    POSE: _pose_stamped,
-    POSE_COVARIANCE: _pose_covariance,
+    POSE: lambda message: _pose(message.pose),
+    POSE_COVARIANCE: lambda message: _pose(message.pose.pose),
     FIX: _fix,
+}
+_POSE_COLUMNS = ("x_m", "y_m", "yaw_rad")
+_COLUMNS = {
+    ODOMETRY: (*_POSE_COLUMNS, "speed_mps", "left_mps", "yaw_rate_radps"),
+    POSE: _POSE_COLUMNS,
+    POSE_COVARIANCE: _POSE_COLUMNS,
+    FIX: ("latitude", "longitude", "altitude"),
 }

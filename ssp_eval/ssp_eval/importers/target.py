@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -23,7 +23,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.motion.state import ObjectState
-from ssp_core.names import TF_STATIC
+from ssp_core.names import TF_STATIC, VUT_ID
 from ssp_core.world.camera import Intrinsics, Mounting
 from ssp_core.world.transforms import (
     OPTICAL_FRAME,
@@ -34,9 +34,16 @@ from ssp_core.world.transforms import (
     of_camera,
     of_state,
 )
-from ssp_eval.data.provenance import IMPORT_ATTACHMENT, ImportedCamera, ImportRecord
-from ssp_eval.importers.options import Declared
-from ssp_eval.importers.road import BoundRoad
+from ssp_eval.data.provenance import (
+    IMPORT_ATTACHMENT,
+    ImportedCamera,
+    ImportedEgo,
+    ImportedStates,
+    ImportRecord,
+)
+from ssp_eval.importers.options import Declared, MotionOptions
+from ssp_eval.importers.road import BoundRoad, bind_road
+from ssp_eval.importers.tracks import Track
 from ssp_scenario_manager.compile.task import EVENT_FILE
 from ssp_scenario_manager.event_spec.log import Record, append_record, utc_now
 
@@ -100,8 +107,7 @@ class ImportSummary:
         keep_every: every n-th source frame was kept.
         rate_hz: of the kept frames.
         duration_s: clip time of the last frame.
-        width_px: of the stored frames.
-        height_px: of the stored frames.
+        size_px: width and height of the stored frames.
         record: the content of import.json.
     """
 
@@ -110,8 +116,7 @@ class ImportSummary:
     keep_every: int
     rate_hz: float
     duration_s: float
-    width_px: int
-    height_px: int
+    size_px: tuple[int, int]
     record: ImportRecord
 
     def as_json(self) -> dict[str, object]:
@@ -122,16 +127,17 @@ class ImportSummary:
             "keep_every": self.keep_every,
             "rate_hz": self.rate_hz,
             "duration_s": self.duration_s,
-            "width_px": self.width_px,
-            "height_px": self.height_px,
+            "width_px": self.size_px[0],
+            "height_px": self.size_px[1],
             "import": self.record.model_dump(mode="json", by_alias=True),
         }
 
     @property
     def text(self) -> str:
         """For people, one line."""
+        width_px, height_px = self.size_px
         return (
-            f"{self.bag}: {self.frames} frames of {self.width_px}x{self.height_px} px, "
+            f"{self.bag}: {self.frames} frames of {width_px}x{height_px} px, "
             f"{self.duration_s:.3f} s"
         )
 
@@ -144,10 +150,6 @@ def check_free(out: Path) -> None:
 
 def make_bag(out: Path, fill: Callable[[BagWriter], Made]) -> Made:
     """Makes a bag directory in a folder beside it and puts it in place when it is whole.
-
-    Args:
-        out: of the bag; must not exist.
-        fill: writes the messages and attachments.
 
     Raises:
         InputError: the directory exists, or what ``fill`` raises; nothing is left behind.
@@ -165,12 +167,7 @@ def make_bag(out: Path, fill: Callable[[BagWriter], Made]) -> Made:
 
 
 def write_states(writer: BagWriter, tracks: Mapping[str, Iterable[ObjectState]]) -> None:
-    """Each object's states on its own topic, and all as poses on /tf; log times as their stamps.
-
-    Args:
-        writer: of the bag.
-        tracks: states by object id.
-    """
+    """Each object's states on its own topic, and all as poses on /tf; log times as their stamps."""
     at: dict[int, list[ObjectState]] = {}
     for object_id, states in tracks.items():
         topic = names.absolute(names.state_topic(object_id))
@@ -184,27 +181,97 @@ def write_states(writer: BagWriter, tracks: Mapping[str, Iterable[ObjectState]])
         writer.write(names.TF, poses, stamp_ns, stamp_ns, count)
 
 
+@dataclass(frozen=True)
+class Motion:
+    """Where the states of a recording come from, and the road under the VUT's way."""
+
+    tracks: Sequence[Track]
+    states: ImportedStates
+    road: BoundRoad | None
+
+
+def measured_motion(
+    options: MotionOptions, tracks: Sequence[Track], name: str, sha256: str, notes: list[str],
+    time_offset_s: float = 0.0,
+) -> Motion:  # fmt: skip
+    """Binds the road under the VUT's way, and says where the tracks come from.
+
+    Args:
+        options: of the import.
+        tracks: the VUT's first.
+        name: of the file that they stand in, or of the bag.
+        sha256: of it.
+        notes: what is to be known of them.
+        time_offset_s: that was added to the source's times.
+
+    Raises:
+        InputError: the road isn't there; see bind_road.
+    """
+    road = None
+    if options.site is not None:
+        road = bind_road(options.site, options.block, tracks[0])
+        notes = [*notes, f"{100 * road.share:.0f} % of the VUT's way lie on {road.site.block}"]
+    states = ImportedStates(
+        name=name,
+        sha256=sha256,
+        vut=VUT_ID,
+        objects={t.body.object_id: t.body.object_class.word for t in tracks[1:]},
+        time_offset_s=time_offset_s,
+        notes=notes,
+    )
+    return Motion(tracks, states, road)
+
+
 def attach_record(
-    writer: BagWriter, record: ImportRecord, declared: Declared, road: BoundRoad | None
-) -> None:
-    """import.json, the K* and the map."""
+    writer: BagWriter,
+    declared: Declared,
+    source: dict[str, object],
+    crop_s: tuple[float, float],
+    camera: CameraFacts,
+    motion: Motion | float | None,
+) -> ImportRecord:
+    """Attaches import.json, the K* and the map.
+
+    Args:
+        writer: of the bag.
+        declared: what persons say.
+        source: name, sha256, kind.
+        crop_s: from and to, on the source's clock.
+        camera: as far as it is known.
+        motion: measured; the VUT's declared constant speed, m/s; or None: unknown.
+    """
+    ego = ImportedEgo(provenance="unknown", speed_mps=None)
+    states = road = None
+    if isinstance(motion, Motion):
+        ego = ImportedEgo(provenance="measured", speed_mps=None)
+        states, road = motion.states, motion.road
+    elif motion is not None:
+        ego = ImportedEgo(provenance="declared", speed_mps=motion)
+    record = ImportRecord(
+        source=source,
+        crop={"start_s": crop_s[0], "end_s": crop_s[1]},
+        generator=declared.generator,
+        domain=declared.domain,
+        scenario=declared.scenario,
+        event_version=declared.event_version,
+        ego=ego,
+        camera=camera.record,
+        declaration=declared.declaration,
+        log=declared.log,
+        states=states,
+        site=None if road is None else road.site,
+    )
     data = record.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
     writer.attach(IMPORT_ATTACHMENT, data, "application/json")
     if declared.event_file is not None:
         writer.attach(EVENT_FILE, declared.event_file, "application/yaml")
     if road is not None:
         writer.attach(road.site.attachment, road.data, "application/octet-stream")
+    return record
 
 
 def log_source(summary: ImportSummary, who: str) -> None:
-    """Enters where a recording comes from into log L, beside the bag (METHOD 1).
-
-    Hash, generator, original and crop, and what named persons declared.
-
-    Args:
-        summary: of the import.
-        who: the program.
-    """
+    """Enters where a recording comes from into log L, beside the bag (METHOD 1)."""
     record = summary.record
     details: dict[str, object] = {
         "generator": record.generator,

@@ -22,20 +22,20 @@ from ssp_core.names import VUT_ID
 from ssp_core.video import Video, sound_video
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Mounting
-from ssp_eval.data.provenance import ImportedEgo, ImportedStates, ImportRecord
 from ssp_eval.importers import target
-from ssp_eval.importers.options import NOTHING, Declared, MotionOptions
-from ssp_eval.importers.road import BoundRoad, bind_road
+from ssp_eval.importers.options import ImportOptions
 from ssp_eval.importers.table import Table, read_table
 from ssp_eval.importers.target import (
     IMAGE,
     CameraFacts,
     ImportSummary,
+    Motion,
     attach_record,
     check_free,
     jpeg,
     keep_every,
     make_bag,
+    measured_motion,
     output_size,
     pinhole,
     write_states,
@@ -85,14 +85,12 @@ class TableOptions:
         vut: id of the VUT in it.
         objects: id in the table by id in the recording; empty: all others, by their own ids.
         time_offset_s: is added to its times; they are then the video's.
-        motion: frames, reference points, road.
     """
 
     file: Path
     vut: str
     objects: dict[str, str]
     time_offset_s: float
-    motion: MotionOptions
 
 
 @dataclass(frozen=True)
@@ -101,46 +99,23 @@ class VideoOptions:
 
     Args:
         video: source file.
-        out: bag directory to make.
-        start_s: crop, source time.
-        end_s: crop, source time, exclusive; None: the end of the video.
+        clip: crop, rate, frames, road and what persons declare.
+        lens: geometry of the camera.
         ego_speed_mps: declared constant speed of the camera's vehicle on a straight line, None:
             unknown, or measured where there is a table.
-        rate_hz: at least this many frames per second are kept, None: at least 10 where the video
-            has them.
-        max_width_px: wider frames are scaled down, None: never.
-        lens: geometry of the camera.
-        declared: what persons say.
         table: of states, None: there is none.
         most_damaged: at most so many errors of the decoder are accepted.
     """
 
     video: Path
-    out: Path
-    start_s: float
-    end_s: float | None
+    clip: ImportOptions
+    lens: LensOptions
     ego_speed_mps: float | None
-    rate_hz: float | None = None
-    max_width_px: int | None = None
-    lens: LensOptions = LensOptions()
-    declared: Declared = NOTHING
-    table: TableOptions | None = None
-    most_damaged: int = 0
+    table: TableOptions | None
+    most_damaged: int
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """What a table says of the clip: the VUT's track first, on the video's clock."""
-
-    tracks: Sequence[Track]
-    road: BoundRoad | None
-    record: ImportedStates
-    data: bytes
-
-
-def import_clip(
-    options: VideoOptions, advance: Callable[[int], None] = lambda _: None
-) -> ImportSummary:
+def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> ImportSummary:
     """Makes the bag.
 
     Args:
@@ -150,20 +125,20 @@ def import_clip(
     Raises:
         InputError: source, crop, table or output are not usable; nothing is left behind.
     """
-    check_free(options.out)
+    check_free(options.clip.out)
     with Video(options.video) as video:
         step = _keep_every(video, options)
         damaged = _damaged(options)
         table = None if options.table is None else read_table(options.table.file)
         return make_bag(
-            options.out,
+            options.clip.out,
             lambda writer: _write(writer, video, options, table, step, damaged, advance),
         )
 
 
 def _damaged(options: VideoOptions) -> int:
     """Errors of the decoder in the part that is imported."""
-    found = sound_video(options.video, options.end_s)
+    found = sound_video(options.video, options.clip.end_s)
     if found.damaged > options.most_damaged:
         raise InputError(
             f"is damaged: the decoder reports {found.damaged} errors beside {found.frames} frames",
@@ -176,19 +151,21 @@ def _damaged(options: VideoOptions) -> int:
 
 def _keep_every(video: Video, options: VideoOptions) -> int:
     length_s = video.info.frames / video.info.fps
-    last_s = options.start_s if options.end_s is None else options.end_s
+    clip = options.clip
+    last_s = clip.start_s if clip.end_s is None else clip.end_s
     if video.info.frames and last_s > length_s + 1.0 / video.info.fps:
         raise _outside(options, length_s)
     try:
-        return keep_every(video.info.fps, options.rate_hz)
+        return keep_every(video.info.fps, clip.rate_hz)
     except ValueError as error:
         raise InputError(str(error), file=options.video, field="--rate") from error
 
 
 def _outside(options: VideoOptions, length_s: float) -> InputError:
-    end = "on" if options.end_s is None else f"to {options.end_s:g} s"
+    start_s, end_s = options.clip.start_s, options.clip.end_s
+    end = "on" if end_s is None else f"to {end_s:g} s"
     return InputError(
-        f"the crop from {options.start_s:g} s {end} lies beyond the video, in part or wholly",
+        f"the crop from {start_s:g} s {end} lies beyond the video, in part or wholly",
         file=options.video,
         remedy=f"the video is {length_s:.3f} s long",
     )
@@ -203,79 +180,49 @@ def _write(
     damaged: int,
     advance: Callable[[int], None],
 ) -> ImportSummary:
-    info = video.info
-    width_px, height_px = output_size(info.width_px, info.height_px, options.max_width_px)
-    camera = options.lens.facts(width_px, height_px)
+    clip, info = options.clip, video.info
+    size_px = output_size(info.width_px, info.height_px, clip.max_width_px)
+    camera = options.lens.facts(*size_px)
     writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
-    start_s, stamp_ns, count = 0.0, 0, 0
-    change, stamps_ns = _FrameChange(), list[int]()
-    for frame in video.frames(options.start_s, options.end_s, step):
-        if count == 0:
+    start_s, stamps_ns, change = 0.0, list[int](), _FrameChange()
+    for frame in video.frames(clip.start_s, clip.end_s, step):
+        if not stamps_ns:
             start_s = frame.time_s
             camera.write(writer, 0)
         stamp_ns = seconds_to_ns(frame.time_s - start_s)
         stamps_ns.append(stamp_ns)
         if table is not None:
             change.take(frame.image)
-        data = jpeg(frame.image, width_px, height_px)
-        writer.write(IMAGE, target.image(stamp_ns, data), stamp_ns, stamp_ns, count + 1)
-        count += 1
+        data = target.image(stamp_ns, jpeg(frame.image, *size_px))
+        writer.write(IMAGE, data, stamp_ns, stamp_ns, len(stamps_ns))
         advance(1)
-    end_s = video.reached_s if options.end_s is None else options.end_s
-    if count == 0 or video.reached_s < end_s - 0.5 / info.fps:
+    end_s = video.reached_s if clip.end_s is None else clip.end_s
+    if not stamps_ns or video.reached_s < end_s - 0.5 / info.fps:
         raise _outside(options, video.reached_s)
-    measured = None
+    motion: Motion | float | None = options.ego_speed_mps
     if table is not None and options.table is not None:
         zero_ns = seconds_to_ns(start_s)
-        measured = _measured(options, options.table, table, start_s, stamp_ns)
-        _check_motion(measured, change, np.array(stamps_ns) + zero_ns)
-        write_states(writer, {t.body.object_id: t.states(zero_ns) for t in measured.tracks})
-        writer.attach(TABLE_ATTACHMENT, measured.data, "text/csv")
+        motion = _measured(options, options.table, table, zero_ns, stamps_ns[-1])
+        _check_motion(motion, change, np.array(stamps_ns) + zero_ns)
+        write_states(writer, {t.body.object_id: t.states(zero_ns) for t in motion.tracks})
+        writer.attach(TABLE_ATTACHMENT, options.table.file.read_bytes(), "text/csv")
     elif options.ego_speed_mps is not None:
-        write_states(writer, {VUT_ID: _declared_states(options.ego_speed_mps, stamp_ns)})
-    road = None if measured is None else measured.road
-    record = _record(options, video, camera, (start_s, end_s), measured)
+        write_states(writer, {VUT_ID: _declared_states(options.ego_speed_mps, stamps_ns[-1])})
+    source: dict[str, object] = {
+        "name": options.video.name,
+        "sha256": sha256_file(options.video),
+        "kind": "video",
+        "width_px": info.width_px,
+        "height_px": info.height_px,
+        "fps": info.fps,
+        "frames": info.frames,
+    }
     if damaged:
-        record.source["decoder_errors"] = damaged
-    attach_record(writer, record, options.declared, road)
+        source["decoder_errors"] = damaged
+    record = attach_record(writer, clip.declared, source, (start_s, end_s), camera, motion)
+    duration_s = ns_to_seconds(stamps_ns[-1])
     return ImportSummary(
-        options.out, count, step, info.fps / step, ns_to_seconds(stamp_ns), width_px, height_px,
-        record,
-    )  # fmt: skip
-
-
-def _record(
-    options: VideoOptions,
-    video: Video,
-    camera: CameraFacts,
-    crop_s: tuple[float, float],
-    measured: _Measured | None,
-) -> ImportRecord:
-    info, speed, said = video.info, options.ego_speed_mps, options.declared
-    ego = ImportedEgo(provenance="unknown" if speed is None else "declared", speed_mps=speed)
-    if measured is not None:
-        ego = ImportedEgo(provenance="measured", speed_mps=None)
-    return ImportRecord(
-        source={
-            "name": options.video.name,
-            "sha256": sha256_file(options.video),
-            "kind": "video",
-            "width_px": info.width_px,
-            "height_px": info.height_px,
-            "fps": info.fps,
-            "frames": info.frames,
-        },
-        crop={"start_s": crop_s[0], "end_s": crop_s[1]},
-        generator=said.generator,
-        domain=said.domain,
-        scenario=said.scenario,
-        event_version=said.event_version,
-        ego=ego,
-        camera=camera.record,
-        declaration=said.declaration,
-        log=said.log,
-        states=None if measured is None else measured.record,
-        site=None if measured is None or measured.road is None else measured.road.site,
+        clip.out, len(stamps_ns), step, info.fps / step, duration_s, size_px, record
     )
 
 
@@ -301,66 +248,48 @@ def _declared_states(speed_mps: float, last_ns: int) -> Sequence[ObjectState]:
 
 
 def _measured(
-    options: VideoOptions, given: TableOptions, table: Table, start_s: float, last_ns: int
-) -> _Measured:
+    options: VideoOptions, given: TableOptions, table: Table, low_ns: int, last_ns: int
+) -> Motion:
     """The tracks of VUT and objects within the clip.
 
     Args:
         options: of the import.
         given: of the table.
         table: read.
-        start_s: the first frame's time in the video.
+        low_ns: the first frame's time in the video.
         last_ns: clip time of the last frame.
     """
     names = _names(given, table)
-    ids = tuple(names)
-    given.motion.check_ids(ids)
-    options.declared.check_ids(ids)
-    low_ns = seconds_to_ns(start_s)
+    options.clip.check_ids(tuple(names))
     high_ns = low_ns + last_ns
-    offset_ns = seconds_to_ns(given.time_offset_s)
     notes, tracks = [], []
     if table.ignored:
         notes.append(f"columns that nobody reads: {', '.join(table.ignored)}")
-    others = [name for name in table.objects if name not in names.values()]
-    if others:
-        notes.append(f"{len(others)} other objects of the table are left out")
+    if others := len(table.objects) - len(names):
+        notes.append(f"{others} other objects of the table are left out")
     for object_id, name in names.items():
         one = table.objects[name]
-        samples = replace(one.samples, stamps_ns=one.samples.stamps_ns + offset_ns)
-        inside = (samples.stamps_ns >= low_ns) & (samples.stamps_ns <= high_ns)
+        stamps_ns = one.samples.stamps_ns + seconds_to_ns(given.time_offset_s)
+        inside = (stamps_ns >= low_ns) & (stamps_ns <= high_ns)
         if inside.sum() < LEAST_SAMPLES:
-            raise samples.source.error(
+            raise one.samples.source.error(
                 f"has {int(inside.sum())} rows within the clip, from "
                 f"{ns_to_seconds(low_ns):.3f} to {ns_to_seconds(high_ns):.3f} s of the video: its "
-                "rows go from "
-                f"{ns_to_seconds(int(samples.stamps_ns.min())):.3f} to "
-                f"{ns_to_seconds(int(samples.stamps_ns.max())):.3f} s",
+                f"rows go from {ns_to_seconds(int(stamps_ns.min())):.3f} to "
+                f"{ns_to_seconds(int(stamps_ns.max())):.3f} s",
                 "give the table of this run, times in s; --time-offset S is added to them",
                 index=0,
             )
         role = Role.VUT if object_id == VUT_ID else Role.OT
-        body = given.motion.body(object_id, one.object_class, role, "centre", one.size)
-        track = make_track(samples.taken(np.flatnonzero(inside)), body)
+        body = options.clip.motion.body(object_id, one.object_class, "centre", role, one.size)
+        samples = replace(one.samples, stamps_ns=stamps_ns).taken(np.flatnonzero(inside))
+        track = make_track(samples, body)
         notes += [*track.notes, *_coverage(track, low_ns, high_ns)]
         tracks.append(track)
-    road = None
-    if given.motion.site is not None:
-        road = bind_road(given.motion.site, given.motion.block, tracks[0])
-        notes.append(f"{100 * road.share:.0f} % of the VUT's way lie on {road.site.block}")
-    return _Measured(
-        tracks,
-        road,
-        ImportedStates(
-            name=given.file.name,
-            sha256=sha256_file(given.file),
-            vut=VUT_ID,
-            objects={t.body.object_id: t.body.object_class.word for t in tracks[1:]},
-            time_offset_s=given.time_offset_s,
-            notes=notes,
-        ),
-        given.file.read_bytes(),
-    )
+    return measured_motion(
+        options.clip.motion, tracks, given.file.name, sha256_file(given.file), notes,
+        given.time_offset_s,
+    )  # fmt: skip
 
 
 @dataclass
@@ -401,7 +330,7 @@ class _FrameChange:
         return float(np.median(standing) / max(float(np.median(driving)), 0.01))
 
 
-def _check_motion(measured: _Measured, change: _FrameChange, frames_ns: NDArray[np.int64]) -> None:
+def _check_motion(measured: Motion, change: _FrameChange, frames_ns: NDArray[np.int64]) -> None:
     """Refuses a table whose VUT stands while the frames move, and says where they may.
 
     Args:
@@ -410,9 +339,7 @@ def _check_motion(measured: _Measured, change: _FrameChange, frames_ns: NDArray[
         frames_ns: their times in the video.
     """
     vut = measured.tracks[0]
-    if vut.samples.speed_mps is None:
-        raise ValueError("a track has speeds")
-    speed = np.interp(frames_ns, vut.samples.stamps_ns, vut.samples.speed_mps)
+    speed = np.interp(frames_ns, vut.samples.stamps_ns, vut.samples["speed_mps"])
     ratio = change.contrast(speed)
     if ratio is None or ratio < 1.0:
         return
@@ -426,7 +353,7 @@ def _check_motion(measured: _Measured, change: _FrameChange, frames_ns: NDArray[
             "give the table of this run; --time-offset S is added to its times",
             index=0,
         )
-    measured.record.notes.append(f"the table {text}: is it of this run?")
+    measured.states.notes.append(f"the table {text}: is it of this run?")
 
 
 def _names(given: TableOptions, table: Table) -> dict[str, str]:

@@ -199,7 +199,7 @@ def _observed(path: Path, facts: FootageFacts) -> Mapping[str, float] | None:
     """The phases that persons located in a bag, clip times; None: nobody looked at it."""
     footage = Footage(facts.bag_sha256 or "", facts.frames_s)
     told = [observation for _, observation in load_observations(path, footage)]
-    return agree(told, footage.period_s).phase_starts() if told else None
+    return agree(told, footage.period_s).answers.phase_starts() if told else None
 
 
 def _reviewed(k_star: KStar, facts: FootageFacts) -> Mapping[str, float]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ssp_core.errors import InputError
-from ssp_eval.data.audit import Property
+from ssp_eval.data.audit import AgreementEntry, Property
 from ssp_eval.observations.model import Answers, Observation, leaves
 
 # Two persons mean the same instant if their times differ by no more, or by one frame.
@@ -22,24 +22,6 @@ Verdict = Literal["agree", "differ", "one alone", "contradict", "unknown"]
 
 
 @dataclass(frozen=True)
-class AgreementRow:
-    """One answer.
-
-    Args:
-        field: its path.
-        values: of each observer, for people; ``unknown`` where he couldn't tell.
-        verdict: ``one alone``: only one person could tell, or looked; ``contradict``: what is left
-            after differing answers were dropped can't be together.
-        result: what counts, ``unverified`` where nothing does.
-    """
-
-    field: str
-    values: tuple[str, ...]
-    verdict: Verdict
-    result: str
-
-
-@dataclass(frozen=True)
 class Agreement:
     """What counts of a recording's observations.
 
@@ -48,14 +30,15 @@ class Agreement:
         observations: as they are.
         answers: what counts: null where nobody could tell or where two differ. Of times within
             the tolerance the mean, of shares the smaller one.
-        rows: of all answers that anybody gave.
+        rows: of all answers that anybody gave. ``one alone``: only one person could tell, or
+            looked; ``contradict``: what is left without differing answers can't be together.
         tolerance_s: of times.
     """
 
     observers: tuple[str, ...]
     observations: tuple[Observation, ...]
     answers: Answers
-    rows: tuple[AgreementRow, ...]
+    rows: tuple[AgreementEntry, ...]
     tolerance_s: float
 
     @property
@@ -72,29 +55,13 @@ class Agreement:
         """q(d, k); not determined where they differ or nobody could tell."""
         return self.answers.properties_by(self.by)
 
-    def phase_starts(self) -> dict[str, float]:
-        """Clip times of the phases, s."""
-        return self.answers.phase_starts()
-
-    def rejections(self) -> tuple[str, ...]:
-        """Reasons of the source gate that were found."""
-        return self.answers.rejections()
-
     def to_json(self) -> dict[str, Any]:
         """For programs: observers, their seals, tolerance and rows."""
         return {
             "observers": list(self.observers),
             "seals": [one.seal for one in self.observations],
             "tolerance_s": self.tolerance_s,
-            "rows": [
-                {
-                    "field": row.field,
-                    "values": list(row.values),
-                    "verdict": row.verdict,
-                    "result": row.result,
-                }
-                for row in self.rows
-            ],
+            "rows": [row.model_dump() for row in self.rows],
         }
 
 
@@ -115,7 +82,7 @@ def agree(observations: Sequence[Observation], period_s: float = 0.0) -> Agreeme
     tolerance_s = max(SAME_TIME_S, period_s)
     told = [_answers_of(one) for one in observations]
     merged = json.loads(json.dumps(told[0]))
-    rows: dict[str, AgreementRow] = {}
+    rows: dict[str, AgreementEntry] = {}
     for path, _ in leaves(told[0]):
         parts = path.split(".")
         values = [_at(one, parts) for one in told]
@@ -125,15 +92,18 @@ def agree(observations: Sequence[Observation], period_s: float = 0.0) -> Agreeme
         verdict, value = _verdict(values, _kind(path), tolerance_s)
         _put(merged, parts, value)
         if parts[-1] != "role" and any(v is not None for v in values):
-            shown = tuple(_text(v) for v in values)
-            rows[path] = AgreementRow(
-                path, shown, verdict, UNVERIFIED if value is None else _text(value)
+            rows[path] = AgreementEntry(
+                field=path,
+                values=[_text(v) for v in values],
+                verdict=verdict,
+                result=UNVERIFIED if value is None else _text(value),
             )
     # Of answers that one person gave alone, two may not fit together.
     while (wrong := next(Answers.model_validate(merged).contradictions(), None)) is not None:
         path = wrong[0]
         _put(merged, path.split("."), None)
-        rows[path] = AgreementRow(path, rows[path].values, "contradict", UNVERIFIED)
+        against = {"verdict": "contradict", "result": UNVERIFIED}
+        rows[path] = rows[path].model_copy(update=against)
     return Agreement(
         tuple(one.who for one in observations),
         tuple(observations),

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.table import Table
@@ -16,8 +14,8 @@ from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_text
 from ssp_core.names import VUT_ID
 from ssp_core.options import Number
-from ssp_eval.data.provenance import Provenance, bag_folder, find_bag, read_provenance
-from ssp_eval.observations.agreement import Agreement, agree
+from ssp_eval.data.provenance import bag_folder, find_bag, read_provenance
+from ssp_eval.observations.agreement import agree
 from ssp_eval.observations.files import (
     Footage,
     default_place,
@@ -30,37 +28,13 @@ from ssp_eval.observations.files import (
 from ssp_eval.observations.model import SCHEMA, Observation
 from ssp_eval.observations.page import Choice, chosen, render, shown_frames
 from ssp_eval.observations.questions import blank, cards, template
+from ssp_eval.recordings.states import frame_times
 from ssp_scenario_manager.compile.task import TASK_FOLDER
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, append_record, utc_now
 
 _PATH = click.Path(path_type=Path)
 DEFAULT_TARGETS = ("ot1",)
-
-
-@dataclass(frozen=True)
-class _Subject:
-    """A recording to look at, and who takes part in it."""
-
-    bag: Path
-    name: str
-    provenance: Provenance
-    footage: Footage
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """The file's head, as far as the recording says it."""
-        return {
-            "recording": self.name,
-            "bag_sha256": self.footage.bag_sha256,
-            "scenario": self.provenance.scenario,
-            "event_version": self.provenance.event_version,
-        }
-
-    @property
-    def has_log(self) -> bool:
-        """Only a session of ours has one."""
-        return self.provenance.run is not None
 
 
 @click.command()
@@ -124,63 +98,44 @@ def observe(
         raise click.UsageError("--who and --log belong to --seal")
     if draft is not None and (as_template or event_name is not None):
         raise click.UsageError("--seal takes neither --template nor --event")
-    with console.progress("reading", None):
-        subject = _subject(find_bag(bag))
+    path = find_bag(bag)
+    folder = bag_folder(path.absolute())
+    name = folder.parent.name if folder.name == "bag" else folder.stem
+    with console.progress("reading", None), BagReader(path) as reader:
+        provenance = read_provenance(reader)
+        footage = Footage(provenance.bag_sha256, frame_times(reader, provenance)[0])
     if draft is not None:
-        _seal(subject, draft, who, out, log, force)
+        found = sealed_observation(draft, footage, name, utc_now(), who)
+        _keep(found, out or default_place(path.absolute(), found.who), log or log_of(path), force)
         return
-    about = subject.about
-    vut, targets = _people(subject.provenance)
+    present = provenance.participants
+    vut, targets = (VUT_ID, DEFAULT_TARGETS) if present is None else (present.vut, present.ids[1:])
+    about = {"scenario": provenance.scenario, "event_version": provenance.event_version}
     if event_name is not None:
         event, version = load_event(event_name)
-        about |= {"scenario": event.name, "event_version": version}
+        about = {"scenario": event.name, "event_version": version}
         vut = event.vut_id
         targets = tuple(name for name in event.participants if name != vut)
-    target = out or subject.bag.absolute().parent / (
-        f"{subject.name}.observe.{'yaml' if as_template else 'html'}"
-    )
+    kind = "yaml" if as_template else "html"
+    target = out or path.absolute().parent / f"{name}.observe.{kind}"
     _check_free(target, force)
-    footage = subject.footage
+    has_log = provenance.run is not None
+    head = {"schema": SCHEMA, "recording": name, "bag_sha256": footage.bag_sha256, **about}
+    head |= dict.fromkeys(("who", "role", "when", "remark"))
+    empty, questions = head | blank(vut, targets, has_log), cards(vut, targets, has_log)
     if as_template:
-        text = template(
-            str(bag), about, vut, targets, subject.has_log, footage.frames_s, footage.period_s
-        )
-        make_folder(target.parent)
-        write_text(target, text)
+        write_text(target, template(str(bag), empty, questions, footage))
         console.note(f"{target}: fill it in, then `ssp audit observe {bag} --seal {target}`")
         return
     indices = chosen(footage, Choice(rate, most, start, end))
     with console.progress("frames", len(indices)) as bar:
         task = bar.task_ids[0]
-        frames = shown_frames(subject.bag, indices, footage, width, lambda: bar.advance(task))
-    page = render(
-        {"schema": SCHEMA, **about, "who": None, "role": None, "when": None, "remark": None}
-        | blank(vut, targets, subject.has_log)
-        | {"seal": None},
-        cards(vut, targets, subject.has_log),
-        frames,
-        str(bag),
-    )
-    make_folder(target.parent)
-    write_text(target, page)
+        frames = shown_frames(path, indices, footage, width, lambda: bar.advance(task))
+    write_text(target, render(empty | {"seal": None}, questions, frames, str(bag)))
     console.note(
         f"{target}: {len(frames)} of {len(footage.frames_s)} frames, "
         f"{frames[0].t_s:.2f} to {frames[-1].t_s:.2f} s; open it in a browser"
     )
-
-
-def _subject(bag: Path) -> _Subject:
-    footage = footage_of(bag)
-    with BagReader(bag) as reader:
-        provenance = read_provenance(reader, footage.bag_sha256)
-    folder = bag_folder(bag.absolute())
-    name = folder.parent.name if folder.name == "bag" else folder.stem
-    return _Subject(bag, name, provenance, footage)
-
-
-def _people(provenance: Provenance) -> tuple[str, tuple[str, ...]]:
-    who = provenance.participants
-    return (VUT_ID, DEFAULT_TARGETS) if who is None else (who.vut, tuple(who.targets))
 
 
 def _check_free(path: Path, force: bool) -> None:
@@ -188,35 +143,11 @@ def _check_free(path: Path, force: bool) -> None:
         raise InputError("exists already", file=path, remedy="give --force to replace it")
 
 
-def _seal(
-    subject: _Subject, draft: Path, who: str | None, out: Path | None, log: Path | None, force: bool
-) -> None:
-    found = sealed_observation(draft, subject.footage, subject.name, utc_now(), who)
-    target = out or default_place(subject.bag.absolute(), found.who)
+def _keep(found: Observation, target: Path, log: Path, force: bool) -> None:
+    """Writes a sealed observation, enters it into the log, and says what it leaves open."""
     _check_free(target, force)
     make_folder(target.parent)
-    log = log or log_of(subject.bag.absolute())
-    append_record(log, observation_record(found, target))
-    write_observation(target, found)
-    console.out.print(f"{target}: observed by {found.who}, {found.seal}", markup=False)
-    open_ones = found.unanswered()
-    if open_ones:
-        console.note(f"{len(open_ones)} unverified: {', '.join(open_ones)}")
-    for reason in found.rejections():
-        console.note(f"the source gate refuses it: {reason.replace('_', ' ')}")
-    console.note(f"entered into {log}")
-
-
-def log_of(bag: Path) -> Path:
-    """The log L of a recording: that of its task, else the one beside the bag."""
-    folder = bag_folder(bag)
-    task = folder.parent / TASK_FOLDER / LOG_FILE
-    return task if task.is_file() else folder.with_name(f"{folder.name}.log.jsonl")
-
-
-def observation_record(found: Observation, file: Path) -> Record:
-    """The entry of L on a sealed observation."""
-    return Record(
+    record = Record(
         kind="observation",
         when=utc_now(),
         who=found.who,
@@ -225,11 +156,26 @@ def observation_record(found: Observation, file: Path) -> Record:
         reason=found.remark or "looked at the recording",
         details={
             "seal": found.seal,
-            "file": file.name,
+            "file": target.name,
             "looked_at": found.when.isoformat(),
             "unverified": list(found.unanswered()),
         },
     )
+    append_record(log, record)
+    write_observation(target, found)
+    console.out.print(f"{target}: observed by {found.who}, {found.seal}", markup=False)
+    if open_ones := found.unanswered():
+        console.note(f"{len(open_ones)} unverified: {', '.join(open_ones)}")
+    for reason in found.rejections():
+        console.note(f"the source gate refuses it: {reason.replace('_', ' ')}")
+    console.note(f"entered into {log}")
+
+
+def log_of(bag: Path) -> Path:
+    """The log L of a recording: that of its task, else the one beside the bag."""
+    folder = bag_folder(bag.absolute())
+    task = folder.parent / TASK_FOLDER / LOG_FILE
+    return task if task.is_file() else folder.with_name(f"{folder.name}.log.jsonl")
 
 
 @click.command("agree")
@@ -254,25 +200,15 @@ def agree_command(files: tuple[Path, ...], bag: Path | None, as_json: bool) -> i
     found = agree(observations, period_s)
     if as_json:
         click.echo(json.dumps(found.to_json(), indent=1, ensure_ascii=False))
-    else:
-        console.out.print(_agreement_table(found))
-        console.note(_agreement_summary(found))
-    return 1 if found.differing else 0
-
-
-def _agreement_table(found: Agreement) -> Table:
-    """Field, each observer's answer, how they agree, and what counts."""
+        return 1 if found.differing else 0
     table = Table(box=None, pad_edge=False)
     for name in ("field", *found.observers, "", "counts"):
         table.add_column(name, overflow="fold")
     for row in found.rows:
         table.add_row(row.field, *row.values, row.verdict, row.result)
-    return table
-
-
-def _agreement_summary(found: Agreement) -> str:
-    """One sentence."""
-    differing = found.differing
-    if not differing:
-        return f"{found.by} differ in nothing (times within {found.tolerance_s:g} s)"
-    return f"{found.by} differ in {len(differing)}: {', '.join(differing)}"
+    console.out.print(table)
+    if differing := found.differing:
+        console.note(f"{found.by} differ in {len(differing)}: {', '.join(differing)}")
+    else:
+        console.note(f"{found.by} differ in nothing (times within {found.tolerance_s:g} s)")
+    return 1 if found.differing else 0

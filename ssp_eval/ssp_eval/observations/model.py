@@ -8,9 +8,10 @@ stamps, or [first, last]. Times are clip times, s. Left and right are the VUT's.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AwareDatetime, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AwareDatetime, ConfigDict, Field, model_validator
 
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.values import Finite, ObjectId, Strict
@@ -37,16 +38,10 @@ FrameIndex = Annotated[int, Field(ge=0, le=10**9, strict=True)]
 Frames = list[FrameIndex | tuple[FrameIndex, FrameIndex]]
 
 
-def _known(value: Any) -> Any:
-    return None if value == "unknown" else value
-
-
-_Unknown = BeforeValidator(_known)
-YesNo = Annotated[Annotated[bool, Field(strict=True)] | None, _Unknown]
-Lanes = Annotated[Annotated[int, Field(ge=0, le=16, strict=True)] | None, _Unknown]
+YesNo = Annotated[bool, Field(strict=True)] | None
+Lanes = Annotated[int, Field(ge=0, le=16, strict=True)] | None
 Share = Annotated[float, Field(ge=0, le=1, strict=True)]
-ClipTime = Annotated[Finite | None, _Unknown]
-AnId = Annotated[ObjectId | None, _Unknown]
+ClipTime = Finite | None
 
 
 class Seen(Strict):
@@ -60,14 +55,9 @@ class Seen(Strict):
         for item in self.frames:
             if isinstance(item, tuple) and item[0] > item[1]:
                 raise ValueError(f"the span {item[0]} to {item[1]} ends before it begins")
-        if self.is_answered and not self.frames:
+        if not self.frames and any(value is not None for _, value in leaves(self.answers())):
             raise ValueError("is answered without evidence: name the frames that show it")
         return self
-
-    @property
-    def is_answered(self) -> bool:
-        """True when anything is said."""
-        return any(value is not None for _, value in leaves(self.answers()))
 
     def answers(self) -> dict[str, Any]:
         """What is said, without its evidence."""
@@ -86,13 +76,13 @@ class Topology(Seen):
     Road type and boundaries may be left out: as a rule they may vary between domains.
     """
 
-    segment: Annotated[SegmentWord | None, _Unknown]
+    segment: SegmentWord | None
     lanes_same_direction: Lanes
     lanes_opposite: Lanes
-    vut_lane: Annotated[LaneWord | None, _Unknown]
-    road_type: Annotated[RoadTypeWord | None, _Unknown] = None
-    left_boundary: Annotated[BoundaryWord | None, _Unknown] = None
-    right_boundary: Annotated[BoundaryWord | None, _Unknown] = None
+    vut_lane: LaneWord | None
+    road_type: RoadTypeWord | None = None
+    left_boundary: BoundaryWord | None = None
+    right_boundary: BoundaryWord | None = None
 
 
 class Participant(Strict):
@@ -101,16 +91,16 @@ class Participant(Strict):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     role: Literal["VUT", "OT"]
-    class_: Annotated[ObjectWord | None, _Unknown] = Field(alias="class")
-    starts_in: Annotated[PlaceWord | None, _Unknown] = Field(None, description="of an OT")
+    class_: ObjectWord | None = Field(alias="class")
+    starts_in: PlaceWord | None = Field(None, description="of an OT")
 
 
 class Roles(Seen):
     """Who takes part, whose manoeuvre the event is, and whom it affects."""
 
     participants: Annotated[dict[ObjectId, Participant], Field(min_length=2, max_length=16)]
-    initiator: AnId
-    affected: AnId
+    initiator: ObjectId | None
+    affected: ObjectId | None
 
     def answers(self) -> dict[str, Any]:
         found = super().answers()
@@ -130,19 +120,19 @@ class Roles(Seen):
 class Motion(Seen):
     """The motion class of the critical OT that holds longest from trigger to resolution."""
 
-    value: Annotated[MotionWord | None, _Unknown]
+    value: MotionWord | None
 
 
 class Conflict(Seen):
     """How the path of the initiator meets the corridor of who is affected."""
 
-    value: Annotated[RelationWord | None, _Unknown]
+    value: RelationWord | None
 
 
 class Order(Seen):
     """Who arrives first at the conflict zone, and who second."""
 
-    value: Annotated[tuple[ObjectId, ObjectId] | None, _Unknown]
+    value: tuple[ObjectId, ObjectId] | None
 
 
 class PhaseStart(Seen):
@@ -180,7 +170,7 @@ class Gate(Strict):
 class Visible(Seen):
     """For which share of the time from trigger to resolution something can be seen."""
 
-    value: Annotated[Share | Literal["throughout", "never"] | None, _Unknown]
+    value: Share | Literal["throughout", "never"] | None
 
     @property
     def share(self) -> float | None:
@@ -201,7 +191,7 @@ class Log(Strict):
 
     safety_abort: YesNo
     identity_switch: YesNo
-    site_changes: Annotated[list[Words] | None, _Unknown] = Field(description="empty: nothing")
+    site_changes: list[Words] | None = Field(description="empty: nothing")
 
 
 NO_LOG = Log(safety_abort=None, identity_switch=None, site_changes=None)
@@ -269,20 +259,12 @@ class Answers(Strict):
         yield from self._times()
 
     def _times(self) -> Iterator[tuple[str, str]]:
-        before: tuple[str, float] | None = None
-        named = [("start_s", self.phases.start_s), *self._starts(), ("end_s", self.phases.end_s)]
-        for name, t_s in named:
-            if t_s is None:
-                continue
-            if before is not None and t_s <= before[1]:
-                yield (
-                    f"phases.{name}",
-                    f"{t_s:g} s is not after {before[0]} at {before[1]:g} s",
-                )
-            before = name, t_s
-
-    def _starts(self) -> list[tuple[str, float | None]]:
-        return [(f"{phase}.t_s", getattr(self.phases, phase).t_s) for phase in EVENT_PHASES]
+        starts = {f"{phase}.t_s": t_s for phase, t_s in self.phase_starts().items()}
+        named = {"start_s": self.phases.start_s, **starts, "end_s": self.phases.end_s}
+        known = [(name, t_s) for name, t_s in named.items() if t_s is not None]
+        for before, (name, t_s) in pairwise(known):
+            if t_s <= before[1]:
+                yield f"phases.{name}", f"{t_s:g} s is not after {before[0]} at {before[1]:g} s"
 
     def phase_starts(self) -> dict[str, float]:
         """Clip times of the phases that were found."""
@@ -322,9 +304,12 @@ class Answers(Strict):
         lane: str | tuple[str, ...] | None = road.vut_lane
         if road.lanes_same_direction == 1 and lane in (None, "rightmost", "middle", "leftmost"):
             lane = ("rightmost", "leftmost")
+        counts = {
+            name: None if (count := getattr(road, name)) is None else str(count)
+            for name in ("lanes_same_direction", "lanes_opposite")
+        }
         return {
-            "lanes_same_direction": _digits(road.lanes_same_direction),
-            "lanes_opposite": _digits(road.lanes_opposite),
+            **counts,
             "segment": road.segment,
             "vut_lane": lane,
             "adjacency": self._adjacency(),
@@ -399,10 +384,6 @@ def _is_idle(path: str, key: str, answers: Answers) -> bool:
         only = key == "vut_lane" and answers.topology.lanes_same_direction == 1
         return only or key in MAY_LACK
     return path == "roles" and key == f"participants.{answers.roles.vut}.starts_in"
-
-
-def _digits(count: int | None) -> str | None:
-    return None if count is None else str(count)
 
 
 def _property(seen: Seen, words: Mapping[str, str | tuple[str, ...] | None], by: str) -> Property:

@@ -6,7 +6,7 @@ import json
 import math
 from base64 import b64encode
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -129,7 +129,7 @@ def render(
     """
     data = {
         "draft": draft,
-        "cards": [asdict(card) for card in questions],
+        "cards": [card.model_dump(mode="json") for card in questions],
         "bag": bag,
         "frames": [
             {
