@@ -10,8 +10,7 @@ from dataclasses import replace
 import pytest
 
 from ssp_scenario_manager.faults.campaign import FaultScenario, prepare_scene, run_cells
-from ssp_scenario_manager.faults.matrix import MATRIX
-from ssp_scenario_manager.faults.model import Stage
+from ssp_scenario_manager.faults.matrix import MATRIX, Stage
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 

@@ -21,8 +21,7 @@ from ssp_scenario_manager.faults.campaign import (
     prepare_scene,
     run_cells,
 )
-from ssp_scenario_manager.faults.matrix import MATRIX
-from ssp_scenario_manager.faults.model import Row, Stage
+from ssp_scenario_manager.faults.matrix import MATRIX, Row, Stage
 from ssp_scenario_manager.faults.report import (
     as_json,
     junit_cases,

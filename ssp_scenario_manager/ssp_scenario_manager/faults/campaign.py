@@ -16,7 +16,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.processes import others_share_memory, remove_stale_shared_memory
 from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.safety.codes import MEANINGS
-from ssp_core.vocabulary import ControlState, Role, Verdict
+from ssp_core.vocabulary import Role, Verdict
 from ssp_core.world.plant import ManagerUpdate, Plant, StepReport, make_plant
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER
@@ -26,11 +26,12 @@ from ssp_scenario_manager.faults.evidence import (
     FaultNote,
     SafetyNote,
     Track,
+    own_states,
     read_evidence,
     track_of,
 )
 from ssp_scenario_manager.faults.judge import Judged, Nominal, fault_of, judge, nominal_of
-from ssp_scenario_manager.faults.model import Cell, Expected, NotApplicable, Row, Stage
+from ssp_scenario_manager.faults.matrix import Cell, Expected, NotApplicable, Row, Stage
 from ssp_scenario_manager.run.faults import RUNNER_KINDS
 from ssp_scenario_manager.run.in_process import InProcessSession, Record, judged
 from ssp_scenario_manager.run.sweep import for_one_process
@@ -111,7 +112,7 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
         verdict=verdict.name.lower(),
         reasons=outcome.reasons,
         truth=_truth(reports),
-        own_states=_own_states(reports),
+        own_states=own_states(state for report in reports for state in report.target_states),
         session=tuple((ns_to_seconds(c.stamp_ns), c.state) for c in account.changes),
         phases=tuple((ns_to_seconds(p.stamp_ns), p.phase) for p in account.phases),
         triggers=tuple(ns_to_seconds(t.dispatched_ns) for t in account.triggers),
@@ -129,18 +130,6 @@ def _truth(reports: list[StepReport]) -> dict[str, Track]:
                 if one.role in (Role.VUT, Role.OT):
                     rows.setdefault(one.object_id, []).append((ns_to_seconds(report.now_ns), one))
     return {object_id: track_of(kept) for object_id, kept in rows.items()}
-
-
-def _own_states(reports: list[StepReport]) -> tuple[tuple[float, str, ControlState], ...]:
-    last: dict[str, ControlState] = {}
-    changes = []
-    for report in reports:
-        for state in report.target_states:
-            if last.get(state.object_id) is not state.control_state:
-                last[state.object_id] = state.control_state
-                t_s = ns_to_seconds(state.stamp_ns)
-                changes.append((t_s, state.object_id, state.control_state))
-    return tuple(changes)
 
 
 def _faults(spec: RunSpec, reports: list[StepReport]) -> tuple[FaultNote, ...]:

@@ -4,9 +4,8 @@ distances.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +14,12 @@ import numpy as np
 from ssp_core import names
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.types import BagMessage
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.states import decode_state, decode_states
 from ssp_core.cdr.steps import decode_heartbeat, decode_tick
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
+from ssp_core.files import read_mapping
 from ssp_core.geometry import Box, FloatArray, Pose2, boxes_overlap
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.model import RunSpec, load_run
@@ -230,176 +229,124 @@ def read_evidence(folder: Path) -> Evidence:
         InputError: run.yaml or result.json is missing or broken; a bag that can't be read is a
             problem in the evidence.
     """
-    spec = load_run(folder / "run.yaml")
-    result = _json(folder / RESULT_FILE)
-    notes = _json(folder / FAULTS_FILE) if (folder / FAULTS_FILE).is_file() else {}
-    witness = _json(folder / WITNESS_FILE) if (folder / WITNESS_FILE).is_file() else {}
-    read = _Bag(spec)
+    spec, result = load_run(folder / "run.yaml"), read_mapping(folder / RESULT_FILE)
+    notes, witness = (
+        read_mapping(folder / name) if (folder / name).is_file() else {}
+        for name in (FAULTS_FILE, WITNESS_FILE)
+    )
+    found = Evidence(
+        spec=spec,
+        verdict=str(result["verdict"]),
+        reasons=tuple(result["reasons"]),
+        truth={},
+        heard=tuple(
+            HeardEvent(h["kind"], h["name"], h["detail"], h["session_s"], h["wall_s"])
+            for h in notes.get("heard", ())
+        ),
+        wall_s=float(result.get("wall_s", 0.0)),
+    )
+    problems: list[str] = []
     bag = folder / str(result["bag"])
     if bag.is_dir():
         try:
             with BagReader(bag) as reader:
-                read.take(reader)
-            read.problems += check_bag(bag).problems
+                found = _of_bag(reader, found, problems)
+            problems += check_bag(bag).problems
         except InputError as error:
-            read.problems.append(str(error))
+            problems.append(str(error))
     else:
-        read.problems.append("the run left no bag")
-    return read.evidence(result, notes, witness)
+        problems.append("the run left no bag")
+    by_runner = [
+        FaultNote(one["session_s"], one["index"], one["active"], one["wall_s"])
+        for one in notes.get("injected", ())
+    ]
+    known = {(note.index, note.active) for note in by_runner}
+    others = [note for note in found.faults if (note.index, note.active) not in known]
+    return replace(
+        found,
+        truth=_longer(found.truth, _witnessed(witness)),
+        faults=tuple(sorted([*others, *by_runner], key=lambda n: (n.t_s, n.index))),
+        problems=tuple(problems),
+    )
 
 
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        value = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise InputError(f"can't be read: {error}", file=path) from error
-    if not isinstance(value, dict):
-        raise InputError("must hold an object", file=path)
-    return value
+def _of_bag(reader: BagReader, found: Evidence, problems: list[str]) -> Evidence:
+    """What the topics say; what can't be read is a problem each."""
 
+    def told(*topics: str, take: Callable[[Any], Any], raw: bool = False) -> list[Any]:
+        values = []
+        for message in reader.messages([names.absolute(topic) for topic in topics]):
+            try:
+                values.append(take(message.data if raw else reader.decode(message)))
+            except ValueError as error:
+                problems.append(f"{message.topic}: {error}")
+        return values
 
-class _Bag:
-    """Collects what the topics say."""
-
-    def __init__(self, spec: RunSpec) -> None:
-        self._spec = spec
-        self.problems: list[str] = []
-        self._rows: dict[str, list[tuple[float, ObjectState]]] = {}
-        self._own: list[tuple[float, str, ControlState]] = []
-        self._last_own: dict[str, ControlState] = {}
-        self._last_state_s: dict[str, float] = {}
-        self._session: list[tuple[float, SessionPhase]] = []
-        self._phases: list[tuple[float, Phase]] = []
-        self._triggers: list[float] = []
-        self._safety: list[SafetyNote] = []
-        self._faults: list[FaultNote] = []
-        self._heartbeat_s: float | None = None
-        self._lost = 0
-        self._stepped = -1
-
-    def take(self, reader: BagReader) -> None:
-        """Reads every topic that says something."""
-        whole: dict[str, Callable[[Any], None]] = {
-            names.SESSION_STATE: self._on_session,
-            names.PHASE_EVENT: self._on_phase,
-            names.TRIGGER_EVENT: self._on_trigger,
-            names.SAFETY_EVENT: self._on_safety,
-            names.FAULT_EVENT: self._on_fault,
-            names.RECORDER_STATUS: self._on_status,
-        }
-        raw: dict[str, Callable[[bytes], None]] = {
-            names.WORLD_TICK: self._on_tick,
-            names.HEARTBEAT: self._on_heartbeat,
-            names.OBJECT_STATES: lambda data: self._on_states(decode_states(data).states),
-        }
-        for target in self._spec.targets:
-            raw[names.state_topic(target.id)] = lambda data: self._on_states([decode_state(data)])
-        whole = {names.absolute(topic): take for topic, take in whole.items()}
-        raw = {names.absolute(topic): take for topic, take in raw.items()}
-        for message in reader.messages([*whole, *raw]):
-            self._one(reader, message, whole, raw)
-
-    def _one(
-        self,
-        reader: BagReader,
-        message: BagMessage,
-        whole: dict[str, Callable[[Any], None]],
-        raw: dict[str, Callable[[bytes], None]],
-    ) -> None:
-        try:
-            if message.topic in raw:
-                raw[message.topic](message.data)
-            else:
-                whole[message.topic](reader.decode(message))
-        except ValueError as error:
-            self.problems.append(f"{message.topic}: {error}")
-
-    # -- topics ----------------------------------------------------------------------------------
-
-    def _on_tick(self, data: bytes) -> None:
-        tick = decode_tick(data)
-        if tick.step <= self._stepped:
-            return  # a world that holds repeats itself
-        self._stepped = tick.step
+    rows: dict[str, list[tuple[float, ObjectState]]] = {}
+    stepped = -1
+    for tick in told(names.WORLD_TICK, take=decode_tick, raw=True):
+        if tick.step <= stepped:
+            continue  # a world that holds repeats itself
+        stepped = tick.step
         for one in tick.objects:
             if one.role in _OURS:
-                row = self._rows.setdefault(one.object_id, [])
-                row.append((ns_to_seconds(tick.stamp_ns), one))
-
-    def _on_heartbeat(self, data: bytes) -> None:
-        self._heartbeat_s = ns_to_seconds(decode_heartbeat(data).stamp_ns)
-
-    def _on_states(self, states: Iterable[ObjectState]) -> None:
-        for state in states:
-            t_s = ns_to_seconds(state.stamp_ns)
-            self._last_state_s[state.object_id] = t_s
-            if self._last_own.get(state.object_id) is not state.control_state:
-                self._last_own[state.object_id] = state.control_state
-                self._own.append((t_s, state.object_id, state.control_state))
-
-    def _on_session(self, message: Any) -> None:
-        self._session.append((_stamp_s(message), SessionPhase(message.state)))
-
-    def _on_phase(self, message: Any) -> None:
-        self._phases.append((_stamp_s(message), Phase(message.phase)))
-
-    def _on_trigger(self, message: Any) -> None:
-        self._triggers.append(ns_to_seconds(stamp_ns(message.dispatch_time)))
-
-    def _on_safety(self, message: Any) -> None:
-        self._safety.append(
-            SafetyNote(_stamp_s(message), message.limit_name, message.source, message.object_id)
-        )
-
-    def _on_fault(self, message: Any) -> None:
-        number = message.fault.partition(" ")[0]
-        if not number.isdigit():
-            raise ValueError(f"a fault without a number: {message.fault!r}")
-        self._faults.append(FaultNote(_stamp_s(message), int(number), bool(message.active)))
-
-    def _on_status(self, message: Any) -> None:
-        self._lost = max(self._lost, int(message.lost))
-
-    # -- the whole -------------------------------------------------------------------------------
-
-    def evidence(
-        self, result: dict[str, Any], notes: dict[str, Any], witness: dict[str, Any]
-    ) -> Evidence:
-        heard = tuple(
-            HeardEvent(h["kind"], h["name"], h["detail"], h["session_s"], h["wall_s"])
-            for h in notes.get("heard", ())
-        )
-        by_runner = {
-            (one["index"], one["active"]): FaultNote(
-                one["session_s"], one["index"], one["active"], one["wall_s"]
+                rows.setdefault(one.object_id, []).append((ns_to_seconds(tick.stamp_ns), one))
+    own = [
+        told(names.state_topic(target.id), take=decode_state, raw=True)
+        for target in found.spec.targets
+    ]
+    own += [array.states for array in told(names.OBJECT_STATES, take=decode_states, raw=True)]
+    states = [state for some in own for state in some]
+    beats = told(names.HEARTBEAT, take=decode_heartbeat, raw=True)
+    return replace(
+        found,
+        truth={object_id: track_of(kept) for object_id, kept in rows.items()},
+        own_states=own_states(states),
+        session=tuple(
+            told(names.SESSION_STATE, take=lambda m: (_stamp_s(m), SessionPhase(m.state)))
+        ),
+        phases=tuple(told(names.PHASE_EVENT, take=lambda m: (_stamp_s(m), Phase(m.phase)))),
+        triggers=tuple(
+            told(names.TRIGGER_EVENT, take=lambda m: ns_to_seconds(stamp_ns(m.dispatch_time)))
+        ),
+        safety=tuple(
+            told(
+                names.SAFETY_EVENT,
+                take=lambda m: SafetyNote(_stamp_s(m), m.limit_name, m.source, m.object_id),
             )
-            for one in notes.get("injected", ())
-        }
-        faults = [n for n in self._faults if (n.index, n.active) not in by_runner]
-        faults = sorted([*faults, *by_runner.values()], key=lambda n: (n.t_s, n.index))
-        truth = {object_id: track_of(rows) for object_id, rows in self._rows.items()}
-        return Evidence(
-            spec=self._spec,
-            verdict=str(result["verdict"]),
-            reasons=tuple(result["reasons"]),
-            truth=_longer(truth, _witnessed(witness)),
-            own_states=tuple(self._own),
-            session=tuple(self._session),
-            phases=tuple(self._phases),
-            triggers=tuple(self._triggers),
-            safety=tuple(self._safety),
-            faults=tuple(faults),
-            last_heartbeat_s=self._heartbeat_s,
-            last_state_s=self._last_state_s,
-            lost=self._lost,
-            heard=heard,
-            problems=tuple(self.problems),
-            wall_s=float(result.get("wall_s", 0.0)),
-        )
+        ),
+        faults=tuple(told(names.FAULT_EVENT, take=_fault_note)),
+        last_heartbeat_s=ns_to_seconds(beats[-1].stamp_ns) if beats else None,
+        last_state_s={state.object_id: ns_to_seconds(state.stamp_ns) for state in states},
+        lost=max(told(names.RECORDER_STATUS, take=lambda m: int(m.lost)), default=0),
+    )
 
 
 def _stamp_s(message: Any) -> float:
     return ns_to_seconds(stamp_ns(message.header.stamp))
+
+
+def _fault_note(message: Any) -> FaultNote:
+    number = message.fault.partition(" ")[0]
+    if not number.isdigit():
+        raise ValueError(f"a fault without a number: {message.fault!r}")
+    return FaultNote(_stamp_s(message), int(number), bool(message.active))
+
+
+def own_states(states: Iterable[ObjectState]) -> tuple[tuple[float, str, ControlState], ...]:
+    """(time, object, control state) whenever a target's published state changed it.
+
+    Args:
+        states: of each object in order.
+    """
+    last: dict[str, ControlState] = {}
+    changes = []
+    for state in states:
+        if last.get(state.object_id) is not state.control_state:
+            last[state.object_id] = state.control_state
+            t_s = ns_to_seconds(state.stamp_ns)
+            changes.append((t_s, state.object_id, state.control_state))
+    return tuple(changes)
 
 
 def track_of(rows: list[tuple[float, ObjectState]]) -> Track:

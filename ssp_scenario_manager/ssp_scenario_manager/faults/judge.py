@@ -11,7 +11,7 @@ from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.safety.stopping import BRAKE_LAG_S, MARGIN_M, Stopping, stopping_of
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase
 from ssp_scenario_manager.faults.evidence import Evidence, Stop, stop_of, touch
-from ssp_scenario_manager.faults.model import OT, Expected, Row, Stage, Within
+from ssp_scenario_manager.faults.matrix import OT, Expected, Row, Stage, Within
 
 # A stamp before the fault by rounding alone.
 _ROUNDING_S = 1e-6

@@ -1,323 +1,195 @@
-"""The fault matrix itself: rows of the event, of people and of processes, with the reason for what
-is expected.
-"""
+"""The fault matrix: what is struck and what is expected of it (library/faults/matrix.yaml)."""
 
 from __future__ import annotations
 
-from ssp_core import names
-from ssp_scenario_manager.faults.model import (
-    ABORTED,
-    DISK_S,
-    HANG_S,
-    HARNESS,
-    OFF_SPEC,
-    RECORDER_S,
-    SEEN_S,
-    TICKS_S,
-    TOLD_S,
-    UNCONFIRMED,
-    VALID,
-    WORLD_S,
-    Expected,
-    NotApplicable,
-    Row,
-    Stage,
-    Within,
-    stages,
-)
-from ssp_scenario_manager.faults.object_rows import (
-    ACTUATOR_STUCK,
-    CLOCKS,
-    DELAYS,
-    FROZEN,
-    JUMP,
-    LOSSES,
-    NAN,
-    REFERENCES,
-    REORDERED,
-)
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any, Literal
 
-_NOT_RESOLVED = Expected(
-    OFF_SPEC,
-    "The event doesn't take place any more. The run waits for it until its time is over and says "
-    "that it is missing.",
-    by="the manager",
-    primary=("event_missing",),
-    within=Within(SEEN_S, "at_latest_s"),
-    since="abort",
-)
-_VUT_YIELDS = Expected(
-    VALID | OFF_SPEC,
-    "A VUT that brakes for the conflict is what the test is about: if conflict and resolution "
-    "take place all the same, and the VUT passes as K* wants, the run is valid. If the object "
-    "can't meet it as specified any more, however its reference is adapted, or the VUT never "
-    "reaches the conflict zone, it is off spec.",
-    by="the manager",
-    primary=("event_missing", "time gap at the conflict point"),
-    since="abort",
-)
-VUT_STOPS = Row(
-    "vut_stop",
-    "VUT stops early",
-    "vut_stop",
-    target=names.VUT_ID,
-    cells={
-        Stage.ARMED: _NOT_RESOLVED,
-        Stage.BEFORE: _NOT_RESOLVED,
-        Stage.AFTER: _VUT_YIELDS,
-        Stage.CONFLICT: _VUT_YIELDS,
-    },
-)
-TRIGGER_NEVER = Row(
-    "trigger_never",
-    "Trigger never met",
-    "trigger_never",
-    cells={
-        Stage.ARMED: NotApplicable(
-            "no trigger is judged before the start; the cell before the trigger is this run from "
-            "its very beginning"
-        ),
-        Stage.BEFORE: _NOT_RESOLVED,
-        Stage.AFTER: NotApplicable("by then the trigger has been met"),
-        Stage.CONFLICT: NotApplicable("by then the trigger has been met"),
-    },
-)
-OPERATOR_ABORT = Row(
-    "operator_abort",
-    "Operator aborts",
-    "operator_abort",
-    cells=stages(
-        Expected(
-            ABORTED,
-            "Abort is legal in every state; armed objects latch it too.",
-            by="the manager",
-            primary=("abort by",),
-            also=("operator",),
-            within=Within(TOLD_S, clock="wall"),
-            starts=False,
-        ),
-        Expected(
-            ABORTED,
-            "A person's word needs no reason. Everybody brakes with the next heartbeat.",
-            by="the manager",
-            primary=("abort by",),
-            also=("operator",),
-            within=Within(TOLD_S, clock="wall"),
-            since="abort",
-        ),
-    ),
-)
+import yaml
+from pydantic import TypeAdapter
+
+from ssp_core.run_file.model import FaultKind, RunSpec
+
+_FILE = Path(__file__).parent.parent / "library" / "faults" / "matrix.yaml"
 
 
-MANAGER_KILLED = Row(
-    "manager_killed",
-    "Scenario manager killed (SIGKILL)",
-    "kill",
-    target=names.SCENARIO_MANAGER,
-    cells=stages(
-        Expected(
-            HARNESS,
-            "Nothing moves yet, but armed objects may: without heartbeats each latches ABORTING by "
-            "itself. There is nobody left who could start them.",
-            by="each object, by itself",
-            primary=("scenario_manager killed",),
-            also=("heartbeat_lost",),
-            within=Within(TOLD_S, "heartbeat_s", "wall"),
-            signs=("heartbeat_lost",),
-            starts=False,
-        ),
-        Expected(
-            HARNESS,
-            "Nobody commands any more. Each object brakes along its path as soon as the heartbeat "
-            "has stayed away for its limit, without anyone's help; the VUT's simulated driver does "
-            "the same. Our side failed, so that the run says nothing about the VUT.",
-            by="each object, by itself",
-            primary=("scenario_manager killed",),
-            also=("heartbeat_lost", "participant_lost", UNCONFIRMED),
-            within=Within(SEEN_S, "heartbeat_s"),
-            signs=("heartbeat_lost",),
-        ),
-    ),
-)
-MANAGER_STOPPED = Row(
-    "manager_stopped",
-    "Scenario manager stands still for good (SIGSTOP)",
-    "pause",
-    target=names.SCENARIO_MANAGER,
-    cells=stages(
-        Expected(
-            HARNESS,
-            "As if it had been killed, but its process is still there: only its silence tells. "
-            "Armed objects latch ABORTING by themselves, and the runner ends the run.",
-            by="each object, by itself",
-            primary=("scenario_manager silent",),
-            also=("heartbeat_lost",),
-            within=Within(TOLD_S, "heartbeat_s", "wall"),
-            signs=("heartbeat_lost",),
-            starts=False,
-        ),
-        Expected(
-            HARNESS,
-            "Each object brakes along its path by itself, as if the manager had been killed. "
-            "The runner, which hears the manager every second, calls it silent after 10 s, and "
-            "the run ends with that verdict and a whole bag.",
-            by="each object, by itself",
-            primary=("scenario_manager silent",),
-            also=("heartbeat_lost", "participant_lost", UNCONFIRMED),
-            within=Within(SEEN_S, "heartbeat_s"),
-            signs=("heartbeat_lost",),
-        ),
-    ),
-)
-OBJECT_KILLED = Row(
-    "object_killed",
-    "Object target killed (SIGKILL)",
-    "kill",
-    target=names.OBJECT_TARGET,
-    cells=stages(
-        Expected(
-            ABORTED | HARNESS,
-            "An armed object that is not heard any more might do anything when the run starts.",
-            by="the manager",
-            primary=("object_silent", "participant_lost", "object_target killed"),
-            also=("object_target killed",),
-            within=Within(TOLD_S + 0.5, clock="wall"),
-            lockstep=Within(TOLD_S + WORLD_S, clock="wall"),
-            starts=False,
-        ),
-        Expected(
-            ABORTED | HARNESS,
-            "The body hears no commands and brakes hard after 0.2 s; the manager misses its states "
-            "and aborts for everybody else. In lockstep the world waits for the dead process first "
-            "and then names it.",
-            by="its body by itself, then the manager",
-            primary=("participant_lost: object_target", "object_silent"),
-            also=("object_target killed", "reply_missing", UNCONFIRMED),
-            within=Within(SEEN_S + 0.1, "state_age_s"),
-            lockstep=Within(TOLD_S + HANG_S, clock="wall"),
-            blind=Within(SEEN_S + 0.1, "state_age_s"),
-        ),
-    ),
-)
-WORLD_PAUSED = Row(
-    "world_paused",
-    "Simulated world paused for 6 s (SIGSTOP)",
-    "pause",
-    target=names.SIL_WORLD,
-    duration_s=6.0,
-    cells=stages(
-        Expected(
-            ABORTED | HARNESS,
-            "On a track it is all localisation that stops. An armed object that gets no state of "
-            "itself must not start.",
-            by="each object, by itself",
-            primary=("state_stale", "world_silent", "vut_silent", "object_silent"),
-            also=("reply_missing", "object_aborted"),
-            within=Within(TOLD_S + TICKS_S, clock="wall"),
-            starts=False,
-        ),
-        Expected(
-            ABORTED | HARNESS,
-            "Session time stands still with the world, so that only watches on the wall's clock "
-            "see it. Whoever sees it first stops; when the world goes on, everybody brakes at once "
-            "and nobody drives on by what was asked before.",
-            by="each object by itself, and the manager",
-            primary=("world_silent", "state_stale", "vut_silent", "object_silent", "overrun"),
-            also=(
-                "reply_missing",
-                "object_aborted",
-                "participant_lost",
-                "heartbeat_lost",
-                UNCONFIRMED,
-            ),
-            within=Within(TOLD_S + TICKS_S, clock="wall"),
-            lockstep=Within(TOLD_S + WORLD_S, clock="wall"),
-            blind=Within(0.1),
-        ),
-    ),
-)
-RECORDER_KILLED = Row(
-    "recorder_killed",
-    "Recorder killed (SIGKILL)",
-    "kill",
-    target=names.MONITOR,
-    cells=stages(
-        Expected(
-            HARNESS,
-            "What can't be explained afterwards must not begin.",
-            by="the manager",
-            primary=("recorder",),
-            also=("monitor killed", "the recorder did not close its bag"),
-            within=Within(TOLD_S + RECORDER_S, clock="wall"),
-            starts=False,
-            loses=True,
-        ),
-        Expected(
-            HARNESS,
-            "Nobody is in danger, but the run can't be explained any more: it is broken off, and "
-            "the bag is recovered up to the last flush. In lockstep the whole event may be over "
-            "before 2 s have passed on the wall; the verdict is the same.",
-            by="the manager, and the runner",
-            primary=("recorder", "monitor killed"),
-            also=("monitor killed", "the recorder did not close its bag", UNCONFIRMED),
-            within=Within(TOLD_S + RECORDER_S, clock="wall"),
-            since="abort",
-            loses=True,
-            may_end_first=True,
-        ),
-    ),
-)
-DISK_FULL = Row(
-    "disk_full",
-    "Disk full (the recorder's writes fail)",
-    "disk_full",
-    target=names.MONITOR,
-    cells=stages(
-        Expected(
-            HARNESS,
-            "A recorder that can't write isn't ready, and without it nothing starts.",
-            by="the recorder, then the manager",
-            primary=("recorder",),
-            also=("monitor exited", "the recorder did not close its bag"),
-            within=Within(TOLD_S + DISK_S, clock="wall"),
-            starts=False,
-            loses=True,
-        ),
-        Expected(
-            HARNESS,
-            "The recorder notices with its next flush and says so; what was flushed before can be "
-            "read. Every lost message is counted.",
-            by="the recorder, then the manager",
-            primary=("recorder", "monitor exited"),
-            also=("monitor exited", "the recorder did not close its bag", UNCONFIRMED),
-            within=Within(TOLD_S + DISK_S, clock="wall"),
-            since="abort",
-            loses=True,
-            may_end_first=True,
-        ),
-    ),
-)
+class Stage(Enum):
+    """When in a run a fault strikes; the value is the word of tables and options."""
+
+    ARMED = "armed"
+    BEFORE = "before"
+    AFTER = "after"
+    CONFLICT = "conflict"
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        return _TITLES[self]
 
 
-MATRIX: tuple[Row, ...] = (
-    MANAGER_KILLED,
-    MANAGER_STOPPED,
-    OBJECT_KILLED,
-    WORLD_PAUSED,
-    RECORDER_KILLED,
-    DISK_FULL,
-    *DELAYS,
-    *LOSSES,
-    REORDERED,
-    *CLOCKS,
-    JUMP,
-    NAN,
-    FROZEN,
-    *REFERENCES,
-    ACTUATOR_STUCK,
-    VUT_STOPS,
-    TRIGGER_NEVER,
-    OPERATOR_ABORT,
-)
+_TITLES = {
+    Stage.ARMED: "armed",
+    Stage.BEFORE: "before trigger",
+    Stage.AFTER: "after trigger",
+    Stage.CONFLICT: "in conflict",
+}
+_SHORT = {"all": tuple(Stage), "running": (Stage.BEFORE, Stage.AFTER, Stage.CONFLICT)}
+Clock = Literal["session", "wall"]
 
-__all__ = ["MATRIX"]
+
+@dataclass(frozen=True, slots=True)
+class Within:
+    """A bound on the reaction time: a limit of the site and what is added to it.
+
+    Args:
+        extra_s: stated allowance: steps until it is seen and told, process scheduling.
+        limit: field of the run's limits or end that the watch behind it uses, None for none.
+        clock: session time, or the wall's where session time stands still or doesn't count.
+    """
+
+    extra_s: float
+    limit: str | None = None
+    clock: Clock = "session"
+
+    def seconds(self, run: RunSpec) -> float:
+        """The bound in a run, s."""
+        if self.limit is None:
+            return self.extra_s
+        holder = run.limits if hasattr(run.limits, self.limit) else run.end
+        return self.extra_s + float(getattr(holder, self.limit))
+
+    @property
+    def text(self) -> str:
+        """For people: where the number comes from."""
+        parts = [self.limit] if self.limit else []
+        parts.append(f"{self.extra_s:g} s")
+        return " + ".join(parts) + (" on the wall's clock" if self.clock == "wall" else "")
+
+
+# From where a stopping distance and a reaction time are counted.
+From = Literal["fault", "motion", "trigger", "abort"]
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What must come of a cell.
+
+    Args:
+        verdicts: any of them.
+        why: for people: why this is right.
+        by: who reacts, for people; empty where there is nothing to react to.
+        primary: beginnings of the first reason, any of them; none for a valid run.
+        also: limits that the other reasons and the safety events may name, as consequences.
+        within: bound on the reaction time; None: there is nothing to react to.
+        lockstep: the same in lockstep, where it differs: watches of processes count the wall's
+            clock there while session time stands still.
+        blind: how long VUT and objects may drive on from there, for the stopping distance; the
+            bound on the reaction time where it isn't given.
+        signs: limits whose event counts as the reaction; empty: any, and the session's abort.
+        since: from where reaction and stopping distance are counted. ``motion``: the object
+            stands when it is struck, and only its next motion can show it; ``trigger``: only what
+            the trigger asks for can show it; ``abort``: the fault endangers nobody, so that
+            distances count from the abort.
+        stops: True: the run is broken off, and everything must stop within its bound.
+        starts: False: the armed session must not start.
+        loses: True: messages may be missing from the bag; that is the fault.
+        may_end_first: True: a run that is complete before the watch has noticed is as good.
+    """
+
+    verdicts: frozenset[str]
+    why: str
+    by: str = ""
+    primary: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()
+    within: Within | None = None
+    lockstep: Within | None = None
+    blind: Within | None = None
+    signs: tuple[str, ...] = ()
+    since: From = "fault"
+    stops: bool = True
+    starts: bool = True
+    loses: bool = False
+    may_end_first: bool = False
+
+    def bound(self, mode: str) -> Within | None:
+        """The bound on the reaction time in a mode."""
+        return self.lockstep if mode == "lockstep" and self.lockstep is not None else self.within
+
+
+@dataclass(frozen=True, slots=True)
+class NotApplicable:
+    """A cell that can't be, and why."""
+
+    reason: str
+
+
+Cell = Expected | NotApplicable
+# Stands for the id of the OT whose manoeuvre is the event.
+OT = "OT"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One fault of the matrix.
+
+    Args:
+        name: short and unique, for options, folders and tables.
+        title: for people.
+        kind: of the injected fault.
+        target: node or object, or ``OT``; empty for the session.
+        value: size, in the kind's unit.
+        duration_s: how long it lasts, None for good.
+        cells: by stage.
+        standing: instead of them where the struck object stands at the fault's instant.
+    """
+
+    name: str
+    title: str
+    kind: FaultKind
+    cells: dict[Stage, Cell]
+    target: str = ""
+    value: float | None = None
+    duration_s: float | None = None
+    standing: dict[Stage, Cell] = field(default_factory=dict)
+
+    def cell(self, stage: Stage, moves: bool) -> Cell:
+        """What is expected of this row at a stage.
+
+        Args:
+            stage: when the fault strikes.
+            moves: whether the initiator moves at that instant, or will with the start.
+        """
+        if not moves and stage in self.standing:
+            return self.standing[stage]
+        return self.cells[stage]
+
+
+def read_rows(path: Path = _FILE) -> tuple[Row, ...]:
+    """The rows of a matrix file, in its order."""
+    given = yaml.safe_load(path.read_text())
+    times: dict[str, float] = given["times"]
+
+    def cell_of(cell: dict[str, Any]) -> dict[str, Any]:
+        bounds = {key: cell[key] for key in ("within", "lockstep", "blind") if key in cell}
+        extra = {
+            key: sum(times.get(part, part) for part in bound["extra_s"])
+            for key, bound in bounds.items()
+        }
+        return {**cell, **{key: {**bounds[key], "extra_s": s} for key, s in extra.items()}}
+
+    def cells_of(cells: dict[str, dict[str, Any]]) -> dict[Stage, Any]:
+        return {
+            stage: cell_of(cell)
+            for word, cell in cells.items()
+            for stage in _SHORT.get(word) or (Stage(word),)
+        }
+
+    for row in given["rows"]:
+        for key in {"cells", "standing"} & row.keys():
+            row[key] = cells_of(row[key])
+    return TypeAdapter(tuple[Row, ...]).validate_python(given["rows"])
+
+
+MATRIX = read_rows()

@@ -12,7 +12,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.faults.campaign import CellResult
 from ssp_scenario_manager.faults.judge import Judged
-from ssp_scenario_manager.faults.model import Cell, NotApplicable, Stage
+from ssp_scenario_manager.faults.matrix import Cell, NotApplicable, Stage
 from ssp_scenario_manager.run.junit import Case
 from ssp_scenario_manager.session.run_script import RunOutcome
 

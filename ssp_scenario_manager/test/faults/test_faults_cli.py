@@ -12,11 +12,12 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.files import write_json, write_text
 from ssp_core.run_file.model import Fault, RunSpec
-from ssp_scenario_manager.faults import campaign, matrix
+from ssp_scenario_manager.faults import campaign
 from ssp_scenario_manager.faults.campaign import FaultScenario, run_cells
 from ssp_scenario_manager.faults.judge import Nominal, at_s, fault_of
-from ssp_scenario_manager.faults.model import Row, Stage
+from ssp_scenario_manager.faults.matrix import MATRIX, Row, Stage
 
+ROWS = {row.name: row for row in MATRIX}
 NOMINAL = Nominal(10.34, 10.96, 14.6, dict.fromkeys(Stage, True))
 
 
@@ -58,7 +59,7 @@ def test_a_cell_that_is_not_as_expected_fails_and_is_named(
         "operator_abort",
         "Operator aborts",
         "operator_abort",
-        cells=dict.fromkeys(Stage, matrix.LOSSES[0].cells[Stage.BEFORE]),
+        cells=dict.fromkeys(Stage, ROWS["link_loss_5"].cells[Stage.BEFORE]),
     )
     monkeypatch.setattr("ssp_scenario_manager.cli.faults.MATRIX", (wrong,))
     arguments = ("--scenario", "cut_in", "--stage", "armed", "--out", str(tmp_path))
@@ -89,7 +90,7 @@ def test_a_fault_strikes_on_a_step_of_its_stage(
     stage: Stage, when_s: float | None, run: RunSpec
 ) -> None:
     assert at_s(stage, NOMINAL, 0.02) == (None if when_s is None else pytest.approx(when_s))
-    fault = fault_of(matrix.JUMP, stage, NOMINAL, run)
+    fault = fault_of(ROWS["position_jump"], stage, NOMINAL, run)
     at = None if when_s is None else pytest.approx(when_s)
     assert (fault.kind, fault.target, fault.value, fault.at_s) == ("position_jump", "ot1", 2.0, at)
 
@@ -115,7 +116,7 @@ def test_a_finished_cell_is_judged_again_and_not_run_again(
 
     monkeypatch.setattr(campaign, "_run_session", session)
     scene = FaultScenario("cut_in", "lockstep", tmp_path, run, NOMINAL)
-    cell = [(matrix.NAN, Stage.BEFORE)]
+    cell = [(ROWS["state_nan"], Stage.BEFORE)]
     first, again = (next(run_cells(scene, cell, print)) for _ in range(2))
     assert len(ran) == 1
     assert first == again

@@ -13,7 +13,7 @@ from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, HeardEvent, SafetyNote, Track
 from ssp_scenario_manager.faults.judge import judge
-from ssp_scenario_manager.faults.model import Expected, Within
+from ssp_scenario_manager.faults.matrix import Expected, Within
 
 ABORTED = frozenset({"aborted"})
 EXPECTED = Expected(

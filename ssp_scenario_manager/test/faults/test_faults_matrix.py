@@ -11,8 +11,7 @@ import pytest
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS
 from ssp_scenario_manager.faults.campaign import FaultScenario, possible, prepare_scene, run_cells
-from ssp_scenario_manager.faults.matrix import MATRIX
-from ssp_scenario_manager.faults.model import Expected, NotApplicable, Row, Stage
+from ssp_scenario_manager.faults.matrix import MATRIX, Expected, NotApplicable, Row, Stage
 
 LIMITS = {meaning.limit_name for meaning in MEANINGS.values()}
 # What else a reason may begin with: words of the runner and of the readiness check.
