@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
-import statistics
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ssp_core import names
 from ssp_core.bag.reader import BagReader, object_states
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.references import Acknowledgement, decode_ack, decode_reference
-from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import SspError
+from ssp_core.geometry import FloatArray
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import absolute
@@ -22,6 +23,8 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session.link_quality import LossCounter
 
+SCHEMA = "ssp.measured/1"
+# States of so long before the dispatch show the noise, so many at least.
 BEFORE_S = 2.0
 LEAST_STATES = 5
 SIGMAS = 4.0
@@ -29,63 +32,39 @@ SIGMAS = 4.0
 MAD_TO_SIGMA = 1.4826
 # After execute_at; who hasn't moved by then doesn't.
 WITHIN_S = 5.0
-# Half the width of a band at least, in the quantity's unit.
-FLOORS = {"speed": 0.02, "acceleration": 0.05, "lateral acceleration": 0.05}
-UNITS = {"speed": "m/s", "acceleration": "m/s^2", "lateral acceleration": "m/s^2"}
+# By which a motion shows, with units and with the least half width of its noise band.
+QUANTITIES = ("speed", "acceleration", "lateral acceleration")
+UNITS = ("m/s", "m/s^2", "m/s^2")
+FLOORS = (0.02, 0.05, 0.05)
 
 
-@dataclass(frozen=True, slots=True)
-class Band:
-    """Differences between states and reference that are noise: middle and half width."""
-
-    middle: float
-    half: float
-
-    def holds(self, difference: float) -> bool:
-        return abs(difference - self.middle) <= self.half
-
-
-@dataclass(frozen=True, slots=True)
-class Onset:
-    """First state outside a noise band.
+def differences(states: Sequence[ObjectState], previous: Reference | None) -> FloatArray:
+    """States minus reference, by quantity, shape (n, 3).
 
     Args:
-        stamp_ns: of that state.
-        quantity: ``speed``, ``acceleration`` or ``lateral acceleration``, the one that is furthest
-            outside in terms of its band.
-        difference: state minus previous reference, in the quantity's unit.
-        band: noise of that difference.
-    """
-
-    stamp_ns: int
-    quantity: str
-    difference: float
-    band: Band
-
-
-def differences(state: ObjectState, previous: Reference | None) -> dict[str, float]:
-    """State minus reference, by quantity.
-
-    Args:
-        state: of the object.
+        states: of the object.
         previous: reference that it tracked; None: it stood, and was to stand.
     """
-    speed, along, across = 0.0, 0.0, 0.0
-    if previous is not None:
-        point = sample(previous, state.stamp_ns)
-        speed, along = point.speed_mps, point.acceleration_mps2
-        across = point.speed_mps**2 * point.curvature_1pm
-    return {
-        "speed": state.speed_mps - speed,
-        "acceleration": state.acceleration_mps2 - along,
-        "lateral acceleration": state.speed_mps * state.yaw_rate_radps - across,
-    }
+    rows = []
+    for state in states:
+        row = [
+            state.speed_mps,
+            state.acceleration_mps2,
+            state.speed_mps * state.yaw_rate_radps,
+        ]
+        if previous is not None:
+            point = sample(previous, state.stamp_ns)
+            row[0] -= point.speed_mps
+            row[1] -= point.acceleration_mps2
+            row[2] -= point.speed_mps**2 * point.curvature_1pm
+        rows.append(row)
+    return np.array(rows, dtype=np.float64).reshape(-1, len(QUANTITIES))
 
 
 def bands(
     states: Sequence[ObjectState], previous: Reference | None, until_ns: int
-) -> dict[str, Band] | None:
-    """Noise bands from the states before an instant, by quantity; None: too few states.
+) -> tuple[FloatArray, FloatArray] | None:
+    """Middles and half widths of the noise before an instant, by quantity; None: too few states.
 
     Args:
         states: of the object, in order.
@@ -93,91 +72,55 @@ def bands(
         until_ns: the instant.
     """
     name = previous.reference_id if previous is not None else ""
-    begin_ns = until_ns - BEFORE_S * NS_PER_S
+    begin_ns = until_ns - seconds_to_ns(BEFORE_S)
     before = [
-        differences(s, previous)
-        for s in states
-        if begin_ns <= s.stamp_ns <= until_ns and s.reference_id == name and s.is_finite
+        state
+        for state in states
+        if begin_ns <= state.stamp_ns <= until_ns and state.reference_id == name and state.is_finite
     ]
     if len(before) < LEAST_STATES:
         return None
-    found = {}
-    for quantity, floor in FLOORS.items():
-        values = [d[quantity] for d in before]
-        middle = statistics.median(values)
-        sigma = MAD_TO_SIGMA * statistics.median(abs(v - middle) for v in values)
-        found[quantity] = Band(middle, max(SIGMAS * sigma, floor))
-    return found
+    found = differences(before, previous)
+    middle = np.median(found, axis=0)
+    sigma = MAD_TO_SIGMA * np.median(np.abs(found - middle), axis=0)
+    return middle, np.maximum(SIGMAS * sigma, FLOORS)
 
 
 def onset(
     states: Sequence[ObjectState],
     previous: Reference | None,
-    noise: dict[str, Band],
+    noise: tuple[FloatArray, FloatArray],
     dispatched_ns: int,
     execute_at_ns: int,
-) -> Onset | None:
-    """The first of two states in a row that depart from the previous reference.
+) -> tuple[ObjectState, int] | None:
+    """The first of two states in a row outside the noise band, and the quantity that is furthest.
 
     Args:
         states: of the object, in order of their stamps.
-        previous: as in ``differences``.
+        previous: reference that it tracked before.
         noise: as ``bands`` gives it.
         dispatched_ns: looked at are later states.
         execute_at_ns: of the new reference; looked at are states up to ``WITHIN_S`` later.
     """
-    candidate: Onset | None = None
-    for state in states:
-        if not state.is_finite or state.stamp_ns <= dispatched_ns:
-            continue
-        if ns_to_seconds(state.stamp_ns - execute_at_ns) > WITHIN_S:
-            break
-        outside = {
-            quantity: value
-            for quantity, value in differences(state, previous).items()
-            if not noise[quantity].holds(value)
-        }
-        if not outside:
-            candidate = None
-        elif candidate is not None:
-            return candidate
-        else:
-            widest = max(outside, key=lambda q: abs(outside[q] - noise[q].middle) / noise[q].half)
-            candidate = Onset(state.stamp_ns, widest, outside[widest], noise[widest])
-    return None
+    latest_ns = execute_at_ns + seconds_to_ns(WITHIN_S)
+    later = [s for s in states if s.is_finite and dispatched_ns < s.stamp_ns <= latest_ns]
+    middle, half = noise
+    widths = np.abs(differences(later, previous) - middle) / half
+    widest = widths.max(axis=1, initial=0.0)
+    twice = np.flatnonzero((widest[:-1] > 1.0) & (widest[1:] > 1.0))
+    if len(twice) == 0:
+        return None
+    first = int(twice[0])
+    return later[first], int(np.argmax(widths[first]))
 
 
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """Tracking errors over some states, m: root mean square, and the largest in size.
-
-    Args:
-        states: that the errors are of.
-        not_finite: left out, because an error is no number.
-    """
-
-    states: int
-    not_finite: int
-    lateral_rms_m: float
-    lateral_max_m: float
-    longitudinal_rms_m: float
-    longitudinal_max_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Tracking:
-    """Tracking errors of one object over the run, and over each of its references in order."""
-
-    whole: Errors
-    by_reference: dict[str, Errors] = field(default_factory=dict)
-
-
-def tracking(states: Iterable[ObjectState]) -> Tracking | None:
-    """Tracking errors that an object reports of itself.
+def tracking(states: Iterable[ObjectState], purposes: Mapping[str, str]) -> dict[str, Any] | None:
+    """Tracking errors that an object reports of itself, over the run and by reference, m.
 
     Args:
         states: of one object in order; counted are those in state RUNNING with a reference. An
             object that aborts brakes as it must, and its distance to a reference says nothing.
+        purposes: of references by id.
 
     Returns:
         None where it never tracked anything.
@@ -185,59 +128,45 @@ def tracking(states: Iterable[ObjectState]) -> Tracking | None:
     counted = [s for s in states if s.reference_id and s.control_state is ControlState.RUNNING]
     if not counted:
         return None
-    by_reference: dict[str, list[ObjectState]] = {}
-    for state in counted:
-        by_reference.setdefault(state.reference_id, []).append(state)
-    return Tracking(_errors(counted), {name: _errors(own) for name, own in by_reference.items()})
+    of = dict.fromkeys(state.reference_id for state in counted)
+    return {
+        **_errors(counted),
+        "by_reference": [
+            {
+                "reference_id": name,
+                "purpose": purposes.get(name),
+                **_errors([state for state in counted if state.reference_id == name]),
+            }
+            for name in of
+        ],
+    }
 
 
-def _errors(states: Sequence[ObjectState]) -> Errors:
-    pairs = [
-        (s.error_lateral_m, s.error_longitudinal_m)
-        for s in states
-        if math.isfinite(s.error_lateral_m) and math.isfinite(s.error_longitudinal_m)
-    ]
-    lateral, longitudinal = [a for a, _ in pairs], [b for _, b in pairs]
-    return Errors(
-        states=len(pairs),
-        not_finite=len(states) - len(pairs),
-        lateral_rms_m=_rms(lateral),
-        lateral_max_m=max(map(abs, lateral), default=0.0),
-        longitudinal_rms_m=_rms(longitudinal),
-        longitudinal_max_m=max(map(abs, longitudinal), default=0.0),
-    )
+def _errors(states: Sequence[ObjectState]) -> dict[str, Any]:
+    """Root mean squares, and the largest in size; an error that is no number is left out."""
+    errors = np.array([(s.error_lateral_m, s.error_longitudinal_m) for s in states])
+    finite = errors[np.isfinite(errors).all(axis=1)]
+    rms = np.sqrt((finite**2).mean(axis=0)) if len(finite) else np.zeros(2)
+    most = np.abs(finite).max(axis=0, initial=0.0)
+    return {
+        "states": len(finite),
+        "not_finite": len(errors) - len(finite),
+        "lateral_rms_m": round(float(rms[0]), 4),
+        "lateral_max_m": round(float(most[0]), 4),
+        "longitudinal_rms_m": round(float(rms[1]), 4),
+        "longitudinal_max_m": round(float(most[1]), 4),
+    }
 
 
-def _rms(values: Sequence[float]) -> float:
-    return math.sqrt(math.fsum(v * v for v in values) / len(values)) if values else 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Receipt:
-    """States of one object in the bag.
-
-    Args:
-        received: all of them.
-        lost: sequence numbers that are missing between the first and the last.
-        out_of_order: that came after one with a later stamp.
-    """
-
-    received: int
-    lost: int
-    out_of_order: int
-
-
-def receipt(states: Sequence[ObjectState]) -> Receipt:
-    """Counts the states of one object, in the order in which they were recorded."""
-    tally, latest_ns, late = LossCounter(), -1, 0
+def receipt(states: Sequence[ObjectState]) -> dict[str, int]:
+    """Counts the states of one object, in the order in which they were recorded: all of them,
+    missing sequence numbers, and those that came after one with a later stamp."""
+    counter, latest_ns, late = LossCounter(), -1, 0
     for state in states:
-        tally.see(state.sequence)
+        counter.see(state.sequence)
         late += state.stamp_ns < latest_ns
         latest_ns = max(latest_ns, state.stamp_ns)
-    return Receipt(tally.received, tally.lost, late)
-
-
-SCHEMA = "ssp.measured/1"
+    return {"received": counter.received, "lost": counter.lost, "out_of_order": late}
 
 
 @dataclass(frozen=True)
@@ -284,6 +213,10 @@ class ReportInput:
             states=object_states(bag, [names.VUT_ID, *targets]),
         )
 
+    def s(self, time_ns: int) -> float:
+        """Seconds since the start of the run, rounded to µs."""
+        return round(ns_to_seconds(time_ns - self.started_ns), 6)
+
 
 def _decoded(bag: BagReader, topic: str) -> Iterable[Any]:
     return (bag.decode(message) for message in bag.messages([absolute(topic)]))
@@ -312,8 +245,8 @@ def measured(bag: Path, spec: RunSpec, say: Callable[[str], None]) -> dict[str, 
 
 
 def told(heard: ReportInput, spec: RunSpec) -> dict[str, Any]:
-    """As ``measured``, of what was read. Times are s since the start of the run, rounded to µs."""
-    follow = {target.id: tracking(heard.states[target.id]) for target in spec.targets}
+    """As ``measured``, of what was read."""
+    purposes = {name: sent.purpose for name, sent in heard.references.items()}
     return {
         "schema": SCHEMA,
         "problem": None,
@@ -321,64 +254,23 @@ def told(heard: ReportInput, spec: RunSpec) -> dict[str, Any]:
         "never_fired": sorted(
             {t.id for t in spec.triggers} - {str(f.trigger_id) for f in heard.firings}
         ),
-        "tracking": {
-            name: None
-            if found is None
-            else {
-                **_errors_report(found.whole),
-                "by_reference": [
-                    {
-                        "reference_id": reference,
-                        "purpose": _purpose(heard, reference),
-                        **_errors_report(e),
-                    }
-                    for reference, e in found.by_reference.items()
-                ],
-            }
-            for name, found in follow.items()
-        },
-        "states": {
-            name: {
-                "received": counted.received,
-                "lost": counted.lost,
-                "out_of_order": counted.out_of_order,
-            }
-            for name, counted in ((n, receipt(states)) for n, states in heard.states.items())
-        },
-    }
-
-
-def _purpose(heard: ReportInput, reference_id: str) -> str | None:
-    sent = heard.references.get(reference_id)
-    return sent.purpose if sent is not None else None
-
-
-def _errors_report(errors: Errors) -> dict[str, Any]:
-    return {
-        "states": errors.states,
-        "not_finite": errors.not_finite,
-        "lateral_rms_m": round(errors.lateral_rms_m, 4),
-        "lateral_max_m": round(errors.lateral_max_m, 4),
-        "longitudinal_rms_m": round(errors.longitudinal_rms_m, 4),
-        "longitudinal_max_m": round(errors.longitudinal_max_m, 4),
+        "tracking": {t.id: tracking(heard.states[t.id], purposes) for t in spec.targets},
+        "states": {name: receipt(states) for name, states in heard.states.items()},
     }
 
 
 def _trigger(heard: ReportInput, firing: Any) -> dict[str, Any]:
-    def s(time: Any) -> float:
-        return round(ns_to_seconds(stamp_ns(time) - heard.started_ns), 6)
-
+    dispatched_ns = stamp_ns(firing.dispatch_time)
     pairs = zip(firing.object_ids, firing.reference_ids, strict=True)
     return {
         "trigger_id": str(firing.trigger_id),
         "condition": str(firing.condition),
-        "crossing_s": s(firing.crossing_time),
-        "judged_s": s(firing.header.stamp),
-        "dispatched_s": s(firing.dispatch_time),
+        "crossing_s": heard.s(stamp_ns(firing.crossing_time)),
+        "judged_s": heard.s(stamp_ns(firing.header.stamp)),
+        "dispatched_s": heard.s(dispatched_ns),
         "processing_ms": round(1e3 * float(firing.processing), 3),
         "references": [
-            _reference(heard, str(who), str(name), stamp_ns(firing.dispatch_time))
-            for who, name in pairs
+            _reference(heard, str(who), str(name), dispatched_ns) for who, name in pairs
         ],
     }
 
@@ -386,37 +278,23 @@ def _trigger(heard: ReportInput, firing: Any) -> dict[str, Any]:
 def _reference(
     heard: ReportInput, object_id: str, reference_id: str, dispatched_ns: int
 ) -> dict[str, Any]:
-    def s(ns: int) -> float:
-        return round(ns_to_seconds(ns - heard.started_ns), 6)
-
     sent, ack = heard.references.get(reference_id), heard.acks.get(reference_id)
-    found: dict[str, Any] = {
+    began = _onset(heard, object_id, sent, dispatched_ns)
+    return {
         "object_id": object_id,
         "reference_id": reference_id,
-        "acknowledged_s": s(ack.stamp_ns) if ack is not None else None,
+        "acknowledged_s": heard.s(ack.stamp_ns) if ack is not None else None,
         "accepted": ack.accepted if ack is not None else None,
         "refused": ack.error_msg if ack is not None and not ack.accepted else None,
-        "execute_at_s": s(sent.execute_at_ns) if sent is not None else None,
-        "onset": None,
-        "no_onset": None,
+        "execute_at_s": heard.s(sent.execute_at_ns) if sent is not None else None,
+        "onset": None if isinstance(began, str) else began,
+        "no_onset": began if isinstance(began, str) else None,
     }
-    began = _onset(heard, object_id, sent, dispatched_ns)
-    if isinstance(began, str):
-        return {**found, "no_onset": began}
-    found["onset"] = {
-        "at_s": s(began.stamp_ns),
-        "quantity": began.quantity,
-        "unit": UNITS[began.quantity],
-        "difference": round(began.difference, 4),
-        "noise_middle": round(began.band.middle, 4),
-        "noise_half_width": round(began.band.half, 4),
-    }
-    return found
 
 
 def _onset(
     heard: ReportInput, object_id: str, sent: Reference | None, dispatched_ns: int
-) -> Onset | str:
+) -> dict[str, Any] | str:
     """The motion onset, or why there is none."""
     if sent is None:
         return "the bag doesn't hold the reference"
@@ -430,7 +308,17 @@ def _onset(
     if noise is None:
         return "too few states before the dispatch to know their noise"
     began = onset(states, previous, noise, dispatched_ns, sent.execute_at_ns)
-    return began or "no state departs from the previous reference"
+    if began is None:
+        return "no state departs from the previous reference"
+    state, k = began
+    return {
+        "at_s": heard.s(state.stamp_ns),
+        "quantity": QUANTITIES[k],
+        "unit": UNITS[k],
+        "difference": round(float(differences([state], previous)[0, k]), 4),
+        "noise_middle": round(float(noise[0][k]), 4),
+        "noise_half_width": round(float(noise[1][k]), 4),
+    }
 
 
 def lines(report: dict[str, Any]) -> list[str]:
