@@ -17,7 +17,7 @@ from ssp_core.processes import others_share_memory, remove_stale_shared_memory
 from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.safety.codes import MEANINGS
 from ssp_core.vocabulary import Role, Verdict
-from ssp_core.world.plant import ManagerUpdate, Plant, StepReport, make_plant
+from ssp_core.world.plant import StepReport, make_plant
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER
 from ssp_scenario_manager.faults.evidence import (
@@ -46,30 +46,6 @@ def possible(kind: str) -> bool:
     return kind not in RUNNER_KINDS or kind in _ALSO
 
 
-class _Watched:
-    """A plant whose every report is kept, those of the armed session too."""
-
-    def __init__(self, plant: Plant) -> None:
-        self._plant = plant
-        self.reports: list[StepReport] = []
-
-    def hold(self, word: ManagerUpdate) -> StepReport:
-        return self._kept(self._plant.hold(word))
-
-    def advance(self, word: ManagerUpdate) -> StepReport:
-        return self._kept(self._plant.advance(word))
-
-    def command(self, object_id: str, command: int, event_version: str) -> str:
-        return self._plant.command(object_id, command, event_version)
-
-    def close(self) -> None:
-        self._plant.close()
-
-    def _kept(self, report: StepReport) -> StepReport:
-        self.reports.append(report)
-        return report
-
-
 def run_for_evidence(spec: RunSpec) -> Evidence:
     """Runs a session in this process.
 
@@ -80,13 +56,14 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
         InputError: a fault needs processes of its own.
     """
     spec = for_one_process(spec)
-    plant = _Watched(make_plant(spec))
+    reports: list[StepReport] = []
+    plant = make_plant(spec)
     try:
-        session = InProcessSession(spec, plant)
+        session = InProcessSession(spec, plant, reports.append, reports.append)
         session.run()
     finally:
         plant.close()
-    account, reports = session.account, plant.reports
+    account = session.account
     outcome, _ = judged(spec, session, Record(reports))
     verdict = outcome.verdict
     if verdict is Verdict.NONE:

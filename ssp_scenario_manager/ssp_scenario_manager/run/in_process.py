@@ -46,6 +46,10 @@ _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 OnReport = Callable[[StepReport], None]
 
 
+def _ignore(_: StepReport) -> None:
+    pass
+
+
 @dataclass
 class Account:
     """What a session sent that belongs to its record, in its order."""
@@ -66,15 +70,23 @@ class InProcessSession:
         spec: the run.
         plant: its world and objects.
         on_report: is given every report of the running world.
+        on_hold: is given every report of the world that holds.
     """
 
-    def __init__(self, spec: RunSpec, plant: Plant, on_report: OnReport | None = None) -> None:
+    def __init__(
+        self,
+        spec: RunSpec,
+        plant: Plant,
+        on_report: OnReport = _ignore,
+        on_hold: OnReport = _ignore,
+    ) -> None:
         self.session = Session()
         self.account = Account()
         self.problems: tuple[str, ...] = ()
         self._spec = spec
         self._plant = plant
         self._on_report = on_report
+        self._on_hold = on_hold
         self._now_ns = 0
         self._steady_ns = 0
         self._aborting_since_ns: int | None = None
@@ -110,7 +122,9 @@ class InProcessSession:
             if session.state is SessionPhase.RUNNING or script.finished:
                 break
             self._steady_ns += HOLD_NS
-            self._take(self._plant.hold(self._word()))
+            report = self._plant.hold(self._word())
+            self._on_hold(report)
+            self._take(report)
             if session.state in (SessionPhase.ARMED, SessionPhase.ABORTING):
                 session.step(self._now_ns)
                 self._flush()
@@ -153,8 +167,7 @@ class InProcessSession:
         over_since_ns: int | None = None
         while True:
             report = self._plant.advance(self._word())
-            if self._on_report is not None:
-                self._on_report(report)
+            self._on_report(report)
             if not report.running:
                 self.account.faults += report.faults
                 return

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, Protocol
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
@@ -30,6 +31,10 @@ from ssp_core.run_file.participants import (
 )
 from ssp_core.safety.fence import room_m
 from ssp_core.vocabulary import Phase
+
+# Below this speed a time to arrival or a headway is infinite rather than an amplified noise of the
+# speed.
+STANDSTILL_MPS = 0.1
 
 
 class Snapshot:
@@ -96,20 +101,45 @@ class Snapshot:
                 self._meetings[object_id] = encounter(vut, other, self.path)
         return self._meetings[object_id]
 
-    def vut_front_m(self) -> float | None:
-        """Arc length of the VUT's foremost point along its path; None: unknown."""
+    # Values of conditions (METHOD 2.3): NaN where a state is unknown, +inf where there is none.
+
+    def gap_m(self, object_id: str) -> float:
+        """Bumper gap to an object ahead of the VUT."""
+        meeting = self.meeting(object_id)
+        if meeting is None:
+            return math.nan
+        return meeting.gap_m if meeting.gap_m >= 0.0 else math.inf
+
+    def headway_s(self, object_id: str) -> float:
+        """The gap over the VUT's speed."""
+        gap_m, speed_mps = self.gap_m(object_id), self.vut.speed_mps
+        if math.isnan(gap_m):
+            return math.nan
+        return gap_m / speed_mps if speed_mps >= STANDSTILL_MPS else math.inf
+
+    def ttc_s(self, object_id: str) -> float:
+        meeting = self.meeting(object_id)
+        return math.nan if meeting is None else meeting.ttc_s
+
+    def arrival_s(self, station_m: float) -> float:
+        """Until the VUT's foremost point is at a station of its path, at its present speed."""
+        vut = self.state(VUT_ID)
+        if vut is None:
+            return math.nan
         if self._front_m is None:
-            vut = self.state(VUT_ID)
-            if vut is None:
-                return None
-            station, _ = self.path.project_beyond(vut.x_m, vut.y_m)
-            self._front_m = station + vut.size.front_m
-        return self._front_m
+            self._front_m = self.path.project_beyond(vut.x_m, vut.y_m)[0] + vut.size.front_m
+        if station_m < self._front_m or vut.speed_mps < STANDSTILL_MPS:
+            return math.inf
+        return (station_m - self._front_m) / vut.speed_mps
 
+    def speed_mps(self, object_id: str) -> float:
+        state = self.state(object_id)
+        return math.nan if state is None else state.speed_mps
 
-# Below this speed a time to arrival or a headway is infinite rather than an amplified noise of the
-# speed.
-STANDSTILL_MPS = 0.1
+    def room_m(self, object_id: str, polygon: list[tuple[float, float]]) -> float:
+        """How far inside a polygon an object's reference point is, negative outside."""
+        state = self.state(object_id)
+        return math.nan if state is None else room_m(state.x_m, state.y_m, polygon)
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,82 +308,24 @@ def question(condition: Leaf, path: Polyline, started_ns: int) -> Question:
     """
     what = quantity(condition)
     match condition:
-        case RelativeDistance():
-            return Measured(what, _gap_m(condition.object_id))
-        case TimeHeadway():
-            return Measured(what, _headway_s(condition.object_id))
-        case TimeToCollision():
-            return Measured(what, _ttc_s(condition.object_id))
-        case TimeToArrival():
-            return Measured(what, _arrival_s(path.project(*condition.anchor)[0]))
-        case SpeedIs():
-            return Measured(what, _speed_mps(condition.object_id))
-        case InRegion():
-            return Measured(what, _room_m(condition.object_id, condition.polygon))
+        case RelativeDistance(object_id=who):
+            return Measured(what, partial(Snapshot.gap_m, object_id=who))
+        case TimeHeadway(object_id=who):
+            return Measured(what, partial(Snapshot.headway_s, object_id=who))
+        case TimeToCollision(object_id=who):
+            return Measured(what, partial(Snapshot.ttc_s, object_id=who))
+        case TimeToArrival(anchor=anchor):
+            station_m, _ = path.project(*anchor)
+            return Measured(what, partial(Snapshot.arrival_s, station_m=station_m))
+        case SpeedIs(object_id=who):
+            return Measured(what, partial(Snapshot.speed_mps, object_id=who))
+        case InRegion(object_id=who, polygon=polygon):
+            return Measured(what, partial(Snapshot.room_m, object_id=who, polygon=polygon))
         case PhaseReached():
             phase = Phase[condition.phase.upper()]
-            return Timed(what, lambda snapshot: snapshot.phases.get(phase))
+            return Timed(what, lambda now: now.phases.get(phase))
         case ElapsedTime():
             return Timed(what, lambda _: started_ns)
-
-
-def _gap_m(object_id: str) -> Callable[[Snapshot], float]:
-    def measure(snapshot: Snapshot) -> float:
-        meeting = snapshot.meeting(object_id)
-        if meeting is None:
-            return math.nan
-        return meeting.gap_m if meeting.gap_m >= 0.0 else math.inf
-
-    return measure
-
-
-def _headway_s(object_id: str) -> Callable[[Snapshot], float]:
-    gap_m = _gap_m(object_id)
-
-    def measure(snapshot: Snapshot) -> float:
-        gap, speed = gap_m(snapshot), snapshot.vut.speed_mps
-        if math.isnan(gap):
-            return math.nan
-        return gap / speed if speed >= STANDSTILL_MPS else math.inf
-
-    return measure
-
-
-def _ttc_s(object_id: str) -> Callable[[Snapshot], float]:
-    def measure(snapshot: Snapshot) -> float:
-        meeting = snapshot.meeting(object_id)
-        return math.nan if meeting is None else meeting.ttc_s
-
-    return measure
-
-
-def _arrival_s(anchor_m: float) -> Callable[[Snapshot], float]:
-    def measure(snapshot: Snapshot) -> float:
-        front = snapshot.vut_front_m()
-        if front is None:
-            return math.nan
-        speed = snapshot.vut.speed_mps
-        if anchor_m < front or speed < STANDSTILL_MPS:
-            return math.inf
-        return (anchor_m - front) / speed
-
-    return measure
-
-
-def _speed_mps(object_id: str) -> Callable[[Snapshot], float]:
-    def measure(snapshot: Snapshot) -> float:
-        state = snapshot.state(object_id)
-        return math.nan if state is None else state.speed_mps
-
-    return measure
-
-
-def _room_m(object_id: str, polygon: list[tuple[float, float]]) -> Callable[[Snapshot], float]:
-    def measure(snapshot: Snapshot) -> float:
-        state = snapshot.state(object_id)
-        return math.nan if state is None else room_m(state.x_m, state.y_m, polygon)
-
-    return measure
 
 
 def leaves(condition: Condition) -> list[Leaf]:
