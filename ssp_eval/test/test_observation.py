@@ -258,7 +258,7 @@ def test_two_persons_agree_within_the_tolerance(bag: Path, tmp_path: Path) -> No
     found = agree([ada, loaded(bag, tmp_path, content, "b.json")])
     assert found.by == "Ada Vance and Bo Ek"
     assert found.tolerance_s == 0.1
-    assert found.phase_starts() == {"trigger": pytest.approx(3.25), "resolution": 7.0}
+    assert found.answers.phase_starts() == {"trigger": pytest.approx(3.25), "resolution": 7.0}
     assert found.properties()[CONFLICT].words is None
     assert "not observed by Ada Vance and Bo Ek" in found.properties()[CONFLICT].how
     assert found.properties()[ORDER].words == {"order": ("ot1 before vut",)}
