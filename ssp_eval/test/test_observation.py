@@ -265,7 +265,7 @@ def test_two_persons_agree_within_the_tolerance(bag: Path, tmp_path: Path) -> No
     assert found.answers.visibility.conflict_region.share == 0.8
     assert found.differing == ("conflict_type.value", "phases.conflict.t_s")
     rows = {row.field: row for row in found.rows}
-    assert rows["conflict_type.value"].values == ("merge", "following")
+    assert rows["conflict_type.value"].values == ["merge", "following"]
     assert rows["conflict_type.value"].result == "unverified"
     assert rows["passing_order.value"].verdict == "one alone"
     assert rows["phases.trigger.t_s"].result == "3.25"
