@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from ssp_core import names
+from ssp_core.cdr.steps import Heartbeat, WorldTick
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState
@@ -21,7 +22,6 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.plant import AckFact, FaultFact, LimitFact, LinkFact, ManagerUpdate, StepReport
 from ssp_ot_controller.bodies.dynamics import Command
-from ssp_ot_controller.objects.messages import Tick
 from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Channel
@@ -92,9 +92,9 @@ class InProcessPlant:
             self._references_sent[reference.object_id] += 1
             self._pool.take_reference(reference)
         self._beats += 1
-        self._pool.take_heartbeat(
-            self._beats, word.session, word.stamp_ns, dict(self._references_sent)
-        )
+        sent = dict(self._references_sent)
+        beat = Heartbeat(word.stamp_ns, names.SCENARIO_MANAGER, self._beats, 0, word.session, sent)
+        self._pool.take_heartbeat(beat, 0)
 
     def _report(self, session: SessionPhase, before_ns: int) -> StepReport:
         """What VUT and objects make of the world's present state."""
@@ -122,17 +122,9 @@ class InProcessPlant:
         vut_states = self._vut.up(self._vut.measure(world.vut(), now_ns), now_ns)
         truths = world.objects()
         self._pool.take_states(vut_states)
-        self._pool.take_tick(
-            Tick(
-                step=world.step_index,
-                now_ns=now_ns,
-                running=self._running,
-                lockstep=True,
-                heartbeat=self._beats,
-                truths={s.object_id: s for s in truths},
-            ),
-            self._steady_ns,
-        )
+        running, beats = self._running, self._beats
+        tick = WorldTick(now_ns, world.step_index, running, True, beats, 0, tuple(truths))
+        self._pool.take_tick(tick, self._steady_ns)
         answer = self._pool.step(self._steady_ns)
         if answer is None:
             raise RuntimeError("the objects wait for something that was never sent")
@@ -145,7 +137,12 @@ class InProcessPlant:
             truths=tuple(truths),
             vut_states=tuple(vut_states),
             target_states=answer.states,
-            acks=_acks(answer),
+            acks=tuple(
+                AckFact(
+                    a.reference_id, a.object_id, a.accepted, a.error_code, a.error_msg, a.stamp_ns
+                )
+                for a in answer.acks
+            ),
             limits=(*limits, *_limits(answer)),
             faults=(*faults, *_facts(answer.faults, names.OBJECT_TARGET, now_ns)),
             links=() if self._running else self._links(),
@@ -196,20 +193,6 @@ def _facts(changes: Iterable[FaultChange], source: str, now_ns: int) -> list[Fau
         FaultFact(source, f"{c.number} {c.kind}", c.target, c.active, c.value, c.unit, now_ns)
         for c in changes
     ]
-
-
-def _acks(answer: PoolStep) -> tuple[AckFact, ...]:
-    return tuple(
-        AckFact(
-            ack.reference_id,
-            ack.object_id,
-            ack.refusal is None,
-            int(ack.refusal.code) if ack.refusal else 0,
-            ack.refusal.message if ack.refusal else "",
-            ack.stamp_ns,
-        )
-        for ack in answer.acks
-    )
 
 
 def _limits(answer: PoolStep) -> list[LimitFact]:

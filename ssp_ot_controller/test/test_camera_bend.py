@@ -74,7 +74,7 @@ def picture(block: Road, s_m: float, *objects: ObjectState, detail: Detail = PLA
 
 def places(bend: Bend, xy: Floats) -> Floats:
     out = np.empty_like(xy)
-    locate_all(bend.nodes, bend.cells, bend.numbers, xy, out)
+    locate_all(bend, xy, out)
     return out
 
 
@@ -125,8 +125,8 @@ def test_beyond_the_centre_of_a_bend_is_no_road() -> None:
 
 
 def test_a_straight_road_has_no_tables() -> None:
-    assert build_bend(road([])).is_straight
-    assert build_bend(road(STRAIGHT)).is_straight
+    assert build_bend(road([])) is None
+    assert build_bend(road(STRAIGHT)) is None
     assert offsets_of(build_bend(road([])), np.array([[3.0, -2.5]])) == pytest.approx([-2.5])
 
 

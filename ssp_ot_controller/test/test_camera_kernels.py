@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
-from ssp_ot_controller.camera.kernels import ground, sensor
+from ssp_ot_controller.camera.kernels import compose, ground, sensor
 from ssp_ot_controller.camera.kernels.ground import ground_row
 from ssp_ot_controller.camera.kernels.palettes import PALETTES
-from ssp_ot_controller.camera.kernels.raster import PLANE_NUMBERS, rasterise, rasterise_cover
+from ssp_ot_controller.camera.kernels.raster import Eye, Triangles, rasterise, rasterise_cover
 from ssp_ot_controller.camera.kernels.shading import make_noise, window_mix
 
 Floats = NDArray[np.float64]
 
 ROWS, COLUMNS = 14, 20
 LENS = np.array([16.0, 16.0, 9.5, 6.5])  # fx, fy, cx, cy
-EYE, AXES = np.zeros(3), np.eye(3)  # the block's frame is the optical one
+POSITION, AXES = np.zeros(3), np.eye(3)  # the block's frame is the optical one
 # Whole numbers make edges level, upright and through samples; halves of them meet the rays less.
 numbers = st.integers(-6, 6).map(lambda i: i / 2)
 corner = st.tuples(numbers, numbers, st.integers(-4, 8).map(float))
@@ -50,26 +50,11 @@ def draw(corners: Floats) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     runs = np.array([[0, n]])
     depth = np.zeros((ROWS, COLUMNS), np.float32)
     owner, cover = np.zeros((ROWS, COLUMNS), np.int32), np.zeros((ROWS, COLUMNS), np.uint8)
-    attributes, kinds = np.zeros((n, 3, 5), np.float32), np.zeros(n, np.uint8)
-    ramp, scratch = np.arange(COLUMNS, dtype=np.float32), np.empty((3, 3, 3))
-    planes = np.empty((n, PLANE_NUMBERS))
-    rasterise(
-        places,
-        attributes,
-        kinds,
-        runs,
-        EYE,
-        AXES,
-        LENS,
-        0.0,
-        ramp,
-        0,
-        depth,
-        owner,
-        planes,
-        scratch,
-    )
-    rasterise_cover(places, runs, EYE, AXES, LENS, cover, scratch)
+    mesh = Triangles(places, np.zeros((n, 3, 5), np.float32), np.zeros(n, np.uint8))
+    eye = Eye(POSITION, AXES, np.zeros((3, 3)), LENS)
+    memory = compose.Buffers().cleared(ROWS // 2, COLUMNS // 2, n)
+    rasterise(mesh, runs, eye, 0.0, 0, memory._replace(inverse_depth=depth, owner=owner))
+    rasterise_cover(places, runs, eye, memory.triangle, cover)
     return depth, cover
 
 
@@ -141,8 +126,7 @@ def test_blocks_of_ground_equal_single_pixels(texture: bool, yaw_rad: float) -> 
         crossing_x_m=20.0,
     )
     palette = PALETTES["suburb"]
-    tables = ground.build_tables(road, palette)
-    parameters = ground.build_parameters(road, palette, texture)
+    surface = ground.build_ground(road, palette, texture)
     width, focal_px = 203, 160.0
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     columns = np.array([s, -c, 0.0]) / focal_px
@@ -153,10 +137,7 @@ def test_blocks_of_ground_equal_single_pixels(texture: bool, yaw_rad: float) -> 
 
     def shaded(start: Floats, pixels: int) -> NDArray[np.float32]:
         row, hidden = np.zeros(3 * pixels, np.float32), np.zeros(pixels, np.bool_)
-        ground_row(
-            tables.sums, tables.strips, tables.values, parameters, noise, position, start,
-            directions, hidden, row,
-        )  # fmt: skip
+        ground_row(surface, None, noise, position, directions, start, hidden, row)
         return row.reshape(-1, 3)
 
     for v in (2, 9, 30, 70, 110):
@@ -172,7 +153,9 @@ def test_rows_of_noise_differ_and_brightness_falls_to_the_corners() -> None:
 
     def developed(v: int, sigma: float) -> NDArray[np.uint8]:
         out = np.empty(3 * width, np.uint8)
-        sensor.develop_row(light, squares, v, height, 0.5, sigma, grain, np.uint64(9), out)
+        sensor.develop_row(
+            light, squares, v, height, sensor.Film(0.5, sigma, np.uint64(9), grain), out
+        )
         return out
 
     clean = developed(0, 0.0).reshape(-1, 3)

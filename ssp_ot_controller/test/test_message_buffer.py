@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ssp_core.cdr.steps import Heartbeat, WorldTick
 from ssp_core.motion.reference import Reference
 from ssp_core.vocabulary import SessionPhase
 from ssp_ot_controller.objects.messages import MessageBuffer
@@ -17,16 +17,12 @@ from ssp_ot_controller.objects.messages import MessageBuffer
 RUNNING, ARMED = SessionPhase.RUNNING, SessionPhase.ARMED
 
 
-def tick(
-    step: int, heartbeat: int, running: bool = True, lockstep: bool = True, vut_states_sent: int = 0
-) -> Any:
-    return SimpleNamespace(
-        step=step,
-        heartbeat=heartbeat,
-        running=running,
-        lockstep=lockstep,
-        vut_states_sent=vut_states_sent,
-    )
+def tick(step: int, heartbeat: int, running: bool = True, lockstep: bool = True) -> WorldTick:
+    return WorldTick(0, step, running, lockstep, heartbeat, 0)
+
+
+def beat(sequence: int, session: SessionPhase, sent: dict[str, int]) -> Heartbeat:
+    return Heartbeat(0, "manager", sequence, 0, session, sent)
 
 
 def reference(name: str, object_id: str = "ot1") -> Reference:
@@ -42,9 +38,9 @@ def test_a_tick_waits_for_the_heartbeat_that_it_names() -> None:
     buffer.on_tick(tick(1, heartbeat=2))
     assert buffer.take() is None
     assert copy.copy(buffer).take(overdue=True).step == 1  # its sender is dead
-    buffer.on_heartbeat(1, RUNNING, 0, {"ot1": 0})
+    buffer.on_heartbeat(beat(1, RUNNING, {"ot1": 0}))
     assert buffer.take() is None
-    buffer.on_heartbeat(2, RUNNING, 0, {"ot1": 0})
+    buffer.on_heartbeat(beat(2, RUNNING, {"ot1": 0}))
     taken = buffer.take()
     assert taken.step == 1
     assert buffer.take() is None  # once
@@ -52,7 +48,7 @@ def test_a_tick_waits_for_the_heartbeat_that_it_names() -> None:
 
 def test_a_tick_waits_for_the_references_that_its_heartbeat_counts() -> None:
     buffer = MessageBuffer(["ot1", "ot2"])
-    buffer.on_heartbeat(1, RUNNING, 0, {"ot1": 1, "ot2": 2, "somebody": 5})
+    buffer.on_heartbeat(beat(1, RUNNING, {"ot1": 1, "ot2": 2, "somebody": 5}))
     buffer.on_tick(tick(1, heartbeat=1))
     for object_id in ("ot1", "ot2", "elsewhere"):
         buffer.on_reference(reference("r", object_id))
@@ -66,8 +62,8 @@ def test_a_tick_waits_for_the_references_that_its_heartbeat_counts() -> None:
 def test_a_later_heartbeat_does_not_stand_in_for_what_the_named_one_counts() -> None:
     """Beat 2 counts a reference that belongs to the next step: step 1 needs not wait for it."""
     buffer = MessageBuffer(["ot1"])
-    buffer.on_heartbeat(1, RUNNING, 0, {"ot1": 0})
-    buffer.on_heartbeat(2, RUNNING, 0, {"ot1": 1})
+    buffer.on_heartbeat(beat(1, RUNNING, {"ot1": 0}))
+    buffer.on_heartbeat(beat(2, RUNNING, {"ot1": 1}))
     buffer.on_tick(tick(1, heartbeat=1))
     assert buffer.take() is not None
     assert [b.sequence for b in buffer.heartbeats(1, holding=False)] == [1]
@@ -95,7 +91,7 @@ def test_the_newest_tick_replaces_a_held_one() -> None:
 def test_a_start_is_left_for_the_first_step() -> None:
     buffer = MessageBuffer(["ot1"])
     for sequence, session in enumerate((ARMED, ARMED, RUNNING, RUNNING), start=1):
-        buffer.on_heartbeat(sequence, session, 0, {})
+        buffer.on_heartbeat(beat(sequence, session, {}))
     assert [b.sequence for b in buffer.heartbeats(None, holding=True)] == [1, 2]
     assert buffer.heartbeats(None, holding=True) == []
     assert [b.sequence for b in buffer.heartbeats(3, holding=False)] == [3]
@@ -128,7 +124,7 @@ def play(script: list[list[str]], choose: Any) -> list[Dealt]:
         for name in names:
             sent += 1
             topics["references"].append(reference(name))
-        topics["beats"].append((step, RUNNING, step, {"ot1": sent}))
+        topics["beats"].append(beat(step, RUNNING, {"ot1": sent}))
         topics["ticks"].append(tick(step, heartbeat=step))
         # Deliver until the target has answered this step; the world waits for that.
         while not done or done[-1].step < step:
@@ -138,7 +134,7 @@ def play(script: list[list[str]], choose: Any) -> list[Dealt]:
             if name == "references":
                 buffer.on_reference(message)
             elif name == "beats":
-                buffer.on_heartbeat(*message)
+                buffer.on_heartbeat(message)
             else:
                 buffer.on_tick(message)
             taken = buffer.take()

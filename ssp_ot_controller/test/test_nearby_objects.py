@@ -6,8 +6,10 @@ import math
 
 import pytest
 
+from ssp_core.cdr.steps import Heartbeat
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
+from ssp_core.vocabulary import SessionPhase
 from ssp_ot_controller.objects.messages import HeartbeatResponder, ManagerArbiter, NearbyObjects
 from ssp_ot_controller.sil.disturbance import LinkSizes
 from support.states import object_state
@@ -105,9 +107,13 @@ def test_whoever_comes_within_the_separation_is_near() -> None:
 GOOD = LinkSizes(0.0, 0.0, 0.0, False)
 
 
+def beat(sequence: int, sent_ns: int) -> Heartbeat:
+    return Heartbeat(0, "m", sequence, sent_ns, SessionPhase.RUNNING, {})
+
+
 def test_a_good_link_is_answered_at_once_and_once_for_all_objects() -> None:
     echo = HeartbeatResponder()
-    (reply,) = echo.on_heartbeat(7, 5 * S, {"b": GOOD, "a": GOOD}, 6 * S, 0)
+    (reply,) = echo.on_heartbeat(beat(7, 5 * S), {"b": GOOD, "a": GOOD}, 6 * S, 0)
     assert (reply.sequence, reply.object_ids) == (7, ("a", "b"))
     assert (reply.sent_ns, reply.received_ns, reply.replied_ns) == (5 * S, 6 * S, None)
     assert echo.due(60 * S) == []
@@ -117,7 +123,7 @@ def test_a_disturbed_link_is_measured_as_it_is() -> None:
     """offset = ((t2 - t1) + (t3 - t4)) / 2 and delay = (t4 - t1) - (t3 - t2)."""
     echo = HeartbeatResponder()
     links = {"a": LinkSizes(0.2, 0.03, 0.03, False), "b": GOOD}
-    (at_once,) = echo.on_heartbeat(1, 100 * S, links, 100 * S, 50 * S)
+    (at_once,) = echo.on_heartbeat(beat(1, 100 * S), links, 100 * S, 50 * S)
     assert at_once.object_ids == ("b",)
     assert echo.due(50 * S + 60 * MS - 1) == []
     (late,) = echo.due(50 * S + 60 * MS)
@@ -132,10 +138,10 @@ def test_a_disturbed_link_is_measured_as_it_is() -> None:
 
 def test_a_cut_link_is_silent() -> None:
     echo = HeartbeatResponder()
-    assert echo.on_heartbeat(1, 0, {"a": LinkSizes(0.0, 0.0, 0.0, True)}, 0, 0) == []
+    assert echo.on_heartbeat(beat(1, 0), {"a": LinkSizes(0.0, 0.0, 0.0, True)}, 0, 0) == []
 
 
 def test_a_manager_that_beats_very_fast_is_answered_a_hundred_times_a_second() -> None:
     echo = HeartbeatResponder()
-    answered = [bool(echo.on_heartbeat(k, 0, {"a": GOOD}, 0, k * MS)) for k in range(1, 101)]
+    answered = [bool(echo.on_heartbeat(beat(k, 0), {"a": GOOD}, 0, k * MS)) for k in range(1, 101)]
     assert sum(answered) == 10

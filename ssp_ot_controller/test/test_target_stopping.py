@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from ssp_core.cdr.steps import Heartbeat, WorldTick
 from ssp_core.geometry import Polyline
 from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.motion.reference import Reference
@@ -23,7 +24,6 @@ from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.control.stopping import BRAKE_GRACE_S
-from ssp_ot_controller.objects.messages import Tick
 from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Actuator
@@ -97,8 +97,10 @@ class Loop:
         if not self.silent:
             self.beats += 1
             stamp_ns = max(self.now_ns - STEP_NS, 0)
-            self.pool.take_heartbeat(self.beats, self.session, stamp_ns, {"ot1": self.sent})
-        tick = Tick(self.step_index, self.now_ns, running, True, self.beats, {"ot1": self.truth()})
+            beat = Heartbeat(stamp_ns, "m", self.beats, 0, self.session, {"ot1": self.sent})
+            self.pool.take_heartbeat(beat, 0)
+        truths = (self.truth(),)
+        tick = WorldTick(self.now_ns, self.step_index, running, True, self.beats, 0, truths)
         self.pool.take_tick(tick, 0)
         answer = self.pool.step(0)
         assert answer is not None

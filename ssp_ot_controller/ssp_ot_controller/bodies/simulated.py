@@ -6,6 +6,8 @@ import select
 import socket
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import click
@@ -28,6 +30,8 @@ from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
 
 # However long a command says that it holds: nothing heard for this long, and the body brakes.
 WATCHDOG_S = 0.2
+# The loop looks at the plant this often at least.
+_TICK_S = 0.002
 # The plant is stepped this finely.
 _PLANT_STEP_S = 0.005
 
@@ -51,7 +55,7 @@ class BodyServer:
         self.strangers = 0
         self.commander: Any = None
         self.body = BodyState.at_rest(pose)
-        self._object_id = object_id
+        self.object_id = object_id
         self._class = object_class
         self._boot_ns = now_ns
         self._now_ns = now_ns
@@ -70,7 +74,7 @@ class BodyServer:
     def on_datagram(self, data: bytes, address: Any, now_ns: int) -> None:
         """A datagram of whoever, at the time at which it came."""
         self.advance(now_ns)
-        found = decode_command(data, self._object_id)
+        found = decode_command(data, self.object_id)
         if isinstance(found, Rejected):
             self.rejected[found.reason] += 1
             return
@@ -116,13 +120,32 @@ class BodyServer:
             self._now_ns, b.x_m, b.y_m, b.yaw_rad, b.speed_mps, b.acceleration_mps2,
             b.yaw_rate_radps, 0.02, self.brakes_by_itself,
         )  # fmt: skip
-        envelope = Envelope(self._object_id, self._boot_ns, self._sequence, self._now_ns)
+        envelope = Envelope(self.object_id, self._boot_ns, self._sequence, self._now_ns)
         return encode_state(envelope, reading)
 
 
-# The loop looks at the plant this often at least.
-_TICK_S = 0.002
 _CLASSES = [c.word for c in ObjectClass if c is not ObjectClass.UNKNOWN]
+
+
+def serve(
+    bodies: Sequence[tuple[BodyServer, socket.socket]],
+    until: Callable[[], bool],
+    sent: Callable[[BodyServer], None] = lambda body: None,
+) -> None:
+    """Follows commands and sends states until told to end; ``sent`` is told of each state."""
+    sockets = [sock for _, sock in bodies]
+    while not until():
+        readable, _, _ = select.select(sockets, [], [], _TICK_S)
+        for body, sock in bodies:
+            if sock in readable:
+                data, address = sock.recvfrom(COMMAND_BYTES + 1)
+                body.on_datagram(data, address, time.time_ns())
+            state = body.state_due(time.time_ns())
+            if state is not None:
+                # A commander that can't be reached: lost, like a datagram on the way.
+                with suppress(OSError):
+                    sock.sendto(state, body.commander)
+                sent(body)
 
 
 @click.command()
@@ -156,21 +179,8 @@ def main(
             raise click.ClickException(f"can't listen at {host}:{port}: {error}") from None
         sock.setblocking(False)
         click.echo(f"{object_id} listens at udp://{host}:{sock.getsockname()[1]}")
-        try:
-            _serve(server, sock)
-        except KeyboardInterrupt:
-            return
-
-
-def _serve(server: BodyServer, sock: socket.socket) -> None:
-    while True:
-        readable, _, _ = select.select([sock], [], [], _TICK_S)
-        if readable:
-            data, address = sock.recvfrom(COMMAND_BYTES + 1)
-            server.on_datagram(data, address, time.time_ns())
-        state = server.state_due(time.time_ns())
-        if state is not None:
-            sock.sendto(state, server.commander)
+        with suppress(KeyboardInterrupt):
+            serve([(server, sock)], lambda: False)
 
 
 if __name__ == "__main__":

@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 
+from ssp_core.cdr.steps import WorldTick
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_ot_controller.bodies.body import Body, BodyReading, MirrorBody, state_of
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.bodies.udp import UdpBody
-from ssp_ot_controller.objects.messages import Tick
 from ssp_ot_controller.objects.pool import PoolStep
 
 _ADDRESS = re.compile(r"udp://(?P<host>[^:/\[\]]+|\[[0-9a-fA-F:]+\]):(?P<port>[0-9]{1,5})")
@@ -118,18 +117,18 @@ class LiveObjects:
         self._warned: set[str] = set()
         self._step = 0
 
-    def tick(self, now_ns: int) -> Tick:
+    def tick(self, now_ns: int) -> WorldTick:
         """Reads all bodies; one that says nothing new is where it was, with its old stamp."""
         self._step += 1
         for object_id, body in self._bodies.items():
             reading = body.read()
             if reading is not None and self._is_believable(object_id, reading, now_ns):
                 self._newest[object_id] = reading
-        truths: dict[str, ObjectState] = {}
+        truths = []
         for object_id, reading in sorted(self._newest.items()):
             number = self._states[object_id] = self._states.get(object_id, 0) + 1
-            truths[object_id] = state_of(reading, self._specs[object_id], number)
-        return Tick(self._step, now_ns, True, False, 0, truths)
+            truths.append(state_of(reading, self._specs[object_id], number))
+        return WorldTick(now_ns, self._step, True, False, 0, 0, tuple(truths))
 
     def _is_believable(self, object_id: str, reading: BodyReading, now_ns: int) -> bool:
         ahead_s = ns_to_seconds(reading.stamp_ns - now_ns)

@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from ssp_core.cdr.steps import Heartbeat, WorldTick
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
@@ -25,42 +26,9 @@ from ssp_core.vocabulary import SessionPhase
 from ssp_ot_controller.sil.disturbance import LinkSizes
 
 
-@dataclass(frozen=True, slots=True)
-class Heartbeat:
-    """One heartbeat of the manager."""
-
-    sequence: int
-    session: SessionPhase
-    stamp_ns: int
-    references_sent: Mapping[str, int]
-
-
-@dataclass(frozen=True, slots=True)
-class Tick:
-    """One step of the world, or one reading of the bodies (WorldTick.msg).
-
-    Args:
-        step: of the world, counted from 0.
-        now_ns: session time.
-        running: False while the world holds at step 0.
-        lockstep: True: watchdogs count session time.
-        heartbeat: sequence of the manager's last heartbeat before this step.
-        truths: true states of objects, by id; those of others are not looked at.
-        vut_states_sent: states of the VUT sent so far; in lockstep they are waited for.
-    """
-
-    step: int
-    now_ns: int
-    running: bool
-    lockstep: bool
-    heartbeat: int
-    truths: Mapping[str, ObjectState]
-    vut_states_sent: int = 0
-
-    @property
-    def in_step(self) -> bool:
-        """True when the world waits for the answer."""
-        return self.lockstep and self.running
+def in_step(tick: WorldTick) -> bool:
+    """True when the world waits for the answer to a tick."""
+    return tick.lockstep and tick.running
 
 
 class MessageBuffer:
@@ -79,13 +47,11 @@ class MessageBuffer:
         self._received = dict.fromkeys(self._ids, 0)
         self._states: list[ObjectState] = []
         self._vut_states = 0
-        self._tick: Tick | None = None
+        self._tick: WorldTick | None = None
 
-    def on_heartbeat(
-        self, sequence: int, session: SessionPhase, stamp_ns: int, sent: Mapping[str, int]
-    ) -> None:
-        self._last_beat = Heartbeat(sequence, session, stamp_ns, sent)
-        self._beats.append(self._last_beat)
+    def on_heartbeat(self, beat: Heartbeat) -> None:
+        self._last_beat = beat
+        self._beats.append(beat)
 
     def on_reference(self, reference: Reference) -> None:
         if reference.object_id in self._references:
@@ -98,11 +64,11 @@ class MessageBuffer:
         # While the world holds, the VUT's first state is repeated and not counted.
         self._vut_states += state.object_id == VUT_ID and state.sequence > 1
 
-    def on_tick(self, tick: Tick) -> None:
+    def on_tick(self, tick: WorldTick) -> None:
         """Keeps the newest tick; a held one that the world didn't wait for is replaced."""
         self._tick = tick
 
-    def take(self, *, overdue: bool = False) -> Tick | None:
+    def take(self, *, overdue: bool = False) -> WorldTick | None:
         """The held tick if it may be dealt with now, else None.
 
         Args:
@@ -111,7 +77,7 @@ class MessageBuffer:
         tick = self._tick
         if tick is None:
             return None
-        if tick.lockstep and tick.running and not (overdue or self._complete(tick)):
+        if in_step(tick) and not (overdue or self._complete(tick)):
             return None
         self._tick = None
         return tick
@@ -129,7 +95,7 @@ class MessageBuffer:
             beat = self._beats[0]
             if up_to is not None and beat.sequence > up_to:
                 break
-            if holding and beat.session is SessionPhase.RUNNING:
+            if holding and beat.session_state is SessionPhase.RUNNING:
                 break
             taken.append(self._beats.pop(0))
         return taken
@@ -144,7 +110,7 @@ class MessageBuffer:
         taken, self._states = self._states, []
         return taken
 
-    def _complete(self, tick: Tick) -> bool:
+    def _complete(self, tick: WorldTick) -> bool:
         if self._vut_states < tick.vut_states_sent:
             return False
         heartbeat = tick.heartbeat
@@ -278,17 +244,13 @@ class HeartbeatResponder:
         self._under_way: deque[tuple[int, HeartbeatAnswer]] = deque()
 
     def on_heartbeat(
-        self,
-        sequence: int,
-        sent_ns: int,
-        links: Mapping[str, LinkSizes],
-        system_ns: int,
-        steady_ns: int,
+        self, beat: Heartbeat, links: Mapping[str, LinkSizes], system_ns: int, steady_ns: int
     ) -> list[HeartbeatAnswer]:
         """The answers that leave at once; others are handed out by ``due``.
 
         Args:
-            sent_ns: when it was sent, on the manager's clock.
+            beat: of the manager.
+            links: clock and delays of each object.
             system_ns: when it came, on this machine's clock.
             steady_ns: the same on the steady clock.
         """
@@ -308,9 +270,9 @@ class HeartbeatResponder:
             received_ns = system_ns + seconds_to_ns(link.down_s) + offset_ns
             late_ns = seconds_to_ns(link.down_s) + seconds_to_ns(link.up_s)
             reply = HeartbeatAnswer(
-                sequence,
+                beat.sequence,
                 tuple(ids),
-                sent_ns,
+                beat.sent_ns,
                 received_ns,
                 received_ns if late_ns else None,
                 offset_ns,

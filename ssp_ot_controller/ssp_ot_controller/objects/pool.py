@@ -2,44 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+from ssp_core.cdr.references import Acknowledgement
+from ssp_core.cdr.steps import Heartbeat, WorldTick
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
-from ssp_core.names import SCENARIO_MANAGER
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
-from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.objects.local_safety import StopNow
 from ssp_ot_controller.objects.messages import (
-    Heartbeat,
     ManagerArbiter,
     MessageBuffer,
     NearbyObjects,
-    Tick,
+    in_step,
 )
 from ssp_ot_controller.objects.references import Refusal, RefusalCode
 from ssp_ot_controller.objects.state_machine import REFUSED_CONDITION, CommandResponse, ObjectEvent
 from ssp_ot_controller.objects.target import Target
 from ssp_ot_controller.sil.disturbance import Channel, LinkSizes
 from ssp_ot_controller.sil.faults import FaultChange
-
-
-@dataclass(frozen=True, slots=True)
-class Ack:
-    """Answer to a reference (ReferenceAck.msg); no refusal is an acceptance.
-
-    ``stamp_ns`` is on the object's own clock.
-    """
-
-    object_id: str
-    reference_id: str
-    refusal: Refusal | None
-    stamp_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +65,7 @@ class PoolStep:
     answered: bool
     commands: tuple[tuple[str, Command], ...]
     states: tuple[ObjectState, ...]
-    acks: tuple[Ack, ...]
+    acks: tuple[Acknowledgement, ...]
     events: tuple[Stopped, ...]
     counts: Counts
     faults: tuple[FaultChange, ...] = ()
@@ -102,6 +89,14 @@ _MAY_MOVE = (
 _INACTIVE = Refusal(RefusalCode.STATE, "the node of this object is not active")
 
 
+def _acknowledged(reference: Reference, refusal: Refusal | None, now_ns: int) -> Acknowledgement:
+    """The answer to a reference, on the object's own clock; no refusal is an acceptance."""
+    code, text = (int(refusal.code), refusal.message) if refusal else (0, "")
+    return Acknowledgement(
+        now_ns, reference.reference_id, reference.object_id, refusal is None, code, text
+    )
+
+
 class _Member:
     """One object with its localisation, its links and what it has heard."""
 
@@ -116,7 +111,7 @@ class _Member:
         for beat in beats:
             self.heartbeat_stamp_ns = beat.stamp_ns
             self.heartbeat_arrived_ns = steady_ns
-            self.target.on_session_state(beat.session)
+            self.target.on_session_state(beat.session_state)
 
     def silence_s(self, steady_ns: int) -> float:
         """Since the last heartbeat on the steady clock, inf before the first."""
@@ -124,19 +119,14 @@ class _Member:
             return float("inf")
         return ns_to_seconds(steady_ns - self.heartbeat_arrived_ns)
 
-    def answer(self, now_ns: int, active: bool) -> list[Ack]:
+    def answer(self, now_ns: int, active: bool) -> list[Acknowledgement]:
         """Deals with the references that have come, on the object's own clock."""
         # While armed they wait for the start, which may be under way on another topic.
         if not self.references or self.target.state is ControlState.ARMED:
             return []
         taken, self.references = self.references, []
         return [
-            Ack(
-                r.object_id,
-                r.reference_id,
-                self.target.on_reference(r, now_ns) if active else _INACTIVE,
-                now_ns,
-            )
+            _acknowledged(r, self.target.on_reference(r, now_ns) if active else _INACTIVE, now_ns)
             for r in taken
         ]
 
@@ -181,24 +171,14 @@ class ObjectPool:
 
     # -- what arrives --------------------------------------------------------------------------
 
-    def take_heartbeat(
-        self,
-        sequence: int,
-        session: SessionPhase,
-        stamp_ns: int,
-        references_sent: Mapping[str, int],
-        sender: str = SCENARIO_MANAGER,
-        steady_ns: int = 0,
-    ) -> None:
-        """A heartbeat of a manager (Heartbeat.msg); the objects hear it with the next tick.
+    def take_heartbeat(self, beat: Heartbeat, steady_ns: int) -> None:
+        """A heartbeat of a manager, which the objects hear with the next tick.
 
-        Args:
-            sender: node that sent it. Another one than before is not obeyed, but stops us.
-            steady_ns: when it came, on the steady clock.
+        Another sender than before is not obeyed, but stops us.
         """
         may_move = any(m.target.state in _MAY_MOVE for m in self._members.values())
-        if self._arbiter.is_ours(sender, sequence, steady_ns, may_move=may_move):
-            self._buffer.on_heartbeat(sequence, session, stamp_ns, references_sent)
+        if self._arbiter.is_ours(beat.sender, beat.sequence, steady_ns, may_move=may_move):
+            self._buffer.on_heartbeat(beat)
 
     def take_reference(self, reference: Reference) -> None:
         """A reference; one for an object of another process is not looked at."""
@@ -209,10 +189,10 @@ class ObjectPool:
         for state in states:
             self._buffer.on_state(state)
 
-    def take_tick(self, tick: Tick, steady_ns: int) -> None:
+    def take_tick(self, tick: WorldTick, steady_ns: int) -> None:
         """The newest tick, and when it came on the steady clock."""
         self._tick_arrived_ns = steady_ns
-        self._in_step = tick.in_step
+        self._in_step = in_step(tick)
         self._buffer.on_tick(tick)
 
     def command(
@@ -250,22 +230,24 @@ class ObjectPool:
         tick = self._buffer.take(overdue=waited_s > OVERDUE_S)
         if tick is None:
             return None
-        self._now_ns, self._step = tick.now_ns, tick.step
+        now_ns = tick.stamp_ns
+        self._now_ns, self._step = now_ns, tick.step
+        truths = {state.object_id: state for state in tick.objects}
         holding = tick.lockstep and not tick.running and tick.step == 0
-        beats = self._buffer.heartbeats(tick.heartbeat if tick.in_step else None, holding)
+        beats = self._buffer.heartbeats(tick.heartbeat if in_step(tick) else None, holding)
         self._nearby.take(self._buffer.states())
         strangers = self._arbiter.strangers(steady_ns)
         commands: list[tuple[str, Command]] = []
         states: list[ObjectState] = []
-        acks: list[Ack] = []
+        acks: list[Acknowledgement] = []
         events: list[Stopped] = []
         faults: list[FaultChange] = []
         for object_id, member in self._members.items():
-            channel, now_ns = member.channel, tick.now_ns
+            channel = member.channel
             armed = member.target.state is ControlState.ARMED
             faults += channel.begin(now_ns, running=tick.running, armed=armed)
             member.hear(channel.down_heartbeats(beats, now_ns), steady_ns)
-            truth = tick.truths.get(object_id)
+            truth = truths.get(object_id)
             if truth is None:
                 continue
             own = channel.measure(truth, now_ns)
@@ -290,7 +272,7 @@ class ObjectPool:
         counts = self._count(len(states) if tick.running else 0, len(acks), len(events))
         return PoolStep(
             tick.step,
-            tick.now_ns,
+            now_ns,
             tick.lockstep,
             tuple(commands),
             tuple(states),
@@ -330,13 +312,13 @@ class ObjectPool:
 
     # -- inside --------------------------------------------------------------------------------
 
-    def _heartbeat_age_s(self, member: _Member, tick: Tick, steady_ns: int) -> float:
+    def _heartbeat_age_s(self, member: _Member, tick: WorldTick, steady_ns: int) -> float:
         """On session time in lockstep, where the manager beats once a step; else steady."""
-        if not tick.in_step:
+        if not in_step(tick):
             return member.silence_s(steady_ns)
         if member.heartbeat_stamp_ns is None:
             return float("inf")
-        return ns_to_seconds(tick.now_ns - member.heartbeat_stamp_ns)
+        return ns_to_seconds(tick.stamp_ns - member.heartbeat_stamp_ns)
 
     def _count(self, states: int, acks: int, safety_events: int) -> Counts:
         c = self._counts

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import select
 import socket
 import time
 from collections.abc import Callable, Sequence
@@ -14,9 +13,8 @@ from ssp_core.files import Closing
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Role, SessionPhase
-from ssp_ot_controller.bodies.datagrams import COMMAND_BYTES
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
-from ssp_ot_controller.bodies.simulated import BodyServer
+from ssp_ot_controller.bodies.simulated import BodyServer, serve
 from ssp_ot_controller.sil.vut_driver import VutDriver
 
 # The plant is stepped at least this finely, also where a busy machine comes late.
@@ -77,8 +75,6 @@ class PlayedVehicle:
         )  # fmt: skip
 
 
-# The loop looks at the plants this often at least.
-_TICK_S = 0.002
 _LOG_HEADER = "time_ns,object,x_m,y_m,yaw_rad,speed_mps,brakes_by_itself"
 
 
@@ -95,7 +91,7 @@ class PlayedBodies(Closing):
 
     def __init__(self, run: RunSpec, host: str, first_port: int, log: Path | None) -> None:
         self._log = log.open("w") if log is not None else None
-        self._served: list[tuple[str, BodyServer, socket.socket]] = []
+        self._served: list[tuple[BodyServer, socket.socket]] = []
         if self._log is not None:
             self._log.write(_LOG_HEADER + "\n")
         for number, target in enumerate(run.targets):
@@ -103,7 +99,7 @@ class PlayedBodies(Closing):
             sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             sock.setblocking(False)
             server = BodyServer(target.id, target.cls, target.start.pose, time.time_ns())
-            self._served.append((target.id, server, sock))
+            self._served.append((server, sock))
             try:
                 sock.bind((host, port))
             except OSError as error:
@@ -117,46 +113,28 @@ class PlayedBodies(Closing):
     def addresses(self) -> dict[str, str]:
         """Of each object's body, as ``ssp run --body`` takes it."""
         found = {}
-        for object_id, _, sock in self._served:
+        for body, sock in self._served:
             host, port = sock.getsockname()
-            found[object_id] = f"udp://{host}:{port}"
+            found[body.object_id] = f"udp://{host}:{port}"
         return found
 
     def serve(self, until: Callable[[], bool]) -> None:
         """Follows commands and sends states until told to end."""
-        sockets = [sock for _, _, sock in self._served]
-        while not until():
-            readable, _, _ = select.select(sockets, [], [], _TICK_S)
-            for object_id, server, sock in self._served:
-                if sock in readable:
-                    data, address = sock.recvfrom(COMMAND_BYTES + 1)
-                    server.on_datagram(data, address, time.time_ns())
-                state = server.state_due(time.time_ns())
-                if state is not None:
-                    _send(sock, state, server.commander)
-                    self._write(object_id, server)
+        serve(self._served, until, self._write)
 
-    def _write(self, object_id: str, server: BodyServer) -> None:
+    def _write(self, server: BodyServer) -> None:
         if self._log is None:
             return
         b = server.body
         self._log.write(
-            f"{time.time_ns()},{object_id},{b.x_m:.4f},{b.y_m:.4f},{b.yaw_rad:.5f},"
+            f"{time.time_ns()},{server.object_id},{b.x_m:.4f},{b.y_m:.4f},{b.yaw_rad:.5f},"
             f"{b.speed_mps:.4f},{int(server.brakes_by_itself)}\n"
         )
         self._log.flush()
 
     def close(self) -> None:
         """Frees the sockets."""
-        for _, _, sock in self._served:
+        for _, sock in self._served:
             sock.close()
         if self._log is not None:
             self._log.close()
-
-
-def _send(sock: socket.socket, data: bytes, address: tuple[str, int]) -> None:
-    try:
-        sock.sendto(data, address)
-    except OSError:
-        # A commander that is gone or can't be reached: lost, like a datagram on the way.
-        return

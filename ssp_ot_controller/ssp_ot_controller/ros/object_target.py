@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile
 
 from ssp_core import names, ros
 from ssp_core.cdr import steps
-from ssp_core.cdr.references import Acknowledgement, decode_reference, encode_ack
+from ssp_core.cdr.references import decode_reference, encode_ack
 from ssp_core.cdr.states import StateArray, decode_state, decode_states, encode_state, encode_states
 from ssp_core.errors import HostError
 from ssp_core.motion.reference import Reference
@@ -39,10 +39,9 @@ from ssp_ot_controller.objects.live import LiveObjects, open_bodies
 from ssp_ot_controller.objects.messages import (
     HeartbeatAnswer,
     HeartbeatResponder,
-    Tick,
     answers_late,
 )
-from ssp_ot_controller.objects.pool import Ack, ObjectPool, PoolStep, Stopped
+from ssp_ot_controller.objects.pool import ObjectPool, PoolStep, Stopped
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.ros.conversions import fault_to_msg
 from ssp_ot_controller.ros.parameters import OBJECT_TARGET
@@ -92,7 +91,7 @@ class ObjectPublishers:
         for change in step.faults:
             self._fault.publish(fault_to_msg(change, self._node.get_name(), step.now_ns))
         for ack in step.acks:
-            self._send_ack(ack)
+            self._ack[ack.object_id].publish(encode_ack(ack))
         for event in step.events:
             self._announce(event, stamp)
         self._send_states(step.states)
@@ -147,17 +146,6 @@ class ObjectPublishers:
             for object_id, command in step.commands
         )
         return steps.BodyCommands(step.now_ns, self._node.get_name(), step.step, commands)
-
-    def _send_ack(self, ack: Ack) -> None:
-        answer = Acknowledgement(
-            ack.stamp_ns,
-            ack.reference_id,
-            ack.object_id,
-            ack.refusal is None,
-            int(ack.refusal.code) if ack.refusal else 0,
-            ack.refusal.message if ack.refusal else "",
-        )
-        self._ack[ack.object_id].publish(encode_ack(answer))
 
     def _announce(self, event: Stopped, stamp: Any) -> None:
         stop = event.stop
@@ -312,19 +300,10 @@ class ObjectTargetNode(LifecycleNode):
 
     def _on_heartbeat(self, pool: ObjectPool, beat: steps.Heartbeat) -> None:
         system_ns, steady_ns = time.time_ns(), time.monotonic_ns()
-        pool.take_heartbeat(
-            beat.sequence,
-            beat.session_state,
-            beat.stamp_ns,
-            beat.references_sent,
-            beat.sender,
-            steady_ns,
-        )
+        pool.take_heartbeat(beat, steady_ns)
         if pool.active:
             links = {i: pool.links_of(i) for i in pool.object_ids}
-            for reply in self._responder.on_heartbeat(
-                beat.sequence, beat.sent_ns, links, system_ns, steady_ns
-            ):
+            for reply in self._responder.on_heartbeat(beat, links, system_ns, steady_ns):
                 self._outgoing.reply(reply)
         self._work(pool)
 
@@ -339,16 +318,7 @@ class ObjectTargetNode(LifecycleNode):
         pool.take_reference(reference)
         self._work(pool)
 
-    def _on_tick(self, pool: ObjectPool, message: steps.WorldTick) -> None:
-        tick = Tick(
-            step=message.step,
-            now_ns=message.stamp_ns,
-            running=message.running,
-            lockstep=message.lockstep,
-            heartbeat=message.heartbeat,
-            truths={s.object_id: s for s in message.objects if s.object_id in pool.object_ids},
-            vut_states_sent=message.vut_states_sent,
-        )
+    def _on_tick(self, pool: ObjectPool, tick: steps.WorldTick) -> None:
         pool.take_tick(tick, time.monotonic_ns())
         self._work(pool)
 

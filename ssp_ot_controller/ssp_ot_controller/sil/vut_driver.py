@@ -122,20 +122,6 @@ def _arrival_s(gap_m: float, speed_mps: float, driver: Driver) -> float:
     return t_top + (gap_m - s_top) / top
 
 
-def find_obstacles(
-    vut: ObjectState, others: Sequence[ObjectState], path: Polyline, driver: Driver
-) -> list[Obstacle]:
-    """Everything ahead in the VUT's corridor, or predicted to be there when the VUT comes by.
-
-    A vulnerable road user who is only predicted to be there is an obstacle that stands, so that
-    the VUT stops before the place where they cross.
-
-    Args:
-        driver: for its cruise speed and acceleration.
-    """
-    return _find_obstacles(vut, others, path, driver, _places(vut, others, path))
-
-
 def _places(
     vut: ObjectState, others: Sequence[ObjectState], path: Polyline
 ) -> list[tuple[float, float]]:
@@ -143,13 +129,26 @@ def _places(
     return path.project_all([(vut.x_m, vut.y_m), *((o.x_m, o.y_m) for o in others)])
 
 
-def _find_obstacles(
+def find_obstacles(
     vut: ObjectState,
     others: Sequence[ObjectState],
     path: Polyline,
     driver: Driver,
-    places: Sequence[tuple[float, float]],
+    places: Sequence[tuple[float, float]] | None = None,
 ) -> list[Obstacle]:
+    """Everything ahead in the VUT's corridor, or predicted to be there when the VUT comes by.
+
+    A vulnerable road user who is only predicted to be there is an obstacle that stands, so that
+    the VUT stops before the place where they cross.
+
+    Args:
+        vut: in frame map, as all others and the path.
+        others: all other objects.
+        path: to be driven.
+        driver: for its cruise speed and acceleration.
+        places: station and offset of the VUT, then of the others, where they are known already.
+    """
+    places = places or _places(vut, others, path)
     own = _extent(vut, path, places[0])
     half = vut.size.width_m / 2.0 + CORRIDOR_MARGIN_M
     found = []
@@ -194,12 +193,8 @@ def follow(speed_mps: float, obstacle: Obstacle, driver: Driver) -> float:
     )
 
 
-def steer(vut: ObjectState, path: Polyline) -> float:
-    """Curvature in 1/m of pure pursuit: 2 y / L^2 to the path's point at a distance ahead."""
-    return _steer(vut, path, path.project(vut.x_m, vut.y_m)[0])
-
-
 def _steer(vut: ObjectState, path: Polyline, station: float) -> float:
+    """Curvature in 1/m of pure pursuit: 2 y / L^2 to the path's point at a distance ahead."""
     ahead = max(_MIN_LOOKAHEAD_M, _LOOKAHEAD_S * vut.speed_mps)
     target = path.pose(station + ahead)
     x, y = vut.pose.to_local(target.x_m, target.y_m)
@@ -230,7 +225,7 @@ def drive(
     if v * v / (2.0 * b) >= left - v * limits.acceleration_lag_s:
         wanted = min(wanted, -v * v / (2.0 * left) if left > 0.05 else -b)
     if driver.reacts:
-        for obstacle in _find_obstacles(vut, others, path, driver, places):
+        for obstacle in find_obstacles(vut, others, path, driver, places):
             wanted = min(wanted, follow(v, obstacle, driver))
     acceleration = min(max(wanted, -limits.deceleration_mps2), limits.acceleration_mps2)
     bound = limits.curvature_1pm

@@ -9,14 +9,15 @@ are smooth at every distance.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from ssp_core.run_file.road import Lane, Road
+from ssp_ot_controller.camera.kernels.bend import Bend, locate
 from ssp_ot_controller.camera.kernels.jit import Array, inlined
-from ssp_ot_controller.camera.kernels.palettes import Palette
+from ssp_ot_controller.camera.kernels.palettes import Colour, Palette
 from ssp_ot_controller.camera.kernels.shading import noise_at
 
 HALF_WIDTH_M = 80.0
@@ -39,23 +40,6 @@ STOP_WIDTH_M = 0.4
 STOP_DISTANCE_M = 1.2
 DASH_M, DASH_PERIOD_M = 3.0, 9.0
 JOINT_M, JOINT_PERIOD_M = 0.03, 0.9
-
-# Layout of the vector of numbers that ground_row wants beside the table.
-(
-    P_LEFT_EDGE,
-    P_RIGHT_EDGE,
-    P_LEFT_RAISED,
-    P_RIGHT_RAISED,
-    P_CROSSING_X,  # NaN: none
-    P_TEXTURE,  # 0 or 1
-    P_MARK_B,
-    P_MARK_G,
-    P_MARK_R,
-    P_KERB_B,
-    _,
-    P_KERB_R,
-) = range(12)
-PARAMETERS = 12
 
 
 def _paint(
@@ -137,22 +121,32 @@ def _running_sums(table: Array) -> Array:
     return np.concatenate([np.zeros((1, CHANNELS)), np.cumsum(table, axis=0) * CELL_M])
 
 
-@dataclass(frozen=True)
-class Tables:
-    """Two tables over the lateral position: along the road, and at its zebra crossing.
+class Ground(NamedTuple):
+    """A road's surface, as the kernels want it: two tables over the lateral position, and numbers.
 
     Args:
-        sums: shape (2, cells + 1, CHANNELS), running sums.
+        sums: shape (2, cells + 1, CHANNELS): running sums, along the road and at its crossing.
         strips: shape (2, cells), int16: number of the strip of equal cells that a cell is in.
         values: shape (2, strips, CHANNELS), what the cells of a strip hold.
+        crossing_x_m: NaN: none.
+        marking: blue, green, red.
+        kerb: blue, green, red.
     """
 
     sums: Array
     strips: Array
     values: Array
+    left_edge_m: float
+    right_edge_m: float
+    left_is_raised: bool
+    right_is_raised: bool
+    crossing_x_m: float
+    textured: bool
+    marking: Colour
+    kerb: Colour
 
 
-def build_tables(road: Road, palette: Palette) -> Tables:
+def build_ground(road: Road, palette: Palette, texture: bool) -> Ground:
     """The surface of a road."""
     lanes = sorted(road.lanes, key=lambda lane: lane.y_m)
     along = _surface(road, palette)
@@ -166,20 +160,19 @@ def build_tables(road: Road, palette: Palette) -> Tables:
     values = np.zeros((2, int(strips.max()) + 1, CHANNELS))
     for table in range(2):
         values[table, strips[table]] = both[table]
-    return Tables(np.stack([_running_sums(along), _running_sums(crossing)]), strips, values)
-
-
-def build_parameters(road: Road, palette: Palette, texture: bool) -> Array:
-    """The vector that ground_row wants beside the table, shape (PARAMETERS,)."""
-    numbers = np.zeros(PARAMETERS)
-    numbers[P_LEFT_EDGE], numbers[P_RIGHT_EDGE] = road.left_edge_m, road.right_edge_m
-    numbers[P_LEFT_RAISED] = road.sidewalk_left_m > 0.0
-    numbers[P_RIGHT_RAISED] = road.sidewalk_right_m > 0.0
-    numbers[P_CROSSING_X] = math.nan if road.crossing_x_m is None else road.crossing_x_m
-    numbers[P_TEXTURE] = texture
-    numbers[P_MARK_B : P_MARK_R + 1] = palette.marking
-    numbers[P_KERB_B : P_KERB_R + 1] = palette.kerb
-    return numbers
+    return Ground(
+        sums=np.stack([_running_sums(along), _running_sums(crossing)]),
+        strips=strips,
+        values=values,
+        left_edge_m=float(road.left_edge_m),
+        right_edge_m=float(road.right_edge_m),
+        left_is_raised=road.sidewalk_left_m > 0.0,
+        right_is_raised=road.sidewalk_right_m > 0.0,
+        crossing_x_m=math.nan if road.crossing_x_m is None else float(road.crossing_x_m),
+        textured=texture,
+        marking=palette.marking,
+        kerb=palette.kerb,
+    )
 
 
 def ground_height(road: Road, y_m: float) -> float:
@@ -217,29 +210,11 @@ def _band(x: float, width: float, start: float, end: float) -> float:
 
 
 @inlined
-def _difference(
-    sums: Array,
-    table: int,
-    ia: int,
-    ib: int,
-    ga: float,
-    fa: float,
-    gb: float,
-    fb: float,
-    channel: int,
-) -> float:
-    """Running sum between cells ib and ib + 1 less that between ia and ia + 1, so weighted."""
-    high = gb * sums[table, ib, channel] + fb * sums[table, ib + 1, channel]
-    low = ga * sums[table, ia, channel] + fa * sums[table, ia + 1, channel]
-    rise: float = high - low
-    return rise
-
-
-@inlined
 def _mean(
-    sums: Array, strips: Array, values: Array, table: int, y: float, width: float
+    ground: Ground, table: int, y: float, width: float
 ) -> tuple[float, float, float, float, float, float]:
     """Means of the channels over [y - width/2, y + width/2]."""
+    sums, strips, values = ground.sums, ground.strips, ground.values
     last = strips.shape[1]
     a = (y - width / 2 + HALF_WIDTH_M) * CELLS_PER_M
     b = (y + width / 2 + HALF_WIDTH_M) * CELLS_PER_M
@@ -257,46 +232,53 @@ def _mean(
             values[table, strip, 5],
         )
     scale = CELLS_PER_M / (b - a)
-    fa, fb = scale * (a - ia), scale * (b - ib)
-    ga, gb = scale - fa, scale - fb
+    weights = (
+        scale - scale * (a - ia),
+        scale * (a - ia),
+        scale - scale * (b - ib),
+        scale * (b - ib),
+    )
     return (
-        _difference(sums, table, ia, ib, ga, fa, gb, fb, 0),
-        _difference(sums, table, ia, ib, ga, fa, gb, fb, 1),
-        _difference(sums, table, ia, ib, ga, fa, gb, fb, 2),
-        _difference(sums, table, ia, ib, ga, fa, gb, fb, 3),
-        _difference(sums, table, ia, ib, ga, fa, gb, fb, 4),
-        _difference(sums, table, ia, ib, ga, fa, gb, fb, 5),
+        _rise(sums, table, ia, ib, weights, 0),
+        _rise(sums, table, ia, ib, weights, 1),
+        _rise(sums, table, ia, ib, weights, 2),
+        _rise(sums, table, ia, ib, weights, 3),
+        _rise(sums, table, ia, ib, weights, 4),
+        _rise(sums, table, ia, ib, weights, 5),
     )
 
 
 @inlined
-def ground_colour(
-    sums: Array,
-    strips: Array,
-    values: Array,
-    numbers: Array,
-    x: float,
-    y: float,
-    wx: float,
-    wy: float,
-    grain: float,
+def _rise(
+    sums: Array, table: int, ia: int, ib: int, weights: tuple[float, ...], channel: int
+) -> float:
+    """Running sum between cells ib and ib + 1 less that between ia and ia + 1, so weighted."""
+    ga, fa, gb, fb = weights
+    high = gb * sums[table, ib, channel] + fb * sums[table, ib + 1, channel]
+    low = ga * sums[table, ia, channel] + fa * sums[table, ia + 1, channel]
+    rise: float = high - low
+    return rise
+
+
+@inlined
+def _colour(
+    ground: Ground, x: float, y: float, wx: float, wy: float, grain: float
 ) -> tuple[float, float, float]:
     """Colour of the ground (blue, green, red), averaged over a footprint.
 
     Args:
-        sums, strips, values: see ground.Tables.
-        numbers: vector of ground.build_parameters.
-        x, y: place in the block's frame, m.
+        ground: of the road.
+        x, y: place along and across the road, m.
         wx, wy: extents of the footprint along and across the road, m.
         grain: texture, in shares of its strength.
     """
-    blue, green, red, mark, strength, paving = _mean(sums, strips, values, 0, y, wy)
+    blue, green, red, mark, strength, paving = _mean(ground, 0, y, wy)
     if mark > 0.0:
         mark *= _pattern(x, wx, DASH_M, DASH_PERIOD_M)
-    crossing = numbers[P_CROSSING_X]
+    crossing = ground.crossing_x_m
     half = ZEBRA_HALF_LENGTH_M
     if abs(x - crossing) < CROSSING_REACH_M + wx / 2:  # false without a crossing: NaN
-        b, g, r, bars, forward, backward = _mean(sums, strips, values, 1, y, wy)
+        b, g, r, bars, forward, backward = _mean(ground, 1, y, wy)
         zone = _band(x, wx, crossing - half - 0.2, crossing + half + 0.2)
         blue, green, red = (
             blue + zone * (b - blue),
@@ -311,9 +293,9 @@ def ground_colour(
         mark += backward * _band(x, wx, stop, stop + STOP_WIDTH_M)
         mark = min(1.0, mark)
     if mark > 0.0:
-        blue += mark * (numbers[P_MARK_B] - blue)
-        green += mark * (numbers[P_MARK_G] - green)
-        red += mark * (numbers[P_MARK_R] - red)
+        blue += mark * (ground.marking[0] - blue)
+        green += mark * (ground.marking[1] - green)
+        red += mark * (ground.marking[2] - red)
     if paving > 0.0:
         shade = 1.0 - 0.22 * paving * _pattern(x, wx, JOINT_M, JOINT_PERIOD_M)
         blue, green, red = shade * blue, shade * green, shade * red
@@ -327,7 +309,7 @@ KERB_FACE = 0.72  # its light
 
 
 @inlined
-def patches(noise: Array, x_m: float, y_m: float, footprint_m: float) -> float:
+def _patches(noise: Array, x_m: float, y_m: float, footprint_m: float) -> float:
     """Light and dark patches; each scale fades before a pixel can no longer resolve it."""
     middle = 1.0 - footprint_m / 1.5
     coarse = 1.0 - footprint_m / 12.0
@@ -340,13 +322,12 @@ def patches(noise: Array, x_m: float, y_m: float, footprint_m: float) -> float:
 
 
 @inlined
-def plain_strip(
-    strips: Array, values: Array, crossing: float, x: float, y: float, wx: float, wy: float
-) -> int:
+def _plain_strip(ground: Ground, x: float, y: float, wx: float, wy: float) -> int:
     """A number for the ground around a footprint if it has one colour but for grain, else -1.
 
     Footprints with the same number have the same colour, and so has the ground between them.
     """
+    strips, values = ground.strips, ground.values
     last = strips.shape[1] - 1
     low = (y - wy / 2 + HALF_WIDTH_M) * CELLS_PER_M
     high = (y + wy / 2 + HALF_WIDTH_M) * CELLS_PER_M
@@ -355,27 +336,22 @@ def plain_strip(
         return -1
     if values[0, strip, DASHED] > 0.0 or values[0, strip, PAVING] > 0.0:
         return -1
-    if abs(x - crossing) < CROSSING_REACH_M + wx / 2:
+    if abs(x - ground.crossing_x_m) < CROSSING_REACH_M + wx / 2:
         return -1
-    return 2 * int(strip) + int(x > crossing)
+    return 2 * int(strip) + int(x > ground.crossing_x_m)
 
 
 @inlined
-def fill_plain(
-    values: Array,
-    strip: int,
-    noise: Array,
-    x: float,
-    x_step: float,
-    y: float,
-    y_step: float,
-    patch: float,
-    patch_step: float,
-    fine: float,
-    fine_step: float,
+def _fill_plain(
+    values: Array, strip: int, noise: Array, place: tuple[float, ...], step: tuple[float, ...],
     row: Array,
-) -> None:
-    """Pixels of one strip: its colour and grain, whose shares change by steps along the row."""
+) -> None:  # fmt: skip
+    """Pixels of one strip: its colour and grain, whose shares change by steps along the row.
+
+    Place and step are those of x, y, patch and fine grain.
+    """
+    x, y, patch, fine = place
+    x_step, y_step, patch_step, fine_step = step
     blue, green, red = values[0, strip, 0], values[0, strip, 1], values[0, strip, 2]
     strength = values[0, strip, GRAIN]
     if fine <= 0.0 and fine + BLOCK * fine_step <= 0.0:
@@ -391,95 +367,127 @@ def fill_plain(
 
 
 @inlined
-def meets(y_raised: float, y_road: float, numbers: Array) -> int:
+def _meets(y_raised: float, y_road: float, ground: Ground) -> int:
     """What a ray meets: 0 the road's level, 1 the raised sidewalks, 2 the face of a kerb."""
-    left, right = numbers[P_LEFT_EDGE], numbers[P_RIGHT_EDGE]
-    raised_left = numbers[P_LEFT_RAISED] > 0.0
-    raised_right = numbers[P_RIGHT_RAISED] > 0.0
-    if (raised_left and y_raised > left) or (raised_right and y_raised < right):
+    left, right = ground.left_edge_m, ground.right_edge_m
+    if (ground.left_is_raised and y_raised > left) or (ground.right_is_raised and y_raised < right):
         return 1
-    if (raised_left and y_road > left) or (raised_right and y_road < right):
+    if (ground.left_is_raised and y_road > left) or (ground.right_is_raised and y_road < right):
         return 2
     return 0
 
 
+class _Row(NamedTuple):
+    """One image row's rays: depths at which they meet both levels, and how those grow per row."""
+
+    road_depth: float
+    raised_depth: float
+    growth: float  # of the depth per row, over the depth
+
+
+@inlined
+def _straight_meet(
+    ground: Ground, at: _Row, position: Array, rays: Array, dx: float, dy: float
+) -> tuple[int, float, float, float, float]:
+    """What a ray meets, the place along and across a straight road, and a pixel's extents there."""
+    raised, level = position[1] + at.raised_depth * dy, position[1] + at.road_depth * dy
+    plane = _meets(raised, level, ground)
+    t = at.raised_depth if plane == 1 else at.road_depth
+    wx = max(t * (abs(rays[1, 0]) + abs(at.growth * dx + rays[2, 0])), CELL_M)
+    wy = max(t * (abs(rays[1, 1]) + 0.5 * abs(at.growth * dy + rays[2, 1])), CELL_M)
+    return plane, position[0] + t * dx, position[1] + t * dy, wx, wy
+
+
+@inlined
+def _bent_meet(
+    ground: Ground, bend: Bend, at: _Row, position: Array, rays: Array, dx: float, dy: float
+) -> tuple[int, float, float, float, float]:
+    """The same for a road that bends."""
+    t, plane = at.road_depth, 0
+    s, offset, c, w, stretch = locate(bend, position[0] + t * dx, position[1] + t * dy)
+    # Offsets of two places differ by no more than the places are apart.
+    apart = (at.road_depth - at.raised_depth) * (abs(dx) + abs(dy))
+    if not ground.right_edge_m + apart < offset < ground.left_edge_m - apart:
+        x, y = position[0] + at.raised_depth * dx, position[1] + at.raised_depth * dy
+        rs, raised, rc, rw, rstretch = locate(bend, x, y)
+        plane = _meets(raised, offset, ground)
+        if plane == 1:
+            t, s, offset, c, w, stretch = at.raised_depth, rs, raised, rc, rw, rstretch
+    ax, ay = t * rays[1, 0], t * rays[1, 1]
+    bx, by = t * (at.growth * dx + rays[2, 0]), t * (at.growth * dy + rays[2, 1])
+    along = (abs(c * ax + w * ay) + abs(c * bx + w * by)) / stretch
+    across = abs(c * ay - w * ax) + 0.5 * abs(c * by - w * bx)
+    return plane, s, offset, max(along, CELL_M), max(across, CELL_M)
+
+
 @inlined
 def ground_row(
-    sums: Array,
-    strips: Array,
-    values: Array,
-    numbers: Array,
-    noise: Array,
-    position: Array,
-    start: Array,
-    rays: Array,
-    hidden: Array,
-    row: Array,
-) -> None:
+    ground: Ground, bend: Bend | None, noise: Array, position: Array, rays: Array, start: Array,
+    hidden: Array, row: Array,
+) -> None:  # fmt: skip
     """Colours of one image row below the horizon, without light and fog.
 
     Most of the ground has one colour but for its grain: where both ends of a block of pixels lie
     in one strip, so does all between them.
 
     Args:
-        sums, strips, values: see ground.Tables.
-        numbers: vector of ground.build_parameters.
+        ground: of the road.
+        bend: of the road; None: it is straight, which is compiled by itself.
         noise: tileable noise.
         position: camera centre, block frame.
-        start: ray direction at column 0; its z is negative.
         rays: shape (3, 3): direction at pixel (0, 0), and its change per column and per row.
+        start: ray direction at column 0; its z is negative.
         hidden: shape (width,); pixels where it is true may be left out.
         row: shape (3 width,), blue, green, red in turn; filled.
     """
-    textured = numbers[P_TEXTURE] > 0.0
-    crossing = numbers[P_CROSSING_X]
-    road_depth = -position[2] / start[2]
-    raised_depth = (KERB_HEIGHT_M - position[2]) / start[2]
-    growth = -rays[2, 2] / start[2]  # of the depth per row, over the depth
-    across_x, across_y = abs(rays[1, 0]), abs(rays[1, 1])
+    at = _Row(
+        -position[2] / start[2], (KERB_HEIGHT_M - position[2]) / start[2], -rays[2, 2] / start[2]
+    )
     width = hidden.shape[0]
-    patch_end, fine_end, code_end = 0.0, 0.0, -1
+    patch_end, fine_end, code_end, s_end, side_end = 0.0, 0.0, -1, 0.0, 0.0
     for first in range(-BLOCK, width, BLOCK):
-        patch, fine, code = patch_end, fine_end, code_end
+        patch, fine, code, s, side = patch_end, fine_end, code_end, s_end, side_end
         dx, dy = start[0] + (first + BLOCK) * rays[1, 0], start[1] + (first + BLOCK) * rays[1, 1]
-        plane = meets(position[1] + raised_depth * dy, position[1] + road_depth * dy, numbers)
-        t = raised_depth if plane == 1 else road_depth
-        wx = max(t * (across_x + abs(growth * dx + rays[2, 0])), CELL_M)
-        wy = max(t * (across_y + 0.5 * abs(growth * dy + rays[2, 1])), CELL_M)
-        x, y = position[0] + t * dx, position[1] + t * dy
-        if textured:
-            patch_end = patches(noise, x, y, max(wx, wy))
-            fine_end = 1.0 - max(wx, wy) / FINE_M
+        if bend is None:
+            plane, s_end, side_end, ws, wl = _straight_meet(ground, at, position, rays, dx, dy)
+        else:
+            plane, s_end, side_end, ws, wl = _bent_meet(ground, bend, at, position, rays, dx, dy)
+        if ground.textured:
+            patch_end = _patches(noise, s_end, side_end, max(ws, wl))
+            fine_end = 1.0 - max(ws, wl) / FINE_M
         code_end = -1
         if plane != 2:
-            code_end = plain_strip(strips, values, crossing, x, y, wx, wy)
+            code_end = _plain_strip(ground, s_end, side_end, ws, wl)
             if code_end >= 0:
                 code_end = 2 * code_end + plane
         if code >= 0 and code == code_end and first + BLOCK <= width:
-            fill_plain(
-                values, code >> 2, noise, x - BLOCK * t * rays[1, 0], t * rays[1, 0],
-                y - BLOCK * t * rays[1, 1], t * rays[1, 1], patch, (patch_end - patch) / BLOCK,
-                fine, (fine_end - fine) / BLOCK, row[3 * first : 3 * (first + BLOCK)],
-            )  # fmt: skip
+            s_step, side_step = (s_end - s) / BLOCK, (side_end - side) / BLOCK
+            if bend is None:
+                t = at.raised_depth if plane == 1 else at.road_depth
+                s_step, side_step = t * rays[1, 0], t * rays[1, 1]
+                s, side = s_end - BLOCK * s_step, side_end - BLOCK * side_step
+            place = (s, side, patch, fine)
+            step = (s_step, side_step, (patch_end - patch) / BLOCK, (fine_end - fine) / BLOCK)
+            part = row[3 * first : 3 * (first + BLOCK)]
+            _fill_plain(ground.values, code >> 2, noise, place, step, part)
             continue
         for u in range(max(first, 0), min(first + BLOCK, width)):
             if hidden[u]:
                 continue
             dx, dy = start[0] + u * rays[1, 0], start[1] + u * rays[1, 1]
-            plane = meets(position[1] + raised_depth * dy, position[1] + road_depth * dy, numbers)
+            if bend is None:
+                plane, s, side, ws, wl = _straight_meet(ground, at, position, rays, dx, dy)
+            else:
+                plane, s, side, ws, wl = _bent_meet(ground, bend, at, position, rays, dx, dy)
             if plane == 2:
-                for k in range(3):
-                    row[3 * u + k] = KERB_FACE * numbers[P_KERB_B + k]
+                row[3 * u] = KERB_FACE * ground.kerb[0]
+                row[3 * u + 1] = KERB_FACE * ground.kerb[1]
+                row[3 * u + 2] = KERB_FACE * ground.kerb[2]
                 continue
-            t = raised_depth if plane == 1 else road_depth
-            x, y = position[0] + t * dx, position[1] + t * dy
-            wx = max(t * (across_x + abs(growth * dx + rays[2, 0])), CELL_M)
-            wy = max(t * (across_y + 0.5 * abs(growth * dy + rays[2, 1])), CELL_M)
             grain = 0.0
-            if textured:
+            if ground.textured:
                 grain = patch + (u - first) / BLOCK * (patch_end - patch)
-                near = 1.0 - max(wx, wy) / FINE_M
+                near = 1.0 - max(ws, wl) / FINE_M
                 if near > 0.0:
-                    grain += 1.3 * near * noise_at(noise, 60.0 * x, 60.0 * y)
-            blue, green, red = ground_colour(sums, strips, values, numbers, x, y, wx, wy, grain)
-            row[3 * u], row[3 * u + 1], row[3 * u + 2] = blue, green, red
+                    grain += 1.3 * near * noise_at(noise, 60.0 * s, 60.0 * side)
+            row[3 * u], row[3 * u + 1], row[3 * u + 2] = _colour(ground, s, side, ws, wl, grain)

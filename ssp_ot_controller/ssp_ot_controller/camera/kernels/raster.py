@@ -11,6 +11,7 @@ Samples remember only depth and triangle; ``shading`` colours what is still visi
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,22 +23,85 @@ CORNER_ATTRIBUTES = 5  # of a corner, beside its place: blue, green, red (0-255)
 G_INVERSE, G_COLOUR, G_CLEAR, G_UV, G_KIND = 0, 3, 12, 15, 21
 PLANE_NUMBERS = 22
 
+
+class Triangles(NamedTuple):
+    """Triangles in the block's frame that know their final colours.
+
+    Args:
+        corners: shape (n, 3, 3), float32, m.
+        attributes: shape (n, 3, CORNER_ATTRIBUTES), float32: blue, green, red, u, v.
+        kinds: shape (n,), surface kinds.
+    """
+
+    corners: Array
+    attributes: Array
+    kinds: Array
+
+
+class Eye(NamedTuple):
+    """The camera, in the block's frame.
+
+    Args:
+        position: shape (3,), m.
+        axes: shape (3, 3): optical axes.
+        rays: shape (3, 3): direction at pixel (0, 0), and its change per column and per row.
+        lens: fx, fy, cx, cy in samples.
+    """
+
+    position: Array
+    axes: Array
+    rays: Array
+    lens: Array
+
+
+class Samples(NamedTuple):
+    """What is nearest at each sample, SAMPLES times finer than the frame, and working memory.
+
+    Args:
+        inverse_depth: shape (rows, columns), float32, 1/m, 0 is infinitely far.
+        owner: shape (rows, columns), the nearest triangle where inverse_depth isn't 0.
+        planes: shape (room, PLANE_NUMBERS), of the triangles that were seen.
+        cover: shape (rows, columns), uint8: shadow on the ground.
+        dark: contact darkening per pixel.
+        ramp: 0, 1, 2, ... as float32, a row long.
+        squares: see sensor.falloff.
+        row: of one image row, shape (3 width,), float32.
+        drawn: of one image row, shape (width,), uint8.
+        hidden: of one image row, shape (width,), bool.
+        triangle: of one triangle, shape (3, 3, 3).
+        ray: of one ray, shape (3,).
+        single: of one colour, shape (3,), float32.
+    """
+
+    inverse_depth: Array
+    owner: Array
+    planes: Array
+    cover: Array
+    dark: Array
+    ramp: Array
+    squares: Array
+    row: Array
+    drawn: Array
+    hidden: Array
+    triangle: Array
+    ray: Array
+    single: Array
+
+
 _FLAT = 1e-12  # smaller volumes of corners and eye are taken for a triangle seen edge-on
 _IN_FRONT_M = 1e-3
 
 
 @inlined
-def _to_optical(corners: Array, n: int, eye: Array, axes: Array, place: Array) -> float:
+def _to_optical(corners: Array, n: int, eye: Eye, place: Array) -> float:
     """Places of a triangle's corners in the optical frame into ``place``; the largest depth."""
     deepest = -1e30
     for i in range(3):
-        dx, dy, dz = (
-            corners[n, i, 0] - eye[0],
-            corners[n, i, 1] - eye[1],
-            corners[n, i, 2] - eye[2],
-        )
+        dx = corners[n, i, 0] - eye.position[0]
+        dy = corners[n, i, 1] - eye.position[1]
+        dz = corners[n, i, 2] - eye.position[2]
         for k in range(3):
-            place[i, k] = axes[k, 0] * dx + axes[k, 1] * dy + axes[k, 2] * dz
+            place[i, k] = eye.axes[k, 0] * dx + eye.axes[k, 1] * dy + eye.axes[k, 2] * dz
         deepest = max(deepest, place[i, 2])
     return deepest
 
@@ -111,21 +175,12 @@ def _limits(edge: Array, i: int) -> tuple[float, float, float, float]:
 
 @compiled
 def _draw_span(
-    base: np.float32,
-    slope: np.float32,
-    number: np.int32,
-    ramp: Array,
-    row: int,
-    first: int,
-    last: int,
-    inverse_depth: Array,
-    owner: Array,
+    base: np.float32, slope: np.float32, number: np.int32, ramp: Array, depths: Array, owners: Array
 ) -> int:
     """Takes the samples of one span where the triangle is nearer; the number of those.
 
     Plain enough for the compiler to do several samples at once.
     """
-    depths, owners = inverse_depth[row, first : last + 1], owner[row, first : last + 1]
     taken = np.int32(0)
     for i in range(depths.shape[0]):
         inverse = base + slope * ramp[i]
@@ -138,79 +193,53 @@ def _draw_span(
 
 @inlined
 def _write_planes(
-    place: Array,
-    cross: Array,
-    volume: float,
-    attributes: Array,
-    n: int,
-    kind: int,
-    fog_per_m: float,
-    planes: Array,
-    number: int,
+    scratch: Array, volume: float, mesh: Triangles, n: int, fog_per_m: float, plane: Array
 ) -> None:
-    """The planes of a triangle's values over z into ``planes[number]``."""
+    """The planes of a triangle's values over z into ``plane``."""
+    place, cross = scratch[0], scratch[1]
     a, b, c = 1.0 / volume, 1.0 / volume, 1.0 / volume
     for k in range(3):
-        planes[number, G_INVERSE + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
+        plane[G_INVERSE + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
     for m in range(CORNER_ATTRIBUTES):
-        a = attributes[n, 0, m] / volume
-        b = attributes[n, 1, m] / volume
-        c = attributes[n, 2, m] / volume
+        a = mesh.attributes[n, 0, m] / volume
+        b = mesh.attributes[n, 1, m] / volume
+        c = mesh.attributes[n, 2, m] / volume
         start = G_COLOUR + 3 * m if m < 3 else G_UV + 3 * (m - 3)
         for k in range(3):
-            planes[number, start + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
+            plane[start + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
     a = math.exp(-fog_per_m * max(0.0, place[0, 2])) / volume
     b = math.exp(-fog_per_m * max(0.0, place[1, 2])) / volume
     c = math.exp(-fog_per_m * max(0.0, place[2, 2])) / volume
     for k in range(3):
-        planes[number, G_CLEAR + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
-    planes[number, G_KIND] = kind
+        plane[G_CLEAR + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
+    plane[G_KIND] = mesh.kinds[n]
 
 
 @compiled
 def rasterise(
-    corners: Array,
-    attributes: Array,
-    kinds: Array,
-    ranges: Array,
-    eye: Array,
-    axes: Array,
-    lens: Array,
-    fog_per_m: float,
-    ramp: Array,
-    count: int,
-    inverse_depth: Array,
-    owner: Array,
-    planes: Array,
-    scratch: Array,
+    mesh: Triangles, runs: Array, eye: Eye, fog_per_m: float, count: int, samples: Samples
 ) -> int:
     """Draws the front sides of triangles where they are nearest.
 
     Args:
-        corners: shape (n, 3, 3), block frame, m, counter-clockwise as seen from the front.
-        attributes: shape (n, 3, CORNER_ATTRIBUTES).
-        kinds: shape (n,), surface kinds.
-        ranges: shape (r, 2): first and end of the runs of triangles to draw; near ones first is
+        mesh: counter-clockwise as seen from the front.
+        runs: shape (r, 2): first and end of the runs of triangles to draw; near ones first is
             faster.
-        eye: camera centre, block frame.
-        axes: shape (3, 3): optical axes in the block frame.
-        lens: fx, fy, cx, cy in samples.
+        eye: that sees them.
         fog_per_m: extinction, 1/m.
-        ramp: 0, 1, 2, ... as float32, at least a row long.
-        count: triangles that ``planes`` holds already.
-        inverse_depth: shape (rows, columns), 1/m, 0 is infinitely far; updated.
-        owner: shape (rows, columns), the nearest triangle where inverse_depth isn't 0; updated.
-        planes: shape (room, PLANE_NUMBERS); triangles that were seen are appended.
-        scratch: shape (3, 3, 3), for numbers of one triangle.
+        count: triangles that the samples' planes hold already.
+        samples: inverse_depth and owner are updated; to planes those are appended that were seen.
 
     Returns:
-        Triangles that ``planes`` holds now.
+        Triangles that the planes hold now.
     """
+    lens, inverse_depth, owner = eye.lens, samples.inverse_depth, samples.owner
     height, width = inverse_depth.shape
+    scratch = samples.triangle
     place, cross, edge = scratch[0], scratch[1], scratch[2]
-    for r in range(ranges.shape[0]):
-        for n in range(ranges[r, 0], ranges[r, 1]):
-            if _to_optical(corners, n, eye, axes, place) < _IN_FRONT_M:
+    for r in range(runs.shape[0]):
+        for n in range(runs[r, 0], runs[r, 1]):
+            if _to_optical(mesh.corners, n, eye, place) < _IN_FRONT_M:
                 continue
             volume = _edges(place, lens, cross, edge)
             if volume < _FLAT:
@@ -233,42 +262,33 @@ def rasterise(
                     continue
                 base = corner + per_row * row + per_column * first
                 taken += _draw_span(
-                    np.float32(base), np.float32(per_column), np.int32(count),
-                    ramp, row, first, last, inverse_depth, owner,
+                    np.float32(base), np.float32(per_column), np.int32(count), samples.ramp,
+                    inverse_depth[row, first : last + 1], owner[row, first : last + 1],
                 )  # fmt: skip
             if taken > 0:
-                _write_planes(
-                    place, cross, volume, attributes, n, kinds[n], fog_per_m, planes, count
-                )
+                _write_planes(scratch, volume, mesh, n, fog_per_m, samples.planes[count])
                 count += 1
     return count
 
 
 @compiled
-def rasterise_cover(
-    corners: Array,
-    ranges: Array,
-    eye: Array,
-    axes: Array,
-    lens: Array,
-    cover: Array,
-    scratch: Array,
-) -> None:
+def rasterise_cover(corners: Array, runs: Array, eye: Eye, scratch: Array, cover: Array) -> None:
     """Marks the samples that the front sides of triangles cover, whatever their depth.
 
     Args:
-        corners, ranges, eye, axes, lens, scratch: see rasterise.
+        corners, runs, eye: see rasterise.
+        scratch: shape (3, 3, 3), for numbers of one triangle.
         cover: shape (rows, columns), uint8; covered samples become 1.
     """
     height, width = cover.shape
     place, cross, edge = scratch[0], scratch[1], scratch[2]
-    for r in range(ranges.shape[0]):
-        for n in range(ranges[r, 0], ranges[r, 1]):
-            if _to_optical(corners, n, eye, axes, place) < _IN_FRONT_M:
+    for r in range(runs.shape[0]):
+        for n in range(runs[r, 0], runs[r, 1]):
+            if _to_optical(corners, n, eye, place) < _IN_FRONT_M:
                 continue
-            if _edges(place, lens, cross, edge) < _FLAT:
+            if _edges(place, eye.lens, cross, edge) < _FLAT:
                 continue
-            top, bottom, left, right = _frame(place, lens, height, width)
+            top, bottom, left, right = _frame(place, eye.lens, height, width)
             if right < left or bottom < top:
                 continue
             a, a_low, b, b_high = _limits(edge, 0)

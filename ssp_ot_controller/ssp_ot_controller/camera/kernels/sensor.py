@@ -8,6 +8,7 @@ The level picture is larger by what comes in at the corners.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,39 +40,43 @@ def mixed(state: np.uint64) -> np.uint64:
     return state ^ (state >> np.uint64(31))
 
 
+class Film(NamedTuple):
+    """How light becomes numbers.
+
+    Args:
+        exposure: factor on the light.
+        noise_sigma: standard deviation of the noise, of 255.
+        noise_state: what the noise of this frame follows from.
+        grain: of make_grain.
+    """
+
+    exposure: float
+    noise_sigma: float
+    noise_state: np.uint64
+    grain: Array
+
+
 @inlined
-def develop_row(
-    row: Array,
-    squares: Array,
-    v: int,
-    height: int,
-    exposure: float,
-    noise_sigma: float,
-    grain: Array,
-    noise_state: np.uint64,
-    out: Array,
-) -> None:
+def develop_row(row: Array, squares: Array, v: int, height: int, film: Film, out: Array) -> None:
     """Writes one image row.
 
     Args:
         row: shape (3 width,), float32, light of blue, green, red in turn.
         squares: of falloff.
         v: the row's number, of ``height``.
-        exposure: factor on the light.
-        noise_sigma: standard deviation of the noise, of 255.
-        grain: of make_grain.
-        noise_state: what the noise of this frame follows from.
+        height: of the image, px.
+        film: of the frame.
         out: shape (3 width,), uint8.
     """
     length = row.shape[0]
     dy = v - 0.5 * (height - 1)
     corner = _VIGNETTE / ((length / 6.0) ** 2 + (0.5 * height) ** 2)
-    gain = np.float32(exposure * (1.0 - corner * dy * dy))
-    loss = np.float32(exposure * corner)
-    scale = np.float32(noise_sigma / _GRAIN_SIGMA)
-    number = mixed(noise_state + np.uint64(v) * np.uint64(0x9E3779B97F4A7C15))
-    begin = int(number % np.uint64(grain.shape[0] - length))
-    part = grain[begin : begin + length]
+    gain = np.float32(film.exposure * (1.0 - corner * dy * dy))
+    loss = np.float32(film.exposure * corner)
+    scale = np.float32(film.noise_sigma / _GRAIN_SIGMA)
+    number = mixed(film.noise_state + np.uint64(v) * np.uint64(0x9E3779B97F4A7C15))
+    begin = int(number % np.uint64(film.grain.shape[0] - length))
+    part = film.grain[begin : begin + length]
     half, lowest, highest = np.float32(0.5), np.float32(0.0), np.float32(255.0)
     for i in range(length):
         value = (gain - loss * squares[i]) * row[i] + scale * np.float32(part[i]) + half
@@ -79,20 +84,10 @@ def develop_row(
 
 
 @compiled
-def develop(
-    light: Array,
-    squares: Array,
-    exposure: float,
-    noise_sigma: float,
-    grain: Array,
-    noise_state: np.uint64,
-    out: Array,
-) -> None:
+def develop(light: Array, squares: Array, film: Film, out: Array) -> None:
     """Writes a whole image; arguments as develop_row, with ``light`` and ``out`` row by row."""
     for v in range(out.shape[0]):
-        develop_row(
-            light[v], squares, v, out.shape[0], exposure, noise_sigma, grain, noise_state, out[v]
-        )
+        develop_row(light[v], squares, v, out.shape[0], film, out[v])
 
 
 _MARGIN_PX = 4

@@ -7,10 +7,12 @@ compiler does several pixels at once.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ssp_ot_controller.camera.kernels.jit import Array, compiled, inlined
+from ssp_ot_controller.camera.kernels.palettes import Colour
 from ssp_ot_controller.camera.kernels.raster import G_CLEAR, G_COLOUR, G_INVERSE, G_KIND, G_UV
 
 # Kinds; numba kernels need plain integers.
@@ -95,29 +97,51 @@ def window_mix(
     return glass, glass * lit
 
 
-# Layout of the style vector: fog colour, fog per m, glass of facades, lit windows (all colours
-# blue, green, red), share of windows that are lit.
-T_FOG, T_FOG_PER_M, T_GLASS, T_LIT, T_LIT_SHARE = 0, 3, 4, 7, 10
-STYLE_LENGTH = 11
+class Style(NamedTuple):
+    """Colours of fog, of facades' glass and of lit windows, and how many windows are lit."""
+
+    fog: Colour
+    glass: Colour
+    lit: Colour
+    lit_share: float
+
+
+class Run(NamedTuple):
+    """Consecutive pixels of an image row that show one triangle.
+
+    Args:
+        planes: of rasterise.
+        n: the triangle.
+        rx, ry: the ray (rx, ry, 1) at the first pixel, optical frame.
+        step: change of rx from pixel to pixel.
+    """
+
+    planes: Array
+    n: int
+    rx: float
+    ry: float
+    step: float
+
 
 _LEAVES_PER_M = 14.0
 
 
 @inlined
-def _plane(planes: Array, n: int, start: int, ry: float) -> tuple[float, float]:
+def _plane(run: Run, start: int) -> tuple[float, float]:
     """A value over z along a row: its slope per rx, and where rx is 0."""
-    return planes[n, start], planes[n, start + 1] * ry + planes[n, start + 2]
+    planes, n = run.planes, run.n
+    return planes[n, start], planes[n, start + 1] * run.ry + planes[n, start + 2]
 
 
 @inlined
-def _light(planes: Array, n: int, rx: float, ry: float, step: float, row: Array) -> None:
+def _light(run: Run, row: Array) -> None:
     """Colours as the corners have them."""
-    w1, w0 = _plane(planes, n, G_INVERSE, ry)
-    b1, b0 = _plane(planes, n, G_COLOUR, ry)
-    g1, g0 = _plane(planes, n, G_COLOUR + 3, ry)
-    r1, r0 = _plane(planes, n, G_COLOUR + 6, ry)
+    w1, w0 = _plane(run, G_INVERSE)
+    b1, b0 = _plane(run, G_COLOUR)
+    g1, g0 = _plane(run, G_COLOUR + 3)
+    r1, r0 = _plane(run, G_COLOUR + 6)
     for k in range(row.shape[0] // 3):
-        x = rx + float(np.int32(k)) * step
+        x = run.rx + float(np.int32(k)) * run.step
         z = 1.0 / max(w0 + w1 * x, 1e-6)
         row[3 * k] = z * (b0 + b1 * x)
         row[3 * k + 1] = z * (g0 + g1 * x)
@@ -125,25 +149,23 @@ def _light(planes: Array, n: int, rx: float, ry: float, step: float, row: Array)
 
 
 @inlined
-def _windows(
-    planes: Array, n: int, rx: float, ry: float, step: float, style: Array, row: Array
-) -> None:
+def _windows(run: Run, style: Style, row: Array) -> None:
     """Windows instead of wall."""
-    w1, w0 = _plane(planes, n, G_INVERSE, ry)
-    u1, u0 = _plane(planes, n, G_UV, ry)
-    v1, v0 = _plane(planes, n, G_UV + 3, ry)
+    planes, n, step = run.planes, run.n, run.step
+    w1, w0 = _plane(run, G_INVERSE)
+    u1, u0 = _plane(run, G_UV)
+    v1, v0 = _plane(run, G_UV + 3)
     w2, u2, v2 = planes[n, G_INVERSE + 1], planes[n, G_UV + 1], planes[n, G_UV + 4]
-    b0, g0, r0 = style[T_GLASS], style[T_GLASS + 1], style[T_GLASS + 2]
-    b1, g1, r1 = style[T_LIT], style[T_LIT + 1], style[T_LIT + 2]
-    lit_share = style[T_LIT_SHARE]
+    b0, g0, r0 = style.glass
+    b1, g1, r1 = style.lit
     for k in range(row.shape[0] // 3):
-        x = rx + float(np.int32(k)) * step
+        x = run.rx + float(np.int32(k)) * step
         z = 1.0 / max(w0 + w1 * x, 1e-6)
         u, v = z * (u0 + u1 * x), z * (v0 + v1 * x)
         # d(u) = z (d(u/z) - u d(1/z)), per column and per row.
         du = z * step * max(abs(u1 - u * w1), abs(u2 - u * w2))
         dv = z * step * max(abs(v1 - v * w1), abs(v2 - v * w2))
-        glass, lit = window_mix(u, v, du, dv, lit_share)
+        glass, lit = window_mix(u, v, du, dv, style.lit_share)
         wall, dark = 1.0 - glass, glass - lit
         row[3 * k] = row[3 * k] * wall + b0 * dark + b1 * lit
         row[3 * k + 1] = row[3 * k + 1] * wall + g0 * dark + g1 * lit
@@ -151,18 +173,17 @@ def _windows(
 
 
 @inlined
-def _leaves(
-    planes: Array, n: int, rx: float, ry: float, step: float, noise: Array, row: Array
-) -> None:
+def _leaves(run: Run, noise: Array, row: Array) -> None:
     """Light and dark of foliage; four places where one wouldn't stand for a pixel."""
-    w1, w0 = _plane(planes, n, G_INVERSE, ry)
-    u1, u0 = _plane(planes, n, G_UV, ry)
-    v1, v0 = _plane(planes, n, G_UV + 3, ry)
+    planes, n, step = run.planes, run.n, run.step
+    w1, w0 = _plane(run, G_INVERSE)
+    u1, u0 = _plane(run, G_UV)
+    v1, v0 = _plane(run, G_UV + 3)
     w2, u2, v2 = planes[n, G_INVERSE + 1], planes[n, G_UV + 1], planes[n, G_UV + 4]
     u0, u1, u2 = _LEAVES_PER_M * u0, _LEAVES_PER_M * u1, _LEAVES_PER_M * u2
     v0, v1, v2 = _LEAVES_PER_M * v0, _LEAVES_PER_M * v1, _LEAVES_PER_M * v2
     for k in range(row.shape[0] // 3):
-        x = rx + float(np.int32(k)) * step
+        x = run.rx + float(np.int32(k)) * step
         z = 1.0 / max(w0 + w1 * x, 1e-6)
         u, v = z * (u0 + u1 * x), z * (v0 + v1 * x)  # texels
         du = z * step * max(abs(u1 - u * w1), abs(u2 - u * w2))
@@ -179,15 +200,13 @@ def _leaves(
 
 
 @inlined
-def _fog(
-    planes: Array, n: int, rx: float, ry: float, step: float, style: Array, row: Array
-) -> None:
+def _fog(run: Run, fog: Colour, row: Array) -> None:
     """Fog before it, and the limits of a number."""
-    w1, w0 = _plane(planes, n, G_INVERSE, ry)
-    c1, c0 = _plane(planes, n, G_CLEAR, ry)
-    b, g, r = style[T_FOG], style[T_FOG + 1], style[T_FOG + 2]
+    w1, w0 = _plane(run, G_INVERSE)
+    c1, c0 = _plane(run, G_CLEAR)
+    b, g, r = fog
     for k in range(row.shape[0] // 3):
-        x = rx + float(np.int32(k)) * step
+        x = run.rx + float(np.int32(k)) * run.step
         clear = (c0 + c1 * x) / max(w0 + w1 * x, 1e-6)
         row[3 * k] = min(255.0, max(0.0, b + clear * (row[3 * k] - b)))
         row[3 * k + 1] = min(255.0, max(0.0, g + clear * (row[3 * k + 1] - g)))
@@ -195,34 +214,15 @@ def _fog(
 
 
 @compiled
-def shade_run(
-    planes: Array,
-    n: int,
-    rx: float,
-    ry: float,
-    step: float,
-    style: Array,
-    noise: Array,
-    row: Array,
-) -> None:
-    """Colours of consecutive pixels that show one triangle, each averaged.
-
-    Args:
-        planes: of rasterise.
-        n: the triangle.
-        rx, ry: the ray (rx, ry, 1) at the first pixel, optical frame.
-        step: change of rx from pixel to pixel.
-        style: vector of STYLE_LENGTH.
-        noise: tileable noise for foliage.
-        row: shape (3 pixels,), blue, green, red (0-255) in turn; filled.
-    """
-    kind = planes[n, G_KIND]
-    _light(planes, n, rx, ry, step, row)
+def shade_run(run: Run, style: Style, noise: Array, row: Array) -> None:
+    """Colours of a run of pixels, each averaged, into ``row``: blue, green, red (0-255) in turn."""
+    kind = run.planes[run.n, G_KIND]
+    _light(run, row)
     if kind == FACADE:
-        _windows(planes, n, rx, ry, step, style, row)
+        _windows(run, style, row)
     elif kind == FOLIAGE:
-        _leaves(planes, n, rx, ry, step, noise, row)
-    _fog(planes, n, rx, ry, step, style, row)
+        _leaves(run, noise, row)
+    _fog(run, style.fog, row)
 
 
 _LEVEL = -1e-4  # rays that fall less than this per metre are taken for level

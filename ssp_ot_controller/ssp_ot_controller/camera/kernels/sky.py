@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ssp_ot_controller.camera.kernels.jit import Array, compiled, inlined
-from ssp_ot_controller.camera.kernels.palettes import Palette
+from ssp_ot_controller.camera.kernels.palettes import Colour, Palette
 from ssp_ot_controller.camera.kernels.shading import noise_at
 
 _AZIMUTHS = 4096
 
-# Layout of the vector of numbers of the sky's painter.
-(S_ZENITH, S_HORIZON, S_GLOW, S_CLOUD, S_SUN, S_OUTLINE, S_LAMP, S_FOG) = range(0, 24, 3)
-S_COVER, S_LIT, S_FOG_PER_M = range(24, 27)
-PARAMETERS = 27
+
+class SkyLight(NamedTuple):
+    """What the sky's painter wants to know; colours are blue, green, red."""
+
+    zenith: Colour
+    horizon: Colour
+    glow: Colour
+    cloud: Colour
+    outline: Colour
+    lamp: Colour
+    fog: Colour
+    sun: tuple[float, float, float]  # unit vector towards it
+    cloud_cover: float
+    fog_per_m: float
+    windows_lit: bool
+
 
 # Fog lies low: a ray leaves it after this height, and what stands on the horizon is this far.
 _FOG_HEIGHT_M, _OUTLINE_DISTANCE_M = 10.0, 350.0
@@ -50,35 +63,9 @@ def build_outline(palette: Palette, palette_name: str, seed: int) -> Array:
     return np.asarray(palette.skyline_height * (0.25 + 0.75 * outline))
 
 
-def build_parameters(
-    palette: Palette,
-    sun: tuple[float, float, float],
-    fog_per_m: float,
-    clouds: bool,
-) -> Array:
-    """The vector of the sky's painter, shape (PARAMETERS,)."""
-    numbers = np.zeros(PARAMETERS)
-    numbers[S_ZENITH : S_ZENITH + 3] = palette.sky_zenith
-    numbers[S_HORIZON : S_HORIZON + 3] = palette.sky_horizon
-    numbers[S_GLOW : S_GLOW + 3] = palette.sun_glow
-    numbers[S_CLOUD : S_CLOUD + 3] = palette.cloud
-    numbers[S_SUN : S_SUN + 3] = sun
-    numbers[S_OUTLINE : S_OUTLINE + 3] = palette.skyline
-    numbers[S_FOG : S_FOG + 3], numbers[S_FOG_PER_M] = palette.fog, fog_per_m
-    numbers[S_COVER] = palette.cloud_cover if clouds else 0.0
-    numbers[S_LIT] = palette.window_lit_share
-    numbers[S_LAMP : S_LAMP + 3] = palette.window_lit
-    return numbers
-
-
 @compiled
 def _fill_panorama(
-    numbers: Array,
-    outline: Array,
-    noise: Array,
-    cosines: Array,
-    sines: Array,
-    panorama: Array,
+    light: SkyLight, outline: Array, noise: Array, cosines: Array, sines: Array, panorama: Array
 ) -> None:
     """Paints the sky; see build_panorama. cosines, sines: of the columns' azimuths."""
     rows, columns = panorama.shape
@@ -91,43 +78,43 @@ def _fill_panorama(
         reach = 26.0 / (slope + 0.12)
         thickness = 0.75 * min(1.0, slope / 0.10)
         through = min(_OUTLINE_DISTANCE_M, _FOG_HEIGHT_M / max(slope, 1e-6))
-        clear = math.exp(-numbers[S_FOG_PER_M] * through)
+        clear = math.exp(-light.fog_per_m * through)
         for column in range(columns):
             c, s = cosines[column], sines[column]
             index = int((column + 0.5) * turn)
             shown, lit, cloud, glow = slope < outline[index], 0.0, 0.0, 0.0
             if shown:
-                if numbers[S_LIT] > 0.0:
+                if light.windows_lit:
                     number = (index // 3 * 73856093) ^ (int(slope / 0.0045) * 83492791)
                     lit = 0.4 if (number >> 4) & 15 < 3 else 0.0
             else:
-                along = flat * (c * numbers[S_SUN] + s * numbers[S_SUN + 1])
-                glow = max(0.0, along + up * numbers[S_SUN + 2]) ** 8
+                along = flat * (c * light.sun[0] + s * light.sun[1])
+                glow = max(0.0, along + up * light.sun[2]) ** 8
                 glow = min(1.0, 0.35 * glow + 0.9 * glow**24)
-                if numbers[S_COVER] > 0.0:
+                if light.cloud_cover > 0.0:
                     px, py = reach * c, reach * s
                     cloud = 0.7 * noise_at(noise, px, py) + 0.3 * noise_at(
                         noise, 3.1 * px, 3.1 * py
                     )
-                    cloud = 2.4 * (cloud - 0.35 + 0.6 * numbers[S_COVER])
+                    cloud = 2.4 * (cloud - 0.35 + 0.6 * light.cloud_cover)
                     cloud = thickness * min(1.0, max(0.0, cloud))
             packed = np.uint64(0)
             for k in range(3):
                 if shown:
-                    value = numbers[S_OUTLINE + k]
-                    value += lit * (numbers[S_LAMP + k] - value)
+                    value = light.outline[k]
+                    value += lit * (light.lamp[k] - value)
                 else:
-                    value = numbers[S_ZENITH + k]
-                    value += haze * (numbers[S_HORIZON + k] - value)
-                    value += cloud * (numbers[S_CLOUD + k] - value)
-                    value += glow * (numbers[S_GLOW + k] - value)
-                value = numbers[S_FOG + k] + clear * (value - numbers[S_FOG + k])
+                    value = light.zenith[k]
+                    value += haze * (light.horizon[k] - value)
+                    value += cloud * (light.cloud[k] - value)
+                    value += glow * (light.glow[k] - value)
+                value = light.fog[k] + clear * (value - light.fog[k])
                 level = np.uint64(min(255.0, max(0.0, value + 0.5)))
                 packed |= level << np.uint64(_CHANNEL_BITS * k)
             panorama[row, column] = packed
 
 
-def build_panorama(numbers: Array, outline: Array, noise: Array) -> Array:
+def build_panorama(light: SkyLight, outline: Array, noise: Array) -> Array:
     """The whole sky, shape (PANORAMA_ROWS, PANORAMA_COLUMNS), uint64: three numbers in each.
 
     Blue, green and red (0-255) have 16 bits each, so that a weighted mean with weights of 256 in
@@ -135,14 +122,8 @@ def build_panorama(numbers: Array, outline: Array, noise: Array) -> Array:
     """
     panorama = np.empty((PANORAMA_ROWS, PANORAMA_COLUMNS), np.uint64)
     azimuths = 2.0 * np.pi * (np.arange(PANORAMA_COLUMNS) + 0.5) / PANORAMA_COLUMNS - np.pi
-    _fill_panorama(numbers, outline, noise, np.cos(azimuths), np.sin(azimuths), panorama)
+    _fill_panorama(light, outline, noise, np.cos(azimuths), np.sin(azimuths), panorama)
     return panorama
-
-
-def colours(panorama: Array) -> Array:
-    """The panorama as blue, green, red, shape (rows, columns, 3), uint8."""
-    parts = [(panorama >> np.uint64(_CHANNEL_BITS * k)) & np.uint64(0xFF) for k in range(3)]
-    return np.stack(parts, axis=2).astype(np.uint8)
 
 
 @inlined

@@ -75,6 +75,11 @@ class Frame:
     def z(self, share: float) -> float:
         return share * self.size.height_m
 
+    def ys(self, side: float, inner: float, outer: float) -> tuple[float, float]:
+        """Between two shares of one side, + is left, in rising order."""
+        a, b = side * self.y(inner), side * self.y(outer)
+        return min(a, b), max(a, b)
+
 
 def on_face(
     face: Sequence[Vec],
@@ -161,16 +166,12 @@ def front_panel(
     return quad((x, y0, z0), (x, y1, z0), (x, y1, z1), (x, y0, z1), colour, kind)
 
 
-def left_panel(
-    y: float, x0: float, x1: float, z0: float, z1: float, colour: Colour, kind: int
+def side_panel(
+    side: float, y: float, x0: float, x1: float, z0: float, z1: float, colour: Colour, kind: int
 ) -> Mesh:
-    return quad((x1, y, z0), (x0, y, z0), (x0, y, z1), (x1, y, z1), colour, kind)
-
-
-def right_panel(
-    y: float, x0: float, x1: float, z0: float, z1: float, colour: Colour, kind: int
-) -> Mesh:
-    return quad((x0, y, z0), (x1, y, z0), (x1, y, z1), (x0, y, z1), colour, kind)
+    """On the flank of a side, + is left."""
+    near, far = (x1, x0) if side > 0.0 else (x0, x1)
+    return quad((near, y, z0), (far, y, z0), (far, y, z1), (near, y, z1), colour, kind)
 
 
 @dataclass(frozen=True)
@@ -267,10 +268,8 @@ def _car_cabin(f: Frame, shape: _CarShape, paint: Colour, lights: Lights) -> Mes
 
 def _car_details(f: Frame, shape: _CarShape, paint: Colour, lights: Lights) -> Mesh:
     rear, front = -f.size.rear_m - 0.006, f.size.front_m + 0.006
-    tail, tail_kind = lights.tail
-    head, head_kind = lights.head
-    top = shape.deck_z - 0.1
-    nose = shape.bonnet_z - 0.18
+    top, nose = shape.deck_z - 0.1, shape.bonnet_z - 0.18
+    mirror_x = f.x(shape.windscreen_base - 0.03)
     parts = [
         rear_panel(rear, -f.y(0.24), f.y(0.24), f.z(0.37), f.z(0.44), PLATE, MATTE),
         rear_panel(rear, -f.y(0.84), f.y(0.84), f.z(0.245), f.z(0.3), PLASTIC, MATTE),
@@ -278,60 +277,26 @@ def _car_details(f: Frame, shape: _CarShape, paint: Colour, lights: Lights) -> M
         front_panel(front + 0.01, -f.y(0.22), f.y(0.22), f.z(0.27), f.z(0.33), PLATE, MATTE),
     ]
     for side in (-1.0, 1.0):
-        y0, y1 = sorted((side * f.y(0.46), side * f.y(0.86)))
-        parts.append(rear_panel(rear, y0, y1, f.z(top - 0.1), f.z(top), tail, tail_kind))
-        turn, turn_kind = lights.turn(side)
-        y0, y1 = sorted((side * f.y(0.73), side * f.y(0.89)))
-        parts.append(
-            rear_panel(rear - 0.004, y0, y1, f.z(top - 0.115), f.z(top - 0.045), turn, turn_kind)
-        )
-        y0, y1 = sorted((side * f.y(0.48), side * f.y(0.79)))
-        parts.append(front_panel(front, y0, y1, f.z(nose - 0.09), f.z(nose), head, head_kind))
-        y0, y1 = sorted((side * f.y(0.58), side * f.y(0.82)))
-        parts.append(
-            front_panel(front + 0.004, y0, y1, f.z(nose - 0.15), f.z(nose - 0.095), turn, turn_kind)
-        )
+        turn, tail = lights.turn(side), (f.z(top - 0.1), f.z(top))
+        lamp, above = (f.z(top - 0.115), f.z(top - 0.045)), (f.z(nose - 0.15), f.z(nose - 0.095))
         repeater = (f.x(0.745), f.x(0.785), f.z(0.42), f.z(0.48))
-        flank_panel = left_panel if side > 0.0 else right_panel
-        parts.append(flank_panel(side * (f.y(1.0) + 0.01), *repeater, turn, turn_kind))
-        flank = sorted((side * f.y(0.9), side * f.y(0.965)))
-        parts.append(
-            box(
-                (f.x(0.0), f.x(0.035)),
-                (flank[0], flank[1]),
-                (f.z(top - 0.1), f.z(top)),
-                tail,
-                tail_kind,
-            )
-        )
-        flank = sorted((side * f.y(0.85), side * f.y(0.95)))
-        parts.append(
-            box(
-                (f.x(0.955), f.x(0.985)),
-                (flank[0], flank[1]),
-                (f.z(nose - 0.08), f.z(nose)),
-                head,
-                head_kind,
-            )
-        )
-        mirror = sorted((side * f.y(0.97), side * f.y(1.14)))
-        x = f.x(shape.windscreen_base - 0.03)
-        parts.append(
-            box((x - 0.06, x + 0.06), (mirror[0], mirror[1]), (f.z(0.64), f.z(0.72)), paint, GLOSSY)
-        )
-        for share in (0.26, 0.46, 0.68):  # door gaps
-            y = side * (f.y(1.0) + 0.006)
-            x = f.x(share)
-            dx = 0.009 * side
-            parts.append(
-                quad(
-                    (x + dx, y, f.z(0.2)),
-                    (x - dx, y, f.z(0.2)),
-                    (x - dx, y, f.z(0.56)),
-                    (x + dx, y, f.z(0.56)),
-                    PLASTIC,
-                )
-            )
+        head = (f.z(nose - 0.08), f.z(nose))
+        parts += [
+            rear_panel(rear, *f.ys(side, 0.46, 0.86), *tail, *lights.tail),
+            rear_panel(rear - 0.004, *f.ys(side, 0.73, 0.89), *lamp, *turn),
+            front_panel(front, *f.ys(side, 0.48, 0.79), f.z(nose - 0.09), f.z(nose), *lights.head),
+            front_panel(front + 0.004, *f.ys(side, 0.58, 0.82), *above, *turn),
+            side_panel(side, side * (f.y(1.0) + 0.01), *repeater, *turn),
+            box((f.x(0.0), f.x(0.035)), f.ys(side, 0.9, 0.965), tail, *lights.tail),
+            box((f.x(0.955), f.x(0.985)), f.ys(side, 0.85, 0.95), head, *lights.head),
+            box((mirror_x - 0.06, mirror_x + 0.06), f.ys(side, 0.97, 1.14),
+                (f.z(0.64), f.z(0.72)), paint, GLOSSY),
+        ]  # fmt: skip
+        y, dx = side * (f.y(1.0) + 0.006), 0.009 * side
+        for x in (f.x(0.26), f.x(0.46), f.x(0.68)):  # door gaps
+            low, high = f.z(0.2), f.z(0.56)
+            gap = ((x + dx, y, low), (x - dx, y, low), (x - dx, y, high), (x + dx, y, high))
+            parts.append(quad(*gap, PLASTIC))
     return join(parts)
 
 
@@ -372,6 +337,7 @@ def _car_body(size: Size, paint: Colour, variant: int, lights: Lights) -> Mesh:
 
 
 _RADIUS_M = 0.48  # of the wheels of both
+_DARK = (PLASTIC, MATTE)
 
 
 def truck(size: Size, paint: Colour, lights: Lights, travelled_m: float = 0.0) -> Mesh:
@@ -398,74 +364,53 @@ def _truck(size: Size, paint: Colour, lights: Lights, step: int) -> Mesh:
 @lru_cache(maxsize=64)
 def _truck_body(size: Size, paint: Colour, lights: Lights) -> Mesh:
     f = Frame(size)
-    cargo = rgb("d9dad6")
-    frame_z = 0.95
-    tail, tail_kind = lights.tail
-    head, head_kind = lights.head
+    cargo, frame_z, slope = rgb("d9dad6"), 0.95, 0.28
     cab0, cab1 = f.x(0.77), f.x(1.0)
-    cab_top = 0.86 * size.height_m
-    low = [
-        (cab0, -f.y(0.96), 0.45),
-        (cab1, -f.y(0.96), 0.45),
-        (cab1, f.y(0.96), 0.45),
-        (cab0, f.y(0.96), 0.45),
-    ]
-    middle = [(x, y, 1.55) for x, y, _ in low]
-    slope = 0.28
-    high = [
-        (cab0, -f.y(0.9), cab_top),
-        (cab1 - slope, -f.y(0.9), cab_top),
-        (cab1 - slope, f.y(0.9), cab_top),
-        (cab0, f.y(0.9), cab_top),
-    ]
+    top, cab_top = size.height_m, 0.86 * size.height_m
+
+    def level(half: float, front: float, z: float) -> list[Vec]:
+        y = f.y(half)
+        return [(cab0, -y, z), (front, -y, z), (front, y, z), (cab0, y, z)]
+
+    low, middle = level(0.96, cab1, 0.45), level(0.96, cab1, 1.55)
+    high = level(0.9, cab1 - slope, cab_top)
+    rear = f.x(0.0) - 0.008
     parts = [
         _solid(low, middle, paint, GLOSSY),
         _solid(middle, high, paint, GLOSSY),
-        on_face(
-            (middle[1], middle[2], high[2], high[1]),
-            (0.06, 0.94),
-            (0.05, 0.78),
-            PANE,
-            GLASS,
-        ),
+        on_face((middle[1], middle[2], high[2], high[1]), (0.06, 0.94), (0.05, 0.78), PANE, GLASS),
         on_face((middle[2], middle[3], high[3], high[2]), (0.1, 0.62), (0.05, 0.7), PANE, GLASS),
         on_face((middle[0], middle[1], high[1], high[0]), (0.38, 0.9), (0.05, 0.7), PANE, GLASS),
         front_panel(cab1 + 0.01, -f.y(0.6), f.y(0.6), 0.85, 1.4, PLASTIC, MATTE),
         front_panel(cab1 + 0.01, -f.y(0.95), f.y(0.95), 0.45, 0.65, PLASTIC, MATTE),
-        box((f.x(0.0), f.x(0.75)), (-f.y(1.0), f.y(1.0)), (frame_z, size.height_m), cargo, MATTE),
+        box((f.x(0.0), f.x(0.75)), (-f.y(1.0), f.y(1.0)), (frame_z, top), cargo, MATTE),
         box((f.x(0.01), f.x(0.8)), (-f.y(0.4), f.y(0.4)), (0.5, frame_z), PLASTIC, MATTE),
         box((f.x(0.0), f.x(0.012)), (-f.y(0.95), f.y(0.95)), (0.42, 0.58), PLASTIC, MATTE),
     ]
-    rear = f.x(0.0) - 0.008
     parts += [  # frame and hinge line of the rear doors
-        rear_panel(rear, f.y(y), f.y(y + 0.04), frame_z, size.height_m, rgb("8d908f"), MATTE)
+        rear_panel(rear, f.y(y), f.y(y + 0.04), frame_z, top, rgb("8d908f"), MATTE)
         for y in (-0.97, -0.02, 0.93)
     ]
-    parts.append(
-        rear_panel(
-            rear - 0.004, -f.y(0.96), f.y(0.96), frame_z, frame_z + 0.12, rgb("b23a34"), MATTE
-        )
-    )
-    parts.append(rear_panel(rear - 0.004, -f.y(0.2), f.y(0.2), 0.6, 0.72, PLATE, MATTE))
-    band = (frame_z + 0.25 * (size.height_m - frame_z), frame_z + 0.45 * (size.height_m - frame_z))
-    parts.append(left_panel(f.y(1.0) + 0.008, f.x(0.03), f.x(0.72), *band, paint, MATTE))
-    parts.append(right_panel(-f.y(1.0) - 0.008, f.x(0.03), f.x(0.72), *band, paint, MATTE))
+    stripe, doors = rgb("b23a34"), rear - 0.004
+    band = (frame_z + 0.25 * (top - frame_z), frame_z + 0.45 * (top - frame_z))
+    parts += [
+        rear_panel(doors, -f.y(0.96), f.y(0.96), frame_z, frame_z + 0.12, stripe, MATTE),
+        rear_panel(doors, -f.y(0.2), f.y(0.2), 0.6, 0.72, PLATE, MATTE),
+        side_panel(1.0, f.y(1.0) + 0.008, f.x(0.03), f.x(0.72), *band, paint, MATTE),
+        side_panel(-1.0, -f.y(1.0) - 0.008, f.x(0.03), f.x(0.72), *band, paint, MATTE),
+    ]
     for side in (-1.0, 1.0):
-        y0, y1 = sorted((side * f.y(0.6), side * f.y(0.94)))
-        parts.append(rear_panel(rear - 0.004, y0, y1, 0.62, 0.84, tail, tail_kind))
-        parts.append(front_panel(cab1 + 0.012, y0, y1, 0.7, 0.9, head, head_kind))
-        mirror = sorted((side * f.y(1.0), side * f.y(1.15)))
-        parts.append(
-            box((cab1 - 0.35, cab1 - 0.25), (mirror[0], mirror[1]), (1.7, 2.3), PLASTIC, MATTE)
-        )
-        turn, turn_kind = lights.turn(side)
-        y0, y1 = sorted((side * f.y(0.74), side * f.y(0.96)))
-        parts.append(rear_panel(rear - 0.008, y0, y1, 0.6, 0.72, turn, turn_kind))
-        y0, y1 = sorted((side * f.y(0.78), side * f.y(0.96)))
-        parts.append(front_panel(cab1 + 0.014, y0, y1, 0.92, 1.06, turn, turn_kind))
-        flank_panel = left_panel if side > 0.0 else right_panel
+        turn = lights.turn(side)
         y = side * (f.y(0.96) + 0.012)
-        parts.append(flank_panel(y, cab1 - 0.45, cab1 - 0.2, 1.3, 1.42, turn, turn_kind))
+        mirror = ((cab1 - 0.35, cab1 - 0.25), f.ys(side, 1.0, 1.15), (1.7, 2.3))
+        parts += [
+            rear_panel(doors, *f.ys(side, 0.6, 0.94), 0.62, 0.84, *lights.tail),
+            front_panel(cab1 + 0.012, *f.ys(side, 0.6, 0.94), 0.7, 0.9, *lights.head),
+            box(*mirror, PLASTIC, MATTE),
+            rear_panel(rear - 0.008, *f.ys(side, 0.74, 0.96), 0.6, 0.72, *turn),
+            front_panel(cab1 + 0.014, *f.ys(side, 0.78, 0.96), 0.92, 1.06, *turn),
+            side_panel(side, y, cab1 - 0.45, cab1 - 0.2, 1.3, 1.42, *turn),
+        ]
     return join(parts)
 
 
@@ -492,24 +437,18 @@ def _bus(size: Size, paint: Colour, lights: Lights, step: int) -> Mesh:
 @lru_cache(maxsize=64)
 def _bus_body(size: Size, paint: Colour, lights: Lights) -> Mesh:
     f = Frame(size)
-    floor = 0.32
-    tail, tail_kind = lights.tail
-    head, head_kind = lights.head
-    top = size.height_m
+    floor, top = 0.32, size.height_m
     window = (0.42 * top, 0.82 * top)
     left, right = f.y(1.0) + 0.01, -f.y(1.0) - 0.01
     rear, front = f.x(0.0) - 0.01, f.x(1.0) + 0.01
-    roof = rgb("dcdcd8")
+
+    def level(half: float, inset: float, z: float) -> list[Vec]:
+        x0, x1, y = f.x(inset), f.x(1.0 - inset), f.y(half)
+        return [(x0, -y, z), (x1, -y, z), (x1, y, z), (x0, y, z)]
+
     parts = [
         box((f.x(0.0), f.x(1.0)), (-f.y(1.0), f.y(1.0)), (floor, 0.9 * top), paint, GLOSSY),
-        _solid(
-            [(f.x(0.0), -f.y(1.0), 0.9 * top), (f.x(1.0), -f.y(1.0), 0.9 * top),
-             (f.x(1.0), f.y(1.0), 0.9 * top), (f.x(0.0), f.y(1.0), 0.9 * top)],
-            [(f.x(0.01), -f.y(0.88), top), (f.x(0.99), -f.y(0.88), top),
-             (f.x(0.99), f.y(0.88), top), (f.x(0.01), f.y(0.88), top)],
-            roof,
-            MATTE,
-        ),
+        _solid(level(1.0, 0.0, 0.9 * top), level(0.88, 0.01, top), rgb("dcdcd8"), MATTE),
         rear_panel(rear, -f.y(0.86), f.y(0.86), 0.52 * top, 0.82 * top, PANE, GLASS),
         rear_panel(rear, -f.y(0.8), f.y(0.8), 0.26 * top, 0.44 * top, rgb("3b3e42"), MATTE),
         rear_panel(rear - 0.004, -f.y(0.2), f.y(0.2), 0.17 * top, 0.21 * top, PLATE, MATTE),
@@ -517,40 +456,27 @@ def _bus_body(size: Size, paint: Colour, lights: Lights) -> Mesh:
         front_panel(front, -f.y(0.92), f.y(0.92), 0.36 * top, 0.8 * top, PANE, GLASS),
         front_panel(front, -f.y(0.7), f.y(0.7), 0.82 * top, 0.9 * top, AMBER, LAMP),
         front_panel(front, -f.y(0.98), f.y(0.98), floor, 0.18 * top, PLASTIC, MATTE),
-    ]  # fmt: skip
+    ]
     panes = 7
     for i in range(panes):
         x0 = f.x(0.02 + 0.95 * i / panes)
         x1 = f.x(0.02 + 0.95 * (i + 0.92) / panes)
-        parts.append(left_panel(left, x0, x1, *window, PANE, GLASS))
-        door = i in (3, 6)
-        low = 0.45 if door else window[0]
-        parts.append(right_panel(right, x0, x1, low, window[1], PANE, GLASS))
+        low = 0.45 if i in (3, 6) else window[0]  # doors
+        parts.append(side_panel(1.0, left, x0, x1, *window, PANE, GLASS))
+        parts.append(side_panel(-1.0, right, x0, x1, low, window[1], PANE, GLASS))
     for side in (-1.0, 1.0):
-        turn, turn_kind = lights.turn(side)
-        y0, y1 = sorted((side * f.y(0.68), side * f.y(0.97)))
-        parts.append(rear_panel(rear - 0.002, y0, y1, 0.22 * top, 0.45 * top, PLASTIC, MATTE))
-        y0, y1 = sorted((side * f.y(0.72), side * f.y(0.94)))
-        parts.append(rear_panel(rear - 0.004, y0, y1, 0.24 * top, 0.34 * top, tail, tail_kind))
-        parts.append(rear_panel(rear - 0.004, y0, y1, 0.37 * top, 0.43 * top, turn, turn_kind))
-        y0, y1 = sorted((side * f.y(0.76), side * f.y(0.96)))
-        parts.append(front_panel(front + 0.004, y0, y1, 0.29 * top, 0.34 * top, turn, turn_kind))
-        y = left if side > 0.0 else right
-        flank_panel = left_panel if side > 0.0 else right_panel
-        parts.append(flank_panel(y, f.x(0.93), f.x(0.955), 0.3 * top, 0.345 * top, turn, turn_kind))
-        y0, y1 = sorted((side * f.y(0.72), side * f.y(0.94)))
-        parts.append(front_panel(front + 0.004, y0, y1, 0.2 * top, 0.27 * top, head, head_kind))
-        mirror = sorted((side * f.y(1.0), side * f.y(1.16)))
-        parts.append(
-            box(
-                (f.x(1.0), f.x(1.012)),
-                (mirror[0], mirror[1]),
-                (0.55 * top, 0.72 * top),
-                PLASTIC,
-                MATTE,
-            )
-        )
-        for x in (0.0, f.x(0.79)):
-            y = side * (f.y(1.0) + 0.012)
-            parts.append(arch(x, y, 1.2 * _RADIUS_M, floor, side))
+        turn, lamp = lights.turn(side), f.ys(side, 0.72, 0.94)
+        flank = left if side > 0.0 else right
+        parts += [
+            rear_panel(rear - 0.002, *f.ys(side, 0.68, 0.97), 0.22 * top, 0.45 * top, *_DARK),
+            rear_panel(rear - 0.004, *lamp, 0.24 * top, 0.34 * top, *lights.tail),
+            rear_panel(rear - 0.004, *lamp, 0.37 * top, 0.43 * top, *turn),
+            front_panel(front + 0.004, *f.ys(side, 0.76, 0.96), 0.29 * top, 0.34 * top, *turn),
+            side_panel(side, flank, f.x(0.93), f.x(0.955), 0.3 * top, 0.345 * top, *turn),
+            front_panel(front + 0.004, *lamp, 0.2 * top, 0.27 * top, *lights.head),
+            box((f.x(1.0), f.x(1.012)), f.ys(side, 1.0, 1.16), (0.55 * top, 0.72 * top), PLASTIC,
+                MATTE),
+        ]  # fmt: skip
+        y = side * (f.y(1.0) + 0.012)
+        parts += [arch(x, y, 1.2 * _RADIUS_M, floor, side) for x in (0.0, f.x(0.79))]
     return join(parts)

@@ -16,6 +16,7 @@ from ssp_ot_controller.camera.kernels import ground
 from ssp_ot_controller.camera.kernels.bend import offsets_of
 from ssp_ot_controller.camera.kernels.jit import Array
 from ssp_ot_controller.camera.kernels.palettes import Palette, rgb
+from ssp_ot_controller.camera.kernels.raster import Triangles
 from ssp_ot_controller.camera.meshes import people, vehicles
 from ssp_ot_controller.camera.meshes.mesh import Mesh
 from ssp_ot_controller.camera.meshes.vehicles import Lights
@@ -76,7 +77,7 @@ class Body:
     mesh: Mesh
     pose: Pose2
     floor_m: float
-    lit: light.Lit
+    lit: Triangles
     drawn: bool
     outline: tuple[float, ...]
 
@@ -92,7 +93,7 @@ def bodies_of(scene: Scene, stage: Stage) -> list[Body]:
     origin = scene.road.origin.pose
     everyone = [*scene.others, scene.vut]
     poses = [to_block(state.pose, origin) for state in everyone]
-    offsets = offsets_of(stage.bend, np.array([(p.x_m, p.y_m) for p in poses]))
+    offsets = offsets_of(stage.around.bend, np.array([(p.x_m, p.y_m) for p in poses]))
     found = []
     for state, pose, offset in zip(everyone, poses, offsets, strict=True):
         floor = ground.ground_height(scene.road, float(offset))

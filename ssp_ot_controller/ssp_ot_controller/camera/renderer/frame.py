@@ -10,10 +10,11 @@ import numpy as np
 
 from ssp_core.run_file.model import Look
 from ssp_core.world.camera import View
-from ssp_ot_controller.camera.kernels import compose, sensor
-from ssp_ot_controller.camera.kernels.compose import SAMPLES, Buffers, Samples
+from ssp_ot_controller.camera.kernels import sensor
+from ssp_ot_controller.camera.kernels.compose import SAMPLES, Buffers, compose
 from ssp_ot_controller.camera.kernels.jit import Array
-from ssp_ot_controller.camera.kernels.raster import G_KIND, rasterise, rasterise_cover
+from ssp_ot_controller.camera.kernels.raster import G_KIND, Eye, Samples, rasterise, rasterise_cover
+from ssp_ot_controller.camera.kernels.sensor import Film
 from ssp_ot_controller.camera.kernels.shading import LAMP, contact
 from ssp_ot_controller.camera.renderer import light
 from ssp_ot_controller.camera.renderer.bodies import Body, shadows_of
@@ -77,7 +78,8 @@ def finished(
     lens = view.intrinsics
     out = np.empty((lens.height_px, lens.width_px, 3), np.uint8)
     none = np.empty((0, 3 * lens.width_px), np.float32)
-    _draw(stage, look, view, bodies, noise_state, none, out.reshape(lens.height_px, -1))
+    film = _film(look, noise_state)
+    _draw(stage, view, bodies, film, none, out.reshape(lens.height_px, -1))
     return out
 
 
@@ -87,7 +89,8 @@ def light_field(stage: Stage, look: Look, view: View, bodies: Sequence[Body]) ->
     shape = (lens.height_px, lens.width_px)
     field = np.empty((*shape, 3), np.float32)
     out = np.empty((lens.height_px, 3 * lens.width_px), np.uint8)
-    kept = _draw(stage, look, view, bodies, np.uint64(0), field.reshape(lens.height_px, -1), out)
+    film = _film(look, np.uint64(0))
+    kept = _draw(stage, view, bodies, film, field.reshape(lens.height_px, -1), out)
     depth = np.maximum(
         kept.inverse_depth[::SAMPLES, ::SAMPLES], kept.inverse_depth[1::SAMPLES, 1::SAMPLES]
     )
@@ -108,25 +111,21 @@ def develop(field: Array, look: Look, noise_state: np.uint64) -> Array:
     """From light, shape (height, width, 3), to numbers, uint8."""
     height, width, _ = field.shape
     out = np.empty((height, width, 3), np.uint8)
-    sensor.develop(
-        np.ascontiguousarray(field, dtype=np.float32).reshape(height, -1), sensor.falloff(width),
-        look.exposure, look.noise_sigma, _GRAIN, noise_state, out.reshape(height, -1),
-    )  # fmt: skip
+    rows = np.ascontiguousarray(field, dtype=np.float32).reshape(height, -1)
+    sensor.develop(rows, sensor.falloff(width), _film(look, noise_state), out.reshape(height, -1))
     return out
 
 
+def _film(look: Look, noise_state: np.uint64) -> Film:
+    return Film(float(look.exposure), float(look.noise_sigma), noise_state, _GRAIN)
+
+
 def _draw(
-    stage: Stage,
-    look: Look,
-    view: View,
-    bodies: Sequence[Body],
-    noise_state: np.uint64,
-    field: Array,
-    out: Array,
+    stage: Stage, view: View, bodies: Sequence[Body], film: Film, field: Array, out: Array
 ) -> Samples:
     """Runs the kernels for one frame; see compose for ``field`` and ``out``."""
     lens = view.intrinsics
-    static = stage.static
+    static, around = stage.static, stage.around
     far = visible(static.places, view, SCENERY_RANGE_M)
     near = visible(static.places, view, SHADOW_RANGE_M)
     drawn = [b.lit for b in bodies if b.drawn]
@@ -137,38 +136,21 @@ def _draw(
     samples = np.array(
         [n * lens.fx_px, n * lens.fy_px, n * lens.cx_px + (n - 1) / 2, n * lens.cy_px + (n - 1) / 2]
     )
-    rays = rays_of(view)
-    eye, axes = view.position_m, view.rotation
+    eye = Eye(view.position_m, view.rotation, rays_of(view), samples)
     flat = shadows_of(bodies, stage.sun)
     for corners, runs in (
         (flat, ranges([len(flat)])),
         (static.shadows, static.shadow_ranges[near]),
     ):
-        rasterise_cover(corners, runs, eye, axes, samples, kept.cover, kept.triangle)
+        rasterise_cover(corners, runs, eye, kept.triangle, kept.cover)
     drawables = [(static.bodies, static.body_ranges[far])]
     if drawn:
         outlines = np.array([b.outline for b in bodies if b.drawn])
-        contact(outlines, eye, rays, CONTACT_REACH_M, kept.dark)
+        contact(outlines, eye.position, eye.rays, CONTACT_REACH_M, kept.dark)
         moving = light.gather(drawn)
         drawables.insert(0, (moving, ranges([len(moving.kinds)])))
     count = 0
     for lit, runs in drawables:
-        count = rasterise(
-            lit.corners, lit.attributes, lit.kinds, runs, eye, axes, samples, stage.fog_per_m,
-            kept.ramp, count, kept.inverse_depth, kept.owner, kept.planes, kept.triangle,
-        )  # fmt: skip
-    numbers = np.zeros(compose.PARAMETERS)
-    numbers[compose.C_FOG : compose.C_FOG + 3] = stage.palette.fog
-    numbers[compose.C_SHADOW : compose.C_SHADOW + 3] = stage.palette.shadow
-    numbers[compose.C_FOG_PER_M] = stage.fog_per_m
-    numbers[compose.C_EXPOSURE] = look.exposure
-    numbers[compose.C_NOISE] = look.noise_sigma
-    compose.compose(
-        numbers, stage.ground.sums, stage.ground.strips, stage.ground.values,
-        stage.ground_numbers, stage.bend.nodes, stage.bend.cells, stage.bend.numbers,
-        stage.panorama, stage.noise, stage.style, eye, rays, samples,
-        kept.inverse_depth, kept.owner, kept.planes, kept.cover, kept.dark, kept.squares,
-        _GRAIN, noise_state, kept.row, kept.drawn, kept.hidden, kept.ray,
-        kept.single, field, out,
-    )  # fmt: skip
+        count = rasterise(lit, runs, eye, around.fog_per_m, count, kept)
+    compose(around, eye, kept, film, field, out)
     return kept

@@ -178,7 +178,7 @@ class _Side:
 class _Planter:
     """Collects props and keeps the crossing clear, and the road where it bends."""
 
-    def __init__(self, road: Road, bend: Bend, kerb_m: float) -> None:
+    def __init__(self, road: Road, bend: Bend | None, kerb_m: float) -> None:
         self.props: list[Prop] = []
         self._crossing = road.crossing_x_m
         self._line, self._bend = block_line(road), bend
@@ -217,7 +217,7 @@ class _Planter:
         distance_m: float,
     ) -> None:
         """Puts a long thing beside the road; in pieces where the road bends."""
-        if self._bend.is_straight:
+        if self._bend is None:
             self.add(make(length_m), side, x_m, distance_m)
             return
         count = math.ceil(length_m / _PIECE_M)
@@ -231,7 +231,7 @@ class _Planter:
         self, mesh: Mesh, side: _Side, s_m: float, l_m: float, yaw_rad: float
     ) -> Pose2 | None:
         """Pose in the block's frame; None: it would stand on the road or in its own way."""
-        if self._bend.is_straight:
+        if self._bend is None:
             return Pose2(s_m, l_m, yaw_rad)
         at = self._line.pose(s_m)
         x, y = at.to_parent(0.0, l_m)
@@ -248,7 +248,7 @@ class _Planter:
 
 
 def build_scenery(
-    road: Road, bend: Bend, palette_name: str, palette: Palette, kerb_m: float, seed: int
+    road: Road, bend: Bend | None, palette_name: str, palette: Palette, kerb_m: float, seed: int
 ) -> list[Prop]:
     """Everything that stands beside the road, the same for the same seed."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0x5CE11E]))

@@ -12,19 +12,13 @@ import numpy as np
 from ssp_core.run_file.model import Look
 from ssp_core.run_file.road import Road
 from ssp_ot_controller.camera.kernels import ground, sky
-from ssp_ot_controller.camera.kernels.bend import Bend, build_bend
+from ssp_ot_controller.camera.kernels.bend import build_bend
+from ssp_ot_controller.camera.kernels.compose import Surroundings
 from ssp_ot_controller.camera.kernels.jit import Array
 from ssp_ot_controller.camera.kernels.palettes import Palette, fog_per_m, palette_of
-from ssp_ot_controller.camera.kernels.shading import (
-    STYLE_LENGTH,
-    T_FOG,
-    T_FOG_PER_M,
-    T_GLASS,
-    T_LIT,
-    T_LIT_SHARE,
-    make_noise,
-)
-from ssp_ot_controller.camera.meshes.mesh import Mesh, join
+from ssp_ot_controller.camera.kernels.raster import Triangles
+from ssp_ot_controller.camera.kernels.shading import Style, make_noise
+from ssp_ot_controller.camera.meshes.mesh import join
 from ssp_ot_controller.camera.renderer import light, scenery
 from ssp_ot_controller.camera.renderer.scenery import Prop
 
@@ -45,14 +39,13 @@ class Static:
     """Scenery as one list of triangles in the block's frame, and where each prop's part lies.
 
     Args:
-        bodies: the same with their colours.
+        bodies: the triangles with their colours.
         shadows: shape (m, 3, 3), their shadows on the ground.
         places: shape (props, 3): x, y, radius.
         body_ranges, shadow_ranges: shape (props, 2): first and end of a prop's triangles.
     """
 
-    mesh: Mesh
-    bodies: light.Lit
+    bodies: Triangles
     shadows: Array
     places: Array
     body_ranges: Array
@@ -63,16 +56,9 @@ class Static:
 class Stage:
     """Everything of a run that doesn't change: built once, used for every frame."""
 
-    road: Road
     palette: Palette
-    fog_per_m: float
     sun: tuple[float, float, float]
-    noise: Array
-    ground: ground.Tables
-    ground_numbers: Array
-    bend: Bend
-    panorama: Array
-    style: Array
+    around: Surroundings
     static: Static
 
 
@@ -91,43 +77,48 @@ def _build(road_json: str, look_json: str, seed: int, detail: Detail) -> Stage:
         math.radians(look.sun_elevation_deg),
     )
     outline = sky.build_outline(palette, look.palette, seed) if detail.scenery else np.full(8, 0.01)
+    fog = float(fog_per_m(look))
+    sky_light = sky.SkyLight(
+        zenith=palette.sky_zenith,
+        horizon=palette.sky_horizon,
+        glow=palette.sun_glow,
+        cloud=palette.cloud,
+        outline=palette.skyline,
+        lamp=palette.window_lit,
+        fog=palette.fog,
+        sun=sun,
+        cloud_cover=palette.cloud_cover if detail.texture else 0.0,
+        fog_per_m=fog,
+        # Nobody lives in a row of trees.
+        windows_lit=look.palette == "dusk_city" and palette.window_lit_share > 0.0,
+    )
     noise = make_noise(seed)
-    style = np.zeros(STYLE_LENGTH)
-    style[T_FOG : T_FOG + 3], style[T_FOG_PER_M] = palette.fog, fog_per_m(look)
-    style[T_GLASS : T_GLASS + 3] = palette.window_glass
-    style[T_LIT : T_LIT + 3], style[T_LIT_SHARE] = palette.window_lit, palette.window_lit_share
     bend = build_bend(road)
     props = []
     if detail.scenery:
         props = scenery.build_scenery(road, bend, look.palette, palette, ground.KERB_HEIGHT_M, seed)
-    sky_numbers = sky.build_parameters(palette, sun, fog_per_m(look), detail.texture)
-    if look.palette != "dusk_city":
-        sky_numbers[sky.S_LIT] = 0.0  # nobody lives in a row of trees
-    return Stage(
-        road,
-        palette,
-        fog_per_m(look),
-        sun,
-        noise,
-        ground.build_tables(road, palette),
-        ground.build_parameters(road, palette, detail.texture),
-        bend,
-        sky.build_panorama(sky_numbers, outline, noise),
-        style,
-        _static(props, palette, sun),
+    around = Surroundings(
+        ground=ground.build_ground(road, palette, detail.texture),
+        bend=bend,
+        panorama=sky.build_panorama(sky_light, outline, noise),
+        noise=noise,
+        style=Style(
+            palette.fog, palette.window_glass, palette.window_lit, palette.window_lit_share
+        ),
+        shadow=palette.shadow,
+        fog_per_m=fog,
     )
+    return Stage(palette, sun, around, _static(props, palette, sun))
 
 
 def _static(props: Sequence[Prop], palette: Palette, sun: tuple[float, float, float]) -> Static:
-    mesh = join([p.mesh for p in props])
-    bodies = light.lit(mesh, palette, sun)
+    bodies = light.lit(join([p.mesh for p in props]), palette, sun)
     shadows = [np.zeros((0, 3, 3), np.float32)]
     for prop in props:
         if prop.casts_shadow:
             floor = float(prop.mesh.corners[..., 2].min())
             shadows.append(light.shadow_on_ground(prop.mesh.corners, sun, floor))
     return Static(
-        mesh,
         bodies,
         np.concatenate(shadows),
         np.array([(p.x_m, p.y_m, p.radius_m) for p in props]).reshape(-1, 3),

@@ -16,18 +16,17 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.run_file.model import Camera, Look
 from ssp_core.run_file.road import Road
 from ssp_core.world.camera import intrinsics, optical_axes
-from ssp_ot_controller.camera.kernels.bend import locate
+from ssp_ot_controller.camera.kernels.bend import Bend, locate
 from ssp_ot_controller.camera.kernels.jit import Array, compiled
+from ssp_ot_controller.camera.kernels.raster import Triangles
 from ssp_ot_controller.camera.kernels.shading import LAMP, noise_at
 from ssp_ot_controller.camera.renderer.bodies import Body
 from ssp_ot_controller.camera.renderer.frame import SCENERY_RANGE_M, LightField, visible
-from ssp_ot_controller.camera.renderer.light import Lit
 from ssp_ot_controller.camera.renderer.scene import Scene
 from ssp_ot_controller.camera.renderer.stage import Stage
 
-# Layout of a beam: place, direction, cosine of the half angle, strength, range.
-B_PLACE, B_DIRECTION, B_COS, B_STRENGTH, B_RANGE = 0, 3, 6, 7, 8
-BEAM_NUMBERS = 9
+# Of a beam: place, direction, cosine of the half angle, strength, range.
+_BEAM_NUMBERS = 9
 
 _HEAD_HEIGHT_M, _HEAD_ASIDE_M = 0.65, 0.6
 _HEAD_DOWN = 0.035  # tangent
@@ -57,7 +56,7 @@ class Lamps:
     colours: Array
 
 
-def lamps_of(lit: Lit) -> Lamps:
+def lamps_of(lit: Triangles) -> Lamps:
     """The triangles of a kind that shines."""
     shine = lit.kinds == LAMP
     corners = lit.corners[shine].astype(np.float64)
@@ -161,7 +160,7 @@ def illuminate(field: LightField, stage: Stage, bodies: Sequence[Body]) -> None:
     eye = field.view.position_m
     beams = [beam for body in bodies for beam in _headlamps(body)]
     beams += _street_lamps(stage, eye)
-    table = np.array(beams, dtype=np.float64).reshape(-1, BEAM_NUMBERS)
+    table = np.array(beams, dtype=np.float64).reshape(-1, _BEAM_NUMBERS)
     away = np.hypot(table[:, 0] - eye[0], table[:, 1] - eye[1])
     table = table[np.argsort(away, kind="stable")[:_MOST_BEAMS]]
     _illuminate(
@@ -193,13 +192,11 @@ def halos(field: LightField, stage: Stage, bodies: Sequence[Body]) -> None:
     far = visible(static.places, view, SCENERY_RANGE_M)
     for index in far:
         first, end = static.body_ranges[index]
-        if (static.bodies.kinds[first:end] == LAMP).any():
-            parts.append(
-                Lit(static.bodies.corners[first:end], static.bodies.attributes[first:end],
-                    static.bodies.kinds[first:end])
-            )  # fmt: skip
+        prop = Triangles(*(part[first:end] for part in static.bodies))
+        if (prop.kinds == LAMP).any():
+            parts.append(prop)
     for part in parts:
-        _glare_of(field, lamps_of(part), stage.fog_per_m)
+        _glare_of(field, lamps_of(part), stage.around.fog_per_m)
 
 
 def _glare_of(field: LightField, lamps: Lamps, fog_per_m: float) -> None:
@@ -342,9 +339,7 @@ def _reflect(
     inverse_depth: Array,
     eye: Array,
     rays: Array,
-    nodes: Array,
-    cells: Array,
-    line: Array,
+    bend: Bend | None,
     noise: Array,
     left_m: float,
     right_m: float,
@@ -373,8 +368,8 @@ def _reflect(
             depth = -eye[2] / dz
             x, y = eye[0] + depth * dx, eye[1] + depth * dy
             along, aside = x, y
-            if nodes.shape[0] > 0:
-                along, aside, _, _, _ = locate(nodes, cells, line, x, y)
+            if bend is not None:
+                along, aside, _, _, _ = locate(bend, x, y)
             if not right_m <= aside <= left_m:
                 continue
             sine = -dz / math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -398,10 +393,9 @@ def add_reflections(field: LightField, stage: Stage, road: Road, rain: float) ->
         field: of a camera without roll.
         rain: 0 none, 1 a downpour.
     """
-    bend = stage.bend
     _reflect(
         field.light.copy(), field.inverse_depth, field.view.position_m, field.rays,
-        bend.nodes, bend.cells, bend.numbers, stage.noise,
+        stage.around.bend, stage.around.noise,
         road.left_edge_m + road.sidewalk_left_m, road.right_edge_m - road.sidewalk_right_m,
         _STRENGTH * math.sqrt(rain), field.light,
     )  # fmt: skip
