@@ -13,7 +13,7 @@ from scipy import stats
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.score.aggregate import means
 from ssp_eval.score.engine import LabelTerms
-from ssp_eval.score.metrics import METRIC_NAMES
+from ssp_eval.score.metrics import IVCS_FIRST, METRIC_NAMES
 from ssp_eval.statistics.bootstrap import (
     bootstrap_mean,
     bootstrap_records,
@@ -21,7 +21,7 @@ from ssp_eval.statistics.bootstrap import (
     resampled_scores,
     response_begins,
 )
-from ssp_eval.statistics.comparisons import COMPARED, compare, compared_metrics
+from ssp_eval.statistics.comparisons import compare, compared_metrics
 from ssp_eval.statistics.resampling import (
     NO_INTERVAL,
     Interval,
@@ -281,7 +281,7 @@ def test_differences_over_labels_are_of_the_clips_that_both_models_have():
 
 
 def test_of_many_models_only_ivcs_is_compared_over_labels():
-    assert compared_metrics("abc") == COMPARED
+    assert compared_metrics("abc") == IVCS_FIRST
     assert compared_metrics([str(k) for k in range(13)]) == ("ivcs",)
     assert compared_metrics([str(k) for k in range(61)]) == ()
 

@@ -222,7 +222,7 @@ def test_garbage_is_refused_by_file_name(tmp_path, name, text):
 def test_a_syntax_error_in_json_names_its_line(tmp_path):
     path = tmp_path / "labels.json"
     path.write_text(json.dumps(GOOD, indent=1).replace('"domain":', '"domain"'))
-    with pytest.raises(InputError, match=r"labels\.json:4: is not valid JSON"):
+    with pytest.raises(InputError, match=r"labels\.json:4: is not valid YAML or JSON"):
         load_labels(path)
 
 

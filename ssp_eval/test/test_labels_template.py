@@ -534,7 +534,7 @@ def test_an_unfinished_review_keeps_the_mark_and_goes_on(
     ("lines", "what"),
     [
         (["position=above"], "labels[0].position: is outside the vocabulary"),
-        (["lon_actions="], "labels[0].lon_actions: must not be empty"),
+        (["lon_actions="], "labels[0].lon_actions: Tuple should have at least 1 item"),
         (["phase=null"], "labels[0].phase: template"),
         (["risk_visible=maybe"], "risk_visible is true or false"),
         (["mood=grim"], "there is no slot 'mood'"),

@@ -336,7 +336,8 @@ def _failures(error: ValidationError, value: Any) -> list[InputError]:
         is_missing = failure["type"] == "missing"
         field = field_path(failure["loc"], value, missing=is_missing)
         given = None if is_missing else failure.get("input")
-        found.append(InputError(failure["msg"], field=field, value=given))
+        problem = failure["msg"].removeprefix("Value error, ")
+        found.append(InputError(problem, field=field, value=given))
     return found
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
+
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, RootModel, Strict
 
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping, read_text
+from ssp_core.files import parse_model, parse_value, read_text
 from ssp_core.hashing import sha256_json
+from ssp_core.run_file.values import Finite
 from ssp_core.vocabulary import (
     CONFLICTS,
     DOMAINS,
@@ -22,13 +25,45 @@ from ssp_core.vocabulary import (
     PHASES,
     POSITIONS,
 )
-from ssp_eval.data import json_fields
-from ssp_eval.data.json_fields import Location
 
 # Where the label times of a file come from: a plan by phase, or a grid on the clock.
 BY_PHASE, BY_CLOCK = "phase", "clock"
 # How a place is given: in seconds beside the event, or as a fraction of the phase.
 _PHASE_VARIABLES = {"approach": "s", "trigger": "u", "conflict": "u", "resolution": "s"}
+
+
+def one_of(vocabulary: Sequence[str]) -> AfterValidator:
+    """Words of a closed vocabulary alone."""
+
+    def check(word: str) -> str:
+        if word not in vocabulary:
+            raise ValueError(f"is outside the vocabulary; known are {', '.join(vocabulary)}")
+        return word
+
+    return AfterValidator(check)
+
+
+def _position_of(value: Any) -> Any:
+    """A place as a file has it, ``{"phase": "conflict", "u": 0.5}``."""
+    if not isinstance(value, dict):
+        return value
+    key = _PHASE_VARIABLES.get(str(value.get("phase")), "s or u")
+    if value.keys() != {"phase", key}:
+        raise ValueError(f"must have the keys phase (of {', '.join(PHASES)}) and {key}")
+    return {"phase": value["phase"], "value": value[key]}
+
+
+# A text, flag or number that isn't made of another kind of value.
+Text = Annotated[str, Strict()]
+Flag = Annotated[bool, Strict()]
+Number = Annotated[Finite, Strict()]
+Name = Annotated[Text, Field(pattern=r"\S")]
+_CLOSED = ConfigDict(extra="forbid")
+
+
+def once(words: tuple[str, ...]) -> tuple[str, ...]:
+    """The words in their order; repeated ones count once."""
+    return tuple(dict.fromkeys(words))
 
 
 @dataclass(frozen=True)
@@ -41,8 +76,8 @@ class PhasePosition:
             the fraction of its phase, in (0, 1), in trigger and conflict.
     """
 
-    phase: str
-    value: float
+    phase: Annotated[str, one_of(PHASES)]
+    value: Number
 
     def __str__(self) -> str:
         return f"{self.phase} {_PHASE_VARIABLES[self.phase]}={self.value:.4g}"
@@ -52,41 +87,16 @@ class PhasePosition:
         return {"phase": self.phase, _PHASE_VARIABLES[self.phase]: self.value}
 
 
-def read_phase_position(label: dict[str, Any], place: Location, plan: str) -> PhasePosition | None:
-    """The place of a label: there must be one if the plan is by phase, and none on a clock grid.
-
-    Args:
-        label: parsed.
-        place: of the label, for messages.
-        plan: of its file.
-
-    Raises:
-        InputError: it is missing, forbidden or no place.
-    """
-    where = place.at("at")
-    if plan == BY_CLOCK:
-        if "at" in label:
-            raise where.error(
-                "stands in a label on a clock grid",
-                remedy='write "plan": "phase" at the top of the file, or leave it out',
-            )
-        return None
-    if "at" not in label:
-        raise where.error(
-            "is missing", remedy='a label of a plan by phase says its place in it, "at": {…}'
+def _in_phase(place: PhasePosition | None) -> PhasePosition | None:
+    if place is None:
+        raise ValueError("is no place: leave it out on a clock grid")
+    if _PHASE_VARIABLES[place.phase] == "u" and not 0.0 < place.value < 1.0:
+        raise ValueError("is no fraction of the phase: give one between 0 and 1, both excluded")
+    if place.value < 0.0:
+        raise ValueError(
+            "must not be negative: give seconds before the trigger, or after the resolution's start"
         )
-    found = json_fields.mapping(label["at"], where, ("phase",), ("s", "u"))
-    phase = json_fields.choice(found["phase"], where.at("phase"), PHASES)
-    key = _PHASE_VARIABLES[phase]
-    json_fields.mapping(found, where, ("phase", key))
-    value = json_fields.finite(found[key], where.at(key))
-    if key == "u" and not 0.0 < value < 1.0:
-        remedy = "give one between 0 and 1, both excluded"
-        raise where.at(key).error("is no fraction of the phase", value, remedy)
-    if key == "s" and value < 0.0:
-        remedy = "give seconds before the trigger, or after the resolution's start"
-        raise where.at(key).error("must not be negative", value, remedy)
-    return PhasePosition(phase, value)
+    return place
 
 
 SCHEMA = "ssp.labels/1"
@@ -114,6 +124,13 @@ def template_json(
         risk_time_s: where the plan knows it.
     """
     everywhere: Sequence[PhasePosition | None] = places or (None,) * len(times_s)
+    blank: dict[str, Any] = dict.fromkeys(LABEL_KEYS) | {"lon_actions": [], "lat_actions": []}
+    labels = [
+        {**blank, "t_s": t_s}
+        if at is None
+        else {**blank, "t_s": t_s, "phase": at.phase, "at": at.to_json()}
+        for t_s, at in zip(times_s, everywhere, strict=True)
+    ]
     return {
         **({"plan": BY_PHASE} if places else {}),
         "schema": SCHEMA,
@@ -122,21 +139,7 @@ def template_json(
         "event_version": event_version,
         "risk_time_s": risk_time_s,
         "first_frame_dynamics": False,
-        "labels": [
-            {
-                "t_s": t_s,
-                "phase": None if at is None else at.phase,
-                "risk_visible": None,
-                "objects": None,
-                "position": None,
-                "motion": None,
-                "conflict": None,
-                "lon_actions": [],
-                "lat_actions": [],
-                **({} if at is None else {"at": at.to_json()}),
-            }
-            for t_s, at in zip(times_s, everywhere, strict=True)
-        ],
+        "labels": labels,
     }
 
 
@@ -165,28 +168,6 @@ def _is_blank(label: dict[str, Any]) -> bool:
     return any(key in label and label[key] is None for key in ("phase", "risk_visible"))
 
 
-_KEYS = (
-    "schema",
-    "scenario",
-    "domain",
-    "event_version",
-    "risk_time_s",
-    "first_frame_dynamics",
-    "labels",
-)
-LABEL_KEYS = (
-    "t_s",
-    "phase",
-    "risk_visible",
-    "objects",
-    "position",
-    "motion",
-    "conflict",
-    "lon_actions",
-    "lat_actions",
-)
-
-
 @dataclass(frozen=True)
 class Label:
     """What is true at one time of a clip; None marks a slot that can't be evaluated there.
@@ -204,16 +185,27 @@ class Label:
         at: its place in the plan; None for labels on a clock grid.
     """
 
-    t_s: float
-    phase: str
-    risk_visible: bool
-    objects: tuple[str, ...] | None
-    position: str | None
-    motion: str | None
-    conflict: str | None
-    lon_actions: tuple[str, ...]
-    lat_actions: tuple[str, ...]
-    at: PhasePosition | None = None
+    t_s: Number
+    phase: Annotated[str, one_of(PHASES)]
+    risk_visible: Flag
+    objects: Annotated[tuple[Annotated[str, one_of(OBJECTS)], ...], AfterValidator(once)] | None
+    position: Annotated[str, one_of(POSITIONS)] | None
+    motion: Annotated[str, one_of(MOTIONS)] | None
+    conflict: Annotated[str, one_of(CONFLICTS)] | None
+    lon_actions: Annotated[
+        tuple[Annotated[str, one_of(LON_ACTIONS)], ...], Field(min_length=1), AfterValidator(once)
+    ]
+    lat_actions: Annotated[
+        tuple[Annotated[str, one_of(LAT_ACTIONS)], ...], Field(min_length=1), AfterValidator(once)
+    ]
+    at: Annotated[
+        PhasePosition | None, BeforeValidator(_position_of), AfterValidator(_in_phase)
+    ] = None
+
+    __pydantic_config__: ClassVar[ConfigDict] = _CLOSED
+
+
+LABEL_KEYS = tuple(item.name for item in fields(Label) if item.name != "at")
 
 
 @dataclass(frozen=True)
@@ -230,13 +222,15 @@ class Labels:
         plan: where the times come from: ``phase``, a plan of METHOD 5.2b, or ``clock``, a grid.
     """
 
-    scenario: str
-    domain: str
-    event_version: str
-    risk_time_s: float | None
-    first_frame_dynamics: bool
-    labels: tuple[Label, ...]
-    plan: str = BY_CLOCK
+    scenario: Name
+    domain: Annotated[str, one_of(DOMAINS)]
+    event_version: Name
+    risk_time_s: Number | None
+    first_frame_dynamics: Flag
+    labels: Annotated[tuple[Label, ...], Field(min_length=1)]
+    plan: Annotated[str, one_of((BY_PHASE, BY_CLOCK))] = BY_CLOCK
+
+    __pydantic_config__: ClassVar[ConfigDict] = _CLOSED
 
     @property
     def risk_onset_s(self) -> float:
@@ -253,11 +247,12 @@ class Labels:
         raise ValueError("labels without risk onset")
 
 
+class _LabelsFile(RootModel[Labels]):
+    """``ssp.labels/1`` without its schema."""
+
+
 def load_labels(path: str | Path) -> Labels:
     """The labels of a JSON file, or of a YAML file with the same keys.
-
-    A text that parses as JSON is read as JSON whatever its name (YAML reads some JSON numbers as
-    words); otherwise a name that ends in ``.json`` is refused and any other is read as YAML.
 
     Raises:
         InputError: the file can't be read or parsed, or parse_labels refuses it.
@@ -266,22 +261,8 @@ def load_labels(path: str | Path) -> Labels:
 
 
 def parse_labels_text(text: str, path: str | Path) -> Labels:
-    """The labels of a file that was read already, see load_labels.
-
-    Args:
-        text: what it holds.
-        path: of the file.
-
-    Raises:
-        InputError: see load_labels.
-    """
-    try:
-        value = json_fields.parse_json(text.removeprefix("\ufeff"), Location(path))
-    except InputError:
-        if Path(path).suffix.lower() == ".json":
-            raise
-        value = read_mapping(path)
-    return parse_labels(value, path)
+    """The labels of a file that was read already, see load_labels."""
+    return parse_labels(parse_value(text.removeprefix("\ufeff"), path), path)
 
 
 def parse_labels(value: object, file: str | Path) -> Labels:
@@ -292,99 +273,43 @@ def parse_labels(value: object, file: str | Path) -> Labels:
         file: name for error messages.
 
     Raises:
-        InputError: the first thing that is wrong, with its field path (METHOD 5.6): unknown
-            schema, missing or unknown keys, a value outside its vocabulary or of the wrong type,
-            times that don't rise, an empty action set, no labels, no risk onset, a place in a plan
-            that is missing or that no plan has; or it is a template that isn't filled in.
+        InputError: something is wrong (METHOD 5.6), with its field path: unknown schema, missing
+            or unknown keys, a value outside its vocabulary or of the wrong type, times that don't
+            rise, an empty action set, no labels, no risk onset, a place in a plan that is missing
+            or that no plan has; or it is a template that isn't filled in.
     """
-    place = Location(file)
-    found = json_fields.mapping(value, place, _KEYS, ("plan",))
-    json_fields.choice(found["schema"], place.at("schema"), (SCHEMA,))
-    _refuse_template(found, file)
-    risk = found["risk_time_s"]
-    plan = json_fields.choice(found.get("plan", BY_CLOCK), place.at("plan"), (BY_PHASE, BY_CLOCK))
-    result = Labels(
-        scenario=_name(found["scenario"], place.at("scenario")),
-        domain=json_fields.choice(found["domain"], place.at("domain"), DOMAINS),
-        event_version=_name(found["event_version"], place.at("event_version")),
-        risk_time_s=None if risk is None else json_fields.finite(risk, place.at("risk_time_s")),
-        first_frame_dynamics=json_fields.boolean(
-            found["first_frame_dynamics"], place.at("first_frame_dynamics")
-        ),
-        labels=_labels(found["labels"], place.at("labels"), plan),
-        plan=plan,
-    )
-    if risk is None and not any(label.risk_visible for label in result.labels):
-        raise place.at("risk_time_s").error(
-            "is null, and no label has risk_visible: true",
-            remedy="a labels file must say when the risk begins, in one way or the other",
-        )
-    return result
-
-
-def _refuse_template(value: object, file: str | Path) -> None:
-    waiting = unfilled(value)
-    if waiting:
-        raise InputError(
-            FILL_IN,
-            file=file,
-            field=waiting[0],
-            remedy=f"{len(waiting)} fields are empty; `ssp labels sheet` shows the frames",
-        )
-
-
-def _labels(value: object, place: Location, plan: str) -> tuple[Label, ...]:
-    items = json_fields.items(value, place)
-    labels = tuple(_label(item, place.at(i), plan) for i, item in enumerate(items))
-    if not labels:
-        raise place.error("must hold at least one label")
-    for i, (before, after) in enumerate(pairwise(labels), start=1):
+    if not isinstance(value, dict):
+        raise InputError("must hold a mapping at its top", file=file)
+    if value.get("schema") != SCHEMA:
+        raise InputError(f"must be {SCHEMA}", file=file, field="schema", value=value.get("schema"))
+    if waiting := unfilled(value):
+        remedy = f"{len(waiting)} fields are empty; `ssp labels sheet` shows the frames"
+        raise InputError(FILL_IN, file=file, field=waiting[0], remedy=remedy)
+    content = {key: inner for key, inner in value.items() if key != "schema"}
+    labels = parse_model(_LabelsFile, content, file).root
+    for i, (before, after) in enumerate(pairwise(labels.labels), start=1):
         if after.t_s <= before.t_s:
-            where = place.at(i).at("t_s")
-            raise where.error(
-                "must rise strictly from label to label",
-                after.t_s,
-                remedy=f"the label before has {before.t_s!r}",
+            raise InputError(
+                "must rise strictly from label to label", file=file, field=f"labels[{i}].t_s",
+                value=after.t_s, remedy=f"the label before has {before.t_s!r}",
+            )  # fmt: skip
+    for i, label in enumerate(labels.labels):
+        if (label.at is None) != (labels.plan == BY_CLOCK):
+            problem, remedy = (
+                ("is missing", 'a label of a plan by phase says its place in it, "at": {…}')
+                if label.at is None
+                else (
+                    "stands in a label on a clock grid",
+                    'write "plan": "phase" at the top of the file, or leave it out',
+                )
             )
+            raise InputError(problem, file=file, field=f"labels[{i}].at", remedy=remedy)
+    if labels.risk_time_s is None and not any(label.risk_visible for label in labels.labels):
+        raise InputError(
+            "is null, and no label has risk_visible: true", file=file, field="risk_time_s",
+            remedy="a labels file must say when the risk begins, in one way or the other",
+        )  # fmt: skip
     return labels
-
-
-def _label(value: object, place: Location, plan: str) -> Label:
-    found = json_fields.mapping(value, place, LABEL_KEYS, ("at",))
-
-    def optional(key: str, vocabulary: tuple[str, ...]) -> str | None:
-        given = found[key]
-        return None if given is None else json_fields.choice(given, place.at(key), vocabulary)
-
-    objects = found["objects"]
-    return Label(
-        t_s=json_fields.finite(found["t_s"], place.at("t_s")),
-        phase=json_fields.choice(found["phase"], place.at("phase"), PHASES),
-        risk_visible=json_fields.boolean(found["risk_visible"], place.at("risk_visible")),
-        objects=None
-        if objects is None
-        else json_fields.choices(objects, place.at("objects"), OBJECTS),
-        position=optional("position", POSITIONS),
-        motion=optional("motion", MOTIONS),
-        conflict=optional("conflict", CONFLICTS),
-        lon_actions=_actions(found["lon_actions"], place.at("lon_actions"), LON_ACTIONS),
-        lat_actions=_actions(found["lat_actions"], place.at("lat_actions"), LAT_ACTIONS),
-        at=read_phase_position(found, place, plan),
-    )
-
-
-def _name(value: object, place: Location) -> str:
-    text = json_fields.string(value, place)
-    if not text.strip():
-        raise place.error("must not be blank")
-    return text
-
-
-def _actions(value: object, place: Location, vocabulary: tuple[str, ...]) -> tuple[str, ...]:
-    actions = json_fields.choices(value, place, vocabulary)
-    if not actions:
-        raise place.error("must not be empty", remedy=f"known are {', '.join(vocabulary)}")
-    return actions
 
 
 def labels_to_json(labels: Labels) -> dict[str, Any]:
@@ -392,17 +317,10 @@ def labels_to_json(labels: Labels) -> dict[str, Any]:
 
     A clock grid isn't named, since a file without a plan has one: what says the same has one hash.
     """
-    plan = {} if labels.plan == BY_CLOCK else {"plan": labels.plan}
-    return {
-        **plan,
-        "schema": SCHEMA,
-        "scenario": labels.scenario,
-        "domain": labels.domain,
-        "event_version": labels.event_version,
-        "risk_time_s": labels.risk_time_s,
-        "first_frame_dynamics": labels.first_frame_dynamics,
-        "labels": [_label_json(label) for label in labels.labels],
-    }
+    content = {item.name: getattr(labels, item.name) for item in fields(labels)}
+    if labels.plan == BY_CLOCK:
+        del content["plan"]
+    return {**content, "schema": SCHEMA, "labels": [_label_json(label) for label in labels.labels]}
 
 
 def labels_version(labels: Labels) -> str:
@@ -411,18 +329,11 @@ def labels_version(labels: Labels) -> str:
 
 
 def _label_json(label: Label) -> dict[str, Any]:
-    return {
-        "t_s": label.t_s,
-        "phase": label.phase,
-        "risk_visible": label.risk_visible,
-        "objects": None if label.objects is None else list(label.objects),
-        "position": label.position,
-        "motion": label.motion,
-        "conflict": label.conflict,
-        "lon_actions": list(label.lon_actions),
-        "lat_actions": list(label.lat_actions),
-        **({} if label.at is None else {"at": label.at.to_json()}),
+    content = {
+        key: list(value) if isinstance(value := getattr(label, key), tuple) else value
+        for key in LABEL_KEYS
     }
+    return content if label.at is None else {**content, "at": label.at.to_json()}
 
 
 _TOLERANCE = 1e-9

@@ -82,16 +82,18 @@ def record_of(
         InputError: there is no such adapter.
     """
     adapted = adapt(adapter, response, request)
+    # No file can hold half of a surrogate pair.
+    text = adapted.text.encode("utf-8", "replace").decode()
     notes = list(adapted.info.notes)
     if no_previous:
         notes.append(f"asked without a previous answer: {no_previous}")
-    found = (extractor or make_extractor())(adapted.text)
+    found = (extractor or make_extractor())(text)
     if found.language:
         notes.append(f"{NOT_READ}: {found.language}")
     notes += _llm_notes(found)
     return BehaviourRecord(
         t_s=t_s,
-        text=adapted.text,
+        text=text,
         slots=found.slots,
         trajectory=adapted.trajectory,
         invalid=adapted.invalid,

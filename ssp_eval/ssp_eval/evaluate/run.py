@@ -30,10 +30,12 @@ from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers,
 from ssp_eval.evaluate.executors import Job, Settings, import_ray, run_pool, run_ray
 from ssp_eval.evaluate.model_client import CONNECT_S, ClientsWithAnswerers
 from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.score.cli import format_response
+from ssp_eval.score.metrics import COMPONENTS, METRIC_LABELS
 
 _WIDEST = 400
-# Shown at the end; METHOD 6.14 has all of them.
-_COLUMNS = (("JOVR", "jovr"), ("Sem", "sem_acc_eff"), ("CIA", "cia_eff"), ("TQSR", "tqsr"))
+# Shown at the end beside response and IVCS; METHOD 6.14 has all of them.
+_SHOWN = COMPONENTS[:4]
 
 
 @contextmanager
@@ -73,7 +75,7 @@ def show(results: Sequence[CellResult], out: Path) -> None:
     table = Table(box=None, pad_edge=False)
     for name in ("scenario", "domain", "model", "status", "audit"):
         table.add_column(name, no_wrap=True)
-    for name in ("n", "missing", *(title for title, _ in _COLUMNS), "risk", "IVCS"):
+    for name in ("n", "missing", *(METRIC_LABELS[name] for name in _SHOWN), "risk", "IVCS"):
         table.add_column(name, justify="right", no_wrap=True)
     for result in results:
         table.add_row(
@@ -111,12 +113,10 @@ def show(results: Sequence[CellResult], out: Path) -> None:
 def _numbers(result: CellResult) -> list[str]:
     score = result.score
     if score is None:
-        return ["–"] * (len(_COLUMNS) + 4)
-    cells = [f"{score['n']}", f"{result.missing or '·'}"]
-    for _, key in _COLUMNS:
-        cells.append("–" if score[key] is None else f"{score[key]:.2f}")
-    risk = f"S@{score['rl_s']:.2f}" if score["rsr"] else "F"
-    return [*cells, risk, f"{score['ivcs']:.3f}"]
+        return ["–"] * (len(_SHOWN) + 4)
+    shares = ["–" if score[key] is None else f"{score[key]:.2f}" for key in _SHOWN]
+    risk = format_response(score["rsr"], score["rl_s"])
+    return [f"{score['n']}", f"{result.missing or '·'}", *shares, risk, f"{score['ivcs']:.3f}"]
 
 
 def result_to_json(result: CellResult) -> dict[str, Any]:

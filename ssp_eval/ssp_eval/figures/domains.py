@@ -12,7 +12,6 @@ from ssp_eval.figures.scores import Scores, words
 from ssp_eval.figures.style import (
     COLUMN_IN,
     COMPONENT_LOOKS,
-    COMPONENT_NAMES,
     DOMAIN_LOOKS,
     FAINT,
     INK,
@@ -27,10 +26,9 @@ from ssp_eval.figures.style import (
     text_width_in,
 )
 from ssp_eval.score.aggregate import Cell, Mean, mean
-from ssp_eval.score.metrics import ivcs_terms, ivcs_weights
+from ssp_eval.score.metrics import COMPONENTS, METRIC_LABELS, ivcs_terms, ivcs_weights
 
 NONE_ADMITTED = "no cell is admitted to domain means"
-COMPONENTS = tuple(ivcs_weights())
 
 
 def domains(scores: Scores) -> Iterator[Drawing | LeftOut]:
@@ -81,14 +79,14 @@ def _components(scores: Scores) -> Drawing | LeftOut:
                 )  # fmt: skip
     axes.set_yticks(
         [(row + 0.5) * row_in for row in range(len(COMPONENTS))],
-        [COMPONENT_NAMES[key] for key in COMPONENTS],
+        [METRIC_LABELS[key] for key in COMPONENTS],
     )
     axes.tick_params(axis="y", length=0)
     share_axis(axes, "score, mean over cells (ticks: single cells)")
     _legend(sheet, {domain: group["ivcs"] for domain, group in groups.items()})
     cells = ", ".join(f"{domain} {group['ivcs'].n}" for domain, group in groups.items())
     fewer = [
-        f"{COMPONENT_NAMES[key]} in {domain}: {group[key].n}"
+        f"{METRIC_LABELS[key]} in {domain}: {group[key].n}"
         for domain, group in groups.items()
         for key in COMPONENTS
         if group[key].n != group["ivcs"].n
@@ -134,7 +132,7 @@ def _component_legend(page: Axes) -> None:
             hatch=look.hatch,
         )  # fmt: skip
         page.add_patch(box)
-        text = COMPONENT_NAMES[key]
+        text = METRIC_LABELS[key]
         page.text(x + 0.21, 0.11, text, va="center_baseline")
         x += 0.32 + text_width_in(text)
 
@@ -197,7 +195,7 @@ def _stacks(
     axes.set_xlim(0.0, 1.0)
     _component_legend(page)
     counts = "; ".join(f"{scenario} {domain} {len(cells)}" for scenario, domain, cells in groups)
-    weights = ", ".join(f"{w:.2f} {COMPONENT_NAMES[key]}" for key, w in ivcs_weights().items())
+    weights = ", ".join(f"{w:.2f} {METRIC_LABELS[key]}" for key, w in ivcs_weights().items())
     nulls = [row for row in scores.entering if row.admitted and row.ivcs_nulls]
     return Drawing(
         name,

@@ -20,7 +20,6 @@ from ssp_eval.figures.scores import Scores, counted, listed, pareto_front
 from ssp_eval.figures.style import (
     BLUE,
     COLUMN_IN,
-    COMPONENT_NAMES,
     FAINT,
     GREY,
     INK,
@@ -29,7 +28,6 @@ from ssp_eval.figures.style import (
     NO_MODEL,
     ORANGE,
     ROW_IN,
-    SCORES,
     SQUARE,
     UNITS,
     Drawing,
@@ -47,6 +45,7 @@ from ssp_eval.figures.style import (
     widest_in,
 )
 from ssp_eval.score.aggregate import Mean, mean, ranks
+from ssp_eval.score.metrics import IVCS_LAST, METRIC_LABELS
 
 
 def architectures(scores: Scores) -> Drawing | LeftOut:
@@ -63,17 +62,17 @@ def architectures(scores: Scores) -> Drawing | LeftOut:
     found: dict[str, dict[str, Mean]] = {
         one: {
             key: mean(c.score[key] for c in scores.cells if c.model in members[one])
-            for key in SCORES
+            for key in IVCS_LAST
         }
         for one in (first, second)
     }
     looks = {first: Look(BLUE, "o", ""), second: Look(ORANGE, "s", "")}
     titles = names_in(looks, 1.9)
     legend = {f"{titles[one]} (models: {len(members[one])})": look for one, look in looks.items()}
-    titled = [COMPONENT_NAMES[key] for key in SCORES]
+    titled = [METRIC_LABELS[key] for key in IVCS_LAST]
     sheet, axes, _ = named_rows(COLUMN_IN, titled, legend, right_in=0.4, row_in=0.22)
-    axes.axhline(len(SCORES) - 1.5, color=FAINT, linewidth=0.6)
-    for row, key in enumerate(SCORES):
+    axes.axhline(len(IVCS_LAST) - 1.5, color=FAINT, linewidth=0.6)
+    for row, key in enumerate(IVCS_LAST):
         ends = {one: found[one][key].value for one in looks}
         known = [value for value in ends.values() if value is not None]
         if len(known) == 2:

@@ -11,7 +11,6 @@ from matplotlib.patches import Circle, Rectangle
 
 from ssp_eval.figures.scores import Scores, words
 from ssp_eval.figures.style import (
-    COMPONENT_NAMES,
     FAINT,
     GREY,
     INK,
@@ -30,11 +29,12 @@ from ssp_eval.figures.style import (
     text_width_in,
 )
 from ssp_eval.score.cli import NULL, format_ratio, format_response
+from ssp_eval.score.metrics import COMPONENTS, METRIC_LABELS
 from ssp_eval.statistics.rows import OK, CellRow
 
 NAME = "matrix"
-COMPONENTS = ("jovr", "sem_acc_eff", "cia_eff", "tqsr")
-DIAGNOSTIC = ("act_acc_eff", "atc_eff")
+# The response has a column of its own.
+_IN_IVCS, _BESIDE = COMPONENTS[:4], ("act_acc_eff", "atc_eff")
 NOT_ADMITTED = "†"
 # More take minutes and thousands of files that nobody may have wanted.
 MOST_PAGES = 24
@@ -111,7 +111,7 @@ def _paged(cells: Sequence[CellRow]) -> list[list[_Line]]:
 def _column_x(index: int) -> float:
     start = _LEFT_IN + _DOMAIN_IN + _MODEL_IN + 0.16
     room = PAGE_IN - start - _RISK_IN - _IVCS_IN - 0.1
-    return start + room / (len(COMPONENTS) + len(DIAGNOSTIC)) * index
+    return start + room / (len(_IN_IVCS) + len(_BESIDE)) * index
 
 
 def _page(name: str, lines: Sequence[_Line], names: dict[str, str], scores: Scores) -> Drawing:
@@ -146,11 +146,11 @@ def _page(name: str, lines: Sequence[_Line], names: dict[str, str], scores: Scor
 
 
 def _head(axes: Axes) -> None:
-    columns = (*COMPONENTS, *DIAGNOSTIC)
+    columns = (*_IN_IVCS, *_BESIDE)
     for index, key in enumerate(columns):
-        axes.text(_column_x(index) - _RADIUS_IN, _HEAD_IN - 0.07, COMPONENT_NAMES[key])
+        axes.text(_column_x(index) - _RADIUS_IN, _HEAD_IN - 0.07, METRIC_LABELS[key])
     first = _column_x(0) - _RADIUS_IN
-    second = _column_x(len(COMPONENTS)) - _RADIUS_IN
+    second = _column_x(len(_IN_IVCS)) - _RADIUS_IN
     for x, text in ((first, "components of IVCS"), (second, "diagnostic")):
         axes.text(x, 0.15, text, color=GREY)
     end = PAGE_IN - _RISK_IN - _IVCS_IN
@@ -173,7 +173,7 @@ def _row(axes: Axes, index: int, cell: CellRow, y: float, names: dict[str, str])
             color=GREY, gid=f"refused-{index}",
         )  # fmt: skip
         return
-    for column, key in enumerate((*COMPONENTS, *DIAGNOSTIC)):
+    for column, key in enumerate((*_IN_IVCS, *_BESIDE)):
         _mark(axes, _column_x(column), y, getattr(cell, key), f"score-{index}-{key}")
     end = PAGE_IN - _RISK_IN - _IVCS_IN
     axes.text(end, y, risk_text(cell), va="center_baseline")

@@ -11,8 +11,6 @@ from ssp_eval.figures.ranks import rank_slopes
 from ssp_eval.figures.scores import Group, Scores, listed, words
 from ssp_eval.figures.style import (
     BLUE,
-    COMPONENT_NAMES,
-    COMPONENTS,
     FAINT,
     GREY,
     INK,
@@ -23,7 +21,6 @@ from ssp_eval.figures.style import (
     PAGE_IN,
     RED,
     ROW_IN,
-    SCORES,
     UNITS,
     Drawing,
     LeftOut,
@@ -44,6 +41,7 @@ from ssp_eval.figures.style import (
     widest_in,
 )
 from ssp_eval.score.aggregate import BY_MODEL, Cell, Mean, means, relative_difference
+from ssp_eval.score.metrics import COMPONENTS, IVCS_LAST, METRIC_LABELS
 from ssp_eval.statistics.table import Table, Value
 from ssp_eval.statistics.tables import ANSWERERS, SEEING, control_tables
 
@@ -113,7 +111,7 @@ def _difference_panels(
     for model, (own, others) in pairs.items():
         mine = next(iter(means(own, BY_MODEL).values()))
         theirs = next(iter(means(others, BY_MODEL).values()))
-        found[model] = {key: (mine[key].value, theirs[key].value) for key in SCORES}
+        found[model] = {key: (mine[key].value, theirs[key].value) for key in IVCS_LAST}
     apart = {
         model: {k: None if a is None or b is None else a - b for k, (a, b) in row.items()}
         for model, row in found.items()
@@ -122,14 +120,14 @@ def _difference_panels(
     limit = next(step for step in _LIMITS if most <= step + 1e-9)
     left_in, right_in, head_in = widest_in(names[m] for m in pairs) + 0.15, 0.55, 0.24
     room_in = PAGE_IN - left_in - right_in
-    panel_in = (room_in - 0.14 * (len(SCORES) - 1)) / len(SCORES)
+    panel_in = (room_in - 0.14 * (len(IVCS_LAST) - 1)) / len(IVCS_LAST)
     height_in = ROW_IN * len(pairs)
     sheet = Sheet(PAGE_IN, head_in + height_in + 0.3)
-    for column, key in enumerate(SCORES):
+    for column, key in enumerate(IVCS_LAST):
         axes = sheet.axes(left_in + column * (panel_in + 0.14), head_in, panel_in, height_in)
         axes.set_xlim(-limit, limit)
         name_rows(axes, [names[m] if column == 0 else "" for m in pairs])
-        axes.set_title(COMPONENT_NAMES[key], pad=3, size=7.0)
+        axes.set_title(METRIC_LABELS[key], pad=3, size=7.0)
         axes.set_xticks([-limit, 0.0, limit], [f"−{limit:g}", "0", f"+{limit:g}"])
         ends = axes.get_xticklabels()
         ends[0].set_horizontalalignment("left")
@@ -288,7 +286,7 @@ def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float |
         _profile(axes, model, scores.by_model[model], middle)
         first, last = column == 0, index + columns >= len(members)
         axes.set_yticks(
-            range(len(PROFILE)), [COMPONENT_NAMES[k] for k in PROFILE] if first else [""] * 7
+            range(len(PROFILE)), [METRIC_LABELS[k] for k in PROFILE] if first else [""] * 7
         )
         axes.tick_params(axis="y", length=0)
         axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"] if last else ["", "", ""])

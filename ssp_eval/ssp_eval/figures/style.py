@@ -67,17 +67,6 @@ COMPONENT_LOOKS = {
     "tqsr": Look(ORANGE, "D", "\\\\\\\\"),
     "rsr": Look(YELLOW, "v", "...."),
 }
-COMPONENT_NAMES = {
-    "jovr": "JOVR",
-    "sem_acc_eff": "SemAcc",
-    "cia_eff": "CIA",
-    "tqsr": "TQSR",
-    "rsr": "RSR",
-    "ivcs": "IVCS",
-    "act_acc_eff": "ActAcc",
-    "stfr": "STFR",
-    "atc_eff": "ATC",
-}
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": [FONT],
@@ -369,8 +358,6 @@ def shown_mean(value: float | None, digits: int = 2) -> str:
 
 
 NO_MODEL = "no cell of a model may enter means"
-COMPONENTS = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
-SCORES = (*COMPONENTS, "ivcs")
 ROW_IN = 0.17
 _MOST_ROWS = 46
 

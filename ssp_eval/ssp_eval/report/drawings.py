@@ -11,20 +11,14 @@ from ssp_eval.evaluate.results import CellData
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.cell import STAGES, CellScore
 from ssp_eval.score.cli import NULL, format_response
+from ssp_eval.score.metrics import BY_NAME, COMPONENTS, DIAGNOSTIC
 from ssp_eval.statistics.rows import compared_labels
 from ssp_eval.statistics.statistics_tables import STAGE_NAMES
 from ssp_eval.statistics.table import Table, Value
 
-COLUMNS = (
-    ("jovr", "JOVR", "valid text and trajectory"),
-    ("sem_acc_eff", "SemAcc", "effective accuracy of the semantic slots"),
-    ("cia_eff", "CIA", "critical interaction accuracy"),
-    ("tqsr", "TQSR", "feasible trajectory with an admissible action"),
-    ("act_acc_eff", "ActAcc", "admissible actions in the text (diagnostic)"),
-    ("stfr", "STFR", "feasible trajectories (diagnostic)"),
-    ("atc_eff", "ATC", "text and trajectory agree (diagnostic)"),
-)
+# The response, the fifth component, has a column of its own.
 IN_IVCS = 4
+COLUMNS = tuple(BY_NAME[name] for name in (*COMPONENTS[:IN_IVCS], *DIAGNOSTIC))
 # Cells that are scored and stay out of domain means (METHOD 4).
 MARKS = {UNPAIRED: "†", UNAUDITED: "‡"}
 # One hue from light to dark: readable without colour vision and in print.
@@ -116,10 +110,15 @@ def _header() -> str:
         pages.text(_column_x(IN_IVCS) - 30, 18, "diagnostic", class_="group"),
         pages.text(_side_x(), 18, "outcome", class_="group"),
     ]
-    for index, (_, name, meaning) in enumerate(COLUMNS):
+    for index, metric in enumerate(COLUMNS):
         x = _column_x(index)
         head = pages.element(
-            "text", f"{pages.title(meaning)}{name}", x=x, y=46, class_="head", text_anchor="middle"
+            "text",
+            f"{pages.title(metric.meaning)}{metric.label}",
+            x=x,
+            y=46,
+            class_="head",
+            text_anchor="middle",
         )
         parts.append(head)
     parts.append(
@@ -144,8 +143,9 @@ def _row(cell: CellData, y: float, push: float) -> str:
         line = f"{cell.facts.status}: {short}"
         parts.append(pages.text(_LABELS + 10, middle + 4, line, class_="refused"))
     else:
-        for index, (key, title, _) in enumerate(COLUMNS):
-            parts.append(_circle(_column_x(index), middle, getattr(cell.score, key), title))
+        for index, metric in enumerate(COLUMNS):
+            value = getattr(cell.score, metric.name)
+            parts.append(_circle(_column_x(index), middle, value, metric.label))
         parts.append(_outcome(cell.score, middle))
     body = pages.title(f"{cell.scenario} / {cell.domain} / {cell.model}") + label
     body += _pushed("".join(parts), push)

@@ -15,12 +15,14 @@ from markupsafe import Markup
 
 from ssp_core import __version__
 from ssp_core.files import make_folder, write_text
+from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.results import CellData, KeptAudits, read_cells
 from ssp_eval.pages import templates
 from ssp_eval.report.cell_view import RecordView, record_views, tolerated
 from ssp_eval.report.drawings import matrix, seeing_plot
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.cell import STAGES
+from ssp_eval.score.metrics import COMPONENTS, DIAGNOSTIC
 from ssp_eval.statistics.notices import notices
 from ssp_eval.statistics.rows import rows_from_cells
 from ssp_eval.statistics.statistics_tables import (
@@ -281,7 +283,7 @@ def _audit_links(cells: Sequence[CellData], audits: Mapping[str, str]) -> dict[s
 FOLDER = Path("report") / "cells"
 # In a row's word of stages: 0 to 6 for the stage that fails first, this where none does.
 CLEAN = "-"
-SCORES = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "act_acc_eff", "stfr", "atc_eff")
+SCORES = ("ivcs", *COMPONENTS[:4], *DIAGNOSTIC)
 
 
 def load_lightly(
@@ -377,7 +379,6 @@ def _short(value: float | None) -> float | None:
     return None if value is None else round(value, 6)
 
 
-SLOTS = ("objects", "position", "motion", "conflict", "lon_action", "lat_action")
 # Means that a page shows folded: each has many rows, or is for those who look closer.
 _FOLDED = ("by_scenario_model", "by_domain_model", "strata", "foundation_models")
 # Notices that aren't about all cells, before a page only counts them.
@@ -421,7 +422,7 @@ def render(
             cells=cells,
             audits=audits,
             style=source("style.css"),
-            slots=SLOTS,
+            slots=SLOT_NAMES,
             stages=STAGE_NAMES,
             summary=summary(cells, audits),
             analysis=page_parts(analysis),

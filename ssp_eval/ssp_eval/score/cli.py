@@ -18,7 +18,7 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_eval.score.columns import load_columns
 from ssp_eval.score.engine import score_columns
-from ssp_eval.score.metrics import CellMetrics, ivcs_weights
+from ssp_eval.score.metrics import COMPONENTS, RATIOS, CellMetrics
 from ssp_eval.score.thresholds import (
     OTHER_THRESHOLDS,
     Thresholds,
@@ -29,19 +29,6 @@ from ssp_eval.score.thresholds import (
 
 NULL = "–"
 DISCLAIMER = "IVCS is no safety certificate."
-
-_COLUMNS = (
-    ("JOVR", "jovr"),
-    ("SemCov", "sem_cov"),
-    ("SemAcc cond", "sem_acc_cond"),
-    ("SemAcc eff", "sem_acc_eff"),
-    ("SemAcc soft", "sem_acc_soft"),
-    ("CIA", "cia_eff"),
-    ("ActAcc", "act_acc_eff"),
-    ("STFR", "stfr"),
-    ("TQSR", "tqsr"),
-    ("ATC", "atc_eff"),
-)
 
 
 def format_ratio(value: float | None) -> str:
@@ -71,7 +58,7 @@ class Scored:
     @property
     def nulls(self) -> list[str]:
         """Components that are null and count as 0 in IVCS (METHOD 6.11)."""
-        return [name for name in ivcs_weights() if getattr(self.metrics, name) is None]
+        return [name for name in COMPONENTS if getattr(self.metrics, name) is None]
 
 
 def score_table(cases: Sequence[Scored]) -> Table:
@@ -79,7 +66,7 @@ def score_table(cases: Sequence[Scored]) -> Table:
     table = Table(title="Scores per cell (METHOD 6)")
     table.add_column("case", no_wrap=True)
     table.add_column("matched", justify="right", no_wrap=True)
-    for heading in [*(name for name, _ in _COLUMNS), "response", "IVCS"]:
+    for heading in (*(metric.label for metric in RATIOS), "response", "IVCS"):
         table.add_column(heading, justify="right", no_wrap=True)
     for case in cases:
         score = case.metrics
@@ -87,7 +74,7 @@ def score_table(cases: Sequence[Scored]) -> Table:
         table.add_row(
             Text(case.name),
             f"{score.matched}/{score.n}",
-            *(format_ratio(getattr(score, key)) for _, key in _COLUMNS),
+            *(format_ratio(getattr(score, metric.name)) for metric in RATIOS),
             format_response(score.rsr, score.rl_s),
             format_ratio(score.ivcs) + flag,
         )

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, chain, islice
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +15,11 @@ from ssp_core.files import read_text
 from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.data.labels import Label, Labels, parse_labels_text
 from ssp_eval.data.records import (
-    MOST_BYTES,
     SLOT_NAMES,
     VOCABULARIES,
     BehaviourRecord,
-    Lines,
     Slot,
-    parse_records,
-    read_lines,
+    load_records,
 )
 from ssp_vla_bridge.trajectory import Trajectory
 
@@ -105,8 +100,6 @@ Cell = tuple[Labels, Sequence[BehaviourRecord]]
 _BLOCK = 32
 _NO_SLOT = Slot("", ())
 _NO_TRAJECTORY = Trajectory((), (), ())
-_NO_LINE_SLOT: dict[str, Any] = {"value": None, "evidence": ()}
-_NO_LINE_PATH: dict[str, tuple[float, ...]] = {"t_s": (), "x_m": (), "y_m": ()}
 # Beyond any text; stands for a character position that doesn't fit into 64 bits.
 _FAR = 1 << 62
 
@@ -133,7 +126,7 @@ _LON, _LAT = Codes(LON_ACTIONS, bits=True), Codes(LAT_ACTIONS, bits=True)
 _label_fields = attrgetter(
     "t_s", "objects", "position", "motion", "conflict", "lon_actions", "lat_actions"
 )
-_slots = attrgetter(*SLOT_NAMES)
+_slots_of = attrgetter(*SLOT_NAMES)
 
 
 class _Grids(dict[tuple[float, ...], int]):
@@ -234,63 +227,31 @@ class RecordBlocks:
     def add(self, records: Iterable[BehaviourRecord]) -> None:
         """Adds a block of records."""
         rows = list(records)
-        slots = zip(*[_slots(record.slots) for record in rows], strict=True)
+        n = len(rows)
+        slots = zip(*[_slots_of(record.slots) for record in rows], strict=True)
+        # All records' first slots, then the second.
         found = [_NO_SLOT if slot is None else slot for slot in chain.from_iterable(slots)]
         paths = [record.trajectory or _NO_TRAJECTORY for record in rows]
-        self._add(
-            [record.t_s for record in rows],
-            [record.text for record in rows],
-            [slot.value for slot in found],
-            [slot.evidence for slot in found],
-            [path.t_s for path in paths],
-            [path.x_m for path in paths],
-            [path.y_m for path in paths],
-        )
-
-    def add_lines(self, lines: Lines) -> None:
-        """Adds a block of records that were never made into objects."""
-        slots = [_NO_LINE_SLOT if slot is None else slot for slot in chain(*lines.slots)]
-        values = [slot["value"] for slot in slots]
-        paths = [path or _NO_LINE_PATH for path in lines.trajectories]
-        self._add(
-            lines.t_s,
-            lines.texts,
-            [tuple(value) if isinstance(value, list) else value for value in values],
-            [slot["evidence"] for slot in slots],
-            [tuple(_finite_or_nan(path["t_s"])) for path in paths],
-            [_finite_or_nan(path["x_m"]) for path in paths],
-            [_finite_or_nan(path["y_m"]) for path in paths],
-        )
-
-    def _add(
-        self,
-        times: Sequence[float],
-        texts: Sequence[str],
-        values: list[object],
-        evidence: Sequence[Sequence[Sequence[int]]],
-        grids: Sequence[tuple[float, ...]],
-        xs: Sequence[Sequence[float]],
-        ys: Sequence[Sequence[float]],
-    ) -> None:
-        """Adds a block; values and evidence hold all records' first slots, then the second."""
-        n = len(times)
+        texts = [record.text for record in rows]
         text_valid = np.fromiter(map(bool, map(str.strip, texts)), np.bool_, n)
         length = np.where(text_valid, np.fromiter(map(len, texts), np.int64, n), 0)
         answer = np.empty((n, len(_ANSWER_CODES)), dtype=np.int64)
+        values = [slot.value for slot in found]
         for slot, codes in enumerate(_ANSWER_CODES):
             answer[:, slot] = _coded(codes, values[slot * n : (slot + 1) * n])
+        evidence = [slot.evidence for slot in found]
         given = _supported(evidence, np.tile(length, len(_ANSWER_CODES)))
         answer[~given.reshape(len(_ANSWER_CODES), n).T] = NOTHING
         self._blocks.append(
             (
-                np.array(times, dtype=np.float64),
+                np.array([record.t_s for record in rows], dtype=np.float64),
                 text_valid,
                 answer,
-                np.fromiter(map(self._grids.__getitem__, grids), np.int64, n),
-                np.fromiter(chain.from_iterable(xs), np.float64),
-                np.fromiter(chain.from_iterable(ys), np.float64),
-                np.fromiter(map(len, xs), np.int64, n),
-                np.fromiter(map(len, ys), np.int64, n),
+                np.fromiter([self._grids[path.t_s] for path in paths], np.int64, n),
+                np.fromiter(chain.from_iterable(path.x_m for path in paths), np.float64),
+                np.fromiter(chain.from_iterable(path.y_m for path in paths), np.float64),
+                np.fromiter([len(path.x_m) for path in paths], np.int64, n),
+                np.fromiter([len(path.y_m) for path in paths], np.int64, n),
             )
         )
 
@@ -310,13 +271,6 @@ class RecordBlocks:
             np.concatenate(([0], np.cumsum(x_count))),
             np.concatenate(([0], np.cumsum(y_count))),
         )
-
-
-def _finite_or_nan(numbers: Sequence[float | None]) -> Sequence[float]:
-    """Numbers of a file, NaN where it has null."""
-    if None in numbers:
-        return [math.nan if number is None else number for number in numbers]
-    return numbers  # type: ignore[return-value]  # none of them is None
 
 
 def _supported(evidence: Sequence[Sequence[Sequence[int]]], length: Whole) -> Flags:
@@ -341,10 +295,6 @@ def _spans(evidence: Sequence[Sequence[Sequence[int]]]) -> Whole:
         return np.fromiter((min(max(place, NOTHING), _FAR) for place in flat()), np.int64)
 
 
-# Cells at a time: what was parsed of so many is still in the processor's cache when it is encoded.
-_FILES_AT_ONCE = 8
-
-
 def load_columns(cells: Iterable[tuple[Path, Path]]) -> Columns:
     """The columns of cells, in their order.
 
@@ -359,25 +309,15 @@ def load_columns(cells: Iterable[tuple[Path, Path]]) -> Columns:
     counts: list[int] = []
     blocks = RecordBlocks()
     rest = iter(cells)
-    while block := list(islice(rest, _FILES_AT_ONCE)):
-        files = []
+    while block := list(islice(rest, _BLOCK)):
+        found = []
         for labels_file, records_file in block:
             # The cells of a clip have a copy of its labels each; one object is encoded once.
             text = read_text(labels_file)
             if text not in known:
                 known[text] = parse_labels_text(text, labels_file)
             labels.append(known[text])
-            files.append((read_text(records_file, MOST_BYTES), records_file))
-        counts += _add(files, blocks)
+            found.append(load_records(records_file))
+        counts += map(len, found)
+        blocks.add(chain.from_iterable(found))
     return columns_of(labels, counts, blocks.columns())
-
-
-def _add(files: Sequence[tuple[str, Path]], blocks: RecordBlocks) -> list[int]:
-    """Adds the records of texts, with the files that they come from, and counts them."""
-    lines = read_lines([text for text, _ in files])
-    if lines is not None:
-        blocks.add_lines(lines)
-        return list(lines.counts)
-    found = [parse_records(text, file) for text, file in files]
-    blocks.add(chain.from_iterable(found))
-    return list(map(len, found))

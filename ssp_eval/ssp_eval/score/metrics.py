@@ -21,6 +21,7 @@ class Metric:
         name: key in the score output.
         section: of METHOD.
         label: short name in tables and figures.
+        meaning: what it says, for people who read a column of it.
         numerator, denominator: terms whose sums over the labels are divided, fields of
             ssp_eval.score.engine.LabelTerms, or LABELS; empty where the metric is no ratio.
     """
@@ -28,6 +29,7 @@ class Metric:
     name: str
     section: str
     label: str
+    meaning: str
     numerator: str = ""
     denominator: str = ""
 
@@ -35,20 +37,39 @@ class Metric:
 # A denominator that counts the labels.
 LABELS = "labels"
 METRICS = (
-    Metric("jovr", "6.2", "JOVR", "output_valid", LABELS),
-    Metric("sem_cov", "6.3", "SemCov", "given", "evaluable"),
-    Metric("sem_acc_cond", "6.3", "SemAcc_cond", "hard", "given"),
-    Metric("sem_acc_eff", "6.3", "SemAcc", "hard", "evaluable"),
-    Metric("sem_acc_soft", "6.3", "SemAcc_soft", "soft", "evaluable"),
-    Metric("cia_eff", "6.4", "CIA", "interaction_correct", "interaction_evaluable"),
-    Metric("act_acc_eff", "6.5", "ActAcc", "action_correct", LABELS),
-    Metric("stfr", "6.7", "STFR", "feasible", LABELS),
-    Metric("tqsr", "6.7", "TQSR", "trajectory_correct", LABELS),
-    Metric("atc_eff", "6.8", "ATC", "consistent", LABELS),
-    Metric("rsr", "6.9", "RSR"),
-    Metric("rl_s", "6.9", "RL (s)"),
-    Metric("ivcs", "6.10", "IVCS"),
-)
+    Metric("jovr", "6.2", "JOVR", "valid text and trajectory", "output_valid", LABELS),
+    Metric("sem_cov", "6.3", "SemCov", "answered semantic slots", "given", "evaluable"),
+    Metric("sem_acc_cond", "6.3", "SemAcc cond", "accuracy of answered slots", "hard", "given"),
+    Metric(
+        "sem_acc_eff", "6.3", "SemAcc", "effective accuracy of the semantic slots",
+        "hard", "evaluable",
+    ),
+    Metric("sem_acc_soft", "6.3", "SemAcc soft", "the same, near ones half", "soft", "evaluable"),
+    Metric(
+        "cia_eff", "6.4", "CIA", "critical interaction accuracy",
+        "interaction_correct", "interaction_evaluable",
+    ),
+    Metric(
+        "act_acc_eff", "6.5", "ActAcc", "admissible actions in the text (diagnostic)",
+        "action_correct", LABELS,
+    ),
+    Metric("stfr", "6.7", "STFR", "feasible trajectories (diagnostic)", "feasible", LABELS),
+    Metric(
+        "tqsr", "6.7", "TQSR", "feasible trajectory with an admissible action",
+        "trajectory_correct", LABELS,
+    ),
+    Metric(
+        "atc_eff", "6.8", "ATC", "text and trajectory agree (diagnostic)", "consistent", LABELS
+    ),
+    Metric("rsr", "6.9", "RSR", "risk response"),
+    Metric("rl_s", "6.9", "RL (s)", "latency of the risk response"),
+    Metric("ivcs", "6.10", "IVCS", "weighted sum of the components"),
+)  # fmt: skip
+BY_NAME = {metric.name: metric for metric in METRICS}
+# What IVCS is made of (METHOD 6.10), IVCS before and after it, and what stands beside it.
+COMPONENTS = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
+IVCS_FIRST, IVCS_LAST = ("ivcs", *COMPONENTS), (*COMPONENTS, "ivcs")
+DIAGNOSTIC = ("act_acc_eff", "stfr", "atc_eff")
 RATIOS = tuple(metric for metric in METRICS if metric.numerator)
 METRIC_NAMES = tuple(metric.name for metric in METRICS)
 METRIC_LABELS = {metric.name: metric.label for metric in METRICS}
@@ -69,13 +90,7 @@ def ratios(sums: Mapping[str, np.ndarray]) -> dict[str, Numbers]:
 
 def ivcs_weights(thresholds: Thresholds = DEFAULT) -> dict[str, float]:
     """The weight of each component of IVCS by its key in the score output (METHOD 6.10)."""
-    return {
-        "jovr": thresholds.weight_jovr,
-        "sem_acc_eff": thresholds.weight_sem_acc_eff,
-        "cia_eff": thresholds.weight_cia_eff,
-        "tqsr": thresholds.weight_tqsr,
-        "rsr": thresholds.weight_rsr,
-    }
+    return {name: getattr(thresholds, f"weight_{name}") for name in COMPONENTS}
 
 
 def ivcs_terms(
@@ -161,20 +176,6 @@ class CellMetrics:
     def to_json(self) -> dict[str, Any]:
         """The score output of METHOD 6.14: its keys, in its order, nothing rounded."""
         return {
-            "n": self.n,
-            "matched": self.matched,
-            "jovr": self.jovr,
-            "sem_cov": self.sem_cov,
-            "sem_acc_cond": self.sem_acc_cond,
-            "sem_acc_eff": self.sem_acc_eff,
-            "sem_acc_soft": self.sem_acc_soft,
-            "cia_eff": self.cia_eff,
-            "act_acc_eff": self.act_acc_eff,
-            "stfr": self.stfr,
-            "tqsr": self.tqsr,
-            "atc_eff": self.atc_eff,
-            "rsr": self.rsr,
-            "rl_s": self.rl_s,
-            "ivcs": self.ivcs,
+            **{name: getattr(self, name) for name in ("n", "matched", *METRIC_NAMES)},
             "denominators": {"semantic": self.semantic_denominator, "cia": self.cia_denominator},
         }

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from ssp_eval.score.aggregate import EQUAL
+from ssp_eval.score.metrics import IVCS_FIRST
 from ssp_eval.statistics.resampling import (
     LEVEL,
     NO_INTERVAL,
@@ -24,7 +25,6 @@ from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import in_order
 from ssp_eval.statistics.tables import sd
 
-COMPARED = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
 TESTED = "ivcs"
 # All 2^n signs are tried up to here.
 EXACT_PAIRS = 16
@@ -94,7 +94,7 @@ def compare(rows: Sequence[CellRow], subject: str, seed: int) -> list[Comparison
     names = sorted(values, key=lambda name: in_order([name]))
     found = [
         _comparison(subject, first, second, metric, values, seed)
-        for metric in COMPARED
+        for metric in IVCS_FIRST
         for first, second in combinations(names, 2)
     ]
     return holm(found)
@@ -219,7 +219,7 @@ def compared_metrics(models: Collection[str]) -> tuple[str, ...]:
     """The metrics whose differences are looked at between so many models."""
     if len(models) > MOST_BY_IVCS:
         return ()
-    return COMPARED if len(models) <= MOST_MODELS else (TESTED,)
+    return IVCS_FIRST if len(models) <= MOST_MODELS else (TESTED,)
 
 
 @dataclass

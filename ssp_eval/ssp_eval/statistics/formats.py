@@ -252,6 +252,11 @@ def _csv_value(value: str | float | None) -> str:
     return repr(value)
 
 
+def unguarded(text: str) -> str:
+    """A text of our CSV without the guard before what a spreadsheet would take for a formula."""
+    return text[1:] if text.startswith("'") and text[1:].startswith(_FORMULA) else text
+
+
 def to_data(table: Table) -> dict[str, Any]:
     """The table as plain values for JSON, every digit: the columns of the CSV as a Table Schema.
 

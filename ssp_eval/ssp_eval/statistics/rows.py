@@ -11,7 +11,7 @@ from ssp_eval.data.labels import LabelComparison, compare_by_scenario
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.results import CellData, load_cells
 from ssp_eval.score.aggregate import Cell, mean
-from ssp_eval.score.metrics import METRIC_NAMES, ivcs, ivcs_weights
+from ssp_eval.score.metrics import COMPONENTS, METRIC_NAMES, ivcs
 from ssp_eval.score.thresholds import DEFAULT
 
 OK = "ok"
@@ -84,7 +84,7 @@ class CellRow:
     @property
     def components(self) -> dict[str, float | None]:
         """What IVCS is made of, by name."""
-        return {name: getattr(self, name) for name in ivcs_weights()}
+        return {name: getattr(self, name) for name in COMPONENTS}
 
     @property
     def ivcs_nulls(self) -> tuple[str, ...]:
@@ -205,25 +205,16 @@ def _row_of(cell: CellData, run: str, compared: LabelComparison | None) -> CellR
     is_comparable = score is None or compared is None or compared.comparable
     reasons = [*cell.facts.reasons, *([] if is_comparable else [OTHER_LABELS])]
 
-    def value(name: str) -> float | None:
-        return None if score is None else getattr(score, name)
-
+    scores = {
+        name: None if score is None else getattr(score, name)
+        for name in METRIC_NAMES
+        if name != "ivcs"
+    }
     return CellRow(
         scenario=cell.scenario,
         domain=cell.domain,
         model=cell.model,
-        jovr=value("jovr"),
-        sem_acc_eff=value("sem_acc_eff"),
-        cia_eff=value("cia_eff"),
-        act_acc_eff=value("act_acc_eff"),
-        tqsr=value("tqsr"),
-        atc_eff=value("atc_eff"),
-        rsr=value("rsr"),
-        rl_s=value("rl_s"),
-        sem_cov=value("sem_cov"),
-        stfr=value("stfr"),
-        sem_acc_cond=value("sem_acc_cond"),
-        sem_acc_soft=value("sem_acc_soft"),
+        **scores,
         n=len(cell.labels.labels),
         run=run,
         total_b=facts.total_b,

@@ -12,7 +12,7 @@ import numpy as np
 from ssp_eval.score.aggregate import BY_DOMAIN, BY_MODEL, EQUAL, Cell, mean, means
 from ssp_eval.score.columns import Columns
 from ssp_eval.score.engine import score_columns
-from ssp_eval.score.metrics import ivcs_weights
+from ssp_eval.score.metrics import IVCS_FIRST, ivcs_weights
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 from ssp_eval.statistics.bootstrap import Estimate, bootstrap_mean
 from ssp_eval.statistics.comparisons import t_interval
@@ -269,9 +269,6 @@ def _macro(rows: Sequence[CellRow], scores: Numbers, subject: str) -> dict[str, 
     return {key[0]: one["ivcs"].value or 0.0 for key, one in means(cells, (subject,)).items()}
 
 
-METRICS = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
-
-
 @dataclass(frozen=True)
 class Spread:
     """A score over K runs.
@@ -341,7 +338,7 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
     cells = [
         spread
         for key, group in sorted(by_cell.items())
-        for metric in METRICS
+        for metric in IVCS_FIRST
         if (spread := _spread(key, metric, _values(group, metric), resamples, seed))
     ]
     whole = _alike(by_run)
@@ -349,7 +346,7 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
     for by in (BY_DOMAIN, BY_MODEL):
         per_run = [means([row.cell() for row in by_run[name]], by) for name in whole]
         for key in sorted(per_run[0]):
-            for metric in METRICS:
+            for metric in IVCS_FIRST:
                 found = [run[key][metric].value for run in per_run if key in run]
                 values = [value for value in found if value is not None]
                 if spread := _spread((*by, *key), metric, values, resamples, seed):

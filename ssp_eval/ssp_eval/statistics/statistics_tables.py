@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from ssp_eval.evaluate.results import CellData
 from ssp_eval.score.cell import STAGES
-from ssp_eval.score.metrics import ivcs_weights
+from ssp_eval.score.metrics import IVCS_FIRST, ivcs_weights
 from ssp_eval.statistics.bootstrap import Estimate, Group
 from ssp_eval.statistics.comparisons import FLIPS, Comparison
 from ssp_eval.statistics.resampling import Interval
@@ -73,7 +73,6 @@ def _counts(cell: CellData) -> tuple[int, ...]:
 
 # Below this many items an interval says little; the tables point it out.
 FEW = 6
-SHOWN = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
 METRICS_NOTE = (
     "All scores lie between 0 and 1, and more is better. ivcs: their weighted sum; jovr: share of "
     "labels with a valid text and trajectory; sem_acc_eff: what the text says of the scene is "
@@ -129,7 +128,7 @@ def cells_over_records(
     rows = [
         (*key, metric, *_interval(estimates[metric]))
         for key, estimates in cells.items()
-        for metric in SHOWN
+        for metric in IVCS_FIRST
     ]
     return Table(
         "intervals_cells",
@@ -163,7 +162,7 @@ def groups_over_records(
         (*_named(by, key), metric, *_interval(one)[:3], one.bias, one.unit, one.n)
         for by, found in groups.items()
         for key, estimates in sorted(found.items(), key=lambda g: in_order(g[0]))
-        for metric in SHOWN
+        for metric in IVCS_FIRST
         for one in [estimates[metric]]
     ]
     return Table(

@@ -9,7 +9,7 @@ from typing import Literal
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.cli import DISCLAIMER, NULL, format_response
-from ssp_eval.score.metrics import METRIC_LABELS
+from ssp_eval.score.metrics import DIAGNOSTIC, METRIC_LABELS
 
 # text: words; count: a whole number; ratio, seconds, curvature: three, two and five decimals;
 # signed: a difference of ratios, with its sign; change: a relative difference, shown in percent;
@@ -179,24 +179,16 @@ def some(names: Sequence[str], separator: str = ", ") -> str:
     return f"{separator.join(names[:NAMED])}{separator}and {len(names) - NAMED} more"
 
 
-SCORES = (
-    Column("jovr", METRIC_LABELS["jovr"]),
-    Column("sem_cov", METRIC_LABELS["sem_cov"]),
-    Column("sem_acc_eff", METRIC_LABELS["sem_acc_eff"]),
-    Column("cia_eff", METRIC_LABELS["cia_eff"]),
-    Column("tqsr", METRIC_LABELS["tqsr"]),
-    Column("ivcs", METRIC_LABELS["ivcs"]),
-    Column("act_acc_eff", METRIC_LABELS["act_acc_eff"]),
-    Column("stfr", METRIC_LABELS["stfr"]),
-    Column("atc_eff", METRIC_LABELS["atc_eff"]),
-)
-MEANS = (
-    *SCORES[:5],
-    Column("rsr", METRIC_LABELS["rsr"]),
-    Column("rl_s", METRIC_LABELS["rl_s"], "seconds"),
-    *SCORES[5:],
-)
-TITLES = {column.key: column.title for column in MEANS}
+def metric_columns(*names: str, printed: bool = True) -> tuple[Column, ...]:
+    """A column of each of these metrics."""
+    return tuple(
+        Column(name, METRIC_LABELS[name], "seconds" if name == "rl_s" else "ratio", printed)
+        for name in names
+    )
+
+
+SCORES = metric_columns("jovr", "sem_cov", "sem_acc_eff", "cia_eff", "tqsr", "ivcs", *DIAGNOSTIC)
+MEANS = (*SCORES[:5], *metric_columns("rsr", "rl_s"), *SCORES[5:])
 COUNT = Column("n", "n", "count")
 
 

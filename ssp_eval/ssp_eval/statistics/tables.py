@@ -23,6 +23,7 @@ from ssp_eval.score.aggregate import (
     ranking,
     relative_difference,
 )
+from ssp_eval.score.metrics import IVCS_LAST, METRIC_LABELS
 from ssp_eval.statistics.rows import (
     MACRO,
     OK,
@@ -37,20 +38,19 @@ from ssp_eval.statistics.table import (
     COUNT,
     MEANS,
     SCORES,
-    TITLES,
     Column,
     Outcome,
     Table,
     Value,
     in_order,
+    metric_columns,
     some,
 )
 
 YES, NO = "yes", "no"
 # In CSV and JSON alone: what another analysis of the same cells needs, and no reader of a page.
 _BEHIND = (
-    Column("sem_acc_cond", "SemAcc cond", printed=False),
-    Column("sem_acc_soft", "SemAcc soft", printed=False),
+    *metric_columns("sem_acc_cond", "sem_acc_soft", printed=False),
     Column("total_b", "total (B)", "billions", printed=False),
     Column("active_b", "active (B)", "billions", printed=False),
     *(
@@ -120,7 +120,7 @@ def _remark(row: CellRow) -> str:
     if row.thresholds:
         parts.append("other thresholds")
     if row.ivcs_nulls:
-        parts.append("null: " + ", ".join(TITLES[name] for name in row.ivcs_nulls))
+        parts.append("null: " + ", ".join(METRIC_LABELS[name] for name in row.ivcs_nulls))
     return "; ".join(parts)
 
 
@@ -239,8 +239,8 @@ def seeing_table(rows: Sequence[CellRow], asked: Iterable[str]) -> Table:
             column
             for key in COMPARED_WITHOUT_SIGHT
             for column in (
-                Column(key, TITLES[key]),
-                Column(f"{key}_spoilt", f"{TITLES[key]}, spoilt"),
+                Column(key, METRIC_LABELS[key]),
+                Column(f"{key}_spoilt", f"{METRIC_LABELS[key]}, spoilt"),
             )
         ),
         Column(DIFFERENCE, "IVCS owed to seeing", "signed"),
@@ -301,7 +301,6 @@ def answerers_table(rows: Sequence[CellRow]) -> Table:
 BY_DOMAIN_MODEL = ("domain", "model")
 # A row over all scenarios.
 ALL = "all"
-COMPARED = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr", "ivcs")
 _GROUPINGS = (
     ("by_model", "Means by model", BY_MODEL),
     ("by_domain", "Means by domain", BY_DOMAIN),
@@ -507,7 +506,7 @@ def foundation_table(
         table_rows.append(
             (
                 model, row.architecture or None, row.total_b, row.active_b, values["ivcs"].n,
-                *(values[key] for key in COMPARED), *_differences(values, base),
+                *(values[key] for key in IVCS_LAST), *_differences(values, base),
             )
         )  # fmt: skip
     columns = (
@@ -516,7 +515,7 @@ def foundation_table(
         Column("total_b", "total (B)", "billions"),
         Column("active_b", "active (B)", "billions"),
         COUNT,
-        *(Column(key, TITLES[key]) for key in COMPARED),
+        *metric_columns(*IVCS_LAST),
         *(_changes() if base else ()),
     )
     said = ["Unweighted means over cells; n counts cells. B: billions of parameters."]
@@ -552,7 +551,7 @@ def domain_differences(cells: Sequence[Cell], notes: Sequence[str] = ()) -> Tabl
             parts.insert(0, (ALL, shared))
         for scenario, places in parts:
             base, own = (
-                {key: mean(values[d][place].score[key] for place in places) for key in COMPARED}
+                {key: mean(values[d][place].score[key] for place in places) for key in IVCS_LAST}
                 for d in (first, second)
             )
             rows.append((second, first, scenario, len(places), *_differences(own, base)))
@@ -579,10 +578,10 @@ def domain_differences(cells: Sequence[Cell], notes: Sequence[str] = ()) -> Tabl
 
 
 def _changes() -> Iterable[Column]:
-    return (Column(f"d_{key}", f"Δ {TITLES[key]}", "change") for key in COMPARED)
+    return (Column(f"d_{key}", f"Δ {METRIC_LABELS[key]}", "change") for key in IVCS_LAST)
 
 
 def _differences(values: Mapping[str, Mean], base: Mapping[str, Mean] | None) -> list[float | None]:
     if base is None:
         return []
-    return [relative_difference(values[key].value, base[key].value) for key in COMPARED]
+    return [relative_difference(values[key].value, base[key].value) for key in IVCS_LAST]
