@@ -125,7 +125,6 @@ class Step:
 
     Args:
         name: what others know it by.
-        title: for the progress display.
         arguments: of ``ssp``.
         needs: names of the steps that must be done before.
         session: it runs a session; one at a time does.
@@ -187,12 +186,7 @@ def declared_options(clip: Path) -> tuple[str, ...]:
 
 
 def plan_steps(out: Path, scenarios: Sequence[str]) -> list[Step]:
-    """All steps; each needs only ones before it.
-
-    Args:
-        out: folder of the demonstration.
-        scenarios: names of shipped events.
-    """
+    """All steps; each needs only ones before it."""
     plan = [_clip(out, scenario) for scenario in scenarios]
     plan += [step for scenario in scenarios for step in _simulation(out, scenario)]
     plan += [step for scenario in scenarios for step in _synthetic(out, scenario)]
@@ -362,7 +356,6 @@ def follow(
         steps: each needs only ones before it.
         logs: folder that gets command and output of each step.
         on_start: told each step and its number, from 1, when it starts.
-        on_end: told each step that is done.
 
     Raises:
         PeerError: a step failed or was interrupted; the message ends with the last lines of its

@@ -44,7 +44,6 @@ def element(name: str, content: str = "", **attributes: float | str) -> str:
     """One element; ``class_`` is class, other underscores become hyphens.
 
     Args:
-        name: tag.
         content: inner SVG, already escaped.
         attributes: numbers are shortened, strings escaped.
     """
@@ -92,9 +91,7 @@ def jpeg_uri(data: bytes, place: str | Path, max_width_px: int = MAX_WIDTH_PX) -
     """As data_uri, of a picture's bytes.
 
     Args:
-        data: JPEG or another format that OpenCV reads.
         place: where it comes from, for messages.
-        max_width_px: wider ones are made smaller.
 
     Raises:
         InputError: it is no picture.

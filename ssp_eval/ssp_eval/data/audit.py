@@ -86,7 +86,6 @@ def phase_fraction(t_s: float, start_s: float, end_s: float) -> float:
 
     Args:
         t_s: time of the event, any clock.
-        start_s: start of the clip on the same clock.
         end_s: its end, later than its start.
 
     Returns:

@@ -74,7 +74,6 @@ def parse_json(text: str, place: Location) -> Any:
     """The value of a JSON text; NaN and Infinity tokens are let through for the fields to judge.
 
     Args:
-        text: one JSON value.
         place: of the text; without a line, a syntax error names its own.
 
     Raises:

@@ -116,7 +116,6 @@ def template_json(
     """The content of a template.
 
     Args:
-        scenario: name.
         domain: of METHOD 5.2.
         event_version: K* version, or a word that says that nobody knows it.
         times_s: clip times, rising.
@@ -179,7 +178,6 @@ class Label:
         objects: classes of the relevant road users; ``()`` says that there is nobody.
         position: of the critical object, seen from the VUT.
         motion: of the critical object, seen from the VUT.
-        conflict: state of the conflict.
         lon_actions: longitudinal actions that are right here, at least one.
         lat_actions: lateral actions that are right here, at least one.
         at: its place in the plan; None for labels on a clock grid.
@@ -270,7 +268,6 @@ def parse_labels(value: object, file: str | Path) -> Labels:
 
     Args:
         value: what the JSON or YAML text holds.
-        file: name for error messages.
 
     Raises:
         InputError: something is wrong (METHOD 5.6), with its field path: unknown schema, missing

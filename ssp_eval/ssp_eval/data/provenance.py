@@ -150,9 +150,7 @@ class Participants:
     """Who takes part in a recording's event, by the ids of their states.
 
     Args:
-        vut: id of the VUT.
         targets: class word of every object target, by id.
-        traffic: ids of surrounding traffic.
     """
 
     vut: str
@@ -170,14 +168,11 @@ class Provenance:
     """Where a clip comes from.
 
     Args:
-        name: of the bag directory.
         bag_sha256: content hash of its MCAP file or files.
         scenario: None where an imported video doesn't say.
         domain: of METHOD 5.2.
         domain_said_by: who says so, for people: the session's mode, or a named person.
         event_version: K* version, None where an imported video doesn't say.
-        origin: one line for people.
-        stand_in: a software stand-in for a physical session.
         ego: measured, declared or unknown.
         camera: measured, declared, assumed or unknown.
         verdict: word of the run's verdict, None for an imported video.
@@ -185,7 +180,6 @@ class Provenance:
         verdict_sha256: hash of the runner's verdict.json, which lies outside the MCAP file; None
             where there is none.
         session_start_ns: stamp of the first RUNNING state, None for an imported video.
-        run: the run file of a session.
         imported: what the importer wrote, None for a session.
     """
 
@@ -270,10 +264,6 @@ def bag_folder(bag: Path) -> Path:
 def content_sha256(bag: BagReader, on_block: Callable[[], None] = lambda: None) -> str:
     """Hash of the bag's MCAP file or files; it reads every byte of them.
 
-    Args:
-        bag: open.
-        on_block: see sha256_file.
-
     Raises:
         InputError: a file of it can't be read any more.
     """
@@ -290,7 +280,6 @@ def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
     """What the bag's attachments and session states say.
 
     Args:
-        bag: open.
         digest: content_sha256 of it, for a caller who works it out meanwhile; None: here.
 
     Raises:

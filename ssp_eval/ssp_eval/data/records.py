@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, Strict, ValidationError
+from pydantic import Field, Strict, ValidationError
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_text
@@ -134,12 +134,7 @@ class _SlotsLine(Closed):
     lat_action: _LatAction | None
 
 
-def _with_nan(numbers: tuple[float | None, ...]) -> tuple[float | None, ...]:
-    """NaN where the file has null: the trajectory is invalid, the file is not."""
-    return tuple([math.nan if n is None else n for n in numbers]) if None in numbers else numbers
-
-
-_Coordinates = Annotated[tuple[Annotated[float, Strict()] | None, ...], AfterValidator(_with_nan)]
+_Coordinates = tuple[Annotated[float, Strict()] | None, ...]
 
 
 class _TrajectoryLine(Closed):
@@ -179,10 +174,15 @@ class _Line(Closed):
                 _slot(slots.lon_action),
                 _slot(slots.lat_action),
             ),
-            None if path is None else Trajectory(path.t_s, path.x_m, path.y_m),
+            None if path is None else Trajectory(*map(_with_nan, (path.t_s, path.x_m, path.y_m))),
             once(self.invalid),
             None if self.adapter is None else self.adapter.model_dump(),
         )
+
+
+def _with_nan(numbers: _Coordinates) -> tuple[float, ...]:
+    """NaN where the file has null: the trajectory is invalid, the file is not."""
+    return tuple([math.nan if number is None else number for number in numbers])
 
 
 def _slot(said: Any) -> Slot | None:
@@ -202,10 +202,6 @@ def load_records(path: str | Path) -> tuple[BehaviourRecord, ...]:
 
 def parse_records(text: str, file: str | Path) -> tuple[BehaviourRecord, ...]:
     """The records of a JSON Lines text; none for an empty one (a model that stayed silent).
-
-    Args:
-        text: one JSON object per line.
-        file: name for error messages.
 
     Raises:
         InputError: the first thing that is wrong with the file, with line and field.

@@ -158,7 +158,6 @@ def admission_of(entry: RecordingEntry, audit_sha256: str) -> Admission:
     """What an audit says of one recording.
 
     Args:
-        entry: of the audit.
         audit_sha256: hash of its file.
     """
     return Admission(
@@ -175,9 +174,7 @@ def said_of(audit: Audit, bag: str | None, verdict_sha256: str | None) -> set[st
     """What an audit says of a recording: one status, none where it doesn't know it.
 
     Args:
-        audit: read.
         bag: hash of the bag.
-        verdict_sha256: of the verdict that it was evaluated with.
     """
     return {
         admission_of(entry, "").held_against(verdict_sha256).status
@@ -187,12 +184,7 @@ def said_of(audit: Audit, bag: str | None, verdict_sha256: str | None) -> set[st
 
 
 def keep_audits(out: Path, admissions: Iterable[Admission]) -> None:
-    """Leaves the audits that cells go by in the campaign, where the report checks them.
-
-    Args:
-        out: campaign folder.
-        admissions: of its recordings.
-    """
+    """Leaves the audits that cells go by in the campaign, where the report checks them."""
     kept = kept_audits(out)
     wanted = {a.audit_sha256: a.file for a in admissions if a.file is not None}
     for digest, file in wanted.items():

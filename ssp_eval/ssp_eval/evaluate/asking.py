@@ -73,7 +73,6 @@ def derangement(count: int, seed: int, salt: int = 0) -> list[int]:
 
     Args:
         count: of the things, 2 or more.
-        seed: of the campaign.
         salt: tells orders of one seed apart.
     """
     rng = random.Random(sha256_json([seed, salt]))
@@ -87,13 +86,7 @@ def derangement(count: int, seed: int, salt: int = 0) -> list[int]:
 def other_label_time(
     times_s: Sequence[float], index: int, seed: int = CONDITION_SEED
 ) -> float | None:
-    """The label time whose picture is shown at another one; None where there is only one.
-
-    Args:
-        times_s: of all labels.
-        index: of the label that is asked about.
-        seed: the same one gives the same times.
-    """
+    """The label time whose picture is shown at another one; None where there is only one."""
     return None if len(times_s) < 2 else times_s[derangement(len(times_s), seed)[index]]
 
 
@@ -104,7 +97,6 @@ def under(
 
     Args:
         condition: one of controls.CONDITIONS; empty: the question itself.
-        question: as it would be asked.
         another: what would be asked at other_label_time; None where there is none. It is used
             where a request holds a single frame.
     """
@@ -166,7 +158,6 @@ def ask_all(
     """Asks about every label time that isn't answered in the cell's folder already.
 
     Args:
-        place: the cell.
         clients: gives the way to the model; not touched when every answer is stored already.
         out: campaign folder, which keeps the newest frame of each request.
         repeats: what is asked again.
@@ -186,8 +177,6 @@ class _Conversation:
     """What one model was asked so far; its own last answer goes into the next request.
 
     Args:
-        place: the cell.
-        clients: gives the way to the model.
         repeats: what is asked again.
     """
 

@@ -49,9 +49,7 @@ class TopicClients(Closing):
     stored needs no ROS.
 
     Args:
-        log_dir: for the bridges' output.
         timeout_s: for one answer, where the model has no time of its own.
-        start_timeout_s: until a bridge is on its topics.
         attached: the bridges run already, in the domain that the environment names.
     """
 

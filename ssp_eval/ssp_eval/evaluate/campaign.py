@@ -38,8 +38,6 @@ class Plan:
 
     Args:
         label_times: of all cells, also of those that are refused and not asked.
-        cells: that are asked.
-        questions: to all models.
         to_answerers: of these, to the harness's own answerers.
         spoilt: of these, to models that are asked once more under a condition.
         goes_on: some may have an answer that is stored, and isn't asked for again.
@@ -82,7 +80,6 @@ def plan_of(
     """What a campaign will ask.
 
     Args:
-        clips: with their labels.
         models: who is asked, controls included.
         goes_on: the campaign has answers already, and they count.
     """
@@ -115,7 +112,6 @@ def labelled_clip(
     """A clip with the labels that belong to it.
 
     Args:
-        clip: open.
         labels_path: given by the user; None looks beside the bag.
         admission: what the audit says of the recording.
 
@@ -270,8 +266,6 @@ def open_clips(
     """The clips of a campaign with their labels, checked all together.
 
     Args:
-        stack: closes them.
-        bags, propose_labels, admissions: see run_campaign.
         rules: of what is asked first; the time that hashing takes is used for it.
 
     Raises:
@@ -337,9 +331,6 @@ def run_campaign(
     Args:
         bags: bag and its labels file (None: look beside it).
         models: who is asked.
-        clients: the way to them.
-        out: campaign folder.
-        options: adapter and reuse.
         propose_labels: where there are no labels, propose them.
         admissions: what audits say, by hash of the bag; a bag that isn't there is unaudited.
         on_plan: told once how much there is to ask, before anything is asked.

@@ -47,7 +47,6 @@ def records_of(
 
     Args:
         asked: in label order.
-        adapter: name of the adapter.
         extractor: of the slots; None: the rules alone.
 
     Raises:
@@ -72,7 +71,6 @@ def record_of(
 
     Args:
         t_s: clip time of the newest frame that was sent.
-        response: as it came.
         adapter: name of the adapter, with its mode.
         request: that it answers; an adapter knows an echo of the prompt by it.
         no_previous: why the request held no previous answer though its interface carries one.
@@ -120,8 +118,6 @@ class CellOptions:
         fresh: ask again even where an answer is stored.
         retry_errors: ask again at most this often after an error that may pass.
         retry_pause_s: before the first of these, s.
-        extractor: of the slots in the texts.
-        thresholds: of the scorer.
     """
 
     adapter: str = ""
@@ -143,7 +139,6 @@ def fail_cell(
     """Leaves the folder of a cell whose worker died; answers that are stored there stay.
 
     Args:
-        labelled, model, out, options: see evaluate_cell.
         reason: how it died.
     """
     place = _place(labelled, model, out, options)
@@ -190,10 +185,8 @@ def evaluate_cell(
     """Evaluates one model on one clip and leaves the cell's folder.
 
     Args:
-        labelled: clip and labels.
         model: who is asked.
         clients: gives the way to the model; not touched when every answer is stored already.
-        out: campaign folder.
         options: adapter, reuse and repetition.
         on_record: called once per label time.
 

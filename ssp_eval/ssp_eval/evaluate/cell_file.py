@@ -48,12 +48,7 @@ def write_readable(path: Path, value: Any) -> bool:
 
 
 def too_large(name: str, value: Mapping[str, Any]) -> str:
-    """The reason why a cell whose file can't be read is failed.
-
-    Args:
-        name: of the file.
-        value: that it would hold.
-    """
+    """The reason why a cell whose file can't be read is failed."""
     sizes = {key: len(json.dumps(part)) for key, part in value.items()}
     largest = max(sizes, key=lambda key: sizes[key])
     return (
@@ -101,8 +96,6 @@ class LabelledClip:
     """A clip with its labels, ready to be asked about.
 
     Args:
-        clip: open.
-        labels: of this clip.
         labels_source: where they come from, for people.
         proposed: made from privileged states and not reviewed since.
         admission: what the audit says of the recording.
@@ -161,20 +154,12 @@ class CellResult:
     """What became of one cell.
 
     Args:
-        folder: of the cell.
-        scenario: of the labels.
-        domain: of the labels.
-        model: name.
         status: ok, refused or failed.
         reasons: of a refusal or failure, the primary one first.
         score: METHOD 6.14, None unless ok.
-        asked: requests that were sent.
-        reused: answers that an earlier run had stored.
         losses: label times without an answer, counted by kind (client.Loss).
-        again: questions that were repeated after an error.
         admission: admitted, refused, unpaired or unaudited (admission.py).
         admission_reasons: of a refusal, or why an audit of the recording doesn't hold any more.
-        control: it was added to check the harness.
         condition: under which the model was asked; empty: none.
         first_missing: why the first answer is missing; empty where none is.
         labels_per_phase: how many labels each phase has.
@@ -252,12 +237,7 @@ def sealed(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def changed_since(folder: Path, facts: Mapping[str, Any]) -> str:
-    """Which file of a cell isn't as the evaluation left it; empty where all are.
-
-    Args:
-        folder: of the cell.
-        facts: its cell.json.
-    """
+    """Which file of a cell isn't as the evaluation left it; empty where all are."""
     told = facts["hashes"]
     if SEAL not in told:
         return (
@@ -280,12 +260,9 @@ class CellPlace:
     """What a cell is of, and where it lies.
 
     Args:
-        folder: of the cell.
-        labelled: clip and labels.
         model: who is asked.
         adapter: that reads the answers, with its mode.
         extractor: of the slots; its counts are of this cell.
-        thresholds: of the scorer.
     """
 
     folder: Path
@@ -311,7 +288,6 @@ def write_cell(
         status: ok, refused or failed; a cell that has more to say than is read is failed, too.
         reasons: of a refusal or failure, the primary one first.
         asked: in label order.
-        ignored: answers that came and weren't used.
         score: METHOD 6.14, None unless ok.
     """
     value = _facts(place, status, reasons, asked, ignored)

@@ -48,7 +48,6 @@ def model_specs(
     Args:
         bridges: as ``--bridge`` takes them.
         attached: as ``--attach`` takes them.
-        files: models files.
 
     Raises:
         click.UsageError: there are none, one stands twice, or some are attached and others not.

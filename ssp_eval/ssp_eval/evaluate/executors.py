@@ -43,14 +43,9 @@ class Settings:
     """What all cells of a campaign have in common; it can be sent to another process.
 
     Args:
-        out: campaign folder.
-        adapter, fresh, retry_errors, retry_pause_s: see CellOptions.
         make_extractor: a client of a service can't be sent, so each process makes its own.
-        timeout_s: for one answer.
-        start_timeout_s: until a bridge is on its topics.
         direct: models answer in the worker itself, without ROS; None: over topics.
         extractor_sha256: of the extractor that all workers must have; empty: any.
-        thresholds: of the scorer.
     """
 
     out: Path
@@ -71,9 +66,6 @@ class Job:
     """One cell.
 
     Args:
-        number: its place in the campaign.
-        bag: path of the recording.
-        labels: path of its labels.
         model: who is asked.
         bag_sha256, labels_sha256: of the recording, and of what its labels say (labels_version).
         admission: what the audit says of the recording.
@@ -92,7 +84,6 @@ class JobRunner(Closing):
     """Does jobs one after the other; bridges are kept until the block ends.
 
     Args:
-        settings: of the campaign.
         name: of the worker, for its bridges' output.
 
     Raises:
@@ -127,7 +118,6 @@ class JobRunner(Closing):
         """Evaluates a cell as a campaign of one process does.
 
         Args:
-            job: the cell.
             on_record: called once per label time.
 
         Raises:
@@ -227,7 +217,6 @@ def run_pool(
     """Evaluates cells in several processes.
 
     Args:
-        jobs: the cells.
         settings: what they have in common.
         workers: how many processes; not more are started than there are cells.
         on_dead: writes a failed cell, given how its worker died.
@@ -357,7 +346,6 @@ def joined(ray: Any, workers: int) -> Iterator[None]:
     """Within the block this process is in the cluster that RAY_ADDRESS names, or in one of its own.
 
     Args:
-        ray: the module.
         workers: processors of a cluster that is started here.
 
     Raises:
@@ -481,7 +469,6 @@ def run_ray(
     """As pool.run_pool, on the cluster that RAY_ADDRESS names, or on one that is started here.
 
     Args:
-        jobs: the cells.
         settings: what they have in common.
         workers: how many actors, one processor each; a cluster with fewer has fewer at a time.
         on_dead: writes a failed cell, given how its worker died.

@@ -125,9 +125,6 @@ class ClientsWithAnswerers:
 
     They say the same wherever they are, so that no process is started for them, least of all in a
     ROS domain that isn't ours.
-
-    Args:
-        models: the way to all others.
     """
 
     def __init__(self, models: ModelClients) -> None:
@@ -147,11 +144,7 @@ MOST_NAME = 1000
 
 
 def unusable(response: Response) -> str:
-    """Why an answer can't be stored, whatever it says; empty where it can.
-
-    Args:
-        response: as it came.
-    """
+    """Why an answer can't be stored, whatever it says; empty where it can."""
     texts = (response.text, response.error_msg, response.model_id, response.model)
     characters = sum(len(text) for text in texts)
     if characters > MOST_CHARACTERS:
@@ -265,12 +258,7 @@ class Transport(Protocol):
 
 @dataclass(frozen=True)
 class Timeouts:
-    """How long a bridge is waited for.
-
-    Args:
-        answer_s: for one answer.
-        start_s: until it is on the topics.
-    """
+    """How long a bridge is waited for."""
 
     answer_s: float
     start_s: float = CONNECT_S
@@ -280,11 +268,9 @@ class TopicClient:
     """Asks one model over its topics.
 
     Args:
-        model: name.
         transport: the evaluator's node.
         exchange: the model's conversation.
         link: the model's topics.
-        timeouts: for an answer and for a start.
         start: starts the bridge (again); None: it is attached and not ours.
         gives_up: the backend gives up by itself, so that its bridge is free again after the error
             that says so.

@@ -72,7 +72,6 @@ class ModelSpec:
     """One model of a campaign.
 
     Args:
-        name: on the topics and in the results.
         options: of its backend; placeholders stand for what differs from cell to cell.
         attached: its bridge runs already, and isn't ours to start or stop.
         backend: name of a backend or ``module:factory``; empty: the model's name.
@@ -80,7 +79,6 @@ class ModelSpec:
         adapter: that reads its answers, ``name`` or ``name:mode``; empty: the interface's.
         timeout_s: for one answer; None: the campaign's.
         preprocessing: what differs from the interface's, by field of Preprocessing.
-        facts: for reports.
         condition: under which it is asked (conditions.py); empty: as it is meant to be.
         control: it was added to check the harness, whatever it is; it enters no mean and no rank.
         answerer: it is one of the harness's own that was added; nobody has to start it.
@@ -163,8 +161,6 @@ def refuse_secrets(value: Any, file: str | None = None, field: str = "") -> None
 
     Args:
         value: options, or a whole models file, as parsed.
-        file: for the message.
-        field: path of the value.
 
     Raises:
         InputError: with the field, and where a key may stand instead.
@@ -404,7 +400,6 @@ def with_controls(specs: list[ModelSpec], driving: Collection[str] = ()) -> list
     was said about others. None is added that is there under its name.
 
     Args:
-        specs: that somebody named.
         driving: names under which the campaign has models already; an answerer with one of them is
             asked like the others and stays a model.
     """

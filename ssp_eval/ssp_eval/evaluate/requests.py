@@ -73,7 +73,6 @@ def asked_again(value: Mapping[str, Any], previous: Response | None) -> Request:
     """What a stored question tells an adapter: all but the pictures themselves.
 
     Args:
-        value: a line of requests.jsonl that was asked.
         previous: the answer that the line names as the one before.
 
     Raises:
@@ -99,13 +98,11 @@ class Asked:
     """One label time of a cell: what was asked, and what came of it.
 
     Args:
-        label_t_s: clip time of the label.
         t_s: clip time of the newest frame sent, None where nothing could be asked.
         request: as sent, None where nothing could be asked.
         response: the raw answer, None where there is none.
         missing: why there is no record, empty where there is one.
         loss: the kind of that reason, None where there is a record.
-        reused: the answer was stored by an earlier run.
         again: how often the question was repeated after an error.
         no_previous: why the request holds no previous answer though the interface carries one;
             empty where it holds one, or where there could be none.
@@ -171,11 +168,7 @@ def key_of(request_id: str) -> str:
 
 
 def model_facts(model: ModelSpec, labels_sha256: str, clip_start_ns: int) -> dict[str, Any]:
-    """What an answer depends on besides its request, as JSON values.
-
-    Args:
-        model, labels_sha256, clip_start_ns: see AnswerKeys.
-    """
+    """What an answer depends on besides its request, as JSON values."""
     backend = model.backend_name
     options = telling_options(backend, model.options_for(labels_sha256, clip_start_ns))
     facts: dict[str, Any] = {}
@@ -221,7 +214,6 @@ def _source(module: str, options: Mapping[str, Any]) -> str:
     The module isn't imported: it may load a model.
 
     Args:
-        module: its full name.
         options: of the backend python, whose ``folder`` comes first.
     """
     parts = module.split(".")

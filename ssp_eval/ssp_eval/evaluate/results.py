@@ -192,14 +192,10 @@ class CellData:
     """One cell as it lies in its folder.
 
     Args:
-        folder: of the cell.
-        facts: of cell.json.
-        labels: of the clip.
         records: empty unless the cell has answers.
         asked: the lines of requests.jsonl, checked; see requests.
         score: scored again from records and labels, None unless the cell is ok.
         notes: what a reader must know, one sentence each.
-        thresholds: that it is scored with.
         changed: what of it isn't as `ssp evaluate` left it, for which it is refused; or empty.
     """
 
@@ -266,7 +262,6 @@ def load_cells(out: Path, on_cell: Callable[[], None] = lambda: None) -> list[Ce
     """All cells of a campaign, by scenario, domain and model.
 
     Args:
-        out: campaign folder.
         on_cell: called once for each cell.
 
     Raises:
@@ -312,22 +307,14 @@ def _domain_order(domain: str) -> int:
 
 
 class KeptAudits:
-    """The audits in a campaign's folder, each read once.
-
-    Args:
-        out: campaign folder.
-    """
+    """The audits in a campaign's folder, each read once."""
 
     def __init__(self, out: Path) -> None:
         self._files = kept_audits(out)
         self._read: dict[str, Audit] = {}
 
     def against(self, facts: CellFacts) -> str:
-        """Why a cell's admission isn't what its audit says; empty where it is.
-
-        Args:
-            facts: of the cell.
-        """
+        """Why a cell's admission isn't what its audit says; empty where it is."""
         status, named = facts.admission.status, facts.admission.audit_sha256
         if facts.status != "ok" or status == UNAUDITED:
             return ""
@@ -362,10 +349,6 @@ _BLOCK = 32
 
 def read_cells(files: Sequence[Path], audits: KeptAudits) -> Iterator[CellData]:
     """Cells in the order of their files, scored again; see load_cells.
-
-    Args:
-        files: cell.json of each.
-        audits: of the campaign.
 
     Raises:
         InputError: a file of a cell is damaged.

@@ -157,12 +157,9 @@ def evaluate_bags(
     Args:
         bags: bag and its labels file (None: look beside it).
         models: who is asked, controls included.
-        out: campaign folder.
         options: adapter, reuse and repetition.
-        timeout_s: for one answer.
         propose_labels: where there are no labels, propose them.
         admissions: what audits say, by hash of the bag.
-        start_timeout_s: until a bridge is on its topics.
         no_controls: what leaves the controls out, for the line that tells what is asked.
 
     Raises:
@@ -216,10 +213,8 @@ def run_parallel(
     """Evaluates every bag with every model, several cells at a time.
 
     Args:
-        bags, models, propose_labels, admissions, on_plan, on_record: see campaign.run_campaign.
         settings: what all cells have in common.
         workers: how many processes.
-        engine: one of ENGINES.
 
     Raises:
         InputError: a bag, its labels or an option is wrong, or a bridge is attached.

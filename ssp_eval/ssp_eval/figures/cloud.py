@@ -155,7 +155,6 @@ def spread(places: Sequence[float], gap: float, low: float, high: float) -> list
     Args:
         places: any order; the result has the same.
         gap: between neighbours; smaller where there is no room for it.
-        low, high: ends.
     """
     if not places:
         return []
@@ -202,11 +201,9 @@ def cloud(
     Args:
         points: by model, in the axes' units; numbers follow this order.
         looks: by kind, in the order of the legend; one kind alone needs none.
-        kinds: of each model.
         set_up: gives the axes limits, names and what lies under the points; returns the corners of
             a line, upright and level in turn, that labels keep off.
         thick: models whose marks get a thick border.
-        note: a line below the plot.
 
     Returns:
         The sheet and the models' names as shown; None where labels would lie on one another.
@@ -337,10 +334,7 @@ def share_axis_near(
     """An axis of a score, on the part of 0 to 1 where the values lie.
 
     Args:
-        axes: to set up.
-        side: horizontal or vertical.
         name: what it says.
-        values: of the points.
     """
     low, high = share_limits(values)
     step = 0.1 if high - low <= 0.6 + 1e-9 else 0.2

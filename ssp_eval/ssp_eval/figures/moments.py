@@ -77,7 +77,6 @@ class EgoPath:
 
         Args:
             plan: in the ego frame at made_ns.
-            made_ns: when it was made.
             at_ns: when it is looked at; its times stay those since made_ns.
         """
         if made_ns == at_ns:
@@ -157,7 +156,6 @@ class Recorded:
     """A part of a bag: which frames there are, and where the VUT was.
 
     Args:
-        bag: path of it.
         stamps_ns: of the frames, rising, at most MOST_PER_S.
         log_times_ns: of the same frames.
         driven: poses in the frame of the recording; none where the motion of the VUT is unknown.
@@ -183,11 +181,7 @@ class Recorded:
 
 
 class Recordings:
-    """Finds what cells were made from; each bag is hashed once, each part of it read once.
-
-    Args:
-        campaign: folder of `ssp evaluate`.
-    """
+    """Finds what cells were made from; each bag is hashed once, each part of it read once."""
 
     def __init__(self, campaign: Path) -> None:
         self._campaign = campaign.resolve()
@@ -276,7 +270,6 @@ class Moment:
 
     Args:
         label: what is true.
-        judgement: of the answer.
         stamp_ns: of the request, None where nothing was asked.
         frames: stamp and hash of each frame sent, oldest first.
         record: the answer, None where there is none.
@@ -320,9 +313,6 @@ class CellOverlay:
     """A scored cell as overlays tell it.
 
     Args:
-        cell: as it lies in its folder.
-        out: the campaign.
-        moments: one per label.
         part: of the bag, None: it can't be read any more.
         lost: why it can't.
     """
@@ -414,8 +404,6 @@ def overlay_of(
     """The story of a cell; None unless it has scores.
 
     Args:
-        cell: as it lies in its folder.
-        out: the campaign.
         recordings: of it; None: what the campaign keeps must do.
     """
     if cell.score is None:

@@ -68,7 +68,6 @@ def annotated(picture: Image, what: Annotation) -> Image:
 
     Args:
         picture: BGR, of the size that the ribbons are in.
-        what: to draw.
     """
     image = picture.copy()
     width = image.shape[1]
@@ -157,8 +156,6 @@ def wrapped(text: str, width_px: int, lines: int) -> list[str]:
 
     Args:
         text: of a model; line breaks count as spaces.
-        width_px: of the picture.
-        lines: at most so many.
     """
     size_px = max(9, round(width_px * _FONT_SHARE))
     room = width_px - 2 * max(2, width_px // 120)
@@ -196,7 +193,6 @@ def drawn(story: CellOverlay, moment: Moment | None, stamp_ns: int, picture: Ima
     """A frame with the plan of a moment, the driven path, and words.
 
     Args:
-        story: of the cell.
         moment: whose answer is shown; None: there is none yet.
         stamp_ns: of the frame; the plan is drawn where it was planned, seen from now.
         picture: BGR, at the size that the camera's geometry is for.
@@ -340,7 +336,6 @@ def write_overlays(
     Overlays that an earlier run made of the same cell and recording are left as they are.
 
     Args:
-        campaign: folder of `ssp evaluate`.
         out: folder, made where it isn't there.
         progress: called with a name once it is written.
         cells: of the campaign, where they were loaded already.

@@ -36,8 +36,6 @@ def phase_frames(scenario: str, model: str, stories: Sequence[CellOverlay]) -> D
     """The frames of one scenario and model: a row per domain, a column per phase.
 
     Args:
-        scenario: name.
-        model: name.
         stories: of its cells with scores, at most one per domain.
     """
     by_domain = {story.cell.domain: story for story in stories}

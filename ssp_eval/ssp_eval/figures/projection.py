@@ -56,7 +56,6 @@ class Ribbon:
     Args:
         left, right: borders of what the VUT would cover.
         middle: between them, where its reference point goes.
-        dots: places of it at every half second.
     """
 
     left: tuple[tuple[float, float], ...]
@@ -79,10 +78,8 @@ def ribbon(
     """The ribbon that the VUT would cover.
 
     Args:
-        trajectory: a valid one.
         geometry: of the camera, None: not known.
         mount_forward_m: of the camera, None: not known.
-        mount_turn: see project.
 
     Returns:
         None where the camera's pose isn't known or nothing of the path lies in front of it.

@@ -100,11 +100,7 @@ class Scores:
         return {row.model: row for row in reversed(self.entering)}
 
     def lost_runs(self, keys: Collection[tuple[str, str, str]]) -> list[CellRow]:
-        """Refused and failed runs of cells that other runs gave scores.
-
-        Args:
-            keys: of the cells that are asked for.
-        """
+        """Refused and failed runs of cells that other runs gave scores."""
         scored = {row.key for row in self.rows if row.status == OK} & set(keys)
         lost = (row for row in self.rows if row.status != OK and row.key in scored)
         return sorted(lost, key=_run_order)

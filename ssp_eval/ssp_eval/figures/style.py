@@ -195,9 +195,6 @@ def fitted(text: str, most_in: float, size_pt: float = SMALL_PT, head: float = 0
     """The text, cut where it is wider than this; what is cut shows as an ellipsis.
 
     Args:
-        text: one line.
-        most_in: width.
-        size_pt: of the font.
         head: how much of what is kept is kept of the beginning.
     """
     text = drawable(text)
@@ -259,9 +256,7 @@ def mark_legend(sheet: Sheet, looks: Mapping[str, Look], top_in: float) -> None:
     """Marks with their names.
 
     Args:
-        sheet: to draw on.
         looks: by name, in order.
-        top_in: middle of the first line.
     """
     page = sheet.page()
     for (x, line, text), look in zip(
@@ -297,7 +292,6 @@ class Drawing:
     """One figure, made and not yet written.
 
     Args:
-        name: of its files.
         figure: what is drawn.
         caption: what is shown, over what, and what it doesn't say.
     """
@@ -320,7 +314,6 @@ def caption(*sentences: str, composite: bool = True) -> str:
 
     Args:
         sentences: empty ones are left out.
-        composite: IVCS is in the figure.
     """
     parts = [sentence for sentence in sentences if sentence]
     return " ".join([*parts, DISCLAIMER] if composite else parts) + "\n"
@@ -342,7 +335,6 @@ def pages_of(items: Sequence[Item], most: int) -> list[Sequence[Item]]:
 
     Args:
         items: in order.
-        most: on one page.
     """
     if not items:
         return []
@@ -384,11 +376,8 @@ def named_rows(
     """A sheet with a row per label under a legend.
 
     Args:
-        width_in: of the sheet.
-        labels: from top to bottom.
         legend: marks by name; empty: there is none.
         right_in: room at the right of the rows.
-        row_in: height of a row.
 
     Returns:
         The sheet, its axes, and where these begin below its upper border, in.

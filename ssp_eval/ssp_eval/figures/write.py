@@ -103,9 +103,7 @@ def written_drawings(
 
     Args:
         drawings: and what can't be drawn.
-        out: folder.
         progress: called with a name once it is written.
-        told: a sentence at the end of each caption.
     """
     from ssp_eval.figures.style import LeftOut, drawing
 

@@ -38,7 +38,6 @@ class Contents:
 
     Args:
         folder: of the package, with its objects.
-        files: that it holds.
     """
 
     def __init__(self, folder: Path, files: Sequence[FileEntry]) -> None:
@@ -65,8 +64,6 @@ class Contents:
         """The file with these bytes; of several, the one whose path shares most with ``near``.
 
         Args:
-            sha256: of the bytes.
-            near: a path.
             roles: that it may have; none: any.
         """
         found = [e for e in self._by_hash.get(sha256, []) if not roles or e.role in roles]
@@ -112,9 +109,6 @@ class Contents:
     def bag(self, recording: FileEntry) -> Iterator[BagReader]:
         """A bag, opened under the names that its files had.
 
-        Args:
-            recording: one of its MCAP files.
-
         Raises:
             InputError: it is no bag or damaged; the message names the path that it had.
         """
@@ -144,7 +138,6 @@ class Contents:
         """A bag as it lay when it was taken in, with what an audit looks for beside it.
 
         Args:
-            recording: one of its MCAP files.
             root: a new folder, under which links to the objects stand at the paths that they had.
 
         Returns:
@@ -212,13 +205,8 @@ class Recording:
     """A bag among the files.
 
     Args:
-        entry: its first MCAP file.
         sha256: content hash as evaluation and audit name it.
-        attachments: data by name.
         frames: hash of each camera frame by its stamp.
-        run: of a session.
-        video: of an imported video.
-        task: sealed task in the bag.
     """
 
     entry: FileEntry
@@ -252,7 +240,6 @@ class Index:
     """Events, sites, tasks and recordings of a package, each by what others name it by.
 
     Args:
-        contents: of the package.
         on_step: told which recording is read next.
     """
 
@@ -406,11 +393,6 @@ def missing_parts(
 
     Source video, K*, artefacts and recording of each domain, labels and log are needed; an audit
     too, without which no recording is admitted.
-
-    Args:
-        index: of the package.
-        cells: facts of each cell by its path.
-        links: of the package.
     """
     links = list(links)
     used = {link.hash for link in links if link.kind == "bag"}

@@ -53,11 +53,7 @@ _ATTACHED: tuple[tuple[str, Role], ...] = (
 
 
 class Links:
-    """Works out the links, and keeps what doesn't hold.
-
-    Args:
-        index: of the package.
-    """
+    """Works out the links, and keeps what doesn't hold."""
 
     def __init__(self, index: Index) -> None:
         self._index = index
@@ -327,11 +323,7 @@ Lines = list[tuple[LineRef, dict[str, Any]]]
 
 
 class Chains:
-    """Works out the chains of scored cells, scoring anew what can be.
-
-    Args:
-        index: of the package.
-    """
+    """Works out the chains of scored cells, scoring anew what can be."""
 
     def __init__(self, index: Index) -> None:
         self._index = index
@@ -345,7 +337,6 @@ class Chains:
         """The chains of one cell; a refused or failed one has none.
 
         Args:
-            cell: path of its cell.json.
             facts: what stands there.
         """
         if facts.get("status") != "ok":

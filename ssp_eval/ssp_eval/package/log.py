@@ -43,7 +43,6 @@ class Entry:
 
     Args:
         order: (time, number of the part, place in the part): where it goes in the whole.
-        line: the entry as it is written.
         nth: how often the same line stood in this part before.
         origin: of the part, and which entry of it this is, from 1.
     """
@@ -60,9 +59,6 @@ def merged_log(parts: Iterable[tuple[str, str]]) -> str:
     A part's order wins over its clock: an entry that claims to be earlier than the one before it
     goes right after that one. An entry that stands in several parts (a compiled folder's log is
     copied into each run's) is given once, with all its origins.
-
-    Args:
-        parts: path and text of each part.
 
     Raises:
         InputError: a part is no log.
@@ -110,8 +106,6 @@ class Change:
     Args:
         field: path in run.yaml, ``limits.speed_mps``.
         old: the compiled value, or the one that was logged last; YAML or JSON.
-        new: the value from now on.
-        who: a person.
         reason: why.
         when: ISO 8601, UTC.
     """
@@ -129,10 +123,6 @@ class Logged:
     """What was entered.
 
     Args:
-        record: the entry.
-        log: file that it was appended to.
-        applied: run.yaml was changed here.
-        later: it was entered after the run.
         run_has: value in run.yaml, or in the run that was recorded.
     """
 
@@ -161,7 +151,6 @@ def log_change(folder: Path, change: Change, apply: bool = False) -> Logged:
     Args:
         folder: a compiled folder; or the folder of a run, or its ``task`` folder.
         change: what was changed.
-        apply: write the new value into run.yaml too.
 
     Raises:
         InputError: the folder is none of these, the field or a value is wrong, the old value is

@@ -79,9 +79,7 @@ def role_of(path: str, file: Path, in_a_cell: bool) -> Role:
     """What a file is.
 
     Args:
-        path: that it had.
         file: where its bytes lie.
-        in_a_cell: a cell.json lies beside it.
     """
     name = PurePosixPath(path).name
     suffix = PurePosixPath(name).suffix.lower()
@@ -141,7 +139,6 @@ class Source:
     Args:
         path: in the package: the folder's name, and the path below it.
         file: where it lies now.
-        bytes: its size.
     """
 
     path: str
@@ -256,9 +253,7 @@ def make_package(
 
     Args:
         folders: with recordings, compiled tasks, labels, audits, cells, logs, source videos.
-        out: folder to make.
         force: an earlier package there is replaced, once the new one is whole.
-        copy: make no hard links.
         on_total: told once how many bytes there are.
         on_bytes: told how many more bytes were taken in.
         on_step: told afterwards what is done next, where it takes some seconds.

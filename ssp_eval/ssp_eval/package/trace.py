@@ -69,12 +69,7 @@ def find_cell(package: Package, name: str) -> FileEntry:
 
 
 class Walker:
-    """Reads only what the walk passes, and checks the bytes of it.
-
-    Args:
-        contents: of the package.
-        package: its table.
-    """
+    """Reads only what the walk passes, and checks the bytes of it."""
 
     def __init__(self, contents: Contents, package: Package) -> None:
         self._contents = contents
@@ -85,7 +80,6 @@ class Walker:
         """From a score of a cell back to K*.
 
         Args:
-            cell: its cell.json.
             label: which label, from 0.
 
         Raises:

@@ -50,7 +50,6 @@ class Audits:
     """Judges recordings again, and keeps where an audit says something else.
 
     Args:
-        index: of the package.
         on_step: told what is done next, since reading a recording takes some seconds.
     """
 
@@ -194,9 +193,7 @@ class Findings:
 
     Args:
         links: in order.
-        chains: one per label of a scored cell.
         missing: parts that a whole package would hold.
-        problems: links that don't hold.
         notes: what could not be checked, and why.
     """
 
@@ -211,7 +208,6 @@ def work_out(contents: Contents, on_step: Callable[[str], None] = lambda _: None
     """Reads everything and follows every link; the same files always give the same findings.
 
     Args:
-        contents: of the package.
         on_step: told what is done next, where it takes some seconds.
     """
     index = Index(contents, on_step)
@@ -302,7 +298,6 @@ def verify_package(
     anew: their files are as they were when they held.
 
     Args:
-        folder: the package.
         expected_id: id that it must have, as somebody wrote it down when it was made.
         on_total: told once how many bytes there are.
         on_bytes: told how many more bytes were hashed.

@@ -33,10 +33,6 @@ class Segment:
 def segments(text: str, evidence: Mapping[str, Sequence[tuple[int, int]]]) -> tuple[Segment, ...]:
     """Cuts a text where evidence begins and ends; spans may overlap, and may lie outside.
 
-    Args:
-        text: raw.
-        evidence: per slot its half-open character spans.
-
     Returns:
         Pieces whose texts put together are the text.
     """
@@ -93,9 +89,6 @@ class _Line:
 class Walks:
     """The ways back of one cell's records; its files are read once.
 
-    Args:
-        cell: scored.
-
     Raises:
         InputError: a raw answer is damaged.
     """
@@ -113,12 +106,7 @@ class Walks:
         }
 
     def of(self, index: int, judgement: Judgement) -> tuple[WalkStep, ...]:
-        """The way back of one label time.
-
-        Args:
-            index: of the label.
-            judgement: of its record.
-        """
+        """The way back of one label time."""
         return tuple(self._steps(index, judgement))
 
     def _steps(self, index: int, judgement: Judgement) -> Iterator[WalkStep]:
@@ -208,26 +196,17 @@ class RecordView:
     """One label time of one cell.
 
     Args:
-        anchor: in the page.
         label: what is true.
         t_s: clip time of the record, None where there is none.
         frame: hash of the newest frame sent, None where nothing was sent.
         frames_sent: how many frames were.
         missing: kind and reason of there being no answer, empty where there is one.
-        text: pieces with their evidence.
-        slots: four semantic slots.
-        actions: longitudinal and lateral.
         feasible: yes, no, or – where there is no valid trajectory.
         notes: of the adapter, and why a trajectory is invalid.
         failure: name of the first failing stage, empty if none.
         stage: its key, ``none`` if none.
-        response: this record begins the risk response.
-        candidate: it counts for the risk response.
-        overlay: SVG over the picture.
-        plan: SVG of the plan.
         picture: path of that newest frame in the campaign folder, empty where it wasn't kept
             or is another one.
-        walk: from the score back to K*.
         curve: how much of the recorded lateral shift follows from the road's curve, in words.
         curve_reads: the lateral action that the curve alone would be taken for, empty where that
             is none or not known; it changes no score.

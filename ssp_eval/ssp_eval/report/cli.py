@@ -41,7 +41,6 @@ class WantedFigures:
     """What was asked for.
 
     Args:
-        folder: to write to.
         reference: model that others are compared to, None: the best by IVCS.
         only: some of CHOICES; empty: all.
     """
@@ -61,9 +60,7 @@ def draw_figures(
 
     Args:
         wanted: what was asked for.
-        rows: all cells.
         campaign: whose frames the overlays are drawn on; None: there are none.
-        cells: of the campaign.
 
     Raises:
         InputError: the reference is no model, or a file can't be read or written.

@@ -235,12 +235,7 @@ _BLIND = ("constant_velocity", "copy_history")
 
 
 def seeing_plot(seeing: Table | None, answerers: Table | None) -> str:
-    """The figure as SVG, one row per model; empty where no model was asked blindly.
-
-    Args:
-        seeing: see control_tables.seeing_table.
-        answerers: see control_tables.answerers_table.
-    """
+    """The figure as SVG, one row per model; empty where no model was asked blindly."""
     if seeing is None:
         return ""
     models: dict[str, dict[str, tuple[float, float]]] = {}

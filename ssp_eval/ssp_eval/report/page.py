@@ -40,11 +40,9 @@ def write_report(
     """Writes ``index.html`` into a campaign folder, and for a large one files beside it.
 
     Args:
-        out: campaign folder.
         on_step: told how many pictures or cells are done, and of how many.
         most: cells up to which everything goes into the one file; None: MOST_IN_ONE_FILE.
         analysis: statistics to show.
-        on_cell: given each cell.
 
     Returns:
         The page.

@@ -47,9 +47,7 @@ class Field:
     """One field: text, the n of a mean where the row's n differs, and how it looks.
 
     Args:
-        text: as in the files.
         n: empty where there is nothing to say.
-        look: classes of its cell.
         share: 0 to 1, of a bar or a shade; None where there is none.
         href: where it leads, empty for nowhere.
     """
@@ -193,17 +191,10 @@ class Summary:
     """Names and counts.
 
     Args:
-        title: of the page.
-        scenarios, domains: names.
-        models: names of models.
-        controls: names of controls.
         labels: label times of scored cells, of models and of controls.
         scored: scored cells of models, and how many there are.
-        scored_controls: the same of controls.
-        statuses: cells without a score by status.
         missing: answers that didn't come, of models and of controls.
         admissions: what audits say of the cells.
-        audit_links: scenario and page of each audit.
     """
 
     title: str
@@ -292,7 +283,6 @@ def load_lightly(
     """Reads cells and keeps of each what the page itself needs.
 
     Args:
-        files: cell.json of each.
         on_cell: given each cell whole, before its records, questions and judgements are dropped.
 
     Raises:
@@ -310,8 +300,6 @@ class DetailFiles:
     """The files with the details of cells, written one by one.
 
     Args:
-        out: campaign folder.
-        environment: of the templates.
         audits: path of an audit's page by the audit's hash.
     """
 

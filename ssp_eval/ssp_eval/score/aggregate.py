@@ -25,9 +25,7 @@ class Cell:
     """A scored cell with its score output (METHOD 6.14).
 
     Args:
-        scenario: name of the scenario.
         domain: synthetic, simulation or physical.
-        model: name of the model.
         score: at least the keys of METRIC_NAMES, unrounded, null as None.
         admitted: False where the audit refused a partner of the recording, or where no audit
             knows it; such a cell stays out of domain means (METHOD 4).
@@ -107,9 +105,7 @@ class RankChange:
     """A subject whose rank differs between two scenarios.
 
     Args:
-        subject: the model or domain.
         scenarios: the two scenarios, in sorted order.
-        ranks: its rank in each.
     """
 
     subject: str
@@ -123,7 +119,6 @@ class Ranking:
 
     Args:
         scenarios: per scenario, rank by subject.
-        macro: rank by subject of its mean over all cells.
         changes: every change of rank between two scenarios; pointed out, not averaged away.
     """
 
@@ -136,7 +131,6 @@ def ranking(cells: Sequence[Cell], subject: str, metric: str = "ivcs") -> Rankin
     """Ranks per scenario and for the macro average, from unrounded means (METHOD 6.13).
 
     Args:
-        cells: see means.
         subject: ``model`` or ``domain``.
         metric: one of METRIC_NAMES; the larger the better.
 

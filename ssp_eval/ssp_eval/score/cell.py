@@ -144,18 +144,12 @@ def score_cell(
     Args:
         labels: what is true, N ≥ 1 labels in time order, with a risk onset.
         records: the outputs in time order, any number.
-        thresholds: all limits and weights.
     """
     return score_in_detail([(labels, records)], thresholds)[0]
 
 
 def score_in_detail(cells: Sequence[Cell], thresholds: Thresholds = DEFAULT) -> list[CellScore]:
-    """Scores many cells at once, with details; see score_cell.
-
-    Args:
-        cells: labels and records of each.
-        thresholds: of all of them.
-    """
+    """Scores many cells at once, with details; see score_cell."""
     if not cells:
         return []
     terms = batch_terms(encode(cells), thresholds)
@@ -214,9 +208,6 @@ def _judgement(
     """A row of the terms in words.
 
     Args:
-        label: of the row.
-        records: of its cell.
-        row: by the names of LabelTerms.
         first_record: the row of the cell's first record.
     """
     index = None if row["record"] == NOTHING else row["record"] - first_record

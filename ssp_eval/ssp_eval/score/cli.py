@@ -46,9 +46,7 @@ class Scored:
     """A case and its scores.
 
     Args:
-        name: of the case.
         records: how many it has.
-        metrics: its scores.
     """
 
     name: str

@@ -83,7 +83,6 @@ class Columns:
         record_start: (C + 1,) where a cell's records begin.
         risk_onset_s: (C,) t_r, clip time, s.
         first_frame_dynamics: (C,) motion and conflict count at the earliest label too.
-        labels, records: see there.
     """
 
     label_start: Whole
@@ -160,7 +159,6 @@ def columns_of(labels: Sequence[Labels], counts: Sequence[int], records: RecordC
     """The columns of cells whose records are in columns already.
 
     Args:
-        labels: of each cell.
         counts: how many records each cell has.
         records: of all cells, in the order of labels.
 
@@ -297,9 +295,6 @@ def _spans(evidence: Sequence[Sequence[Sequence[int]]]) -> Whole:
 
 def load_columns(cells: Iterable[tuple[Path, Path]]) -> Columns:
     """The columns of cells, in their order.
-
-    Args:
-        cells: labels file and records file of each.
 
     Raises:
         InputError: the first file that is wrong, see load_labels and load_records.

@@ -198,8 +198,6 @@ def response_begins(
     a run.
 
     Args:
-        terms: of one cell or of many.
-        thresholds: K and the widest gap.
         start: (C + 1,) where a cell's labels begin; None: all are one cell's.
 
     Returns:
@@ -256,12 +254,7 @@ class Scores:
 
 
 def score_columns(columns: Columns, thresholds: Thresholds = DEFAULT) -> Scores:
-    """The scores of the cells of columns, in their order (METHOD 6.2 to 6.11).
-
-    Args:
-        columns: of at least one cell.
-        thresholds: all limits and weights.
-    """
+    """The scores of the cells of columns, in their order (METHOD 6.2 to 6.11)."""
     return score_terms(batch_terms(columns, thresholds), thresholds)
 
 
@@ -310,7 +303,6 @@ def score_cells(cells: Sequence[Cell], thresholds: Thresholds = DEFAULT) -> list
 
     Args:
         cells: labels and records of each cell, see score_cell.
-        thresholds: all limits and weights.
 
     Raises:
         ValueError: a cell has no label, or a word is of no vocabulary.

@@ -103,7 +103,6 @@ def match(
     Args:
         labels_s: clip times, s, rising strictly.
         records_s: clip times, s, rising strictly.
-        thresholds: window and tolerance.
     """
     windows = _windows(labels_s, records_s, thresholds.match_window_s + thresholds.tolerance)
     if _apart(windows):
@@ -136,10 +135,6 @@ def match_columns(columns: Columns, thresholds: Thresholds) -> Whole:
 
     Where no label's window holds two records and no record lies in two windows, every pair there
     is belongs to the one solution. Other cells go to the exact matcher.
-
-    Args:
-        columns: the cells.
-        thresholds: window and tolerance.
     """
     result = np.full(len(columns.labels.t_s), NOTHING)
     labels, records = np.diff(columns.label_start), np.diff(columns.record_start)

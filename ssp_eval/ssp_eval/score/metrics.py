@@ -18,9 +18,7 @@ class Metric:
     """One metric of a cell.
 
     Args:
-        name: key in the score output.
         section: of METHOD.
-        label: short name in tables and figures.
         meaning: what it says, for people who read a column of it.
         numerator, denominator: terms whose sums over the labels are divided, fields of
             ssp_eval.score.engine.LabelTerms, or LABELS; empty where the metric is no ratio.
@@ -101,7 +99,6 @@ def ivcs_terms(
     Args:
         components: ``jovr``, ``sem_acc_eff``, ``cia_eff``, ``tqsr`` and ``rsr``, each 0..1 or None;
             others are ignored.
-        thresholds: the weights.
     """
     return {
         name: weight * (components[name] or 0.0)
@@ -110,12 +107,7 @@ def ivcs_terms(
 
 
 def ivcs(components: Mapping[str, float | None], thresholds: Thresholds = DEFAULT) -> float:
-    """IVCS = 0.10 JOVR + 0.30 SemAcc_eff + 0.20 CIA_eff + 0.30 TQSR + 0.10 RSR (METHOD 6.10).
-
-    Args:
-        components: see ivcs_terms.
-        thresholds: the weights.
-    """
+    """IVCS = 0.10 JOVR + 0.30 SemAcc_eff + 0.20 CIA_eff + 0.30 TQSR + 0.10 RSR (METHOD 6.10)."""
     return math.fsum(ivcs_terms(components, thresholds).values())
 
 

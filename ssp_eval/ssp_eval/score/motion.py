@@ -20,7 +20,6 @@ class Motion:
     Args:
         forward_m: s_k, ego frame.
         left_m: l_k, ego frame.
-        step_s: Δt.
     """
 
     forward_m: tuple[Numbers, Numbers, Numbers]
@@ -75,9 +74,7 @@ def sample_places(
     A model gives all its trajectories over the same few times, so that this is seldom asked anew.
 
     Args:
-        times_s: times of the samples.
         support_end_s: end of the interval that must be covered, s.
-        tolerance_s: see check_trajectory.
 
     Returns:
         The place of each of the three times; None if no trajectory with these times is valid
@@ -117,7 +114,6 @@ class Measured:
 
     Args:
         rows: (V,) the records whose v_trj = 1.
-        motion: with an item per valid trajectory.
     """
 
     rows: Whole

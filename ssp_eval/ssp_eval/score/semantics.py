@@ -115,10 +115,8 @@ def semantics(
     """METHOD 6.3 and 6.4.
 
     Args:
-        columns: the cells.
         answer: (L, 6) codes of the matched records.
         earliest: (C,) the row of each cell's earliest label.
-        thresholds: the credit for adjacent classes.
     """
     truth = columns.labels.truth
     evaluable = truth != NOTHING

@@ -40,9 +40,7 @@ def resampled_scores(
     RSR* = 1 if a label that begins a response was drawn; RL* is that of the earliest one drawn.
 
     Args:
-        terms: of a cell.
         weights: (B, N).
-        thresholds: that the cell was scored with.
 
     Returns:
         By metric (B,); NaN where a denominator is 0, which counts as 0 in IVCS (METHOD 6.11).
@@ -79,7 +77,6 @@ class Estimate:
         n: how many items were drawn from: labels, runs, cells or scenarios; of a mean whose
             labels were drawn, its cells.
         percentile, bca: 95 % intervals.
-        bias: mean of the resamples less the value.
         null_share: resamples in which the score has no denominator.
         unit: what was drawn, for people.
         student: Student's interval over the units, where these are runs, cells or scenarios.
@@ -104,10 +101,7 @@ def cell_estimates(
     """Intervals of a cell's scores over its labels.
 
     Args:
-        terms: of the cell.
-        samples: resampled_scores.
         block: how many labels were drawn together.
-        thresholds: that the cell was scored with.
     """
     n = len(terms)
     values = resampled_scores(terms, np.ones((1, n)), thresholds)
@@ -149,9 +143,7 @@ def estimated(
 
     Args:
         samples: what resamples gave.
-        value: of the data themselves.
         n: what to say that was drawn from.
-        jackknife: see bca_interval.
         items: units that don't overlap.
         unit: what they are.
     """
@@ -206,7 +198,6 @@ def bootstrap_records(
         seed: of the random numbers; the order of the cells makes no difference.
         on_cell: called once per cell.
         block: labels that are drawn together; None: as block_of has it for each clip.
-        thresholds: that all cells were scored with.
     """
     found: dict[tuple[str, ...], dict[str, Estimate]] = {}
     sums = {by: _GroupSums(by, resamples) for by in groupings}
@@ -342,7 +333,6 @@ def bootstrap_mean(
             intervals of fewer than two clusters.
         unit: what a cluster is, in the plural.
         resamples: how many.
-        seed, names: see generator.
     """
     clusters = [values[name] for name in sorted(values)]
     sums = np.array([math.fsum(one) for one in clusters])
@@ -363,8 +353,6 @@ def _student(residuals: Numbers, size: float, value: float) -> Interval:
 
     Args:
         residuals: of each cluster, its sum less what the mean gives for its size.
-        size: mean size of a cluster.
-        value: the mean.
     """
     n = len(residuals)
     deviation = math.sqrt(math.fsum((residuals / size) ** 2) / (n * (n - 1)))

@@ -49,7 +49,6 @@ class Comparison:
         p_least: the least that p can be with so many pairs that differ; None where p is.
         family: number of comparisons that are corrected together.
         exact: all signs were tried; else drawn at random.
-        scenarios: of the pairs.
         p_scenarios: as p, the signs of a scenario's pairs flipped together; None where p is, or
             with fewer than two scenarios.
         p_scenarios_holm: the same after Holm's correction over those of the family that have it.
@@ -167,7 +166,6 @@ def sign_flip_p(differences: Numbers, rng: np.random.Generator | None = None) ->
     (1 + those as large) / (1 + patterns drawn), so that it is never 0.
 
     Args:
-        differences: at least one.
         rng: None tries all 2^n patterns.
     """
     n = len(differences)
@@ -227,8 +225,6 @@ class _Sum:
     """Over clips, resample by resample.
 
     Args:
-        total: of the differences that aren't null.
-        count: of these.
         blocks: of labels that were drawn from, in all clips.
         clips: how many.
     """
@@ -243,7 +239,6 @@ class LabelDifferences:
     """Sums over clips of the differences of each two models, first less second by name.
 
     Args:
-        metrics: that are compared.
         resamples: how many there are.
     """
 
@@ -257,7 +252,6 @@ class LabelDifferences:
         """A model's resampled scores on a clip; all models of a clip come together.
 
         Args:
-            model: its name.
             clips: the clip with the length of its blocks; runs of a cell with different numbers of
                 labels aren't drawn alike, and are left out.
             samples: by metric, (B,).

@@ -136,8 +136,6 @@ class _Read:
     """A line of the file as a row.
 
     Args:
-        number: of the line.
-        row: of it.
         ivcs: as the file gives it, and one unit of its last digit.
     """
 

@@ -183,10 +183,7 @@ class _Field:
     """A column of plain values: one of a table, or one of the two that a Mean or Outcome needs.
 
     Args:
-        key: in CSV and JSON.
-        title: for people.
         kind: how people read it.
-        values: of all rows.
     """
 
     key: str

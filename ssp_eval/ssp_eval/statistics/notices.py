@@ -42,7 +42,6 @@ def notices(rows: Sequence[CellRow], cells: Sequence[CellData] = ()) -> list[Not
     """Everything to be told, what stands under every table first.
 
     Args:
-        rows: of one or several runs.
         cells: the cells behind the rows; none where only component scores are known.
     """
     found = [

@@ -22,7 +22,6 @@ def student_quantile(free: float, level: float = LEVEL) -> float:
 
     Args:
         free: degrees of freedom, above 0.
-        level: of confidence.
     """
     return float(stdtrit(free, (1 + level) / 2))
 
@@ -112,9 +111,7 @@ def bca_interval(
 
     Args:
         samples: what the resamples gave.
-        estimate: from the data themselves.
         jackknife: the estimate with each item, or each block of items, left out.
-        reach: see percentile_interval.
         items: K, blocks that don't overlap; None: as many as there are values of the jackknife.
 
     Returns:
@@ -152,7 +149,6 @@ def block_of(count: int, wanted: int | None = None) -> int:
     and Jing 1995); 2 for nine labels, 3 for 27, 4 for 64. At least two blocks fit into the clip.
 
     Args:
-        count: labels of the clip.
         wanted: another length, which is cut to half of the clip.
     """
     length = round(count ** (1 / 3)) if wanted is None else wanted
@@ -195,7 +191,6 @@ def reach(blocks: float, groups: int = 1, level: float = LEVEL) -> float | None:
     Args:
         blocks: K, that were drawn from in all groups.
         groups: G, such as clips.
-        level: of confidence.
 
     Returns:
         None where there is nothing to tell a spread from.

@@ -26,15 +26,11 @@ class CellRow:
     """One cell, scenario × domain × model, by the keys of METHOD 6.14; null is None.
 
     Args:
-        scenario, domain, model: names.
         jovr, sem_acc_eff, cia_eff, act_acc_eff, tqsr, atc_eff: component scores, 0..1.
         rsr: 1 or 0; where several runs of a cell are taken together, and in a macro row, a mean.
         rl_s: latency of the risk response, s; None without one.
         sem_cov, stfr, sem_acc_cond, sem_acc_soft: further scores; None where they aren't known.
-        n: labels behind the scores.
         run, seed: which repetition of the cell this is.
-        total_b, active_b: parameters of the model in billions.
-        architecture: of the model.
         control: it checks the harness, and enters no mean and no rank.
         stand_in: the recording is of a software stand-in for a vehicle.
         admitted: False keeps it out of domain means (METHOD 4 and 5.2b).
@@ -175,7 +171,6 @@ def rows_from_campaign(out: Path, run: str = "") -> list[CellRow]:
     """All cells of a campaign, scored again from their records; refused and failed ones too.
 
     Args:
-        out: campaign folder.
         run: name of the repetition, where several campaigns are taken together.
 
     Raises:

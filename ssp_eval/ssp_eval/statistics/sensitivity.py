@@ -60,7 +60,6 @@ class WeightSamples:
         tau_mean, tau_low: mean and 5 % quantile of Kendall's τ_b to the defined ranks; None
             where one of the two rankings is all ties.
         first: per subject, share of the samples in which nobody is ahead of it.
-        pairs: every pair of subjects.
     """
 
     subject: str
@@ -78,9 +77,7 @@ class Variation:
     Args:
         subject: ``model`` or ``domain``.
         parameter: a weight's metric, or a field of Thresholds.
-        value: of it.
         defined: what METHOD 6 says.
-        means: macro IVCS by subject.
         tau: Kendall's τ_b to the defined ranks.
         changed: pairs of subjects whose order turned round, ``a, b`` with a ahead before.
         largest: largest change of IVCS of a cell; None where only means were looked at.
@@ -147,7 +144,6 @@ def sample_weights(
     Args:
         rows: that enter means, one per cell.
         subject: ``model`` or ``domain``.
-        seed: of the weights.
         samples: how many.
     """
     components = component_means(rows, subject)
@@ -237,7 +233,6 @@ def vary_thresholds(
 
     Args:
         rows: that enter means, in the order of the columns; one run.
-        columns: their labels and records.
         subjects: whose ranks are looked at.
         on_step: called once per value that was tried.
         thresholds: that are changed, one at a time.
@@ -276,12 +271,7 @@ class Spread:
     Args:
         names: of the cell, or of the domain or model whose macro mean it is.
         metric: of METHOD 6.14.
-        k: runs that have the score.
-        value: their mean.
-        sd: standard deviation of a sample.
-        low, high: least and greatest.
         interval: Student's t, 95 %.
-        bootstrap: over the runs.
     """
 
     names: tuple[str, ...]
@@ -305,7 +295,6 @@ class Stability:
         tau: mean Kendall's τ_b between the models' ranks of two runs; None where there are fewer
             than two models or runs.
         same_order: share of pairs of runs in which all models stand in the same order.
-        runs: names of the runs that macro and tau are of.
     """
 
     cells: tuple[Spread, ...]
@@ -325,7 +314,6 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
 
     Args:
         rows: all runs; controls and cells without a score are left out here.
-        resamples, seed: of the bootstrap over runs.
     """
     valid = [row for row in rows if row.status == OK and not row.control]
     by_cell: dict[tuple[str, ...], list[CellRow]] = {}

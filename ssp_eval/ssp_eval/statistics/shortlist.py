@@ -41,9 +41,6 @@ def shortlist(
 
     Args:
         first: cells of the synthetic stage; those of other domains are left aside.
-        second: likewise of the simulation stage.
-        limits: that make an event a candidate.
-        resamples: of the intervals.
 
     Raises:
         InputError: a stage has no scored cell of a model.

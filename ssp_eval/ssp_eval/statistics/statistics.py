@@ -208,7 +208,6 @@ class Options:
 
     Args:
         resamples: of every bootstrap, and sets of weights.
-        seed: of all random numbers.
         block: labels that are drawn together; None: ssp_eval.statistics.resampling.block_of.
     """
 
@@ -222,8 +221,6 @@ class Beside:
     """The curvature diagnostic at a label, beside the lateral action.
 
     Args:
-        curve: of the recorded path.
-        allowed: lateral actions of the label.
         planned: what METHOD 6.6 reads in the model's trajectory, None without a valid one.
     """
 
@@ -272,9 +269,7 @@ def compute(
     """Everything that the cells allow.
 
     Args:
-        rows: of one or several runs.
         data: the cells themselves in the order of the rows, none where they aren't known.
-        options: seed and resamples.
         on_step: called steps_of times.
     """
     chosen = entering(rows)

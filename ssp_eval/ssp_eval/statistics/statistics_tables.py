@@ -253,7 +253,6 @@ def statistics_tables(found: Statistics, resamples: int) -> list[Table]:
     """All that there is to show, most general first.
 
     Args:
-        found: the statistics.
         resamples: of the bootstrap, for the notes.
     """
     tables = []

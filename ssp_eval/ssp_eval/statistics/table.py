@@ -38,7 +38,6 @@ class Outcome:
     Args:
         rsr: 1 or 0, or a share.
         rl_s: the latency in s, None without one.
-        is_share: rsr is a mean over cells.
     """
 
     rsr: float | None
@@ -54,7 +53,6 @@ class Column:
     """One column.
 
     Args:
-        key: in JSON and CSV.
         title: for people; with the unit where there is one.
         kind: how its values are written. A Mean may stand in any column of numbers.
         printed: False: in CSV and JSON alone, for programs.
@@ -76,9 +74,6 @@ class Table:
     """A table with all its digits.
 
     Args:
-        name: of its files.
-        title: one line.
-        columns: of each row.
         rows: values in the order of the columns; None is null, shown as ``–``.
         notes: what a reader must know, one sentence each.
         notices: why its numbers may not be compared, whatever the table; see notices.py.

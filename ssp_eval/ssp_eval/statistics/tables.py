@@ -133,9 +133,7 @@ def rank_table(cells: Sequence[Cell], subject: str, notes: Sequence[str]) -> Tab
     """Ranks by IVCS per scenario and over all, every change of rank pointed out.
 
     Args:
-        cells: that enter means.
         subject: ``model`` or ``domain``.
-        notes: to stand under it.
     """
     found = ranking(cells, subject)
     scenarios = sorted(name for name in found.scenarios if name != MACRO)
@@ -219,7 +217,6 @@ def seeing_table(rows: Sequence[CellRow], asked: Iterable[str]) -> Table:
 
     Args:
         rows: valid ones, one per cell.
-        asked: names of models with a condition.
     """
     known = {row.key: row for row in rows}
     table_rows = []
@@ -317,7 +314,6 @@ def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Ta
     """Every table that rows alone give.
 
     Args:
-        rows: of one or several runs.
         reference: model that the foundation models are compared with.
 
     Raises:
@@ -483,9 +479,7 @@ def foundation_table(
     """Models with their parameters and the relative difference to a reference (METHOD 6.13).
 
     Args:
-        rows: that enter means.
         reference: name of the model that the others are compared with; None compares nothing.
-        notes: to stand under it.
 
     Raises:
         InputError: no row is of the reference.
@@ -535,7 +529,6 @@ def domain_differences(cells: Sequence[Cell], notes: Sequence[str] = ()) -> Tabl
 
     Args:
         cells: that enter means; those that weren't admitted are left out.
-        notes: to stand under it.
     """
     values: dict[str, dict[tuple[str, str], Cell]] = {}
     for cell in cells:

@@ -39,11 +39,7 @@ class Part:
 
 
 def page_parts(tables: Sequence[Table]) -> list[Part]:
-    """The parts that there is something for, in a fixed order.
-
-    Args:
-        tables: of statistics_tables.
-    """
+    """The parts that there is something for, in a fixed order."""
     found: dict[str, list[tuple[str, Markup]]] = {}
     for title, prefix in _PARTS:
         for table in tables:
@@ -78,8 +74,6 @@ def write_tables(
 
     Args:
         folder: made where it isn't there.
-        tables: with different names.
-        formats: keys of FORMATS.
         on_table: called once for each table.
 
     Raises:
@@ -107,9 +101,6 @@ def write_statistics(
     """Writes ``statistics.json``: all digits of the statistics, and what they were made with.
 
     Args:
-        folder: to write into.
-        tables: of the statistics.
-        options: they were made with.
         notices: what must be known before reading them.
         thresholds: hash of those of the cells; empty: METHOD's.
     """
