@@ -13,7 +13,7 @@ from ssp_eval.extract.measure.counts import measure
 
 CORPUS = Path(__file__).parent / "corpus"
 DEVELOPMENT, TEST = (load_corpus(CORPUS / f"{name}.jsonl") for name in ("development", "test"))
-# A little under what was measured (README, docs/text-extraction.md), so that a loss is seen.
+# A little under what was measured (docs/text-extraction.md), so that a loss is seen.
 FLOORS = {
     "development": (DEVELOPMENT, 0.96, 0.80),
     "test": (TEST, 0.96, 0.80),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from ssp_eval.extract.clause import EGO, PEOPLE, RIDERS, SCENE, Clause
 from ssp_eval.extract.match import Hit
 from ssp_eval.extract.scope import Scope
@@ -15,11 +17,24 @@ _UNSAFE = frozenset({"open", "accelerate", "hide"})
 _AUXILIARIES = frozenset({"may", "will", "not", "ready", "must", "is", "past", "intend"})
 
 
+_OTHER_SEX = {"he": "she", "she": "he"}
+_FRAMES = frozenset({"frame", "frames", "image", "picture", "t"})
+_ORDINALS = frozenset({"first", "second", "third", "last", "latest", "newest", "final"})
+
+
+def _frames(words: list[str]) -> Iterator[str]:
+    """Which frames a text goes through: frame 2, the last image, t-1."""
+    for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
+        if word in _FRAMES and (after[:1].isdigit() or before in _ORDINALS):
+            yield after if after[:1].isdigit() else before
+
+
 class Binder(Clause):
     """One pass over the hits of a text, sentence by sentence."""
 
     def run(self, ranges: list[tuple[int, int]]) -> World:
         """Reads all sentences."""
+        self.world.frames = len(set(_frames(self.words))) > 1
         for number, (start, stop) in enumerate(ranges):
             self.unit = number
             self.step += 1
@@ -254,8 +269,11 @@ class Binder(Clause):
             return
         if hit.value == "it" and last is not None and last.name in PEOPLE:
             last = next((a for a in reversed(self.world.actors) if a.name not in PEOPLE), None)
-        if hit.value == "he" and (last is None or last.name not in RIDERS):
-            last = next((a for a in reversed(self.world.actors) if a.name in RIDERS), None)
+        if hit.value in _OTHER_SEX:
+            other = self.known.sets[_OTHER_SEX[hit.value]]
+            if last is None or last.name not in RIDERS or last.noun in other:
+                fitting = (a for a in reversed(self.world.actors) if a.name in RIDERS)
+                last = next((a for a in fitting if a.noun not in other), None)
         if hit.value in ("they", "both") and (last is None or not last.plural):
             last = next((a for a in reversed(self.world.actors) if a.plural), None)
         if not self.busy or self.subject is None:
@@ -533,16 +551,9 @@ class Binder(Clause):
                 value = "resolved"
             elif flags & Scope.POSSIBLE and value == "active":
                 would = {"would", "i'd"} & set(self._sentence())
-                certain = (
-                    "active"
-                    if self.known.sets["words_of_certainty"] & set(self._sentence())
-                    else ""
-                )
-                value = certain if would else "potential"
-            if flags & Scope.IMAGINED:
-                around = set(self._sentence())
-                if value != "active" or not self.known.sets["words_of_certainty"] & around:
-                    value = "active" if value == "active" and self._trailing(index) else ""
+                value = ("active" if self._unless() else "") if would else "potential"
+            if flags & Scope.IMAGINED and (value != "active" or not self._unless()):
+                value = "active" if value == "active" and self._trailing(index) else ""
             if value == "resolved" and flags & (Scope.POSSIBLE | Scope.FUTURE):
                 return
         elif denied:
@@ -576,6 +587,11 @@ class Binder(Clause):
             self.world.loose.append(said)
         else:
             owner.conflicts.append(said)
+
+    def _unless(self) -> bool:
+        """Whether something happens unless something is done: without braking."""
+        around = set(self._sentence())
+        return bool(self.known.sets["words_of_certainty"] & around or {"if", "not"} <= around)
 
     def _salience(self, index: int, hit: Hit, flags: Scope) -> None:
         owner = self._owner(index)

@@ -27,7 +27,7 @@ def decide(world: World) -> dict[str, Found]:
     ):
         found["objects"] = ((), (world.nobody[0],))
     if critical is not None:
-        found["position"] = _unmixed(_position(critical), critical, world)
+        found["position"] = _unmixed(_position(critical, world.frames), critical, world)
         found["motion"] = _unmixed(_motion(critical), critical, world)
     found["conflict"] = _conflict(critical, world)
     for slot in ("lon_action", "lat_action"):
@@ -47,8 +47,13 @@ def _unmixed(found: Found | None, critical: Actor, world: World) -> Found | None
 
 
 def _strong(actor: Actor) -> bool:
+    """Whether somebody counts beside others: more than a word that may have been for another."""
     return bool(
-        actor.critical or actor.reaction == 2 or actor.conflicts or actor.matters or actor.intruding
+        actor.critical
+        or actor.reaction == 2
+        or any(said.value in _PARTNER for said in actor.conflicts)
+        or (actor.matters and (actor.parked or actor.reaction))
+        or (actor.intruding and actor.reaction)
     )
 
 
@@ -105,11 +110,12 @@ def _critical(objects: list[Actor]) -> Actor | None:
     )
 
 
-def _position(actor: Actor) -> Found | None:
+def _position(actor: Actor, frames: bool) -> Found | None:
     """The last sentence's place, put together from its parts: ahead + on the right."""
     places = [place for place in actor.places if place.value != "beside"]
     if not places:
         return None
+    changes = frames or len({place.sentence for place in actor.places}) > 2
     spoken: dict[int, list[Statement]] = {}
     for place in places:
         spoken.setdefault(place.sentence, []).append(place)
@@ -120,14 +126,14 @@ def _position(actor: Actor) -> Found | None:
     last = places[-1].sentence
     best = (
         last
-        if _changes(actor)
+        if changes
         else max((at for at in sets if sets[at] >= sets[last]), key=lambda at: (len(sets[at]), at))
     )
     every = frozenset().union(*sets.values())
     unlike = [at for at in sets if not (sets[at] <= sets[best] or sets[best] <= sets[at])]
-    if unlike and not _changes(actor):
+    if unlike and not changes:
         return None
-    if _excludes(sets[best]) or (_excludes(every) and not _changes(actor)):
+    if _excludes(sets[best]) or (_excludes(every) and not changes):
         return None
     order = ("front", "rear", "left", "right")
     return "_".join(part for part in order if part in sets[best]), tuple(spoken[best])
@@ -135,11 +141,6 @@ def _position(actor: Actor) -> Found | None:
 
 def _excludes(parts: frozenset[str]) -> bool:
     return {"left", "right"} <= parts or {"front", "rear"} <= parts
-
-
-def _changes(actor: Actor) -> bool:
-    """Whether the text follows somebody through several frames."""
-    return len({place.sentence for place in actor.places}) > 2
 
 
 def _motion(actor: Actor) -> Found | None:

@@ -91,7 +91,7 @@ def find(words: list[str]) -> list[Hit]:
         if entry is not None and words[stop : stop + 1] and words[stop] in _LOW and (
             entry.value in ("keep_speed", "stationary")
         ):  # fmt: skip
-            entry = None  # keep the speed low, not moving into our lane
+            entry, stop = known.longest(words[: at + 1], at)  # keep speed low, not moving into ours
         if entry is None:
             at += 1
             continue
@@ -232,7 +232,9 @@ def _value(words: list[str], at: int, slot: str, hits: list[Hit], known: Lexicon
     while stop < len(words) and words[stop] not in MARKS:
         stop += 1
     if words[stop : stop + 1] == ["|"] and " ".join(words[stop + 1 : stop + 2]) in _BARE:
-        return at  # accelerate | maintain | stop: one that is open
+        while slot != "action" and stop < len(words) and words[stop] != "\n":
+            stop += 1
+        return at if slot == "action" else stop  # accelerate | maintain | stop: one that is open
     for end in range(min(stop, at + MAX_VALUE), at, -1):
         phrase = " ".join(words[at:end])
         whole = end == stop

@@ -33,6 +33,8 @@ class Plan:
         action = lexicon().verbs[hit.value].ego if hit.kind == "verb" else hit.value
         if not action or hit.form == "ed":
             return False
+        if self._is_purpose(hit, unit) and action not in _SPEEDS:
+            return False
         straight = action == "maintain" and "straight" in self.words[hit.first : hit.stop]
         pairs = _BOTH if action == "both" or straight else ((slot_of(action), action),)
         for slot, value in pairs:
@@ -46,6 +48,18 @@ class Plan:
                 )
             )  # fmt: skip
         return True
+
+    def _is_purpose(self, hit: Hit, unit: int) -> bool:
+        """Whether an action is only what the one before is for: accelerate to merge left."""
+        last = self.world.commitments[-1] if self.world.commitments else None
+        return (
+            hit.form == "base"
+            and self.words[hit.first - 1 : hit.first] == ["to"]
+            and self.words[hit.first - 2] not in ("and", "or", ",")
+            and last is not None
+            and last.unit == unit
+            and hit.first - last.stop < 4
+        )
 
     def in_lane(self, hit: Hit, unit: int) -> None:
         """Brakes in its lane: the lane is kept."""

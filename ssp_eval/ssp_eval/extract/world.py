@@ -75,3 +75,4 @@ class World:
     commitments: list[Commitment] = field(default_factory=list)
     revised: list[int] = field(default_factory=list)  # plans that take earlier ones back
     nobody: list[Statement] = field(default_factory=list)
+    frames: bool = False  # it goes through several frames, of which the last counts

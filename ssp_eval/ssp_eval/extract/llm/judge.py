@@ -21,25 +21,33 @@ from ssp_eval.extract.match import Hit, find, sentences
 from ssp_eval.extract.scope import Scope, scopes
 from ssp_eval.extract.tokens import tokenise
 
+_FAR = 24  # hits that are looked back at for a subject
 MAX_PLACES = 8  # of one quote in a text that are looked at
 _ACTIONS = ("lon_action", "lat_action")
 _KINDS = {"objects": "user", "position": "place", "motion": "state", "conflict": "conflict"}
 # Cues within a quote that turn it round, but for the labels that consist in them.
 _TURNING = frozenset({"not", "no", "if", "needed", "else", "may", "past", "ready", "reject",
                       "rejected", "quoted", "imaginary", "revise", "but"})  # fmt: skip
+_DENIALS = frozenset({"not", "no"})
 _CARRIED: Mapping[str, frozenset[str]] = {
-    "no_conflict": frozenset({"not", "no"}),
-    "resolved": frozenset({"not", "no", "past"}),
-    "potential": frozenset({"may", "imaginary", "if", "ready"}),
-    "active": frozenset({"ready", "if", "else", "not", "no"}),
-    NOBODY: frozenset({"not", "no"}),
+    "no_conflict": _DENIALS,
+    "resolved": _DENIALS | {"past"},
+    "potential": frozenset({"may", "imaginary", "if", "ready", "rejected"}),
+    "active": _DENIALS | {"ready", "if", "else", "reject", "rejected"},
+    "stationary": _DENIALS,
+    "straight": _DENIALS,
+    "maintain": _DENIALS,
+    NOBODY: _DENIALS | {"may"},
 }
+_VUT = frozenset({"car", "vehicle"})
+_WOULD = frozenset({"would", "i'd"})  # without braking it would hit us: that is a threat
 _RISKY = ("risk", "danger", "threat", "hazard", "potential", "possib", "chance", "likel")
 _PLACED = Scope.REJECTED | Scope.PLANNED | Scope.FUTURE | Scope.LATER | Scope.INTENDED
 _COMMITTED = Scope.FUTURE | Scope.INTENDED | Scope.LATER
 _SUBJECTS = frozenset({"user", "pronoun", "ego"})
 _CONJUNCTIONS = frozenset({"but", "so", "because", "while", "if", "and", "then", "final"})
 _SENTENCE = frozenset({".", "?", "\n"})
+_LEADING = frozenset({"ticked", ">", ":", ",", "="})  # marks that a quote may begin with
 
 
 @dataclass(frozen=True)
@@ -140,13 +148,17 @@ class _Bench:
         ):
             return "the quote leaves out a denial"
         if any(
-            (hit.kind == "cue" and hit.value in _TURNING - carried)
+            (
+                hit.kind == "cue"
+                and hit.value in _TURNING - carried
+                and not (proposal.label == "active" and self.words[hit.first] in _WOULD)
+            )
             or (hit.kind == "nobody" and proposal.label != NOBODY)
             or (hit.kind == "mark" and hit.value in _SENTENCE)
             for hit in inside
         ):
             return "the quote holds a word that turns it round"
-        if any(_is_another(proposal, hit) for hit in inside):
+        if self._means_another(proposal, inside):
             return "the quote means something else"
         if not self._names_side(proposal, first, stop):
             return "the quote names no such side"
@@ -157,20 +169,35 @@ class _Bench:
             return "the quote says of nothing that it may happen"
         return ""
 
+    def _means_another(self, proposal: Proposal, inside: list[Hit]) -> bool:
+        """Whether the lexicon knows the quote's words as ones for another label of the slot."""
+        if proposal.slot == "objects":
+            named = {hit.value for hit in inside if hit.kind == "user"}
+            return bool(named) and proposal.label not in (*named, NOBODY)
+        return any(
+            _is_another(proposal, hit)
+            for hit in inside
+            if hit.value != "rear" or self.words[hit.first] != "behind" or hit.stop - hit.first > 1
+        )  # behind the truck: it is in front
+
     def _names_side(self, proposal: Proposal, first: int, stop: int) -> bool:
         """Whether a label with a side has it in its words; where somebody comes from, nearby."""
         side = next((one for one in ("left", "right") if proposal.label.endswith(one)), "")
         if not side or proposal.slot == "position":
             return True
         if proposal.slot == "motion":
-            while first and self.words[first - 1] not in _SENTENCE:
-                first -= 1
+            for _ in range(2):  # this sentence and the one before
+                first -= first > 0
+                while first and self.words[first - 1] not in _SENTENCE:
+                    first -= 1
             while stop < len(self.words) and self.words[stop] not in _SENTENCE:
                 stop += 1
         return any(word.startswith(side) or word == side[0] for word in self.words[first:stop])
 
     def _unasserted(self, proposal: Proposal, first: int, stop: int) -> str:
         """Why a quote in its place asserts nothing of the present, or of somebody else."""
+        while first < stop - 1 and self.words[first] in _LEADING:
+            first += 1
         hit = Hit(_kind(proposal), proposal.label, self._form(proposal, first, stop), first, stop)
         others = [one for one in self.hits if one.stop <= first or one.first >= stop]
         place = sum(one.stop <= first for one in others)
@@ -178,27 +205,46 @@ class _Bench:
         flags = scopes(self.words, hits, sentences(hits))[place]
         if flags & ~_allowed(proposal, self.words[first]):
             return "the text doesn't assert it"
-        subject = self._subject(hits, place, first, stop)
-        if proposal.slot in _ACTIONS and subject in ("user", "pronoun"):
+        subject = self._subject(place, hits, first, stop)
+        if proposal.slot in _ACTIONS and subject == "user":
             return "the text doesn't assert it of the right one"
         if proposal.slot == "motion" and subject == "ego":
             return "the text doesn't assert it of the right one"
         return ""
 
-    def _subject(self, hits: list[Hit], place: int, first: int, stop: int) -> str:
+    def _subject(self, place: int, hits: list[Hit], first: int, stop: int) -> str:
         """The kind of the subject of a quote's clause, or of the quote where it begins with one."""
         opening = next((h for h in self.hits if first <= h.first < stop), None)
         if opening is not None and opening.kind in _SUBJECTS and opening.first <= first + 3:
-            return opening.kind
-        subject = ""
-        for hit in reversed(hits[max(place - 24, 0) : place]):
-            if hit.kind in ("mark", "field") or hit.value in _CONJUNCTIONS:
+            subject = opening
+        else:
+            subject = None
+            for hit in reversed(hits[max(place - _FAR, 0) : place]):
+                if hit.kind in ("mark", "field") or hit.value in _CONJUNCTIONS:
+                    break
+                if hit.kind == "verb" and subject is None and lexicon().verbs[hit.value].ego:
+                    return "ego" if hit.form == "base" else ""  # yield to the jogger crossing
+                subject = hit if hit.kind in _SUBJECTS else subject
+        if subject is None or hits[place].kind != "action":
+            return subject.kind if subject is not None else ""
+        return self._antecedent(hits[:place]) if subject.kind == "pronoun" else self._who(subject)
+
+    def _antecedent(self, hits: list[Hit]) -> str:
+        """The kind of whom a pronoun means: the subject of its sentence, or of the last before."""
+        found = ""
+        for hit in reversed(hits[-_FAR:]):
+            if hit.kind == "mark" and hit.value in _SENTENCE and found:
                 break
-            if hit.kind == "verb" and not subject and lexicon().verbs[hit.value].ego:
-                return "ego" if hit.form == "base" else subject  # yield to the jogger crossing
-            if hit.kind in _SUBJECTS:
-                subject = hit.kind
-        return subject
+            found = self._who(hit) if hit.kind in ("user", "ego") else found
+        return found
+
+    def _who(self, hit: Hit) -> str:
+        """The kind of a subject; "the car" is the VUT where the text has no other car."""
+        if hit.kind != "user" or hit.form != "the" or self.words[hit.stop - 1] not in _VUT:
+            return hit.kind
+        cars = [one for one in self.hits if one.kind == "user" and one.value == "car"]
+        alone = all(one.form == "the" and self.words[one.stop - 1] in _VUT for one in cars)
+        return "ego" if alone else "user"
 
     def _form(self, proposal: Proposal, first: int, stop: int) -> str:
         if proposal.slot == "objects":
@@ -217,8 +263,6 @@ def _kind(proposal: Proposal) -> str:
 def _is_another(proposal: Proposal, hit: Hit) -> bool:
     """Whether the lexicon knows a word as one for another label of the slot."""
     slot, label = proposal.slot, proposal.label
-    if slot == "objects":
-        return hit.kind == "user" and hit.value != label
     if slot in _ACTIONS:
         action = lexicon().verbs[hit.value].ego if hit.kind == "verb" else hit.value
         known = lexicon().values[slot].values()
@@ -245,4 +289,5 @@ def _allowed(proposal: Proposal, word: str) -> Scope:
         return _PLACED
     if proposal.label == "active":
         return Scope.FUTURE | Scope.IMAGINED
-    return Scope.FUTURE | (Scope.POSSIBLE if proposal.label == "potential" else Scope(0))
+    risk = Scope.POSSIBLE | Scope.IMAGINED | Scope.REJECTED
+    return Scope.FUTURE | (risk if proposal.label == "potential" else Scope(0))

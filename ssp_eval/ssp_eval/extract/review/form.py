@@ -14,7 +14,7 @@ import jinja2
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
 from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
-from ssp_eval.extract.review.conventions import ASKED, CONVENTIONS, GENERAL
+from ssp_eval.extract.conventions import ASKED, CONVENTIONS, GENERAL, REVIEWERS_TOO
 from ssp_eval.extract.review.model import ANSWERS_SCHEMA, NOBODY, NONE, REVIEWERS, UNSURE
 from ssp_eval.extract.review.returned import COLUMNS
 from ssp_eval.extract.review.subset import Subset
@@ -84,7 +84,7 @@ def form(texts: Mapping[str, str], subset: str, reviewer: int) -> str:
     return environment.get_template("form.html.j2").render(
         reviewer=reviewer,
         count=len(texts),
-        general=GENERAL,
+        general=(*GENERAL, REVIEWERS_TOO),
         data=_embedded(data),
         style=(_HERE / "form.css").read_text(encoding="utf-8"),
         script=(_HERE / "form.js").read_text(encoding="utf-8"),

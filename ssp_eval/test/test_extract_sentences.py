@@ -1,0 +1,47 @@
+"""Sentences with known slots, each of which the rules read as ``extract_sentences.yaml`` says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ssp_eval.data.records import Slot
+from ssp_eval.extract import extract
+
+SHORT = {"o": "objects", "p": "position", "m": "motion", "c": "conflict",
+         "lon": "lon_action", "lat": "lat_action"}  # fmt: skip
+FILE = Path(__file__).with_name("extract_sentences.yaml")
+GROUPS = yaml.safe_load(FILE.read_text(encoding="utf-8"))
+CASES = [
+    (text, told, group["slots"].split())
+    for group in GROUPS.values()
+    for text, told in group["sentences"]
+]
+
+
+def value(slot: Slot | None) -> str:
+    """A slot's value as the file writes it; empty where there is none."""
+    if slot is None:
+        return ""
+    return slot.value if isinstance(slot.value, str) else ",".join(sorted(slot.value)) or "-"
+
+
+@pytest.mark.parametrize(("text", "told", "slots"), CASES)
+def test_the_rules_read_a_sentence(text: str, told: str, slots: list[str]) -> None:
+    wanted = dict.fromkeys(slots, "")
+    for part in told.split():
+        slot, _, label = part.partition("=")
+        wanted[slot] = "" if label.endswith("?") else label.rpartition("!")[2]
+    found = extract(text)
+    assert {slot: value(getattr(found, SHORT[slot])) for slot in slots} == wanted
+
+
+def test_few_slots_are_read_wrongly_and_no_sentence_stands_twice() -> None:
+    labels = [part for _, told, _ in CASES for part in told.split()]
+    wrong, missing = (sum(mark in label for label in labels) for mark in "!?")
+    assert wrong <= 0.025 * (len(labels) - missing)
+    assert missing <= 0.17 * len(labels)
+    pairs = [(text, tuple(slots)) for text, _, slots in CASES]
+    assert len(set(pairs)) == len(pairs) >= 600
