@@ -168,6 +168,27 @@ def test_the_offered_depths_of_all_publishers_are_repeated(tmp_path: Path) -> No
         assert reader.topics["/map"].count == 3
 
 
+def test_pages_of_a_fast_stream_are_given_back_when_they_are_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given_back: list[tuple[int, int]] = []
+    monkeypatch.setattr(mcap_output, "GIVEN_BACK_BYTES", 1000)
+    monkeypatch.setattr(
+        mcap_output.os,
+        "posix_fadvise",
+        lambda _, start, length, advice: given_back.append((start, length)),
+    )
+    file, sync = (tmp_path / "x").open("wb", buffering=0), DiskSync()
+    for size in (500, 2000, 999, 1000):
+        file.write(bytes(size))
+        sync.request("x", file.fileno())
+        while sync.age_s:
+            time.sleep(0.001)
+    sync.finish()
+    assert given_back == [(500, 2000), (3499, 1000)]
+    file.close()
+
+
 def test_a_folder_that_is_replaced_just_before_a_split_is_noticed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
