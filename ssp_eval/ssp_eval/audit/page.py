@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -27,114 +27,10 @@ from ssp_core.world.camera import View, object_corners, project
 from ssp_eval import pages
 from ssp_eval.audit.examine import Examined
 from ssp_eval.audit.judge import Judged
-from ssp_eval.audit.measure import Phases
 from ssp_eval.audit.reasons import TABLE
-from ssp_eval.data.audit import EVENT_PHASES, FIELDS, TOPOLOGY, Audit, PropertyEntry, RecordingEntry
+from ssp_eval.data.audit import FIELDS, TOPOLOGY, Audit, PropertyEntry
 from ssp_eval.pages import jpeg_uri, templates
 
-_LEFT, _RIGHT, _TOP = 110.0, 210.0, 34.0
-_ROW, _BAR = 46.0, 20.0
-WIDTH = 1160.0
-
-# From φ to a position in the picture.
-Scale = Callable[[float], float]
-
-
-def phase_axis(recordings: Sequence[RecordingEntry]) -> str:
-    """One bar per recording from the clip's start to its end; lines mark Synthetic's events."""
-    length = WIDTH - _LEFT - _RIGHT
-    height = _TOP + _ROW * len(recordings) + 26.0
-
-    def x(phi: float) -> float:
-        return _LEFT + length * phi
-
-    parts = [_ticks(x, height)]
-    reference = recordings[0].phases.phi
-    for name, phi in reference.items():
-        line = pages.element(
-            "line", pages.title(f"{name} in synthetic, φ {phi:.3f}"), x1=x(phi), x2=x(phi),
-            y1=_TOP - 6.0, y2=height - 24.0, class_="guide",
-        )  # fmt: skip
-        parts.append(line)
-    for index, recording in enumerate(recordings):
-        y = _TOP + _ROW * index
-        parts.append(pages.text(_LEFT - 14.0, y + 15.0, recording.domain, text_anchor="end"))
-        parts += _bar(recording, y, x)
-        right = _LEFT + length + 16.0
-        epd = "–" if recording.epd is None else f"{recording.epd:.3f}"
-        kpr = "–" if recording.kpr is None else f"{recording.kpr:.2f}"
-        parts.append(pages.text(right, y + 15.0, f"EPD {epd}   KPR {kpr}", class_="figure"))
-    return pages.element(
-        "svg", "".join(parts), class_="phases", viewBox=f"0 0 {pages.number(WIDTH)} {height}",
-        role="img", aria_label="Phases on the axis of φ",
-    )  # fmt: skip
-
-
-def _bar(recording: RecordingEntry, y: float, x: Scale) -> list[str]:
-    """Coloured from phase to phase as far as they are known, with each start's φ beneath."""
-    phases = recording.phases
-    known = [(name, phases.phi[name]) for name in EVENT_PHASES if name in phases.phi]
-    starts = [("approach", 0.0), *known]
-    parts = [
-        pages.element(
-            "rect", x=x(0.0), y=y, width=x(1.0) - x(0.0), height=_BAR, class_="bar unknown"
-        )
-    ]
-    for index, (name, phi) in enumerate(starts):
-        end = starts[index + 1][1] if index + 1 < len(starts) else 1.0
-        title = pages.title(f"{recording.domain}: {name} from φ {phi:.3f} to {end:.3f}")
-        parts.append(
-            pages.element(
-                "rect",
-                title,
-                x=x(phi),
-                y=y,
-                width=max(0.0, x(end) - x(phi)),
-                height=_BAR,
-                class_=f"bar {name}",
-            )
-        )
-    for name, half in phases.phi_half_width.items():
-        if name in phases.phi:
-            low, high = max(0.0, phases.phi[name] - half), min(1.0, phases.phi[name] + half)
-            parts.append(
-                pages.element(
-                    "line",
-                    x1=x(low),
-                    x2=x(high),
-                    y1=y + _BAR / 2,
-                    y2=y + _BAR / 2,
-                    class_="spread",
-                )
-            )
-    beyond = -100.0
-    for _, phi in known:
-        # Numbers that would run into each other leave room for the first.
-        if x(phi) - beyond > 34.0:
-            beyond = x(phi)
-            parts.append(
-                pages.text(
-                    x(phi), y + _BAR + 13.0, f"{phi:.3f}", text_anchor="middle", class_="note"
-                )
-            )
-    return parts
-
-
-def _ticks(x: Scale, height: float) -> str:
-    parts = []
-    for k in range(11):
-        at = x(k / 10.0)
-        parts.append(
-            pages.element("line", x1=at, x2=at, y1=height - 24.0, y2=height - 19.0, class_="tick")
-        )
-        parts.append(
-            pages.text(at, height - 6.0, f"{k / 10:g}", text_anchor="middle", class_="note")
-        )
-    parts.append(pages.text(x(1.0) + 16.0, height - 6.0, "φ", class_="note"))
-    return "".join(parts)
-
-
-# Columns of the page: clip times that every recording has, if its phases could be located.
 COLUMNS = ("start", "trigger", "conflict", "in the conflict", "resolution")
 WIDTH_PX = 640
 _IMAGE = absolute(CAMERA_IMAGE)
@@ -163,17 +59,6 @@ class Picture:
     overlay: str = ""
 
 
-def column_times(phases: Phases | None) -> dict[str, float | None]:
-    """Clip time of each column."""
-    if phases is None:
-        return dict.fromkeys(COLUMNS)
-    middle_s = None
-    if phases.conflict_s is not None and phases.resolution_s is not None:
-        middle_s = (phases.conflict_s + phases.resolution_s) / 2.0
-    times = (phases.start_s, phases.trigger_s, phases.conflict_s, middle_s, phases.resolution_s)
-    return dict(zip(COLUMNS, times, strict=True))
-
-
 def frame_at(frames_s: Sequence[float], t_s: float) -> int:
     """Index of the frame that shows an instant: the newest one then, give or take half a frame.
 
@@ -194,23 +79,23 @@ def pictures(one: Examined) -> list[Picture]:
     Raises:
         InputError: a frame in the bag is no picture.
     """
-    wanted = column_times(one.phases)
-    frames = one.recording.frames_s
-    chosen = {
-        column: frame_at(frames, t_s)
-        for column, t_s in wanted.items()
-        if t_s is not None and frames
-    }
-    found = _fetch(one, sorted(set(chosen.values())))
+    phases, frames = one.phases, one.recording.frames_s
+    if phases is None or not frames:
+        return [Picture(column) for column in COLUMNS]
+    middle_s = None
+    if phases.conflict_s is not None and phases.resolution_s is not None:
+        middle_s = (phases.conflict_s + phases.resolution_s) / 2.0
+    times = (phases.start_s, phases.trigger_s, phases.conflict_s, middle_s, phases.resolution_s)
+    shown = [None if t_s is None else frame_at(frames, t_s) for t_s in times]
+    found = _fetch(one, [index for index in shown if index is not None])
     result = []
-    for column, t_s in wanted.items():
-        if column not in chosen or chosen[column] not in found or t_s is None:
+    for column, t_s, index in zip(COLUMNS, times, shown, strict=True):
+        if t_s is None or index is None or index not in found:
             result.append(Picture(column))
             continue
-        index = chosen[column]
         phi = None
-        if one.phases is not None and one.phases.end_s > one.phases.start_s:
-            phi = (t_s - one.phases.start_s) / (one.phases.end_s - one.phases.start_s)
+        if phases.end_s > phases.start_s:
+            phi = (t_s - phases.start_s) / (phases.end_s - phases.start_s)
         uri = jpeg_uri(found[index], one.recording.path, WIDTH_PX)
         result.append(Picture(column, t_s, phi, frames[index], uri, _overlay(one, index)))
     return result
@@ -294,7 +179,6 @@ def _dense(outline: FloatArray) -> FloatArray:
 
 
 _HERE = Path(__file__).parent
-_REPORT_STYLE = _HERE.parent / "report" / "style.css"
 _FACTS = {
     "time_gap_s": ("time gap at the conflict point", "s"),
     "min_ttc_s": ("smallest TTC, trigger to resolution", "s"),
@@ -307,31 +191,9 @@ _FACTS = {
 }
 
 
-@dataclass(frozen=True)
-class PartRow:
-    """One part of a mandatory property in the three recordings.
-
-    Args:
-        name: of the part, empty where the field has one part only.
-        cells: per recording its words and how they compare: same, other, or unknown.
-    """
-
-    name: str
-    cells: tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
-class FieldRows:
-    """A mandatory property."""
-
-    name: str
-    weight: float
-    parts: tuple[PartRow, ...]
-    how: tuple[str, ...]
-
-
-def field_rows(audit: Audit) -> list[FieldRows]:
-    """The table of properties, every field of KPR with its parts."""
+def field_rows(audit: Audit) -> list[dict[str, Any]]:
+    """The table of properties: every field of KPR with its parts, and per recording the words of
+    each part and how they compare: same, other, or unknown."""
     rows = []
     for field in FIELDS:
         entries = [recording.properties[field] for recording in audit.recordings]
@@ -340,39 +202,29 @@ def field_rows(audit: Audit) -> list[FieldRows]:
         names = dict.fromkeys(
             name for entry in entries for name in entry.words or {} if name not in apart
         )
-        parts = [
-            PartRow(
-                name.replace("_", " ") if len(names) > 1 else "",
-                tuple(_cell(recording, field, name) for recording in audit.recordings),
-            )
-            for name in names
-        ]
-        if not parts:
-            cells = ((_lacking(entry), "unknown") for entry in entries)
-            parts = [PartRow("", tuple(cells))]
         rows.append(
-            FieldRows(
-                field.replace("_", " "),
-                audit.weights[field],
-                tuple(parts),
-                tuple(entry.how for entry in entries),
-            )
+            {
+                "name": field.replace("_", " "),
+                "weight": audit.weights[field],
+                "parts": {
+                    name.replace("_", " ") if len(names) > 1 else "": [
+                        _cell(entry, name) for entry in entries
+                    ]
+                    for name in names or [""]
+                },
+                "how": [entry.how for entry in entries],
+            }
         )
     return rows
 
 
-def _cell(recording: RecordingEntry, field: str, part: str) -> tuple[str, str]:
-    entry = recording.properties[field]
+def _cell(entry: PropertyEntry, part: str) -> tuple[str, str]:
     if entry.words is None:
-        return _lacking(entry), "unknown"
+        return "unverified" if entry.source == "unverified" else "not determined", "unknown"
     words = entry.words.get(part, ["–"])
     digits = len(words) > 2 and all(word.isdigit() for word in words)
     text = f"{words[0]} to {words[-1]}" if digits else " or ".join(words)
     return text.replace("_", " "), "other" if part in entry.differences else "same"
-
-
-def _lacking(entry: PropertyEntry) -> str:
-    return "unverified" if entry.source == "unverified" else "not determined"
 
 
 def fact_rows(audit: Audit) -> list[tuple[str, str, tuple[str, ...]]]:
@@ -386,19 +238,10 @@ def fact_rows(audit: Audit) -> list[tuple[str, str, tuple[str, ...]]]:
     return rows
 
 
-def varying_rows(audit: Audit) -> list[tuple[str, tuple[str, ...]]]:
-    """Topology that may vary (METHOD 4.2), one column per recording."""
-    names = dict.fromkeys(name for r in audit.recordings for name in r.varying)
-    return [
-        (name, tuple(r.varying.get(name, ("–", "–"))[0] for r in audit.recordings))
-        for name in names
-    ]
-
-
-def disclosure_rows(audit: Audit) -> list[tuple[str, tuple[str, ...]]]:
-    """Allowed differences, one column per recording."""
-    names = dict.fromkeys(name for r in audit.recordings for name in r.disclosures)
-    return [(name, tuple(r.disclosures.get(name, "–") for r in audit.recordings)) for name in names]
+def _side_by_side(rows: Sequence[Mapping[str, str]]) -> list[tuple[str, list[str]]]:
+    """What recordings say under each name, one column per recording."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return [(name, [row.get(name, "–") for row in rows]) for name in names]
 
 
 def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done, of: None) -> str:
@@ -418,19 +261,19 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done,
         on_picture(done, len(judged.examined))
     environment = templates(_HERE)
     environment.filters["plain"] = _plain
-    style = _REPORT_STYLE.read_text("utf-8") + (_HERE / "style.css").read_text("utf-8")
+    environment.filters["coordinate"] = pages.number
+    styles = [folder / "style.css" for folder in (_HERE.parent / "report", _HERE)]
     return environment.get_template("page.html.j2").render(
         audit=audit,
         recordings=audit.recordings,
         columns=COLUMNS,
         strips=strips,
-        axis=Markup(phase_axis(audit.recordings)),
         fields=field_rows(audit),
-        varying=varying_rows(audit),
+        varying=_side_by_side([{k: v[0] for k, v in r.varying.items()} for r in audit.recordings]),
         facts=fact_rows(audit),
-        disclosures=disclosure_rows(audit),
+        disclosures=_side_by_side([r.disclosures for r in audit.recordings]),
         checks=TABLE,
-        style=Markup(style),
+        style=Markup("".join(style.read_text("utf-8") for style in styles)),
         version=__version__,
     )
 
