@@ -9,6 +9,7 @@ makes .ros-venv in place of .venv, beside an installed ROS 2 (README, "On a ROS 
 from __future__ import annotations
 
 import ctypes
+import filecmp
 import hashlib
 import os
 import shutil
@@ -162,8 +163,23 @@ def make_venv() -> Path:
         ],
         "installing bootstrap/requirements.lock",
     )
+    share_libraries(next((VENV / "lib").glob("python3.*/site-packages")))
     made_for.write_text(lock_hash())
     return python
+
+
+def share_libraries(site: Path) -> None:
+    """Keeps one copy of each library that several wheels carry: those of SUMO are 230 MB twice."""
+    known: dict[tuple[str, int], Path] = {}
+    for file in sorted(site.glob("*.libs/*")):
+        same = known.setdefault((file.name, file.stat().st_size), file)
+        if same is not file and filecmp.cmp(same, file, shallow=False):
+            linked = file.with_name(f"{file.name}.linked")
+            try:
+                os.link(same, linked)
+            except OSError:  # a file system without links
+                return
+            linked.replace(file)
 
 
 def link_sources() -> None:
