@@ -134,11 +134,6 @@ def test_only_the_perfect_answerer_depends_on_labels_and_the_clip_s_start(tmp_pa
     assert key(own) != first
 
 
-def reworded(monkeypatch: pytest.MonkeyPatch, module: Any, name: str, text: str) -> None:
-    assert isinstance(getattr(module, name), str)
-    monkeypatch.setattr(module, name, text)
-
-
 def test_changed_words_ask_again_for_exactly_their_own_answers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -152,10 +147,10 @@ def test_changed_words_ask_again_for_exactly_their_own_answers(
 
     assert changed() == set()
     with monkeypatch.context() as patched:
-        reworded(patched, prompts, "_MOTION_SYSTEM", "Drive well.")
+        patched.setitem(prompts.WORDS["openemma"]["motion"], "system", "Drive well.")
         assert changed() == {"openemma"}
     with monkeypatch.context() as patched:
-        reworded(patched, prompts, "_PARAGRAPH", "Be brief.")
+        patched.setitem(prompts.WORDS["lightemma"]["scene"], "text", "Be brief.")
         assert changed() == {"lightemma"}
     with monkeypatch.context() as patched:
         # An answerer that gets one prompt gets the new one; one with several builds its own.
@@ -174,7 +169,7 @@ def test_a_sentence_that_some_prompts_share_is_theirs(monkeypatch: pytest.Monkey
     """UNKNOWN_PAST stands only where the history isn't known."""
     unknown = replace(REQUEST, history=(), ego_provenance="unknown")
     before = key(), key(request=unknown)
-    reworded(monkeypatch, prompts, "UNKNOWN_PAST", "Nobody knows.")
+    monkeypatch.setattr(prompts, "UNKNOWN_PAST", "Nobody knows.")
     assert key() == before[0]
     assert key(request=unknown) != before[1]
 

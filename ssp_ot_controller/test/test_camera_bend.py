@@ -218,8 +218,8 @@ def test_sidewalks_rise_beside_a_bend() -> None:
 @pytest.mark.parametrize("radius", [45.0, -80.0])
 def test_nothing_stands_on_a_road_that_bends(palette: str, radius: float) -> None:
     block = road(turn(radius, length_m=1.2 * abs(radius)))
-    props = build_scenery(block, build_bend(block), palette, PALETTES[palette], 0.12, 5)
-    straight = build_scenery(road([]), build_bend(road([])), palette, PALETTES[palette], 0.12, 5)
+    props = build_scenery(block, build_bend(block), palette, PALETTES[palette], 5)
+    straight = build_scenery(road([]), build_bend(road([])), palette, PALETTES[palette], 5)
     assert len(props) > 0.5 * len(straight)
     line = ReferenceLine(block.origin.pose, block.pieces)
     edges = (block.left_edge_m + block.sidewalk_left_m, block.right_edge_m - block.sidewalk_right_m)

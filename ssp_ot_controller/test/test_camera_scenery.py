@@ -57,7 +57,7 @@ def road(curve: str, *scenery: SceneryItem) -> Road:
 
 
 def props_of(block: Road, palette: str = "suburb") -> list[Prop]:
-    return build_scenery(block, build_bend(block), palette, PALETTES[palette], KERB_HEIGHT_M, 5)
+    return build_scenery(block, build_bend(block), palette, PALETTES[palette], 5)
 
 
 def picture(block: Road, at_m: float = 20.0) -> tuple[Image, ObjectState]:

@@ -21,9 +21,8 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from sidecar_http import Json
 from sidecar_io import decode_jpeg, first_text, jpegs, native_array, past_poses, texts
-from sidecar_service import Answerer, LoadError, named, parser, serve
+from sidecar_service import Answerer, Json, LoadError, parser, serve
 
 PORT = 8301
 FRAMES = 4
@@ -161,16 +160,7 @@ def main() -> int:
         "cameras": ["front"],
         "cameras_as_trained": arguments.model == "1.5",
     }
-
-    def load() -> tuple[str, Answerer]:
-        if arguments.loader is None:
-            model_id, sample = load_weights(arguments)
-        else:
-            sample = named(arguments.loader)(arguments)
-            model_id = str(getattr(sample, "model_id", arguments.loader))
-        return model_id, answerer(sample, facts)
-
-    return serve(arguments, load)
+    return serve(arguments, load_weights, lambda sample: answerer(sample, facts))
 
 
 if __name__ == "__main__":

@@ -22,9 +22,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sidecar_http import Json
 from sidecar_io import decode_jpeg, jpegs, past_poses
-from sidecar_service import Answerer, LoadError, UnanswerableError, named, parser, serve
+from sidecar_service import Answerer, Json, LoadError, UnanswerableError, parser, serve
 
 PORT = 8302
 HISTORY = 5  # positions at 2 Hz: the last 2 s and now
@@ -171,16 +170,7 @@ def main() -> int:
         "attention": arguments.attention,
         "prompt": Path(arguments.prompt).name if arguments.prompt else "the request's",
     }
-
-    def load() -> tuple[str, Answerer]:
-        if arguments.loader is None:
-            model_id, generate = load_weights(arguments)
-        else:
-            generate = named(arguments.loader)(arguments)
-            model_id = str(getattr(generate, "model_id", arguments.loader))
-        return model_id, answerer(generate, template, facts)
-
-    return serve(arguments, load)
+    return serve(arguments, load_weights, lambda model: answerer(model, template, facts))
 
 
 if __name__ == "__main__":

@@ -12,8 +12,7 @@ import math
 from itertools import pairwise
 from typing import Any
 
-from sidecar_http import Json
-from sidecar_service import UnanswerableError
+from sidecar_service import Json, UnanswerableError
 
 # What is interpolated stays between samples; times carry this much rounding.
 TOLERANCE_S = 1e-6

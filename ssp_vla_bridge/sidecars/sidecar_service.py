@@ -15,9 +15,11 @@ ends with status 0.
 from __future__ import annotations
 
 import argparse
+import hmac
 import importlib
 import json
 import os
+import select
 import signal
 import socket
 import sys
@@ -25,13 +27,17 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from http.server import ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from sidecar_http import SCHEMA, Handler, Job, Json
-
+SCHEMA = "ssp.vla_http/1"
+RETRY_AFTER_S = 1
+LOADING_RETRY_AFTER_S = 5
+READ_TIMEOUT_S = 30.0
+LOOK_S = 0.1
 FLUSH_S = 1.0
 
+Json = dict[str, Any]
 Answerer = Callable[[Json], Json]
 
 
@@ -43,40 +49,160 @@ class UnanswerableError(Exception):
     """The request lacks what this model needs; one line for people."""
 
 
+class Job:
+    """A request on its way through the queue."""
+
+    def __init__(self, request: Json) -> None:
+        self.request = request
+        self.abandoned = False
+        self.done = threading.Event()
+        self.status = 500
+        self.reply: Json = {}
+
+    def finish(self, status: int, reply: Json) -> None:
+        self.status, self.reply = status, reply
+        self.done.set()
+
+
+class Handler(BaseHTTPRequestHandler):
+    """One exchange; a connection serves one."""
+
+    service: Any  # the Service that it belongs to
+    timeout = READ_TIMEOUT_S
+
+    def do_GET(self) -> None:
+        service = self.service
+        if not self._allowed() or not self._known("/health"):
+            return
+        self._send(
+            200,
+            {
+                "schema": SCHEMA,
+                "model_id": service.model_id,
+                "ready": service.ready,
+                "detail": service.detail,
+            },
+        )
+
+    def do_POST(self) -> None:
+        with self.service.lock:
+            self.service.open_exchanges += 1
+        try:
+            self._answer()
+        finally:
+            with self.service.lock:
+                self.service.open_exchanges -= 1
+
+    def _answer(self) -> None:
+        if not self._allowed() or not self._known("/answer"):
+            return
+        request = self._request()
+        if request is None:
+            return
+        if not self.service.ready:
+            self._send(503, {"error": self.service.detail}, LOADING_RETRY_AFTER_S)
+            return
+        job = Job(request)
+        if not self.service.offer(job):
+            self._send(503, {"error": "another request is in the works"}, RETRY_AFTER_S)
+            return
+        while not job.done.wait(LOOK_S):
+            if _has_gone(self.connection):
+                job.abandoned = True
+                return
+        self._send(job.status, job.reply)
+
+    def _request(self) -> Json | None:
+        length = self.headers.get("Content-Length", "")
+        if not (length.isascii() and length.isdigit()) or len(length) > 12:
+            self._send(411, {"error": "a request needs its Content-Length"})
+            return None
+        if int(length) > self.service.max_bytes:
+            self._send(413, {"error": f"a request has at most {self.service.max_bytes} bytes"})
+            return None
+        try:
+            body = self.rfile.read(int(length))
+            value = json.loads(body)
+        except (OSError, ValueError, RecursionError) as error:
+            self._send(400, {"error": f"the request is no JSON: {error}"})
+            return None
+        if not isinstance(value, dict) or value.get("schema") != SCHEMA:
+            self._send(400, {"error": f"the request must be an object of schema {SCHEMA}"})
+            return None
+        if not isinstance(value.get("request_id"), str):
+            self._send(400, {"error": "request_id must be a string"})
+            return None
+        return value
+
+    def _allowed(self) -> bool:
+        given = self.headers.get("Authorization", "").encode("utf-8", "replace")
+        wanted = f"Bearer {self.service.token}".encode()
+        if not self.service.token or hmac.compare_digest(given, wanted):
+            return True
+        self._send(401, {"error": "a bearer token is needed"})
+        return False
+
+    def _known(self, path: str) -> bool:
+        if self.path == path:
+            return True
+        self._send(404, {"error": "there are GET /health and POST /answer"})
+        return False
+
+    def _send(self, status: int, value: Json, retry_after_s: int | None = None) -> None:
+        body = json.dumps(value).encode()
+        try:
+            self.send_response(status)
+            self.send_header("Content-Type", "application/json")
+            self.send_header("Content-Length", str(len(body)))
+            if retry_after_s is not None:
+                self.send_header("Retry-After", str(retry_after_s))
+            self.end_headers()
+            self.wfile.write(body)
+        except OSError:  # who asked has gone
+            self.close_connection = True
+
+    def log_message(self, *_: Any) -> None:
+        """Says nothing: what counts stands in the answers."""
+
+
+def _has_gone(connection: socket.socket) -> bool:
+    """True when the other side has closed its connection."""
+    readable, _, _ = select.select([connection], [], [], 0)
+    if not readable:
+        return False
+    try:
+        return connection.recv(1, socket.MSG_PEEK) == b""
+    except OSError:
+        return True
+
+
 class _Stop(BaseException):
     """SIGTERM or SIGINT came while the model was being loaded."""
 
 
 class Service:
-    """One model behind HTTP.
+    """One model behind HTTP, with the arguments of parser.
 
     Args:
-        host: address to listen on.
-        port: 0 for any that is free.
-        limit: requests that may wait besides the one in the works.
-        max_bytes: of one request.
         token: that callers must send as bearer token, empty for none.
-        stop_s: that an answer in the works may still take after SIGTERM.
     """
 
-    def __init__(
-        self, host: str, port: int, limit: int, max_bytes: int, token: str, stop_s: float
-    ) -> None:
-        self.max_bytes = max_bytes
+    def __init__(self, arguments: argparse.Namespace, token: str) -> None:
+        self.max_bytes = round(arguments.max_mb * (1 << 20))
         self.token = token
         self.model_id = ""
         self.ready = False
         self.detail = "the model is being loaded"
         self.open_exchanges = 0
         self.lock = threading.Lock()
-        self._stop_s = stop_s
+        self._stop_s = arguments.stop_s
         self._loading = True
         self._stopping = False
-        self._limit = limit
+        self._limit = max(1, arguments.queue)
         self._waiting: list[Job] = []
         self._changed = threading.Condition()
         handler = type("Handler", (Handler,), {"service": self})
-        self._server = ThreadingHTTPServer((host, port), handler)
+        self._server = ThreadingHTTPServer((arguments.host, arguments.port), handler)
         self._server.daemon_threads = True
 
     @property
@@ -222,8 +348,18 @@ def parser(description: str, port: int) -> argparse.ArgumentParser:
     return parsed
 
 
-def serve(arguments: argparse.Namespace, load: Callable[[], tuple[str, Answerer]]) -> int:
-    """Serves a model with the arguments of parser; returns the exit status."""
+def serve(
+    arguments: argparse.Namespace,
+    load_weights: Callable[[argparse.Namespace], tuple[str, Any]],
+    answerer: Callable[[Any], Answerer],
+) -> int:
+    """Serves a model with the arguments of parser; returns the exit status.
+
+    Args:
+        arguments: with ``--loader``, that function stands for the weights.
+        load_weights: gives the real model's id, and the model.
+        answerer: the function of requests around a model.
+    """
     token = ""
     if arguments.token_env is not None:
         token = os.environ.get(arguments.token_env, "")
@@ -233,18 +369,24 @@ def serve(arguments: argparse.Namespace, load: Callable[[], tuple[str, Answerer]
     if not token and arguments.host not in ("127.0.0.1", "::1", "localhost"):
         print(f"note: {arguments.host} is open to everybody without --token-env", file=sys.stderr)
     try:
-        service = Service(
-            arguments.host,
-            arguments.port,
-            max(1, arguments.queue),
-            round(arguments.max_mb * (1 << 20)),
-            token,
-            arguments.stop_s,
-        )
+        service = Service(arguments, token)
     except OSError as error:
         print(f"error: can't listen on {arguments.host}:{arguments.port}: {error}", file=sys.stderr)
         return 1
+
+    def load() -> tuple[str, Answerer]:
+        if arguments.loader is None:
+            model_id, model = load_weights(arguments)
+        else:
+            model = named(arguments.loader)(arguments)
+            model_id = str(getattr(model, "model_id", arguments.loader))
+        return model_id, answerer(model)
+
     return service.run(load)
+
+
+def _no_weights(_: argparse.Namespace) -> tuple[str, Any]:
+    raise LoadError("there are no weights of its own")
 
 
 def main() -> int:
@@ -252,12 +394,7 @@ def main() -> int:
     if arguments.loader is None:
         print("error: --loader is missing: give module:function", file=sys.stderr)
         return 2
-
-    def load() -> tuple[str, Answerer]:
-        answer = named(arguments.loader)(arguments)
-        return getattr(answer, "model_id", arguments.loader), answer
-
-    return serve(arguments, load)
+    return serve(arguments, _no_weights, lambda answer: answer)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,20 @@
-"""Native prompts of each system, all made from one definition of the driving task."""
+"""Native prompts of each system, all made from one definition of the driving task.
+
+Their words stand in prompts.yaml; here is what its braces stand for.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
+from ssp_core.files import read_mapping
 from ssp_core.hashing import sha256_json
 from ssp_vla_bridge.backend import SERVICES, interface_of
 from ssp_vla_bridge.messages import DrivingTask, Request
@@ -27,14 +33,10 @@ from ssp_vla_bridge.native_history import (
 
 @dataclass(frozen=True)
 class Prompt:
-    """The words of one question; the frames go before the text.
-
-    Args:
-        system: of the system's message, empty where there is none.
-    """
+    """The words of one question; the frames go before the text."""
 
     text: str
-    system: str = ""
+    system: str = ""  # empty where there is none
 
     @property
     def sha256(self) -> str:
@@ -59,11 +61,10 @@ UNKNOWN_PAST = (
     "How your vehicle has moved until now is not known; judge by the pictures alone and assume "
     "no numbers."
 )
-PLAIN = "Answer this step only, in plain English text."
 _TOLERANCE = 1e-9
 
 
-def frames_sentence(request: Request) -> str:
+def _frames(request: Request) -> str:
     """How many frames there are, and when each was taken."""
     ages_s = [ns_to_seconds(request.stamp_ns - frame.stamp_ns) for frame in request.frames]
     times = ", ".join(f"{age_s:.2f}" for age_s in ages_s)
@@ -75,18 +76,11 @@ def frames_sentence(request: Request) -> str:
     )
 
 
-def whole_task(task: DrivingTask) -> str:
-    """The instruction, for a prompt that asks for one step of it only."""
-    return f"The whole task, which is done in steps: {task.instruction}"
+def _words(values: Sequence[str]) -> str:
+    return ", ".join(value.replace("_", " ") for value in values)
 
 
-def objects_sentence(task: DrivingTask) -> str:
-    """Which kinds of road users are told apart."""
-    return f"Call each road user one of: {_words(task.objects)}."
-
-
-def critical_sentence(task: DrivingTask) -> str:
-    """What is asked about the critical road user, and in which words."""
+def _critical(task: DrivingTask) -> str:
     return (
         f"Say where the critical one is relative to your vehicle ({_words(task.positions)}), how "
         f"it moves ({_words(task.motions)}) and whether there is a conflict with it "
@@ -94,266 +88,67 @@ def critical_sentence(task: DrivingTask) -> str:
     )
 
 
-def actions_sentence(task: DrivingTask) -> str:
-    """The allowed actions."""
+def _actions(task: DrivingTask) -> str:
     return (
         f"Your longitudinal action is one of: {_words(task.lon_actions)}. Your lateral action is "
         f"one of: {_words(task.lat_actions)}."
     )
 
 
-def demand_sentence(task: DrivingTask) -> str:
-    """Step and horizon of the trajectory that the task asks for."""
+def _task_demand(task: DrivingTask) -> str:
     return (
         f"The task asks for a trajectory with a point every {task.trajectory_step_s:g} s, up to "
         f"{task.trajectory_horizon_s:g} s from now."
     )
 
 
-def native_demand(task: DrivingTask, interface: str, rows: int, step_s: float) -> str:
-    """The task's demand, and how a native form of fixed length covers it.
-
-    Raises:
-        InputError: it doesn't cover the horizon.
-    """
-    covered_s = rows * step_s
-    if task.trajectory_horizon_s > covered_s + _TOLERANCE:
-        raise InputError(
-            f"is more than {interface} plans",
-            field="task.trajectory_horizon_s",
-            value=task.trajectory_horizon_s,
-            remedy=f"{rows} steps of {step_s:g} s cover {covered_s:g} s",
-        )
-    return (
-        f"{demand_sentence(task)} Give it as the next {rows} steps of {step_s:g} s, which is "
-        f"{covered_s:g} s."
-    )
-
-
-def placeholders(form: str, count: int) -> str:
-    """``[v1, k1], [v2, k2], …`` from a form such as ``[v{i}, k{i}]``."""
-    return ", ".join(form.format(i=i) for i in range(1, count + 1))
-
-
-def paragraphs(*parts: str) -> str:
-    """The parts that aren't empty, one a line."""
-    return "\n".join(part for part in parts if part)
-
-
-def _words(values: Sequence[str]) -> str:
-    return ", ".join(value.replace("_", " ") for value in values)
-
-
-def _openemma_scene(request: Request, _: Mapping[str, str]) -> Prompt:
-    text = paragraphs(
-        frames_sentence(request),
-        whole_task(request.task),
-        "This step: as the driver, describe the scene: traffic lights, what other vehicles and "
-        "pedestrians do, lane markings.",
-        objects_sentence(request.task),
-        PLAIN,
-    )
-    return Prompt(text)
-
-
-def _openemma_objects(request: Request, _: Mapping[str, str]) -> Prompt:
-    text = paragraphs(
-        frames_sentence(request),
-        whole_task(request.task),
-        "This step: name the two or three road users that you must watch most. For each say where "
-        "in the picture it is, what it is doing, and why it matters to you.",
-        objects_sentence(request.task),
-        critical_sentence(request.task),
-        PLAIN,
-    )
-    return Prompt(text)
-
-
-def _openemma_intent(request: Request, _: Mapping[str, str]) -> Prompt:
+def _intent(request: Request) -> str:
+    """What OpenEMMA asks about the intent: a first one, or whether the one before holds."""
     previous = previous_stage(request, "intent")
     if previous is None:
-        ask = (
+        return (
             "This step: from the lane markings and from what other road users do, say what you "
             "intend: to follow the lane straight on, to turn left or to turn right; and to keep "
             "your speed, to slow down or to speed up."
         )
-    else:
-        ago_s = ns_to_seconds(request.stamp_ns - previous.stamp_ns)
-        ask = (
-            f"This step: {ago_s:.1f} s ago your intent was:\n{previous.text}\nFrom the lane "
-            "markings and from what other road users do now, say whether you keep this intent or "
-            "change it, and explain your present one."
-        )
-    text = paragraphs(
-        frames_sentence(request), whole_task(request.task), ask,
-        actions_sentence(request.task), PLAIN,
-    )  # fmt: skip
-    return Prompt(text)
+    ago_s = ns_to_seconds(request.stamp_ns - previous.stamp_ns)
+    return (
+        f"This step: {ago_s:.1f} s ago your intent was:\n{previous.text}\nFrom the lane "
+        "markings and from what other road users do now, say whether you keep this intent or "
+        "change it, and explain your present one."
+    )
 
 
-_MOTION_SYSTEM = (
-    "You drive a vehicle and predict its motion. You have its front camera's picture, its past "
-    "speeds and curvatures and a rationale. Each pair is [v, k]: v is the distance in metres that "
-    f"is covered in a step of {STEP_S:g} s; k is the curvature in 1/m times {CURVATURE_SCALE:g}, "
-    "positive in a left turn, negative in a right turn, near zero when driving straight on, and "
-    "the larger the sharper the turn. Obey the rules of traffic, keep to the middle of your lane "
-    "and keep your distance from the vehicle ahead."
-)
-
-
-def _openemma_motion(request: Request, before: Mapping[str, str]) -> Prompt:
+def _openemma_past(request: Request) -> str:
     history = openemma_history(request)
-    count = len(history.rows)
-    past = (
-        f"The last {count} pairs of your vehicle, {STEP_S:g} s apart, oldest first, are "
-        f"{history.pairs_text}."
-        if count
+    return (
+        f"The last {len(history.rows)} pairs of your vehicle, {STEP_S:g} s apart, oldest first, "
+        f"are {history.pairs_text}."
+        if history.rows
         else UNKNOWN_PAST
     )
-    demand = native_demand(request.task, "openemma", OPENEMMA_PAIRS, STEP_S)
-    text = paragraphs(
-        frames_sentence(request),
-        whole_task(request.task),
-        f"The scene was described as: {before['scene']}",
-        f"The critical road users are: {before['objects']}",
-        f"Your intent is: {before['intent']}",
-        past,
-        "This step: find how these numbers go with the pictures, and predict your future speeds "
-        f"and curvatures. {demand}",
-        f"Answer with {OPENEMMA_PAIRS} pairs in the form "
-        f"{placeholders('[speed_{i}, curvature_{i}]', OPENEMMA_PAIRS)}, as raw text without "
-        "markdown or LaTeX. Future speeds and curvatures:",
-    )
-    return Prompt(text, _MOTION_SYSTEM)
-
-
-OPENEMMA = (
-    Stage("scene", _openemma_scene),
-    Stage("objects", _openemma_objects),
-    Stage("intent", _openemma_intent),
-    Stage("motion", _openemma_motion),
-)
-
-
-_PARAGRAPH = (
-    "Answer this step only, with one paragraph of plain English text without any formatting."
-)
-
-
-def _lightemma_scene(request: Request, _: Mapping[str, str]) -> Prompt:
-    text = paragraphs(
-        frames_sentence(request),
-        whole_task(request.task),
-        "This step: observe how vehicles and pedestrians move, the lane markings, the traffic "
-        "lights and whatever else matters. Describe what you see, and don't say yet what your "
-        "vehicle does.",
-        objects_sentence(request.task),
-        critical_sentence(request.task),
-        _PARAGRAPH,
-    )
-    return Prompt(text)
 
 
 def _lightemma_past(request: Request) -> str:
     history = lightemma_history(request)
-    count = len(history.rows)
-    if not count:
+    if not history.rows:
         return UNKNOWN_PAST
     return (
-        f"Your vehicle's last {count} speeds, {STEP_S:g} s apart, the most recent one last, are "
-        f"{history.column_text(0)} m/s. Its curvatures at these times are "
+        f"Your vehicle's last {len(history.rows)} speeds, {STEP_S:g} s apart, the most recent one "
+        f"last, are {history.column_text(0)} m/s. Its curvatures at these times are "
         f"{history.column_text(1)} 1/m; positive is a left turn, negative a right turn."
     )
 
 
-def _lightemma_intent(request: Request, before: Mapping[str, str]) -> Prompt:
-    text = paragraphs(
-        frames_sentence(request),
-        whole_task(request.task),
-        f"The scene was described as: {before['scene']}",
-        _lightemma_past(request),
-        "This step: say what your vehicle was doing until now, and then how it should drive in "
-        f"the next {LIGHTEMMA_PAIRS * STEP_S:g} s: whether it accelerates, decelerates or keeps "
-        "its speed, and whether it turns left, turns right or follows the lane, each by how much.",
-        actions_sentence(request.task),
-        _PARAGRAPH,
-    )
-    return Prompt(text)
-
-
-def _lightemma_motion(request: Request, before: Mapping[str, str]) -> Prompt:
-    demand = native_demand(request.task, "lightemma", LIGHTEMMA_PAIRS, STEP_S)
-    text = paragraphs(
-        frames_sentence(request),
-        whole_task(request.task),
-        f"The scene was described as: {before['scene']}",
-        _lightemma_past(request),
-        f"You have decided to drive like this: {before['intent']}",
-        f"This step: predict speed (m/s) and curvature (1/m, positive to the left). {demand} "
-        "Their changes must be such that a vehicle can make them.",
-        f"Answer with exactly {LIGHTEMMA_PAIRS} pairs in the form "
-        f"[{placeholders('(v{i}, c{i})', LIGHTEMMA_PAIRS)}] and nothing else.",
-    )
-    return Prompt(text)
-
-
-LIGHTEMMA = (
-    Stage("scene", _lightemma_scene),
-    Stage("intent", _lightemma_intent),
-    Stage("motion", _lightemma_motion),
-)
-
-
-def _llavida_answer(request: Request, _: Mapping[str, str]) -> Prompt:
+def _llavida_past(request: Request) -> str:
     history = llavida_history(request)
-    count = len(history.rows)
-    past = UNKNOWN_PAST
-    if count:
-        past = (
-            f"Your vehicle's last {count} positions, {STEP_S:g} s apart, oldest first, are "
-            f"{history.points_text}; it is at (0.00,0.00) now, and its speed is "
-            f"{request.history[-1].speed_mps:.2f} m/s."
-        )
-    task = request.task
-    text = paragraphs(
-        frames_sentence(request),
-        task.instruction,
-        objects_sentence(task),
-        critical_sentence(task),
-        actions_sentence(task),
-        "Positions are (x,y) in metres, seen from your vehicle: x is lateral, positive to the "
-        "right and negative to the left; y is forward.",
-        past,
-        native_demand(task, "llavida", LLAVIDA_POINTS, STEP_S),
-        "Reason first, in plain English text. End with one line in the form",
-        f"{LLAVIDA_POINTS * STEP_S:g}-second trajectory: "
-        f"[{placeholders('(x{i},y{i})', LLAVIDA_POINTS)}]",
-        f"whose first point is {STEP_S:g} s from now.",
+    if not history.rows:
+        return UNKNOWN_PAST
+    return (
+        f"Your vehicle's last {len(history.rows)} positions, {STEP_S:g} s apart, oldest first, "
+        f"are {history.points_text}; it is at (0.00,0.00) now, and its speed is "
+        f"{request.history[-1].speed_mps:.2f} m/s."
     )
-    return Prompt(text)
-
-
-LLAVIDA = (Stage("motion", _llavida_answer),)
-
-
-def _waypoints_answer(request: Request, _: Mapping[str, str]) -> Prompt:
-    task = request.task
-    count = math.floor(task.trajectory_horizon_s / task.trajectory_step_s + _TOLERANCE)
-    text = paragraphs(
-        frames_sentence(request),
-        task.instruction,
-        objects_sentence(task),
-        critical_sentence(task),
-        actions_sentence(task),
-        "Positions are [x, y] in metres, seen from your vehicle: x is forward, y is to the left, "
-        "and your vehicle is at [0, 0] now.",
-        _waypoints_past(request),
-        f"{demand_sentence(task)} That is {count} points, the first one "
-        f"{task.trajectory_step_s:g} s from now.",
-        "Write the text first, in plain English, and end with one line in the form",
-        f"Trajectory: [{placeholders('[x{i}, y{i}]', count)}]",
-    )
-    return Prompt(text)
 
 
 def _waypoints_past(request: Request) -> str:
@@ -369,16 +164,91 @@ def _waypoints_past(request: Request) -> str:
     )
 
 
-WAYPOINTS = (Stage("motion", _waypoints_answer),)
+@dataclass(frozen=True)
+class _Native:
+    """What an interface tells of the past, and the form of the rows that it asks for."""
+
+    past: Callable[[Request], str]
+    form: str
+    rows: int = 0  # 0: as many as the task asks for
 
 
-__all__ = ["PROMPTS", "Prompt", "Stage", "find_stages"]
+_NATIVE = {
+    "openemma": _Native(_openemma_past, "[speed_{i}, curvature_{i}]", OPENEMMA_PAIRS),
+    "lightemma": _Native(_lightemma_past, "(v{i}, c{i})", LIGHTEMMA_PAIRS),
+    "llavida": _Native(_llavida_past, "(x{i},y{i})", LLAVIDA_POINTS),
+    "waypoints": _Native(_waypoints_past, "[x{i}, y{i}]"),
+}
 
+
+class _Braces(dict[str, str]):
+    """What a prompt's braces stand for, worked out where they are met."""
+
+    def __init__(self, interface: str, request: Request, before: Mapping[str, str]) -> None:
+        super().__init__({f"before_{name}": text for name, text in before.items()})
+        self._interface, self._request = interface, request
+
+    def __missing__(self, name: str) -> str:
+        request, task, native = self._request, self._request.task, _NATIVE[self._interface]
+        rows = native.rows or math.floor(
+            task.trajectory_horizon_s / task.trajectory_step_s + _TOLERANCE
+        )
+        known: dict[str, Callable[[], str]] = {
+            "frames": lambda: _frames(request),
+            "instruction": lambda: task.instruction,
+            "whole_task": lambda: f"The whole task, which is done in steps: {task.instruction}",
+            "objects": lambda: f"Call each road user one of: {_words(task.objects)}.",
+            "critical": lambda: _critical(task),
+            "actions": lambda: _actions(task),
+            "plain": lambda: "Answer this step only, in plain English text.",
+            "paragraph": lambda: (
+                "Answer this step only, with one paragraph of plain English text without any "
+                "formatting."
+            ),
+            "intent": lambda: _intent(request),
+            "past": lambda: native.past(request),
+            "demand": lambda: self._demand(rows),
+            "task_demand": lambda: _task_demand(task),
+            "task_step_s": lambda: f"{task.trajectory_step_s:g}",
+            "step_s": lambda: f"{STEP_S:g}",
+            "covered_s": lambda: f"{rows * STEP_S:g}",
+            "curvature_scale": lambda: f"{CURVATURE_SCALE:g}",
+            "rows": lambda: str(rows),
+            "form": lambda: ", ".join(native.form.format(i=i) for i in range(1, rows + 1)),
+        }
+        return known[name]()
+
+    def _demand(self, rows: int) -> str:
+        """The task's demand, and how a native form of fixed length covers it."""
+        task, covered_s = self._request.task, rows * STEP_S
+        if task.trajectory_horizon_s > covered_s + _TOLERANCE:
+            raise InputError(
+                f"is more than {self._interface} plans",
+                field="task.trajectory_horizon_s",
+                value=task.trajectory_horizon_s,
+                remedy=f"{rows} steps of {STEP_S:g} s cover {covered_s:g} s",
+            )
+        return (
+            f"{_task_demand(task)} Give it as the next {rows} steps of {STEP_S:g} s, which is "
+            f"{covered_s:g} s."
+        )
+
+
+def _build(
+    interface: str, words: Mapping[str, str], request: Request, before: Mapping[str, str]
+) -> Prompt:
+    braces = _Braces(interface, request, before)
+    paragraphs = [part.format_map(braces) for part in words["text"].splitlines()]
+    system = words.get("system", "").format_map(braces)
+    return Prompt("\n".join(part for part in paragraphs if part), system)
+
+
+WORDS = read_mapping(Path(__file__).with_suffix(".yaml"))
 PROMPTS: dict[str, tuple[Stage, ...]] = {
-    "openemma": OPENEMMA,
-    "lightemma": LIGHTEMMA,
-    "llavida": LLAVIDA,
-    "waypoints": WAYPOINTS,
+    interface: tuple(
+        Stage(name, partial(_build, interface, words)) for name, words in stages.items()
+    )
+    for interface, stages in WORDS.items()
 }
 
 

@@ -28,7 +28,7 @@ from ssp_vla_bridge.messages import Frame
 
 HERE = Path(__file__).resolve().parent
 SIDECARS = HERE.parent / "sidecars"
-DOCUMENT = HERE.parents[1] / "docs" / "bridges.md"
+DOCUMENT = HERE.parents[1] / "docs" / "researcher.md"
 NS = 1_000_000_000
 DEADLINE_S = 120.0
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ssp_vla_bridge.messages import Response
@@ -82,19 +82,17 @@ def motion_is_cut(response: Response) -> bool:
     return not {MOTION, _WHOLE}.isdisjoint(cut_parts(response))
 
 
-def arcs(speeds_mps: Sequence[float], curvatures_pm: Sequence[float], step_s: float) -> Trajectory:
-    """Each pair holds for one step: a circular arc of length d = v Δt that turns by κ d.
+def arcs(steps: Iterable[tuple[float, float]], step_s: float) -> Trajectory:
+    """Each speed (m/s) and curvature (1/m, + is left) holds for one step: a circular arc.
 
-    With θ_0 = 0 and c = sin(κ d / 2) / (κ d / 2), which is 1 for a straight step:
+    Its length is d = v Δt and it turns by κ d. With θ_0 = 0 and c = sin(κ d / 2) / (κ d / 2),
+    which is 1 for a straight step:
     x_k = x_(k−1) + d c cos(θ_(k−1) + κ d / 2), y_k = y_(k−1) + d c sin(θ_(k−1) + κ d / 2),
     θ_k = θ_(k−1) + κ d. The points lie at 0, Δt, 2 Δt, …, the first one is the origin.
     Numbers that are too large give points that aren't finite; check_trajectory tells.
-
-    Args:
-        curvatures_pm: of the steps, 1/m, + is left.
     """
     xs, ys, heading_rad = [0.0], [0.0], 0.0
-    for speed_mps, curvature_pm in zip(speeds_mps, curvatures_pm, strict=True):
+    for speed_mps, curvature_pm in steps:
         length_m = speed_mps * step_s
         half_rad = curvature_pm * length_m / 2
         chord_m = length_m * (sine(half_rad) / half_rad if abs(half_rad) > 1e-9 else 1.0)
@@ -105,12 +103,7 @@ def arcs(speeds_mps: Sequence[float], curvatures_pm: Sequence[float], step_s: fl
 
 
 def at_steps(xs_m: Sequence[float], ys_m: Sequence[float], step_s: float) -> Trajectory:
-    """Points at 0, Δt, 2 Δt, …
-
-    Args:
-        xs_m: forward, m.
-        ys_m: to the left, m.
-    """
+    """Points (x forward, y to the left) at 0, Δt, 2 Δt, …"""
     times = tuple(k * step_s for k in range(len(xs_m)))
     return Trajectory(times, tuple(xs_m), tuple(ys_m))
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 from ssp_vla_bridge.adapters.adapted import (
     MOTION,
@@ -109,27 +110,20 @@ def adapt_openemma(
 ) -> Adapted:
     """Reads the pairs of the motion stage, or of the whole text where no stage is named.
 
-    ``corrected``: speed v / 0.5 s and curvature k / 100 hold for one step of 0.5 s each
-    (motion.arcs), so that n pairs give points at 0, 0.5, …, n · 0.5 s, the first one the origin.
-    ``native``: OpenEMMA's own integration (published_points).
-
-    Args:
-        request: that it answers, by which the echo of its history is known.
+    ``corrected``: speed v / 0.5 s and curvature k / 100 hold for one step of 0.5 s each (arcs), so
+    that n pairs give points at 0, 0.5, …, n · 0.5 s, the first one the origin. ``native``:
+    OpenEMMA's own integration (published_points).
     """
     history = None if request is None else openemma_history(request).rows
-    integrate = _openemma_published if mode == NATIVE else _openemma_corrected
+    integrate = published_points if mode == NATIVE else _openemma_arcs
     return adapt_pairs(response, history, AdapterInfo("openemma", mode), _OPENEMMA_FORM, integrate)
 
 
-def _openemma_corrected(pairs: Rows) -> Trajectory:
-    return arcs([v / STEP_S for v, _ in pairs], [k / CURVATURE_SCALE for _, k in pairs], STEP_S)
+def _openemma_arcs(pairs: Rows) -> Trajectory:
+    return arcs(((v / STEP_S, k / CURVATURE_SCALE) for v, k in pairs), STEP_S)
 
 
-def _openemma_published(pairs: Rows) -> Trajectory:
-    return published_points([v for v, _ in pairs], [k / CURVATURE_SCALE for _, k in pairs])
-
-
-def published_points(steps_m: Sequence[float], curvatures_pm: Sequence[float]) -> Trajectory:
+def published_points(pairs: Rows) -> Trajectory:
     """OpenEMMA's own integration with its faults, so that its published numbers can be met.
 
     n pairs give n points. Its time runs from 0 to n in n points, so that a step is n / (n − 1),
@@ -137,18 +131,15 @@ def published_points(steps_m: Sequence[float], curvatures_pm: Sequence[float]) -
     v sin θ. Point 0 is the present position. Point i stands at i · 0.5 s here; OpenEMMA's
     evaluation compares it with the true position of (i + 1) · 0.5 s. At a steady 10 m/s the mean
     distance is 2.5 m either way.
-
-    Args:
-        curvatures_pm: 1/m, + is left.
     """
-    count = len(steps_m)
+    count = len(pairs)
     stretch = count / (count - 1) if count > 1 else 0.0
+    steps = [(v, k / CURVATURE_SCALE) for v, k in pairs]
     xs, ys, heading_rad = [0.0], [0.0], 0.0
-    for i in range(1, count):
-        turns = (curvatures_pm[i - 1] * steps_m[i - 1], curvatures_pm[i] * steps_m[i])
-        before_rad, heading_rad = heading_rad, heading_rad + stretch * (turns[0] + turns[1]) / 2
-        along = steps_m[i - 1] * cosine(before_rad) + steps_m[i] * cosine(heading_rad)
-        across = steps_m[i - 1] * sine(before_rad) + steps_m[i] * sine(heading_rad)
+    for (v0, k0), (v1, k1) in pairwise(steps):
+        before_rad, heading_rad = heading_rad, heading_rad + stretch * (k0 * v0 + k1 * v1) / 2
+        along = v0 * cosine(before_rad) + v1 * cosine(heading_rad)
+        across = v0 * sine(before_rad) + v1 * sine(heading_rad)
         xs.append(xs[-1] + stretch * along / 2)
         ys.append(ys[-1] + stretch * across / 2)
     return at_steps(xs, ys, STEP_S)
@@ -164,43 +155,30 @@ def adapt_lightemma(
 ) -> Adapted:
     """Reads the pairs of the motion stage, or of the whole text where no stage is named.
 
-    ``native``: LightEMMA's own integration (straight_steps). ``corrected``: motion.arcs, whose
-    heading doesn't lag half a step behind in a curve. Both give points at 0, 0.5, …, n · 0.5 s.
-
-    Args:
-        request: that it answers, by which the echo of its history is known.
+    ``native``: LightEMMA's own integration (straight_steps). ``corrected``: arcs, whose heading
+    doesn't lag half a step behind in a curve. Both give points at 0, 0.5, …, n · 0.5 s.
     """
     history = None if request is None else lightemma_history(request).rows
-    integrate = _lightemma_corrected if mode == CORRECTED else _lightemma_native
-    return adapt_pairs(
-        response, history, AdapterInfo("lightemma", mode), _LIGHTEMMA_FORM, integrate
-    )
+    integrate = _lightemma_arcs if mode == CORRECTED else straight_steps
+    info = AdapterInfo("lightemma", mode)
+    return adapt_pairs(response, history, info, _LIGHTEMMA_FORM, integrate)
 
 
-def _lightemma_native(pairs: Rows) -> Trajectory:
-    return straight_steps([v for v, _ in pairs], [c for _, c in pairs], STEP_S)
+def _lightemma_arcs(pairs: Rows) -> Trajectory:
+    return arcs(((v, c) for v, c in pairs), STEP_S)
 
 
-def _lightemma_corrected(pairs: Rows) -> Trajectory:
-    return arcs([v for v, _ in pairs], [c for _, c in pairs], STEP_S)
-
-
-def straight_steps(
-    speeds_mps: Sequence[float], curvatures_pm: Sequence[float], step_s: float
-) -> Trajectory:
+def straight_steps(pairs: Rows) -> Trajectory:
     """LightEMMA's own integration: each step is straight, and the heading turns behind it.
 
     x_k = x_(k−1) + v Δt cos θ_(k−1), y_k = y_(k−1) + v Δt sin θ_(k−1), θ_k = θ_(k−1) + κ v Δt. The
     points lie at 0, Δt, 2 Δt, …, the first one is the origin, which LightEMMA leaves out of its
     result.
-
-    Args:
-        curvatures_pm: of the steps, 1/m, + is left.
     """
     xs, ys, heading_rad = [0.0], [0.0], 0.0
-    for speed_mps, curvature_pm in zip(speeds_mps, curvatures_pm, strict=True):
-        length_m = speed_mps * step_s
+    for speed_mps, curvature_pm in pairs:
+        length_m = speed_mps * STEP_S
         xs.append(xs[-1] + length_m * cosine(heading_rad))
         ys.append(ys[-1] + length_m * sine(heading_rad))
         heading_rad += curvature_pm * length_m
-    return at_steps(xs, ys, step_s)
+    return at_steps(xs, ys, STEP_S)

@@ -86,7 +86,7 @@ def test_native_is_the_trapezoidal_sum_over_a_time_from_0_to_n_in_n_points(count
     headings = cumulative_trapezoid(curvatures_pm * steps_m, times, initial=0)
     xs = cumulative_trapezoid(steps_m * np.cos(headings), times, initial=0)
     ys = cumulative_trapezoid(steps_m * np.sin(headings), times, initial=0)
-    trajectory = published_points(list(steps_m), list(curvatures_pm))
+    trajectory = published_points(list(zip(steps_m, 100.0 * curvatures_pm, strict=True)))
     assert trajectory.x_m == pytest.approx(list(xs), abs=1e-12)
     assert trajectory.y_m == pytest.approx(list(ys), abs=1e-12)
 

@@ -19,7 +19,6 @@ from ssp_core.run_file.road import Building, Road, SceneryItem, Sign, Tree
 from ssp_core.world.scenery import BEFORE_M, BEYOND_M, Clearance, half_extent_m, item_pose
 from ssp_ot_controller.camera.kernels import ground
 from ssp_ot_controller.camera.kernels.bend import Bend, block_line, offsets_of
-from ssp_ot_controller.camera.kernels.jit import Array
 from ssp_ot_controller.camera.kernels.palettes import Palette
 from ssp_ot_controller.camera.meshes import roadside
 from ssp_ot_controller.camera.meshes.mesh import Mesh
@@ -176,60 +175,76 @@ class _Side:
 
 
 class _Planter:
-    """Collects props and keeps the crossing clear, and the road where it bends."""
+    """Places props beside one side of the road, and keeps the crossing clear, and the road itself.
 
-    def __init__(self, road: Road, bend: Bend | None, kerb_m: float) -> None:
+    ``rng`` draws the places and the props.
+    """
+
+    def __init__(
+        self, road: Road, bend: Bend | None, palette: Palette, rng: np.random.Generator
+    ) -> None:
         self.props: list[Prop] = []
+        self.palette, self.rng = palette, rng
+        self.span = (-BEFORE_M, road.length_m + BEYOND_M)
+        self.sides = (
+            _Side(1.0, road.left_edge_m + max(road.sidewalk_left_m, 1.0), road.sidewalk_left_m > 0),
+            _Side(
+                -1.0, road.right_edge_m - max(road.sidewalk_right_m, 1.0), road.sidewalk_right_m > 0
+            ),
+        )
+        self.side = self.sides[0]
+        self.mapped = mapped_things(road)
         self._crossing = road.crossing_x_m
         self._line, self._bend = block_line(road), bend
-        self._kerb_m = kerb_m
-        self.mapped = mapped_things(road)
+
+    def stations(self, low: float, high: float) -> list[float]:
+        """Places along the road whose distances are drawn between low and high."""
+        begin, end = self.span
+        count = int((end - begin) / low) + 1
+        x = begin + np.cumsum(self.rng.uniform(low, high, count))
+        return [float(one) for one in x[x < end]]
+
+    def every(self, step_m: float, first_m: float = 0.0) -> list[float]:
+        """Places along the road so far apart."""
+        return [float(one) for one in np.arange(self.span[0] + first_m, self.span[1], step_m)]
 
     def add(
         self,
         mesh: Mesh,
-        side: _Side,
         x_m: float,
         distance_m: float,
-        yaw_rad: float = 0.0,
-        casts_shadow: bool = True,
         kind: Kind = "other",
+        shadow: bool = True,
+        yaw_rad: float = 0.0,
     ) -> None:
-        """Puts a thing at an arc length, that far beyond a sidewalk, if there is room for it."""
+        """Puts a thing at an arc length, that far beyond the sidewalk, if there is room for it."""
+        side = self.side
         reach = float(np.abs(mesh.corners[..., :2]).max()) if len(mesh) else 0.0
         if self._crossing is not None and distance_m < 6.0:
             along = float(np.abs(mesh.corners[..., 0]).max())
             if abs(x_m - self._crossing) < _CLEAR_AT_CROSSING_M + along:
                 return
-        pose = self._pose(mesh, side, x_m, side.y(distance_m), yaw_rad)
+        pose = self._pose(mesh, x_m, side.y(distance_m), yaw_rad)
         if pose is None or self.mapped.leave_no_room(kind, mesh, pose):
             return
-        z = self._kerb_m if side.raised else 0.0
-        placed = mesh.placed(pose, z)
-        self.props.append(Prop(placed, pose.x_m, pose.y_m, 1.5 * reach, casts_shadow))
+        placed = mesh.placed(pose, ground.KERB_HEIGHT_M if side.raised else 0.0)
+        self.props.append(Prop(placed, pose.x_m, pose.y_m, 1.5 * reach, shadow))
 
     def add_along(
-        self,
-        make: Callable[[float], Mesh],
-        length_m: float,
-        side: _Side,
-        x_m: float,
-        distance_m: float,
+        self, make: Callable[[float], Mesh], length_m: float, x_m: float, distance_m: float
     ) -> None:
         """Puts a long thing beside the road; in pieces where the road bends."""
         if self._bend is None:
-            self.add(make(length_m), side, x_m, distance_m)
+            self.add(make(length_m), x_m, distance_m)
             return
         count = math.ceil(length_m / _PIECE_M)
         for k in range(count):
             middle = x_m + ((k + 0.5) / count - 0.5) * length_m
-            stretch = 1.0 - self._line.curvature_1pm(middle) * side.y(distance_m)
+            stretch = 1.0 - self._line.curvature_1pm(middle) * self.side.y(distance_m)
             if stretch > 0.0:
-                self.add(make(stretch * length_m / count), side, middle, distance_m)
+                self.add(make(stretch * length_m / count), middle, distance_m)
 
-    def _pose(
-        self, mesh: Mesh, side: _Side, s_m: float, l_m: float, yaw_rad: float
-    ) -> Pose2 | None:
+    def _pose(self, mesh: Mesh, s_m: float, l_m: float, yaw_rad: float) -> Pose2 | None:
         """Pose in the block's frame; None: it would stand on the road or in its own way."""
         if self._bend is None:
             return Pose2(s_m, l_m, yaw_rad)
@@ -244,132 +259,83 @@ class _Planter:
         # Beyond the centre of a bend, or nearer to another stretch, the offset is another one.
         if abs(offsets[0] - l_m) > _SAME_PLACE_M:
             return None
+        side = self.side
         return None if (side.sign * (offsets - side.edge_m)).min() < _CLEAR_M else pose
 
 
 def build_scenery(
-    road: Road, bend: Bend | None, palette_name: str, palette: Palette, kerb_m: float, seed: int
+    road: Road, bend: Bend | None, palette_name: str, palette: Palette, seed: int
 ) -> list[Prop]:
     """Everything that stands beside the road, the same for the same seed."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0x5CE11E]))
-    planter = _Planter(road, bend, kerb_m)
-    sides = (
-        _Side(1.0, road.left_edge_m + max(road.sidewalk_left_m, 1.0), road.sidewalk_left_m > 0),
-        _Side(-1.0, road.right_edge_m - max(road.sidewalk_right_m, 1.0), road.sidewalk_right_m > 0),
-    )
-    span = (-BEFORE_M, road.length_m + BEYOND_M)
+    planter = _Planter(road, bend, palette, rng)
     plant = {"suburb": _suburb, "proving_ground": _proving_ground, "dusk_city": _city}[palette_name]
-    for side in sides:
-        plant(planter, side, span, rng, palette)
-    _put_up_signs(planter, road, sides)
+    for side in planter.sides:
+        planter.side = side
+        plant(planter)
+    _put_up_signs(planter, road)
     return planter.props + mapped_props(planter.mapped, road, palette_name, palette, seed)
 
 
-def _put_up_signs(planter: _Planter, road: Road, sides: tuple[_Side, _Side]) -> None:
+def _put_up_signs(planter: _Planter, road: Road) -> None:
     """What the road's numbers call for, beside those who drive on the right towards it."""
     limit = roadside.speed_limit_sign(max(5, 5 * round(road.speed_limit_mps * 3.6 / 5)))
-    left, right = sides
+    left, right = planter.sides
     going = {lane.direction for lane in road.lanes}
     for side, along, word, yaw in ((right, 1.0, "forward", 0.0), (left, -1.0, "backward", math.pi)):
         if word not in going:
             continue
+        planter.side = side
         begin = 0.0 if along > 0.0 else road.length_m
         for k in range(math.ceil(road.length_m / _LIMIT_EVERY_M)):
             x = begin + along * (_LIMIT_FROM_M + k * _LIMIT_EVERY_M)
-            planter.add(limit, side, x, _SIGN_BESIDE_M, yaw, kind="sign")
+            planter.add(limit, x, _SIGN_BESIDE_M, "sign", yaw_rad=yaw)
         if road.crossing_x_m is not None:
             x = road.crossing_x_m - along * _CROSSING_AHEAD_M
-            planter.add(roadside.crossing_sign(), side, x, _SIGN_BESIDE_M, yaw, kind="sign")
+            planter.add(roadside.crossing_sign(), x, _SIGN_BESIDE_M, "sign", yaw_rad=yaw)
 
 
-def _stations(
-    rng: np.random.Generator, span: tuple[float, float], low: float, high: float
-) -> Array:
-    """Places along the road whose distances are drawn between low and high."""
-    count = int((span[1] - span[0]) / low) + 1
-    x = span[0] + np.cumsum(rng.uniform(low, high, count))
-    return np.asarray(x[x < span[1]])
+def _suburb(planter: _Planter) -> None:
+    rng, palette, add = planter.rng, planter.palette, planter.add
+    for x in planter.stations(17.0, 24.0):
+        width, depth, floors = rng.uniform(9, 13), rng.uniform(8, 10), int(rng.integers(1, 3))
+        house = building(rng, palette, width, depth, floors, pitched=True)
+        add(house, x, rng.uniform(12, 16), "building", shadow=False)
+        add(hedge(rng.uniform(8, 13), palette), x, 3.6)
+    for x in planter.stations(9.0, 19.0):
+        add(tree(rng, palette, rng.uniform(0.75, 1.1)), x, rng.uniform(4.6, 8.0), "tree")
+    for x in planter.stations(26.0, 44.0):
+        add(conifer(rng, palette), x, rng.uniform(20, 26), "tree", shadow=False)
+    for x in planter.every(32.0, 8.0 if planter.side.sign > 0 else 24.0):
+        add(lamp_post(-planter.side.sign, palette), x, 0.4, "pole")
 
 
-def _suburb(
-    planter: _Planter,
-    side: _Side,
-    span: tuple[float, float],
-    rng: np.random.Generator,
-    palette: Palette,
-) -> None:
-    for x in _stations(rng, span, 17.0, 24.0):
-        house = building(
-            rng, palette, rng.uniform(9, 13), rng.uniform(8, 10), int(rng.integers(1, 3)), True
-        )
-        planter.add(house, side, float(x), rng.uniform(12, 16), casts_shadow=False, kind="building")
-        planter.add(hedge(rng.uniform(8, 13), palette), side, float(x), 3.6)
-    for x in _stations(rng, span, 9.0, 19.0):
-        planter.add(
-            tree(rng, palette, rng.uniform(0.75, 1.1)),
-            side,
-            float(x),
-            rng.uniform(4.6, 8.0),
-            kind="tree",
-        )
-    for x in _stations(rng, span, 26.0, 44.0):
-        planter.add(
-            conifer(rng, palette),
-            side,
-            float(x),
-            rng.uniform(20, 26),
-            casts_shadow=False,
-            kind="tree",
-        )
-    for x in np.arange(span[0] + (8.0 if side.sign > 0 else 24.0), span[1], 32.0):
-        planter.add(lamp_post(-side.sign, palette), side, float(x), 0.4, kind="pole")
+def _proving_ground(planter: _Planter) -> None:
+    rng, palette, add = planter.rng, planter.palette, planter.add
+    if planter.side.sign > 0:
+        for x in planter.every(24.0):
+            planter.add_along(fence, 24.0, x, 6.5)
+    for x in planter.every(20.0):
+        add(cone(), x + float(rng.uniform(-0.3, 0.3)), 1.2)
+    for x in planter.stations(70.0, 110.0):
+        hall = building(rng, palette, rng.uniform(28, 45), rng.uniform(14, 20), 2, pitched=False)
+        add(hall, x, rng.uniform(42, 62), "building", shadow=False)
+    for x in planter.every(60.0, 25.0):
+        add(mast(), x, 10.0, "pole")
+    for x in planter.stations(12.0, 30.0):
+        add(tree(rng, palette, rng.uniform(0.7, 1.2)), x, rng.uniform(26, 40), "tree", shadow=False)
 
 
-def _proving_ground(
-    planter: _Planter,
-    side: _Side,
-    span: tuple[float, float],
-    rng: np.random.Generator,
-    palette: Palette,
-) -> None:
-    if side.sign > 0:
-        for x in np.arange(span[0], span[1], 24.0):
-            planter.add_along(fence, 24.0, side, float(x), 6.5)
-    for x in np.arange(span[0], span[1], 20.0):
-        planter.add(cone(), side, float(x) + float(rng.uniform(-0.3, 0.3)), 1.2)
-    for x in _stations(rng, span, 70.0, 110.0):
-        hall = building(rng, palette, rng.uniform(28, 45), rng.uniform(14, 20), 2, False)
-        planter.add(hall, side, float(x), rng.uniform(42, 62), casts_shadow=False, kind="building")
-    for x in np.arange(span[0] + 25.0, span[1], 60.0):
-        planter.add(mast(), side, float(x), 10.0, kind="pole")
-    for x in _stations(rng, span, 12.0, 30.0):
-        planter.add(
-            tree(rng, palette, rng.uniform(0.7, 1.2)),
-            side,
-            float(x),
-            rng.uniform(26, 40),
-            casts_shadow=False,
-            kind="tree",
-        )
-
-
-def _city(
-    planter: _Planter,
-    side: _Side,
-    span: tuple[float, float],
-    rng: np.random.Generator,
-    palette: Palette,
-) -> None:
-    x = span[0]
-    while x < span[1]:
+def _city(planter: _Planter) -> None:
+    rng, palette, add = planter.rng, planter.palette, planter.add
+    x, end = planter.span
+    while x < end:
         width = float(rng.uniform(14, 24))
-        block = building(rng, palette, width, 14.0, int(rng.integers(4, 9)), False)
-        planter.add(block, side, x + width / 2, 9.0, casts_shadow=False, kind="building")
+        block = building(rng, palette, width, 14.0, int(rng.integers(4, 9)), pitched=False)
+        add(block, x + width / 2, 9.0, "building", shadow=False)
         x += width + (float(rng.uniform(3, 9)) if rng.uniform() < 0.3 else 0.0)
-    for x in np.arange(span[0] + (5.0 if side.sign > 0 else 17.0), span[1], 24.0):
-        planter.add(lamp_post(-side.sign, palette), side, float(x), 0.4, kind="pole")
-    for x in np.arange(span[0] + (14.0 if side.sign > 0 else 26.0), span[1], 24.0):
+    for x in planter.every(24.0, 5.0 if planter.side.sign > 0 else 17.0):
+        add(lamp_post(-planter.side.sign, palette), x, 0.4, "pole")
+    for x in planter.every(24.0, 14.0 if planter.side.sign > 0 else 26.0):
         if rng.uniform() < 0.6:
-            planter.add(
-                tree(rng, palette, rng.uniform(0.55, 0.7)), side, float(x), 1.3, kind="tree"
-            )
+            add(tree(rng, palette, rng.uniform(0.55, 0.7)), x, 1.3, "tree")

@@ -96,7 +96,7 @@ def _build(road_json: str, look_json: str, seed: int, detail: Detail) -> Stage:
     bend = build_bend(road)
     props = []
     if detail.scenery:
-        props = scenery.build_scenery(road, bend, look.palette, palette, ground.KERB_HEIGHT_M, seed)
+        props = scenery.build_scenery(road, bend, look.palette, palette, seed)
     around = Surroundings(
         ground=ground.build_ground(road, palette, detail.texture),
         bend=bend,
