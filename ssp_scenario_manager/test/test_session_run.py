@@ -13,7 +13,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.state_machine import SessionEvent
-from ssp_scenario_manager.triggers.evaluator import OpenWatches
+from ssp_scenario_manager.triggers.evaluator import TriggerWatch
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -166,7 +166,7 @@ def test_one_state_of_the_vut_is_judged_once(driver: Any, monkeypatch: pytest.Mo
     """A trigger that must hold doesn't count the same sample twice."""
     judged: list[int] = []
 
-    monkeypatch.setattr(OpenWatches, "at", lambda _, stamp_ns: judged.append(stamp_ns) or [])
+    monkeypatch.setattr(TriggerWatch, "observe", lambda _, now: judged.append(now.stamp_ns))
     driver.until("RUNNING")
     driver.acknowledge()
     driver.step()
@@ -190,7 +190,7 @@ def test_no_trigger_is_judged_on_an_old_state_of_the_vut(
     run_mapping["end"] = {"at_latest_s": 0.5}
     driver = make_driver(RunSpec.model_validate(run_mapping))
     judged: list[int] = []
-    monkeypatch.setattr(OpenWatches, "at", lambda *_: judged.append(1) or [])
+    monkeypatch.setattr(TriggerWatch, "observe", lambda *_: judged.append(1))
     driver.until("RUNNING")
     driver.acknowledge()
     driver.step()

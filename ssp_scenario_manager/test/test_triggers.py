@@ -13,7 +13,7 @@ from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.participants import TriggerSpec
 from ssp_core.vocabulary import ObjectClass, Phase, Role
 from ssp_scenario_manager.triggers.conditions import Sample, Snapshot
-from ssp_scenario_manager.triggers.evaluator import Firing, OpenWatches, TriggerWatch, truth
+from ssp_scenario_manager.triggers.evaluator import Firing, TriggerWatch, truth
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -300,25 +300,3 @@ def test_a_state_is_judged_without_asking_every_object(
     for stamp_ns in (MS, 2 * MS):
         watch.observe(Snapshot(car("vut", stamp_ns, 9.0, 0.0, 5.0), targets, PATH, S, {}))
     assert calls == [5, 5]
-
-
-def test_only_triggers_that_can_fire_are_asked_in_the_order_of_the_file() -> None:
-    def watch(name: str, not_before_s: float) -> TriggerWatch:
-        late = {"type": "elapsed_time", "after_s": 100.0}
-        return TriggerWatch(spec(late, id=name, not_before_s=not_before_s), PATH, S)
-
-    watches = [watch("a", 2.0), watch("b", 0.0), watch("c", 1.0), watch("d", 2.0)]
-    opened = OpenWatches(watches)
-
-    def asked(stamp_ns: int) -> str:
-        return "".join(each.spec.id for each in opened.at(stamp_ns))
-
-    assert asked(S - 1) == ""
-    assert asked(S) == "b"
-    assert asked(2 * S) == "bc"
-    watches[1].fired = True
-    assert asked(3 * S - 1) == "c"
-    assert asked(3 * S) == "acd"
-    watches[0].fired = watches[3].fired = True
-    assert asked(3 * S) == "c"
-    assert OpenWatches().at(S) == []

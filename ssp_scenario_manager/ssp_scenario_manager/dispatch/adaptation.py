@@ -37,8 +37,6 @@ class Bounds:
     """What an adapted motion must stay inside of (METHOD 2.3, the limits of safety).
 
     Args:
-        limits: of the site.
-        geofence: polygon, m, frame map.
         target: that moves.
         step_s: how often it judges its state.
     """
@@ -63,10 +61,7 @@ def nearest_rate(
     Args:
         planned: columns of the planned motion as planned.
         known: the pace as it goes on now.
-        wish: of the trigger.
-        bounds: of the motion.
         start_ns: when the new pace begins.
-        rate: wanted.
         until_s: own time of what decides the gap.
     """
     if _fits(planned, wish, bounds, toward(known, start_ns, rate, until_s), until_s):
@@ -131,12 +126,10 @@ class Adapting:
     """What is remembered of one manoeuvre that is being adapted.
 
     Args:
-        planned_motion: as planned.
         pace: of the last reference that was sent and not refused.
         taken: of the last one that the object accepted.
         aimed_ns: session time at which a pace was last looked for.
         lead_ns: between dispatch and execute_at.
-        track: of the VUT.
         refused: references in a row that were refused.
         wrong_ns: since when the passing order has looked wrong; None: it looks right.
         settled: somebody has arrived, and in the right order.
@@ -197,11 +190,6 @@ def decide(
     """Judges a state of the VUT that hasn't been judged yet.
 
     Args:
-        adapting: what is remembered.
-        wish: of the trigger.
-        bounds: of the motion.
-        vut: newest state.
-        path: of the VUT.
         now_ns: session time, that of a dispatch.
     """
     known = replace(adapting, track=follow_vut(adapting.track, vut, path))
@@ -347,7 +335,6 @@ def answered(adapting: Adapting, pace: Pace, *, accepted: bool, most_lead_ns: in
     twice the time to arrive.
 
     Args:
-        adapting: what is remembered.
         pace: of the reference that was answered.
         accepted: False: refused.
         most_lead_ns: the longest time between dispatch and execute_at.
@@ -372,7 +359,6 @@ class Fired:
 
     Args:
         trigger: with an adaptation.
-        manoeuvre: that was dispatched.
         before: the reference that the object drove then; None: it stood.
     """
 

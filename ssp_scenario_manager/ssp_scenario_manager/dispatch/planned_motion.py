@@ -48,7 +48,6 @@ def columns_of(current: Reference | None, manoeuvre: Reference, from_ns: int) ->
 
     Args:
         current: the reference that is driven until the manoeuvre begins; None: it stands.
-        manoeuvre: that was dispatched.
         from_ns: session time from which the points are needed.
     """
     points = manoeuvre.columns
@@ -88,11 +87,7 @@ def planned_motion_of(
 
     Args:
         current: the reference that is driven until the manoeuvre begins; None: it stands.
-        manoeuvre: that was dispatched.
         from_ns: session time from which it is followed.
-        target: who drives it.
-        vut: whose corridor it comes into.
-        path: of the VUT.
     """
     columns = columns_of(current, manoeuvre, from_ns)
     half = corridor_half_m(vut.size.width_m)
@@ -254,9 +249,6 @@ def foreseen_gap_s(
     """The gap that comes of a manoeuvre as planned and a VUT that goes on as it does (METHOD 1).
 
     Args:
-        planned_motion: as planned.
-        track: of the VUT.
-        size: of the VUT.
         initiator_first: whose arrival comes first.
     """
     zone = planned_motion.zone
@@ -429,7 +421,6 @@ def play(columns: FloatArray, pace: Pace) -> Points:
 
     Args:
         columns: of the manoeuvre over its own time, shape (7, n).
-        pace: how its own time passes.
     """
     own_s, _, _ = pace.at(pace.start_ns)
     first = _point_at(columns, own_s)

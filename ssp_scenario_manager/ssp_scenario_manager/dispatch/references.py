@@ -103,8 +103,6 @@ def manoeuvre_reference(
     """The manoeuvre from where the object's present reference will be at execute_at.
 
     Args:
-        address: ids and times.
-        manoeuvre: what to do.
         state: the object's state, used where it has no reference yet; None where it has one.
         current: the reference that it tracks.
         approach: the path that it drives along, needed by all but a path of its own.
@@ -140,10 +138,8 @@ def run_out_end_m(
     """Station at which an object stands after its run-out; None: at its path's end.
 
     Args:
-        path: of the object.
         station_m: at which the manoeuvre begins.
         speed_mps: of the object then.
-        manoeuvre: that it drives.
     """
     if manoeuvre.run_out_s is None:
         return None
@@ -212,7 +208,6 @@ def is_fatal(reference: Reference, code: int) -> bool:
     refusal it stops by itself.
 
     Args:
-        reference: that was refused.
         code: REFUSED_* of ReferenceAck.msg.
     """
     return reference.purpose != ADAPTED or code not in (_LATE, _DISCONTINUOUS)
@@ -259,7 +254,6 @@ class PendingReferences:
         """What is to be sent once more now.
 
         Args:
-            now_ns: session time.
             step_s: of the world; an answer needs two steps.
         """
         step_ns = seconds_to_ns(step_s)

@@ -129,9 +129,6 @@ def left_behind(folder: Path) -> list[str]:
 
     The memory is removed, so that the next run is judged by its own. While other participants of
     DDS run on this host nobody can tell whose it was, and it counts for nothing.
-
-    Args:
-        folder: of a run that has ended.
     """
     logs = (folder / "logs").resolve()
     found = []
@@ -215,12 +212,6 @@ def prepare_scene(
 
     Args:
         scenario: name or K* file.
-        site: name or file.
-        seed: of all runs.
-        mode: of all runs.
-        out: folder of the campaign.
-        say: takes one line for people per thing that happens.
-        way: see Scene.
 
     Raises:
         InputError: it can't be compiled, or isn't valid even without faults.
@@ -244,13 +235,7 @@ def run_cells(
     cells: list[tuple[Row, Stage]],
     say: Callable[[str], None],
 ) -> Iterator[CellResult]:
-    """Runs and judges cells; one that was run before, with the same run file, is judged again.
-
-    Args:
-        scene: the scenario.
-        cells: which.
-        say: takes one line for people per thing that happens in a run.
-    """
+    """Runs and judges cells; one that was run before, with the same run file, is judged again."""
     for row, stage in cells:
         cell = row.cell(stage, scene.nominal.moves[stage])
         if isinstance(cell, Expected) and scene.way == "in_process" and not possible(row.kind):

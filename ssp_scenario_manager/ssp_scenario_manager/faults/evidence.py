@@ -110,7 +110,6 @@ def stop_of(track: Track, fault_s: float, timeout_s: float, stopping: Stopping) 
     """The stop after a fault.
 
     Args:
-        track: of the object.
         fault_s: session time of the fault.
         timeout_s: how long it may go unnoticed.
         stopping: how the object is said to stop.

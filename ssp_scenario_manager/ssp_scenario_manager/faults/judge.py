@@ -74,8 +74,6 @@ def judge(
     """Judges one run.
 
     Args:
-        expected: of the cell.
-        evidence: of the run.
         index: of the cell's fault in the run file.
         leftovers: processes and shared memory that outlived the run.
     """

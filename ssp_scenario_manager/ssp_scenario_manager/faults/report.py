@@ -137,7 +137,6 @@ def markdown(results: Sequence[CellResult], run: RunSpec) -> str:
     """The measured table of each scenario, and what is expected of each row.
 
     Args:
-        results: of the campaign.
         run: gives the limits that the bounds are made of.
     """
     parts = []

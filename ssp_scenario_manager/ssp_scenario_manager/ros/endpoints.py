@@ -93,7 +93,6 @@ class Subscriptions:
     """Owns the subscriptions.
 
     Args:
-        node: owns the endpoints.
         liveness: notes who was heard, and measures the links.
         listener: takes the rest.
     """
@@ -188,10 +187,7 @@ class ObjectEndpoints:
     """Publishers, subscriptions and clients of the objects that were ever connected.
 
     Args:
-        node: owns the endpoints.
-        on_state: takes each state that comes by itself.
         on_array: takes each ObjectStates message as bytes.
-        on_ack: takes each acknowledgement.
         on_refusal: takes each command that an object refused.
     """
 
@@ -218,7 +214,6 @@ class ObjectEndpoints:
         """Makes the endpoints of objects that are new; the others keep theirs.
 
         Args:
-            object_ids: objects of the run.
             states_in_one: their processes send one message for all their states.
         """
         raw = partial(ros.subscribe_raw, self._node)
@@ -385,7 +380,6 @@ class Publications:
         """A decision record, a phase, an event, or a word for people.
 
         Args:
-            fact: what the session found.
             now_ns: session time, that at which a trigger's references go out.
             arrival_ns: when the deciding state arrived, on the steady clock.
         """
@@ -406,9 +400,6 @@ class Publications:
 
         Args:
             session: gives the newest states; nothing is published before a run is loaded.
-            links: the answers to heartbeats.
-            losses: states counted.
-            now_ns: session time.
         """
         spec = session.spec
         if spec is not None:

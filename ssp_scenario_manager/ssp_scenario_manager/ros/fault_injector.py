@@ -32,8 +32,6 @@ class FaultEndpoints:
     """Sees the true world without the recorder, and does what faults ask for.
 
     Args:
-        node: owns the endpoints.
-        run: the run.
         started: steady time of the runner's start, s; wall times count from there.
     """
 

@@ -54,7 +54,6 @@ class RunClient:
 
     Args:
         env: environment of the session's processes; this process joins their domain with it.
-        say: takes one line for people per thing that happens.
     """
 
     def __init__(self, env: Mapping[str, str], say: RunListener) -> None:
@@ -265,7 +264,6 @@ class StepwiseClient:
     """load, connect, arm and start, one at a time, each after the answer to the one before.
 
     Args:
-        node: owns the clients.
         run: the run; its objects tell when they are armed.
         run_file: path on the manager's host.
     """

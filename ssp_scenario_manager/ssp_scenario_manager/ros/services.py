@@ -25,9 +25,6 @@ class CommandServices:
     """The services.
 
     Args:
-        node: owns them.
-        session: whose state the answers give.
-        load: loads a run file into the session.
         command: gives the session a command (event, who asks, reason).
     """
 
@@ -78,9 +75,6 @@ class RunScenarioServer:
     """At most one goal at a time.
 
     Args:
-        node: owns the server.
-        session: that the goal drives.
-        load: loads a run file into the session.
         command: gives the session a command (event, who asks, reason).
     """
 
@@ -108,11 +102,7 @@ class RunScenarioServer:
         )
 
     def drive(self, now_ns: int) -> None:
-        """Moves the goal on: load, connect, arm, start, wait for the end.
-
-        Args:
-            now_ns: session time, for the feedback.
-        """
+        """Moves the goal on: load, connect, arm, start, wait for the end."""
         if self._goal is None or self._script is None:
             return
         wish = self._script.next(self._session.state, time.monotonic_ns())

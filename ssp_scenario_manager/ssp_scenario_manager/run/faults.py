@@ -158,15 +158,7 @@ def with_conditions_never_met(spec: RunSpec) -> RunSpec:
 
 @dataclass
 class FaultInjector:
-    """Begins and ends the runner's faults when their time has come.
-
-    Args:
-        spec: the run.
-        group: the session's processes.
-        bag: the bag's folder.
-        hands: topics and services.
-        say: takes one line for people per thing that happens.
-    """
+    """Begins and ends the runner's faults when their time has come."""
 
     spec: RunSpec
     group: ProcessGroup

@@ -54,7 +54,6 @@ class Followed:
     """What a session came to.
 
     Args:
-        outcome: verdict and reasons.
         session_s: session time that passed.
         running_wall_s: wall time that it took.
         faults: what was injected and heard, empty without faults (``faults.json``).
@@ -80,11 +79,6 @@ def follow(
     """Waits for the manager, has the run done, and watches processes and signals meanwhile.
 
     Args:
-        spec: the run.
-        group: the session's processes, all started.
-        run_file: the run's file.
-        bag: the bag's folder.
-        say: takes one line for people per thing that happens.
         interrupt: counts what the user asks for.
         go: the run is loaded, and begins when this says so; None: at once.
     """

@@ -67,8 +67,6 @@ class InProcessSession:
     """One run of one session. ``run`` may be called once.
 
     Args:
-        spec: the run.
-        plant: its world and objects.
         on_report: is given every report of the running world.
         on_hold: is given every report of the world that holds.
     """
@@ -406,13 +404,7 @@ def run_in_process(spec: RunSpec, work_dir: Path | None = None) -> tuple[InProce
 
 
 def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[RunOutcome, Happened]:
-    """How a session that is over ended, and what happened in it.
-
-    Args:
-        spec: the run.
-        session: over.
-        record: every report of it.
-    """
+    """How a session that is over ended, and what happened in it."""
     account = session.account
     happened = Happened.seen(
         spec,

@@ -49,12 +49,7 @@ class Case:
 
 
 def junit_xml(suite: str, cases: Sequence[Case]) -> str:
-    """One test suite with a test case per run.
-
-    Args:
-        suite: its name.
-        cases: in the order of the file.
-    """
+    """One test suite with a test case per run."""
     counts = {
         "tests": str(len(cases)),
         "failures": str(sum(case.result == "failure" for case in cases)),

@@ -50,9 +50,6 @@ _URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
 def given_token(env: Mapping[str, str]) -> str:
     """The token that the environment has for the page; empty: one is to be made.
 
-    Args:
-        env: of the session.
-
     Raises:
         InputError: it can't be one.
     """
@@ -65,9 +62,6 @@ class Companion:
     """A node that runs beside a session and is none of its own: page, shadow model.
 
     Args:
-        name: of the node.
-        module: of the node.
-        parameters: of the node.
         what: for people.
         env: what its environment has besides.
         hint: for the address of a page, what belongs to its end.
@@ -85,8 +79,6 @@ def page_companion(env: Mapping[str, str], run_file: Path, port: int) -> Compani
     """The operators' page.
 
     Args:
-        env: of the session.
-        run_file: of the session.
         port: to listen on; 0: any.
 
     Raises:
@@ -117,7 +109,6 @@ def beside(
     Args:
         session: whose domain and log folder they share.
         companions: which; none starts nothing.
-        say: takes one line for people per thing that happens.
         remappings: ``from:=to``, as the session's own nodes have them.
     """
     with ExitStack() as stack:
@@ -225,7 +216,6 @@ class RunResult:
     """What a run left behind.
 
     Args:
-        outcome: verdict and reasons.
         bag: folder of the recording, unfinished where it could be neither closed nor recovered.
         told: what stands in result.json, if that could be written.
         unwritten: why files of the run are missing, for people, and what to do.
@@ -255,9 +245,7 @@ def run_session(
     profile from the environment.
 
     Args:
-        spec: the run.
         folder: new or empty; receives everything.
-        say: takes one line for people per thing that happens.
         live: what runs on this host of a live session; None for a simulated one.
         page_port: of the operators' page beside it, 0: any; None: no page.
         video: codec that the recorder encodes the camera's frames with; None: frames as they come.

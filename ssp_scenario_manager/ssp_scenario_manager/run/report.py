@@ -42,7 +42,6 @@ def differences(states: Sequence[ObjectState], previous: Reference | None) -> Fl
     """States minus reference, by quantity, shape (n, 3).
 
     Args:
-        states: of the object.
         previous: reference that it tracked; None: it stood, and was to stand.
     """
     rows = []
@@ -69,7 +68,6 @@ def bands(
     Args:
         states: of the object, in order.
         previous: as in ``differences``.
-        until_ns: the instant.
     """
     name = previous.reference_id if previous is not None else ""
     begin_ns = until_ns - seconds_to_ns(BEFORE_S)
@@ -227,8 +225,6 @@ def measured(bag: Path, spec: RunSpec, say: Callable[[str], None]) -> dict[str, 
 
     Args:
         bag: of the run; it may be missing or damaged.
-        spec: the run.
-        say: takes one line for people per trigger and per object target.
 
     Returns:
         For result.json. ``problem`` says what kept it from being measured, null: nothing.

@@ -203,7 +203,6 @@ def result_keys(spec: RunSpec, happened: Happened | None) -> dict[str, Any]:
     """Keys of result.json that every run has, besides its verdict and reasons.
 
     Args:
-        spec: the run.
         happened: None where nothing is known of it; all that would be told is null then.
 
     Returns:

@@ -159,8 +159,6 @@ def values_of(variations: Sequence[Variation], seed: int, run: int) -> dict[str,
     """What one run has for each varied field, in the order in which they were given.
 
     Args:
-        variations: of the sweep.
-        seed: of the sweep.
         run: number of the run, from 0.
     """
     cells = grid(variations)
@@ -171,11 +169,7 @@ def values_of(variations: Sequence[Variation], seed: int, run: int) -> dict[str,
 
 
 class Variable:
-    """A run of which single fields can be given other values.
-
-    Args:
-        spec: the run.
-    """
+    """A run of which single fields can be given other values."""
 
     def __init__(self, spec: RunSpec) -> None:
         self._spec = spec
@@ -186,7 +180,6 @@ class Variable:
 
         Args:
             values: by dotted path, such as ``driver.cruise_mps`` or ``triggers.0.lead_time_s``.
-            seed: of the run.
 
         Raises:
             InputError: no such field, naming those that are near; or no valid value of it.
@@ -317,7 +310,6 @@ def run_sweep(sweep: Sweep, folder: Path, jobs: int, on_row: Callable[[Row], Non
     on where it was. The file's bytes don't depend on ``jobs``, and no row is ever taken out of it.
 
     Args:
-        sweep: what to run.
         folder: new, or of the same sweep.
         jobs: processes that share the work.
         on_row: is called for each row, those that were there included.

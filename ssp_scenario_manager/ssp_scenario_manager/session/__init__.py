@@ -13,4 +13,6 @@ The way of a state of the VUT to a reference:
 9. ``ros.endpoints.ObjectEndpoints.send`` publishes that.
 
 ``Session.step`` follows with limits, phases, adapted references and the end of the run.
+
+Everywhere here ``now_ns`` is session time and ``steady_ns`` the steady clock; none is read here.
 """

@@ -127,11 +127,8 @@ class StateInput:
     """Takes states in. Reads no clock: arrivals on the steady clock are given, in ns.
 
     Args:
-        session: that gets them.
-        liveness: notes who was heard.
         inputs: counts the states of a run, for lockstep.
         decode: reads a message with the states of many; None for bytes that are none.
-        tell: takes a line for people.
     """
 
     def __init__(

@@ -125,11 +125,8 @@ def stamp_ahead(
     """A state's stamp lies in the future: the clock that made it is ahead of the session's.
 
     Args:
-        state: the newest state of an object.
-        now_ns: session time.
         allowance_s: how far session time itself may lag behind, > 0 where it is only taken from
             messages.
-        limits: of the site.
     """
     passed = judge.stamp_ahead(ns_to_seconds(now_ns - state.stamp_ns), limits, allowance_s)
     return of_object(passed, state.object_id, now_ns, "its states are stamped ahead of time")
@@ -143,7 +140,6 @@ def too_near(everyone: Sequence[ObjectState], limits: Limits) -> list[Violation]
 
     Args:
         everyone: finite states at one stamp.
-        limits: of the site.
     """
     found = []
     for i, k in judge.near_pairs(everyone, limits.separation_m):
@@ -211,12 +207,7 @@ def own_lateness(found: Violation, late_s: float, heartbeat_s: float) -> Violati
 
 
 def in_session_time(reported: Violation, now_ns: int) -> Violation:
-    """What another node reports; with a stamp of another clock or run it counts as passed now.
-
-    Args:
-        reported: with the stamp that it came with.
-        now_ns: session time.
-    """
+    """What another node reports; with a stamp of another clock or run it counts as passed now."""
     off_s = ns_to_seconds(reported.stamp_ns - now_ns)
     if abs(off_s) <= REPORT_AGE_S:
         return reported

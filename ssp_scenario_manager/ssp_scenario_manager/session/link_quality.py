@@ -112,7 +112,6 @@ class LinkClocks:
         Args:
             object_ids: of the process that answers.
             sequence: of the heartbeat that it answers.
-            exchange: the four stamps.
             steady_ns: when it came, on the steady clock.
 
         Returns:
@@ -222,16 +221,7 @@ def link_report(
     now_ns: int,
     steady_ns: int,
 ) -> list[LinkLine]:
-    """One line per object of the run, the VUT first.
-
-    Args:
-        spec: the run.
-        states: newest states by id.
-        links: the answers to heartbeats.
-        losses: states counted.
-        now_ns: session time.
-        steady_ns: now, on the steady clock.
-    """
+    """One line per object of the run, the VUT first."""
     lines = []
     for object_id in (spec.vut.id, *(target.id for target in spec.targets)):
         link = links.link(object_id, steady_ns)

@@ -95,14 +95,6 @@ def missing_for(
     Connecting needs a fresh state of everybody. Arming and starting need besides that everything is
     measured, recorded and in place; an object is DISARMED or ARMED for the one, ARMED for the
     other. The other commands need nothing of this.
-
-    Args:
-        event: the command.
-        spec: the run.
-        facts: of the node.
-        vut: newest state of the VUT.
-        targets: newest states by id.
-        now_ns: session time.
     """
     if event is not SessionEvent.CONNECT and event not in _CONTROL:
         return []
@@ -228,8 +220,6 @@ def stands(state: ObjectState, now_ns: int, aborting: bool = False) -> bool:
     A stamp far ahead of the session's time is no fresh one either.
 
     Args:
-        state: newest of the object.
-        now_ns: session time.
         aborting: the session aborts, and the object must have heard it.
     """
     return (
@@ -252,10 +242,6 @@ def moving(
     """Who isn't known to stand, by id.
 
     Args:
-        spec: the run.
-        vut: newest state of the VUT.
-        targets: newest states by id.
-        now_ns: session time.
         armed: the session has armed its objects. Before that, what was never heard need not prove
             that it stands.
         aborting: the session aborts; every object must have heard it.

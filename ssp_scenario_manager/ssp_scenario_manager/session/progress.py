@@ -29,13 +29,13 @@ from ssp_scenario_manager.session.limits import (
 from ssp_scenario_manager.session.preconditions import trigger_age_s
 from ssp_scenario_manager.session.run import Run
 from ssp_scenario_manager.triggers.conditions import Snapshot
-from ssp_scenario_manager.triggers.evaluator import Firing, OpenWatches, TriggerWatch
+from ssp_scenario_manager.triggers.evaluator import Firing, TriggerWatch
 
 
 def begin(run: Run, now_ns: int) -> list[outbox.Outgoing]:
     """Starts the run's clock and sends everybody on their approach; who has none stands."""
     run.started_ns = now_ns
-    run.watches = OpenWatches(TriggerWatch(t, run.path, now_ns) for t in run.spec.triggers)
+    run.watches = [TriggerWatch(t, run.path, now_ns) for t in run.spec.triggers]
     facts: list[outbox.Outgoing] = [PhaseBegan(now_ns, Phase.APPROACH, "start of the run")]
     for target in run.spec.targets:
         if target.approach is not None:
@@ -57,9 +57,6 @@ def judge_triggers(
     step too, since a limit that is passed at the same instant is the graver reason.
 
     Args:
-        run: the run.
-        vut: newest state of the VUT.
-        targets: newest states by id.
         now_ns: session time, that of the dispatch.
     """
     if vut.stamp_ns <= run.triggers_judged_ns or run.has_breaks or not vut.is_finite:
@@ -71,9 +68,8 @@ def judge_triggers(
     age_ns = seconds_to_ns(run.spec.limits.state_age_s)
     snapshot = Snapshot(vut, targets, run.path, age_ns, run.phase_starts)
     decided: list[outbox.Outgoing] = []
-    for watch in run.watches.at(vut.stamp_ns):
-        firing = watch.observe(snapshot)
-        if firing is None:
+    for watch in run.watches:
+        if watch.fired or (firing := watch.observe(snapshot)) is None:
             continue
         try:
             decided += _fire(run, watch.spec, firing, targets, now_ns)
@@ -189,10 +185,7 @@ def limits_passed(
     """Everything that is wrong at this instant, in the order in which it is announced.
 
     Args:
-        run: the run, armed or begun.
         vut: newest state of the VUT; None when there was none.
-        targets: newest states by id.
-        now_ns: session time.
         running: the session is RUNNING, and so must be its objects.
     """
     spec, limits = run.spec, run.spec.limits
@@ -285,7 +278,6 @@ def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Out
     event.
 
     Args:
-        run: the run.
         vut: state of the VUT that hasn't been judged yet.
         now_ns: session time, that of a dispatch.
     """

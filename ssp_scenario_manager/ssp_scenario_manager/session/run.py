@@ -22,7 +22,7 @@ from ssp_scenario_manager.dispatch.references import (
 )
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation, of_object
-from ssp_scenario_manager.triggers.evaluator import OpenWatches
+from ssp_scenario_manager.triggers.evaluator import TriggerWatch
 
 
 @dataclass
@@ -35,7 +35,7 @@ class Run:
     references: dict[str, Reference] = field(default_factory=dict)
     answers: PendingReferences = field(default_factory=PendingReferences)
     adaptations: Adaptations = field(default_factory=Adaptations)
-    watches: OpenWatches = field(default_factory=OpenWatches)
+    watches: list[TriggerWatch] = field(default_factory=list)
     phase_watch: PhaseWatch = field(default_factory=PhaseWatch)
     phase_starts: dict[Phase, int] = field(default_factory=dict)
     armed: bool = False
@@ -187,7 +187,6 @@ class LatestStates:
     """What a session knows of its objects.
 
     Args:
-        vut: newest state of the VUT.
         targets: newest states of the object targets by id.
         heard: ids of those who have sent a state; emptied by an abort.
     """
@@ -209,8 +208,6 @@ class LatestStates:
         """Takes a state of an object target.
 
         Args:
-            state: of one object.
-            run: that is loaded.
             in_order: a run lasts, so that a state older than what is known is dropped. Otherwise
                 what came last is the truth: a clock that was wrong must not outlast its correction.
 

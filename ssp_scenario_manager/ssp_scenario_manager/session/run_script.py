@@ -110,11 +110,7 @@ class RunOutcome:
         return RunOutcome(kept, (*self.reasons, reason))
 
     def with_misses(self, misses: Sequence[str]) -> RunOutcome:
-        """A sound run whose event didn't become that of K* is ``off_spec`` (METHOD 4.4).
-
-        Args:
-            misses: what isn't as K* wants it; a run that wasn't valid anyway keeps its verdict.
-        """
+        """A sound run whose event didn't become that of K* is ``off_spec`` (METHOD 4.4)."""
         return RunOutcome(Verdict.OFF_SPEC, tuple(misses)) if self.ok and misses else self
 
     def with_word_of_recorder(self, told: RecordedVerdict | None) -> RunOutcome:

@@ -180,7 +180,6 @@ class Session:
         """A limit was passed: announces it and aborts. The first one gives the verdict.
 
         Args:
-            violation: which limit.
             announced: another node saw it and has published its event already.
         """
         if self.state in (SessionPhase.IDLE, SessionPhase.FINISHED, SessionPhase.ABORTED):
@@ -309,7 +308,6 @@ class Session:
         """True when a fresh state of everything says that it stands.
 
         Args:
-            now_ns: session time.
             without: objects that are not asked, because nothing can be heard of them.
         """
         run = self._run

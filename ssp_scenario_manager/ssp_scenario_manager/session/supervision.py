@@ -30,11 +30,7 @@ CAMERA_SILENT_S = 3.0
 
 
 class LivenessMonitor:
-    """Last sign of life of each participant. Reads no clock: times are given, in ns.
-
-    Args:
-        links: the answers to heartbeats.
-    """
+    """Last sign of life of each participant. Reads no clock: times are given, in ns."""
 
     def __init__(self, links: LinkClocks | None = None) -> None:
         self.links = links or LinkClocks()
@@ -185,14 +181,7 @@ class Timeouts:
     def standstill_unconfirmed(
         self, session: Session, liveness: LivenessMonitor, steady_ns: int, now_ns: int
     ) -> bool:
-        """A dead world can't report a standstill; the result must still be given.
-
-        Args:
-            session: that may be aborting.
-            liveness: who was heard when.
-            steady_ns: now, on the liveness monitor's clock.
-            now_ns: session time.
-        """
+        """A dead world can't report a standstill; the result must still be given."""
         if session.state is not SessionPhase.ABORTING:
             self._aborting_since_ns = None
             return False
@@ -215,12 +204,7 @@ _REMEMBERED_S = WINDOW_S + 0.5
 
 
 class Supervisor:
-    """Silence, links and patience of a session. Reads no clock: times are given, in ns.
-
-    Args:
-        session: that is watched.
-        liveness: who was heard when.
-    """
+    """Silence, links and patience of a session. Reads no clock: times are given, in ns."""
 
     def __init__(self, session: Session, liveness: LivenessMonitor) -> None:
         self._session = session
@@ -233,11 +217,7 @@ class Supervisor:
         self._timeouts.arms(steady_ns)
 
     def wake(self, steady_ns: int) -> None:
-        """The manager runs now, whatever for: how late is it, if nothing ran for long?
-
-        Args:
-            steady_ns: now, on the liveness monitor's clock.
-        """
+        """The manager runs now, whatever for: how late is it, if nothing ran for long?"""
         if self._awake_ns is not None and steady_ns - self._awake_ns > seconds_to_ns(LATE_S):
             self._late = steady_ns, ns_to_seconds(steady_ns - self._awake_ns)
         self._awake_ns = steady_ns
@@ -249,10 +229,6 @@ class Supervisor:
         """Tells the session what is known now, and ends what has waited for too long.
 
         A session stays armed only if every object says in time that it is.
-
-        Args:
-            steady_ns: now, on the liveness monitor's clock.
-            now_ns: session time.
 
         Returns:
             True when the session aborts and nobody is left to report a standstill.

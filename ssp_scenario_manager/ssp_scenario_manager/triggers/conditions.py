@@ -46,7 +46,6 @@ class Snapshot:
 
     Args:
         vut: state of the VUT; its stamp is the snapshot's.
-        targets: newest states by id.
         path: the VUT's planned path, frame map.
         state_age_ns: how far a state may be extrapolated (``limits.state_age_s``).
         phases: session times at which phases of the event began, as far as that is known.
@@ -302,7 +301,6 @@ def question(condition: Leaf, path: Polyline, started_ns: int) -> Question:
     """Makes a single condition ready to be asked.
 
     Args:
-        condition: of a run file.
         path: the VUT's planned path, frame map.
         started_ns: session time at which the run started.
     """

@@ -24,9 +24,8 @@ once.
 
 from __future__ import annotations
 
-import bisect
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
@@ -83,7 +82,6 @@ def truth(condition: Condition, holds: Sequence[bool | None]) -> bool | None:
     """Truth of a condition from that of its single conditions, in the order of the file.
 
     Args:
-        condition: nested or not.
         holds: None: unknown.
     """
     return _truth(condition, iter(holds))
@@ -128,7 +126,6 @@ class TriggerWatch:
     """One trigger of a run, fed with a snapshot per state of the VUT.
 
     Args:
-        spec: the trigger.
         path: the VUT's planned path, frame map.
         started_ns: session time at which the run started.
     """
@@ -247,30 +244,6 @@ class TriggerWatch:
             f"{asked.quantity.text} ({reading.sample.value:.3f} {asked.quantity.unit}, {word} "
             f"since {ns_to_seconds(since_ns - self._started_ns):.3f} s)"
         )
-
-
-class OpenWatches:
-    """Of the triggers of a run those that can fire, so that nobody goes through all the others.
-
-    Args:
-        watches: in the order of the file, which is that in which they are judged.
-    """
-
-    def __init__(self, watches: Iterable[TriggerWatch] = ()) -> None:
-        numbered = list(enumerate(watches))
-        self._later = sorted(numbered, key=lambda each: (each[1].begin_ns, each[0]), reverse=True)
-        self._open: list[tuple[int, TriggerWatch]] = []
-
-    def at(self, stamp_ns: int) -> list[TriggerWatch]:
-        """Those that count states of this stamp and have not fired; stamps must not fall."""
-        while self._later and self._later[-1][1].begin_ns <= stamp_ns:
-            bisect.insort(self._open, self._later.pop(), key=_number)
-        self._open = [each for each in self._open if not each[1].fired]
-        return [watch for _, watch in self._open]
-
-
-def _number(each: tuple[int, TriggerWatch]) -> int:
-    return each[0]
 
 
 def _told(condition: Condition, parts: Iterator[str]) -> str:

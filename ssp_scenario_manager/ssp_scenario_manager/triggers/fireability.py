@@ -55,7 +55,6 @@ class Reach:
     Args:
         who: the VUT or a target.
         given: triggers that may fire; those of others are left out.
-        spec: the run.
     """
 
     def __init__(self, who: ParticipantSpec, given: Sequence[TriggerSpec], spec: RunSpec) -> None:
@@ -139,12 +138,7 @@ class Reach:
         return max(stations) + max(self.size.front_m, self.size.rear_m)
 
     def stays_beside(self, path: Polyline, width_m: float) -> bool:
-        """It is always outside the corridor of someone on a path, and keeps its distance.
-
-        Args:
-            path: of the other one.
-            width_m: of the other one.
-        """
+        """It is always outside the corridor of someone on a path, and keeps its distance."""
         offsets = [d for _, d in path.project_all_beyond(self.points.tolist())]
         low, high = min(offsets), max(offsets)
         half = 0.5 * self.size.width_m
