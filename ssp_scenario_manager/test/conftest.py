@@ -8,53 +8,43 @@ from typing import Any
 
 import pytest
 
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.vocabulary import ControlState, ObjectClass, Role
+from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import CountField
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import SessionEvent
+from tests.support.runs import small_run
+from tests.support.states import object_state
 
 S = 1_000_000_000
 
 EventOnRoad = Callable[[str, int, int], str]
 
 
-def _mapping() -> dict[str, Any]:
+@pytest.fixture
+def run_mapping() -> dict[str, Any]:
+    """A valid run file of a cut-in, to be changed by the test."""
     start = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
-    return {
-        "schema": "ssp.run/1",
-        "run_id": "run-1",
-        "scenario": "cut_in",
-        "interaction": "cut_in",
-        "domain": "simulation",
-        "stand_in": False,
-        "event_version": "sha256:event",
-        "site": "straight",
-        "site_version": "sha256:site",
-        "seed": 1,
-        "mode": "lockstep",
-        "road": {
-            "origin": start,
-            "length_m": 300.0,
-            "lanes": [
-                {"y_m": 0.0, "width_m": 3.5, "direction": "forward"},
-                {"y_m": 3.5, "width_m": 3.5, "direction": "forward"},
-            ],
-        },
-        "geofence": [(-10.0, -6.0), (300.0, -6.0), (300.0, 10.0), (-10.0, 10.0)],
-        "vut": {
+    lanes = [{"y_m": y_m, "width_m": 3.5, "direction": "forward"} for y_m in (0.0, 3.5)]
+    made = small_run(
+        run_id="run-1",
+        scenario="cut_in",
+        site="straight",
+        site_version="sha256:site",
+        road={"origin": start, "length_m": 300.0, "lanes": lanes},
+        geofence=[(-10.0, -6.0), (300.0, -6.0), (300.0, 10.0), (-10.0, 10.0)],
+        vut={
             "id": "vut",
             "object_class": "car",
             "start": start,
             "approach": {"path": [(0.0, 0.0), (250.0, 0.0)], "cruise_mps": 10.0},
         },
-        "driver": {"cruise_mps": 10.0},
-        "targets": [
+        targets=[
             {
                 "id": "ot1",
                 "object_class": "car",
@@ -62,34 +52,13 @@ def _mapping() -> dict[str, Any]:
                 "approach": {"path": [(40.0, 3.5), (250.0, 3.5)], "cruise_mps": 7.0},
             }
         ],
-        "triggers": [
-            {
-                "id": "gap",
-                "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 12.0},
-                "object_id": "ot1",
-                "manoeuvre": {
-                    "kind": "lane_change",
-                    "lateral_shift_m": -3.5,
-                    "duration_s": 2.5,
-                    "cruise_mps": 6.0,
-                },
-            }
-        ],
-        # Tests move objects at will: what is no jump, and no frozen position, is wide here.
-        "limits": {
-            "speed_mps": 15.0,
-            "acceleration_mps2": 5.0,
-            "jump_m": 1e6,
-            "frozen_s": 1e6,
-        },
-        "camera": None,
-    }
-
-
-@pytest.fixture
-def run_mapping() -> dict[str, Any]:
-    """A valid run file of a cut-in, to be changed by the test."""
-    return _mapping()
+    )
+    made["triggers"][0] |= {"id": "gap"}
+    made["triggers"][0]["condition"]["below_m"] = 12.0
+    made["triggers"][0]["manoeuvre"]["cruise_mps"] = 6.0
+    # Tests move objects at will: what is no jump, and no frozen position, is wide here.
+    made["limits"] |= {"jump_m": 1e6, "frozen_s": 1e6}
+    return made
 
 
 @pytest.fixture
@@ -104,26 +73,7 @@ StateMaker = Callable[..., ObjectState]
 @pytest.fixture
 def state() -> StateMaker:
     """Makes states: a car at the origin that stands, but for what is given."""
-
-    def make(
-        object_id: str = "vut", object_class: ObjectClass = ObjectClass.CAR, **given: Any
-    ) -> ObjectState:
-        made = ObjectState(
-            object_id=object_id,
-            object_class=object_class,
-            role=Role.VUT if object_id == "vut" else Role.OT,
-            stamp_ns=0,
-            x_m=0.0,
-            y_m=0.0,
-            yaw_rad=0.0,
-            speed_mps=0.0,
-            acceleration_mps2=0.0,
-            yaw_rate_radps=0.0,
-            size=DEFAULT_SIZES[object_class],
-        )
-        return replace(made, **given)
-
-    return make
+    return lambda object_id="vut", *of, **given: object_state(object_id, *of, **given)
 
 
 class Driver:

@@ -19,7 +19,6 @@ from ssp_core.run_file.participants import (
     Motion,
     ParticipantSpec,
 )
-from ssp_core.vocabulary import ObjectClass, Role
 from ssp_scenario_manager.dispatch.adaptation import (
     Adapting,
     Bounds,
@@ -42,6 +41,7 @@ from ssp_scenario_manager.dispatch.references import (
     approach_reference,
     manoeuvre_reference,
 )
+from tests.support.states import object_state
 
 S = 1_000_000_000
 PATH = Polyline([(0.0, 0.0), (300.0, 0.0)])
@@ -97,10 +97,8 @@ def cut_in(execute_s: float = 13.0) -> PlannedMotion:
 def vut(
     t_s: float, x_m: float = 0.0, speed_mps: float = 10.0, acceleration_mps2: float = 0.0
 ) -> ObjectState:
-    return ObjectState(
-        "vut", ObjectClass.CAR, Role.VUT, round(t_s * S), x_m, 0.0, 0.0, speed_mps,
-        acceleration_mps2, 0.0, VUT.size,
-    )  # fmt: skip
+    moving = {"speed_mps": speed_mps, "acceleration_mps2": acceleration_mps2}
+    return object_state("vut", x_m=x_m, stamp_ns=round(t_s * S), size=VUT.size, **moving)
 
 
 def wish(

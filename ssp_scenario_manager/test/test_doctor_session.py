@@ -8,12 +8,12 @@ import pytest
 from ssp_core import names
 from ssp_core.cli import main
 from ssp_core.clock import seconds_to_ns
-from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.doctor.checks import Status
 from ssp_scenario_manager.doctor.session import SessionHeard, Stream, failed, session_findings
 from ssp_scenario_manager.session.link_quality import LinkEstimate
+from tests.support.states import object_state
 
 NOW_NS = seconds_to_ns(1_800_000_000.0)
 
@@ -35,17 +35,14 @@ def stream(hz=50.0, age_s=0.01, count=250, frame_id=names.MAP_FRAME, frames=name
 
 def state(participant, role, control=ControlState.DISARMED):
     start = participant.start
-    return ObjectState(
-        object_id=participant.id,
-        object_class=participant.cls,
+    return object_state(
+        participant.id,
+        participant.cls,
+        start.x_m,
+        start.y_m,
+        start.yaw_rad,
         role=role,
         stamp_ns=NOW_NS - seconds_to_ns(0.01),
-        x_m=start.x_m,
-        y_m=start.y_m,
-        yaw_rad=start.yaw_rad,
-        speed_mps=0.0,
-        acceleration_mps2=0.0,
-        yaw_rate_radps=0.0,
         size=participant.size,
         control_state=control,
         position_std_m=0.02,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from ssp_core.geometry import Pose2
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.participants import (
     Brake,
@@ -23,7 +23,7 @@ from ssp_core.run_file.participants import (
 )
 from ssp_core.run_file.road import CurvePiece
 from ssp_core.run_file.values import Start
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.scenarios.base import BlockPoint, CannotPlace, Cross, Drive, Trigger, Wait
 from ssp_scenario_manager.scenarios.crossing import is_hidden
@@ -37,6 +37,7 @@ from ssp_scenario_manager.scenarios.motions import (
     reference_travel,
 )
 from ssp_scenario_manager.scenarios.prediction import predict
+from tests.support.states import object_state
 
 THRESHOLDS = ConflictThresholds(ttc_s=3.0, arrival_gap_s=None)
 
@@ -185,9 +186,7 @@ def test_what_never_fires_or_can_not_be_driven_is_said() -> None:
 
 
 def state(name: str, object_class: ObjectClass, x_m: float, y_m: float) -> ObjectState:
-    return ObjectState(
-        name, object_class, Role.OT, 0, x_m, y_m, 0.0, 0.0, 0.0, 0.0, DEFAULT_SIZES[object_class]
-    )
+    return object_state(name, object_class, x_m, y_m)
 
 
 def test_hidden_means_every_corner() -> None:

@@ -11,9 +11,10 @@ import pytest
 from ssp_core.geometry import Polyline
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.participants import TriggerSpec
-from ssp_core.vocabulary import ObjectClass, Phase, Role
+from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.triggers.conditions import Sample, Snapshot
 from ssp_scenario_manager.triggers.evaluator import Firing, TriggerWatch, truth
+from tests.support.states import object_state
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -51,10 +52,8 @@ def spec(condition: dict[str, Any] = GAP, **given: Any) -> TriggerSpec:
 
 
 def car(object_id: str, stamp_ns: int, x_m: float, y_m: float, speed_mps: float) -> ObjectState:
-    role = Role.VUT if object_id == "vut" else Role.OT
-    return ObjectState(
-        object_id, ObjectClass.CAR, role, stamp_ns, x_m, y_m, 0.0, speed_mps, 0.0, 0.0, SIZE
-    )
+    moving = {"speed_mps": speed_mps, "stamp_ns": stamp_ns, "size": SIZE}
+    return object_state(object_id, x_m=x_m, y_m=y_m, **moving)
 
 
 def snapshot(

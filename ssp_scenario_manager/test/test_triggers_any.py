@@ -19,9 +19,10 @@ from hypothesis import strategies as st
 from ssp_core.geometry import Polyline
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.participants import TriggerSpec
-from ssp_core.vocabulary import ObjectClass, Phase, Role
+from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.triggers.conditions import Snapshot
 from ssp_scenario_manager.triggers.evaluator import TriggerWatch
+from tests.support.states import object_state
 
 NEVER = float("inf")
 FRONT, REAR, WIDTH = Fraction(7, 2), Fraction(1), Fraction(2)
@@ -328,10 +329,8 @@ def sequences(draw: st.DrawFn) -> list[Arrival]:
 def _state(name: str, body: Body) -> ObjectState:
     x = math.nan if body.x is None else float(body.x)
     speed = math.nan if body.speed is None else float(body.speed)
-    role = Role.VUT if name == "vut" else Role.OT
-    return ObjectState(
-        name, ObjectClass.CAR, role, body.stamp_ns, x, float(body.y), 0.0, speed, 0.0, 0.0, SIZE
-    )
+    placed = {"x_m": x, "y_m": float(body.y), "speed_mps": speed, "size": SIZE}
+    return object_state(name, stamp_ns=body.stamp_ns, **placed)
 
 
 def _snapshot(arrival: Arrival) -> Snapshot:
