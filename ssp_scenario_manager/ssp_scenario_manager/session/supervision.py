@@ -5,11 +5,9 @@ manager is.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 from ssp_core import names
-from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
-from ssp_core.motion.state import ObjectState
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import SafetyCode
@@ -144,77 +142,23 @@ ABORT_STANDSTILL_S = 15.0
 SILENT_S = 1.0
 
 
-class Timeouts:
-    """Since when the session arms or aborts."""
-
-    def __init__(self) -> None:
-        self._arming_since_ns: int | None = None
-        self._aborting_since_ns: int | None = None
-
-    def arms(self, steady_ns: int) -> None:
-        """The objects were told to arm."""
-        self._arming_since_ns = steady_ns
-
-    def not_armed(
-        self,
-        spec: RunSpec,
-        state: SessionPhase,
-        targets: Mapping[str, ObjectState],
-        steady_ns: int,
-    ) -> str | None:
-        """Why the session can't stay armed; None while there is nothing to say, or time left."""
-        if self._arming_since_ns is None:
-            return None
-        waiting = [
-            target.id
-            for target in spec.targets
-            if (known := targets.get(target.id)) is None
-            or known.control_state is not ControlState.ARMED
-        ]
-        if not waiting or state is not SessionPhase.ARMED:
-            self._arming_since_ns = None
-        elif steady_ns - self._arming_since_ns > ARM_CONFIRMATION_S * NS_PER_S:
-            self._arming_since_ns = None
-            return f"{', '.join(waiting)} did not arm in {ARM_CONFIRMATION_S:g} s"
-        return None
-
-    def standstill_unconfirmed(
-        self, session: Session, liveness: LivenessMonitor, steady_ns: int, now_ns: int
-    ) -> bool:
-        """A dead world can't report a standstill; the result must still be given."""
-        if session.state is not SessionPhase.ABORTING:
-            self._aborting_since_ns = None
-            return False
-        if self._aborting_since_ns is None:
-            self._aborting_since_ns = steady_ns
-        waited_s = (steady_ns - self._aborting_since_ns) / NS_PER_S
-        # The world was silent while it waited for a participant that died; it goes on after that.
-        spec = session.spec
-        has_world = spec is None or spec.mode != "live"
-        world_age_s = liveness.age_s(names.SIL_WORLD, steady_ns)
-        world_dead = has_world and min(world_age_s, waited_s) > SILENT_S
-        ids = [t.id for t in spec.targets] if spec else []
-        silent = [i for i in ids if liveness.age_s(i, steady_ns) > SILENT_S]
-        others_stand = bool(silent) and session.stands(now_ns, without=silent)
-        return world_dead or others_stand or waited_s > ABORT_STANDSTILL_S
-
-
 # What was measured over the links while the manager was late is believed for link_clock.WINDOW_S.
 _REMEMBERED_S = WINDOW_S + 0.5
 
 
 class Supervisor:
-    """Silence, links and patience of a session. Reads no clock: times are given, in ns."""
+    """Silence, links and timeouts of a session."""
 
     def __init__(self, session: Session, liveness: LivenessMonitor) -> None:
         self._session = session
         self._liveness = liveness
-        self._timeouts = Timeouts()
+        self._arming_since_ns: int | None = None
+        self._aborting_since_ns: int | None = None
         self._awake_ns: int | None = None
         self._late = 0, 0.0
 
     def objects_were_told_to_arm(self, steady_ns: int) -> None:
-        self._timeouts.arms(steady_ns)
+        self._arming_since_ns = steady_ns
 
     def wake(self, steady_ns: int) -> None:
         """The manager runs now, whatever for: how late is it, if nothing ran for long?"""
@@ -237,17 +181,51 @@ class Supervisor:
         session = self._session
         session.facts = self._liveness.facts(session.spec, steady_ns)
         self.watch_silence(steady_ns, now_ns)
-        if session.spec is not None:
-            reason = self._timeouts.not_armed(
-                session.spec, session.state, session.targets, steady_ns
-            )
-            if reason is not None:
-                session.arming_failed(now_ns, reason)
-        return self._timeouts.standstill_unconfirmed(session, self._liveness, steady_ns, now_ns)
+        if (reason := self._not_armed(steady_ns)) is not None:
+            session.arming_failed(now_ns, reason)
+        return self._standstill_unconfirmed(steady_ns, now_ns)
 
     def watch_silence(self, steady_ns: int, now_ns: int) -> None:
-        """Ends a session in which somebody is silent for too long; arguments as for look."""
+        """Ends a session in which somebody is silent for too long."""
         spec, state = self._session.spec, self._session.state
         if spec is not None and state in WATCHED:
             for violation in self._liveness.violations(spec, state, steady_ns, now_ns):
                 self._session.fail(violation)
+
+    def _not_armed(self, steady_ns: int) -> str | None:
+        """Why the session can't stay armed; None while there is nothing to say, or time left."""
+        spec, targets = self._session.spec, self._session.targets
+        since_ns = self._arming_since_ns
+        if since_ns is None or spec is None:
+            return None
+        waiting = [
+            target.id
+            for target in spec.targets
+            if (known := targets.get(target.id)) is None
+            or known.control_state is not ControlState.ARMED
+        ]
+        if not waiting or self._session.state is not SessionPhase.ARMED:
+            self._arming_since_ns = None
+        elif steady_ns - since_ns > seconds_to_ns(ARM_CONFIRMATION_S):
+            self._arming_since_ns = None
+            return f"{', '.join(waiting)} did not arm in {ARM_CONFIRMATION_S:g} s"
+        return None
+
+    def _standstill_unconfirmed(self, steady_ns: int, now_ns: int) -> bool:
+        """A dead world can't report a standstill; the result must still be given."""
+        session, liveness = self._session, self._liveness
+        if session.state is not SessionPhase.ABORTING:
+            self._aborting_since_ns = None
+            return False
+        if self._aborting_since_ns is None:
+            self._aborting_since_ns = steady_ns
+        waited_s = ns_to_seconds(steady_ns - self._aborting_since_ns)
+        # The world was silent while it waited for a participant that died; it goes on after that.
+        spec = session.spec
+        has_world = spec is None or spec.mode != "live"
+        world_age_s = liveness.age_s(names.SIL_WORLD, steady_ns)
+        world_dead = has_world and min(world_age_s, waited_s) > SILENT_S
+        ids = [t.id for t in spec.targets] if spec else []
+        silent = [i for i in ids if liveness.age_s(i, steady_ns) > SILENT_S]
+        others_stand = bool(silent) and session.stands(now_ns, without=silent)
+        return world_dead or others_stand or waited_s > ABORT_STANDSTILL_S
