@@ -128,17 +128,24 @@ class SessionHeard:
 
 def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
     """One finding per thing that is connected, and what keeps the session from arming."""
-    period_s = spec.step_s
-    known = {names.CAMERA_IMAGE, names.CAMERA_INFO, spec.vut.id, *(t.id for t in spec.targets)}
-    # What else was listened to is what the VUT's states are made of.
-    findings = [
-        _odometry_finding(topic, heard.streams[topic], spec)
-        for topic in sorted(heard.streams.keys() - known)
-    ]
-    findings.append(_state_finding(spec, heard, spec.vut.id, period_s))
-    findings += [_state_finding(spec, heard, t.id, period_s) for t in spec.targets]
+    ids = [spec.vut.id, *(target.id for target in spec.targets)]
+    known = {names.CAMERA_IMAGE, names.CAMERA_INFO, *ids}
+    rate_hz, oldest_s = 1.0 / spec.step_s, spec.limits.state_age_s
+    findings = []
+    # What else was listened to is the GNSS/INS that the VUT's states are made of.
+    for topic in sorted(heard.streams.keys() - known):
+        missing = f"nothing arrives on {names.absolute(topic)}"
+        remedy = "is the driver of the GNSS/INS running, in this ROS domain?"
+        silent = Finding("odometry", Status.FAIL, missing, remedy)
+        findings.append(_stream(silent, heard.streams[topic], rate_hz, oldest_s))
+    for object_id in ids:
+        missing = f"nothing arrives on {names.absolute(names.state_topic(object_id))}"
+        remedy = "is its node running, in this ROS domain, with the same discovery server?"
+        silent = Finding(f"state of {object_id}", Status.FAIL, missing, remedy)
+        stream, lost = heard.streams[object_id], heard.lost.get(object_id, 0)
+        findings.append(_stream(silent, stream, rate_hz, oldest_s, lost))
     if spec.camera is not None:
-        findings.append(_camera_finding(spec, heard))
+        findings.append(_camera(spec.camera.rate_hz, heard))
     findings.append(_recorder_finding(heard))
     findings += _manager_findings(heard)
     findings += [_link_finding(spec, t.id, heard) for t in spec.targets] if heard.managers else []
@@ -146,28 +153,34 @@ def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
     return findings
 
 
-def _state_finding(spec: RunSpec, heard: SessionHeard, object_id: str, period_s: float) -> Finding:
-    name = f"state of {object_id}"
-    stream = heard.streams[object_id]
+def _stream(
+    silent: Finding, stream: Stream, nominal_hz: float, oldest_s: float, lost: int = 0
+) -> Finding:
+    """As grave as the gravest problem of a stream; ``silent`` where nothing comes."""
     if not stream.arrivals_ns:
-        return Finding(
-            name,
-            Status.FAIL,
-            f"nothing arrives on {names.absolute(names.state_topic(object_id))}",
-            "is its node running, in this ROS domain, with the same discovery server?",
-        )
-    problems = _stream_problems(stream, 1.0 / period_s, spec.limits.state_age_s)
-    if lost := heard.lost.get(object_id, 0):
+        return silent
+    problems = _stream_problems(stream, nominal_hz, oldest_s)
+    if lost:
         problems.append((Status.WARN, f"{lost} lost on the way"))
-    return _stream_finding(name, stream, problems)
-
-
-def _stream_finding(name: str, stream: Stream, problems: list[tuple[Status, str]]) -> Finding:
-    """As grave as the gravest problem."""
     statuses = [status for status, _ in problems]
     worst = next((s for s in (Status.FAIL, Status.WARN) if s in statuses), Status.OK)
     text = "; ".join([_stream_text(stream), *(problem for _, problem in problems)])
-    return Finding(name, worst, text, "" if worst is Status.OK else _remedy(stream))
+    return Finding(silent.name, worst, text, "" if worst is Status.OK else _remedy(stream))
+
+
+def _camera(rate_hz: float, heard: SessionHeard) -> Finding:
+    image, info = heard.streams[names.CAMERA_IMAGE], heard.streams[names.CAMERA_INFO]
+    if image.arrivals_ns and not info.arrivals_ns:
+        return Finding(
+            "camera",
+            Status.FAIL,
+            f"frames, but no calibration on {names.absolute(names.CAMERA_INFO)}",
+            "remap the driver's camera_info to it",
+        )
+    missing = f"no frame arrives on {names.absolute(names.CAMERA_IMAGE)}"
+    remedy = "remap the driver's compressed image to it"
+    silent = Finding("camera", Status.FAIL, missing, remedy)
+    return _stream(silent, image, rate_hz, IMAGE_AGE_S)
 
 
 def _stream_text(stream: Stream) -> str:
@@ -212,40 +225,6 @@ def _remedy(stream: Stream) -> str:
     if stream.ages_s[0] < 0.0 or stream.ages_s[0] > 0.05:
         return "synchronise the clocks (chrony or PTP), and stamp when measured"
     return "look at the link's load and the driver's rate"
-
-
-def _odometry_finding(topic: str, stream: Stream, spec: RunSpec) -> Finding:
-    """The VUT's GNSS/INS: nothing of it gets any further where its frame or its clock is wrong."""
-    if not stream.arrivals_ns:
-        return Finding(
-            "odometry",
-            Status.FAIL,
-            f"nothing arrives on {names.absolute(topic)}",
-            "is the driver of the GNSS/INS running, in this ROS domain?",
-        )
-    problems = _stream_problems(stream, 1.0 / spec.step_s, spec.limits.state_age_s)
-    return _stream_finding("odometry", stream, problems)
-
-
-def _camera_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
-    stream = heard.streams[names.CAMERA_IMAGE]
-    rate_hz = spec.camera.rate_hz if spec.camera is not None else math.nan
-    if not stream.arrivals_ns:
-        return Finding(
-            "camera",
-            Status.FAIL,
-            f"no frame arrives on {names.absolute(names.CAMERA_IMAGE)}",
-            "remap the driver's compressed image to it",
-        )
-    if not heard.streams[names.CAMERA_INFO].arrivals_ns:
-        return Finding(
-            "camera",
-            Status.FAIL,
-            f"frames, but no calibration on {names.absolute(names.CAMERA_INFO)}",
-            "remap the driver's camera_info to it",
-        )
-    problems = _stream_problems(stream, rate_hz, IMAGE_AGE_S)
-    return _stream_finding("camera", stream, problems)
 
 
 def _recorder_finding(heard: SessionHeard) -> Finding:
