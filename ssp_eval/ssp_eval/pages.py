@@ -1,38 +1,15 @@
-"""What all pages are made with: strict templates, SVG elements, and pictures as data URIs."""
+"""What all pages are made with: SVG elements, and pictures as data URIs."""
 
 from __future__ import annotations
 
 import base64
-import json
 from html import escape
 from pathlib import Path
 
 import cv2
-import jinja2
 import numpy as np
-from markupsafe import Markup
 
 from ssp_core.errors import InputError
-
-
-def templates(folder: Path) -> jinja2.Environment:
-    """The templates of a folder, which refuse a value that they aren't given.
-
-    Filters: ``svg`` takes markup as it is, ``words`` turns a name into words, ``short`` shortens a
-    hash, ``json`` writes a value as JSON.
-    """
-    found = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(folder),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    found.filters["svg"] = Markup
-    found.filters["words"] = lambda text: str(text).replace("_", " ")
-    found.filters["short"] = lambda digest: str(digest).removeprefix("sha256:")[:12]
-    found.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
-    return found
 
 
 def number(value: float) -> str:

@@ -12,7 +12,7 @@ import pytest
 from ssp_core.geometry import point_in_polygon
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Role
-from ssp_monitor.status.drawing import drawing_of
+from ssp_core.world.road_drawing import drawing_of
 
 
 def _with(run_mapping: dict[str, Any], **changes: Any) -> RunSpec:

@@ -15,8 +15,8 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.node_interface import Level, Status
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase, Verdict
+from ssp_core.world.road_drawing import drawing_of
 from ssp_monitor.status.board import Board, LinkFact, Received, RecorderFact, SessionFact
-from ssp_monitor.status.drawing import drawing_of
 from ssp_monitor.status.health import ClockWatch, health
 from ssp_monitor.status.markers import (
     COLOURS,

@@ -23,13 +23,14 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import FloatArray
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, absolute
+from ssp_core.templates import templates
 from ssp_core.world.camera import View, object_corners, project
 from ssp_eval import pages
 from ssp_eval.audit.examine import Examined
 from ssp_eval.audit.judge import Judged
 from ssp_eval.audit.reasons import TABLE
 from ssp_eval.data.audit import FIELDS, TOPOLOGY, Audit, PropertyEntry
-from ssp_eval.pages import jpeg_uri, templates
+from ssp_eval.pages import jpeg_uri
 
 COLUMNS = ("start", "trigger", "conflict", "in the conflict", "resolution")
 WIDTH_PX = 640

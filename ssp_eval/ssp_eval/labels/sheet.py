@@ -20,12 +20,12 @@ from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
 from ssp_core.hashing import sha256_file
 from ssp_core.names import WORLD_TICK, absolute, state_topic
+from ssp_core.templates import templates
 from ssp_core.video import Tile, Video, contact_sheet, encode
 from ssp_eval.data import json_fields
 from ssp_eval.data.json_fields import Location
 from ssp_eval.data.labels import LABEL_KEYS
 from ssp_eval.data.provenance import ImportRecord, read_provenance
-from ssp_eval.pages import templates
 from ssp_eval.recordings.clip import Clip, NoQuestion
 from ssp_eval.recordings.states import frame_times
 from ssp_eval.score.thresholds import DEFAULT

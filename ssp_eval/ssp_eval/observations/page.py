@@ -19,9 +19,9 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.names import CAMERA_IMAGE, absolute
+from ssp_core.templates import templates
 from ssp_eval.observations.files import Footage
 from ssp_eval.observations.questions import Card
-from ssp_eval.pages import templates
 
 QUALITY = 82
 _TOPIC = absolute(CAMERA_IMAGE)

@@ -15,9 +15,9 @@ from markupsafe import Markup
 
 from ssp_core import __version__
 from ssp_core.files import make_folder, write_text
+from ssp_core.templates import templates
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.results import CellData, KeptAudits, read_cells
-from ssp_eval.pages import templates
 from ssp_eval.report.cell_view import RecordView, record_views, tolerated
 from ssp_eval.report.drawings import matrix, seeing_plot
 from ssp_eval.score.aggregate import Mean

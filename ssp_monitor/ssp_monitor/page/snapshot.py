@@ -13,6 +13,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.values import Point
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase
+from ssp_core.world.road_drawing import Drawing, drawing_of
 from ssp_monitor.status.board import (
     Board,
     Event,
@@ -23,7 +24,6 @@ from ssp_monitor.status.board import (
     links_of,
     object_age_s,
 )
-from ssp_monitor.status.drawing import Drawing, drawing_of
 from ssp_monitor.status.messages import jpeg_of
 from ssp_monitor.status.readiness import standing_in_the_way
 

@@ -19,10 +19,10 @@ from ssp_core.geometry import Polyline
 from ssp_core.names import MAP_FRAME
 from ssp_core.ros import stamp_from_ns
 from ssp_core.run_file.model import load_run
+from ssp_core.world.road_drawing import drawing_of
 from ssp_monitor.ros.parameters import VIEW
 from ssp_monitor.ros.session_subscriptions import LOOK_PERIOD_S, SessionSubscriptions
 from ssp_monitor.status.board import Board
-from ssp_monitor.status.drawing import drawing_of
 from ssp_monitor.status.health import ClockWatch, health
 from ssp_monitor.status.markers import Mark, Moving, RemovedMark, standing_marks
 

@@ -13,8 +13,8 @@ from ssp_core.motion.encounter import encounter
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.values import Point
 from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.road_drawing import Drawing
 from ssp_monitor.status.board import Board, object_age_s
-from ssp_monitor.status.drawing import Drawing
 
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 

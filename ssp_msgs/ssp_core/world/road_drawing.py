@@ -1,4 +1,8 @@
-"""The scene of a run as lines and outlines that a map can show, made of the run file alone."""
+"""The road from above: a run as lines and outlines, made of the run file alone, and the page on
+which they are drawn.
+
+The operators' page, RViz's markers and the task sheet show the same lines.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +32,8 @@ from ssp_core.run_file.values import Point
 from ssp_core.vocabulary import Role
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 
+_PAGE_PX, _MARGIN_PX = 1100.0, 24.0
+_BEYOND_M = 12.0
 LineKind = Literal["edge", "divider", "centre", "reference"]
 _ZEBRA_M = 3.0  # along the road, as SIL's own crossings are
 _STEP_M = 0.25
@@ -288,3 +294,40 @@ def _regions(run: RunSpec) -> Iterator[Area]:
         for leaf in _leaves(trigger.condition):
             if isinstance(leaf, InRegion):
                 yield Area(f"{trigger.id}: {leaf.object_id}", tuple(leaf.polygon))
+
+
+class RoadView:
+    """Frame map turned so that a road lies along a page, scaled to fit.
+
+    A straight is long and narrow: across, it is drawn up to three times as wide as it is.
+
+    Args:
+        road: that lies along the page.
+        shown: places that must be on the page, frame map.
+    """
+
+    width_px = _PAGE_PX
+
+    def __init__(self, road: Road, shown: Sequence[Point]) -> None:
+        start, end = road.origin, ReferenceLine.of_road(road).pose(road.length_m)
+        turn = math.atan2(end.y_m - start.y_m, end.x_m - start.x_m)
+        self._turn = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+        places = np.array(shown) @ self._turn
+        low, high = places.min(axis=0) - _BEYOND_M, places.max(axis=0) + _BEYOND_M
+        wide, tall = high - low
+        scale = (_PAGE_PX - 2 * _MARGIN_PX) / wide
+        stretch = min(3.0, max(1.0, 0.35 * wide / tall))
+        self._corner = np.array([low[0], high[1]])
+        self._scale = np.array([scale, -scale * stretch])
+        self.height_px = float(tall * scale * stretch + 2 * _MARGIN_PX)
+
+    def points(self, places: Sequence[Point]) -> list[Point]:
+        """Places of frame map in pixels from the upper left corner of the page."""
+        found = (
+            np.array(places).reshape(-1, 2) @ self._turn - self._corner
+        ) * self._scale + _MARGIN_PX
+        return [(float(x), float(y)) for x, y in found]
+
+    def svg(self, places: Sequence[Point]) -> str:
+        """As an SVG polyline has them."""
+        return " ".join(f"{x:.1f},{y:.1f}" for x, y in self.points(places))

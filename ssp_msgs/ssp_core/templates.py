@@ -1,0 +1,30 @@
+"""The one way in which pages and drawings are made of templates."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jinja2
+from markupsafe import Markup
+
+
+def templates(folder: Path) -> jinja2.Environment:
+    """The templates of a folder, which escape and refuse a value that they aren't given.
+
+    Filters: ``svg`` takes markup as it is, ``words`` turns a name into words, ``short`` shortens a
+    hash, ``json`` writes a value as JSON, ``g`` a number with six digits at most.
+    """
+    found = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folder),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    found.filters["svg"] = Markup
+    found.filters["words"] = lambda text: str(text).replace("_", " ")
+    found.filters["short"] = lambda digest: str(digest).removeprefix("sha256:")[:12]
+    found.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
+    found.filters["g"] = lambda value: f"{value:g}"
+    return found
