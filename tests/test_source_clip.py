@@ -82,7 +82,7 @@ def test_part_t_has_the_lanes_that_were_drawn(same: int, opposite: int) -> None:
     assert road.lanes_same_direction.value == same
     assert road.lanes_opposite.value == opposite
     # What may vary in the event may still; a number outside that range is the clip's own.
-    assert road.lanes_opposite.is_identity == (opposite == 0)
+    assert road.lanes_opposite.identity == (opposite == 0)
     oncoming = [actor for actor in board.others if actor.object_id == "oncoming_car"]
     outermost = {(same + opposite - 1) * LANE_M} if opposite else set()
     assert {actor.state(0.0).y_m for actor in oncoming} == outermost

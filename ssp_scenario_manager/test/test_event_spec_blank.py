@@ -176,7 +176,7 @@ def test_an_older_file_keeps_the_reviews_of_what_means_the_same(
     unsealed = {field for field, doubt in event.uncertainty.items() if doubt.seal is None}
     assert unsealed == open_
     assert event.topology.segment.value == "straight"
-    assert event.topology.segment.is_identity
+    assert event.topology.segment.identity
     assert event.topology.left_boundary.value == UNRESOLVED
     assert path.read_text().count("# decide:") == 3
     assert main(["spec", "check", str(OLDER), "--migrate", str(path)]) == 1

@@ -16,17 +16,13 @@ from ssp_core.errors import InputError
 from ssp_core.files import parse_value
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.fields import (
-    UNITS,
-    Span,
     get,
     granules,
     join,
     leaves,
     matches,
     owner,
-    si,
     split,
-    units_of,
 )
 from ssp_scenario_manager.event_spec.load import (
     body,
@@ -40,6 +36,7 @@ from ssp_scenario_manager.event_spec.load import (
     uncovered,
 )
 from ssp_scenario_manager.event_spec.model import Doubt, Event, Interval
+from ssp_scenario_manager.event_spec.units import UNITS, Span, units_of
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
@@ -205,14 +202,14 @@ def test_manoeuvre_units_are_known() -> None:
 def test_units_convert_to_si(
     low: float | None, high: float | None, unit: str, expected: Span
 ) -> None:
-    span = si(Interval(min=low, max=high, unit=unit))
+    span = Interval(min=low, max=high, unit=unit).si
     assert span.low == pytest.approx(expected.low)
     assert span.high == pytest.approx(expected.high)
 
 
 def test_unknown_unit_is_an_error() -> None:
     with pytest.raises(ValueError, match="furlong"):
-        si(Interval(min=1, max=2, unit="furlong"))
+        _ = Interval(min=1, max=2, unit="furlong").si
     assert units_of("speed") == ["m/s", "km/h"]
 
 

@@ -116,22 +116,33 @@ def test_graph_command_says_that_checks_fail(
 def test_check_command_reports_every_file_and_failure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = _changed(tmp_path, "class: car", "class: tram", "below: {min: 16", "below: {min: 160")
+    file = _changed(tmp_path, "class: car", "class: cyclist", "below: {min: 16", "below: {min: 160")
     assert main(["spec", "check", "vru_crossing"]) == 0
     assert capsys.readouterr().out.startswith("ok")
     assert main(["spec", "check", "vru_crossing", str(file), "--json"]) == 1
     good, bad = json.loads(capsys.readouterr().out)
     assert (good["ok"], good["version"]) == (True, load_event("vru_crossing")[1])
-    assert (bad["ok"], bad["version"]) == (False, None)
+    assert not bad["ok"]
+    assert bad["version"] is not None
     found = {(item["check"], item["field"]) for item in bad["failures"]}
-    assert ("form", "participants.ot1.class") in found
+    assert ("C1", "participants.vut.class") in found
     assert ("C5", "constraints.trigger.below.min") in found
     assert ("review", "constraints.trigger.below") in found
     assert all(set(item) >= {"evidence", "reason", "origin", "remedy"} for item in bad["failures"])
     assert main(["spec", "check", str(file)]) == 1
     shown = capsys.readouterr().out
-    for name in ("evidence", "reason", "origin", "remedy", "participants.ot1.class"):
+    for name in ("evidence", "reason", "origin", "remedy", "participants.vut.class"):
         assert name in shown
+
+
+def test_a_file_of_a_wrong_form_has_no_version(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = _changed(tmp_path, "class: car", "class: tram")
+    assert main(["spec", "check", str(file), "--json"]) == 1
+    (report,) = json.loads(capsys.readouterr().out)
+    assert report["version"] is None
+    assert {item["check"] for item in report["failures"]} == {"form"}
 
 
 def test_origin_follows_the_provenance(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

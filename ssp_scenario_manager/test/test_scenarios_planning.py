@@ -12,20 +12,20 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Pose2
+from ssp_core.run_file.participants import Brake, LaneChange
 from ssp_core.run_file.road import CurvePiece
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.event_spec.units import UNITS, units_of
 from ssp_scenario_manager.maps.block import Block, BlockLane
 from ssp_scenario_manager.maps.site import load_site, site_library
 from ssp_scenario_manager.scenarios.base import (
-    BrakeTo,
     CannotPlace,
     Cross,
     Drive,
     PlaceLimits,
     Plan,
-    ShiftLane,
     Wait,
 )
 from ssp_scenario_manager.scenarios.block_places import ahead_of
@@ -170,9 +170,8 @@ def check(event: Event, place: Block, plan: Plan) -> None:
     for field, (value, unit, _) in plan.chosen.items():
         found = quantity_at(event, field)
         if isinstance(found, Interval):
-            assert found.unit == unit
-            assert found.min is None or found.min - 1e-6 <= value, field
-            assert found.max is None or value <= found.max + 1e-6, field
+            assert unit in units_of(UNITS[found.unit].dimension)[:1]
+            assert found.si.low - 1e-6 <= value <= found.si.high + 1e-6, field
     # Everybody is on the block, the conflict in the zone, the zone in the VUT's corridor.
     for motion in (plan.vut, *plan.targets.values()):
         assert 0.0 <= motion.start.s_m <= place.length_m
@@ -187,9 +186,9 @@ def check(event: Event, place: Block, plan: Plan) -> None:
     act = plan.trigger.act
     initiator = plan.targets[event.interaction.initiator]
     motion_word = event.interaction.dominant_motion
-    if isinstance(act, ShiftLane):
-        assert initiator.start.l_m + act.shift_m == pytest.approx(plan.vut.start.l_m)
-        assert (act.shift_m < 0.0) == (motion_word == "cutting_in_from_left")
+    if isinstance(act, LaneChange):
+        assert initiator.start.l_m + act.lateral_shift_m == pytest.approx(plan.vut.start.l_m)
+        assert (act.lateral_shift_m < 0.0) == (motion_word == "cutting_in_from_left")
     elif isinstance(act, Cross):
         assert isinstance(initiator, Wait)
         goes_left = act.goal.l_m > initiator.start.l_m
@@ -197,7 +196,7 @@ def check(event: Event, place: Block, plan: Plan) -> None:
         assert min(act.goal.l_m, initiator.start.l_m) < place.right_edge_m
         assert max(act.goal.l_m, initiator.start.l_m) > place.left_edge_m
     else:
-        assert isinstance(act, BrakeTo)
+        assert isinstance(act, Brake)
         assert isinstance(initiator, Drive)
         assert initiator.start.l_m == plan.vut.start.l_m
 
@@ -243,7 +242,7 @@ def test_whatever_is_preferred_a_plan_keeps_to_k_star(
     for key in event.constraints.manoeuvre:
         found = quantity_at(event, f"constraints.manoeuvre.{key}")
         if isinstance(found, Interval) and found.min is not None and found.max is not None:
-            value = found.min + share * (found.max - found.min)
+            value = found.si.low + share * (found.si.high - found.si.low)
             preferred[f"constraints.manoeuvre.{key}"] = value
     try:
         plan = plan_of(event, place, preferred)

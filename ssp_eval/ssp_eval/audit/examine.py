@@ -54,7 +54,6 @@ from ssp_eval.recordings.event import (
 from ssp_eval.recordings.sight import Moment
 from ssp_eval.recordings.states import STATE_AGE_S
 from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
-from ssp_scenario_manager.event_spec.fields import si
 from ssp_scenario_manager.event_spec.model import Event, Interval
 
 
@@ -496,7 +495,7 @@ def _off_spec(measured: Measured | None, order: Property, event: Event | None) -
     gap_s = None if measured is None else measured.facts.get("time_gap_s")
     wanted = event.constraints.time_gap
     if gap_s is not None and isinstance(wanted, Interval):
-        span = si(wanted)
+        span = wanted.si
         if not span.low - 1e-9 <= gap_s <= span.high + 1e-9:
             text = f"time gap {gap_s:.2f} s, K* has {span.low:g} to {span.high:g} s"
             found.append(Finding("off_spec", text))

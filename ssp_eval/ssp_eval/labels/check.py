@@ -11,7 +11,6 @@ from ssp_eval.data.labels import Labels, PhasePosition
 from ssp_eval.labels.plan import APART_S
 from ssp_eval.recordings.event import source_times
 from ssp_eval.score.thresholds import DEFAULT
-from ssp_scenario_manager.event_spec.fields import si
 from ssp_scenario_manager.event_spec.model import Event, Interval
 
 _TOLERANCE_S = 1e-6
@@ -111,7 +110,7 @@ def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
 def _span(start: Interval | str, zero_s: float) -> tuple[float, float] | None:
     if isinstance(start, str):
         return None
-    found = si(start)
+    found = start.si
     return found.low - zero_s, found.high - zero_s
 
 

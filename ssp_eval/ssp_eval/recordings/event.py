@@ -8,8 +8,8 @@ from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
 from ssp_core.motion.event import TOLERANCE_S
 from ssp_core.run_file.model import ConflictThresholds
-from ssp_scenario_manager.event_spec.fields import Span, si, units_of
 from ssp_scenario_manager.event_spec.model import Event, Interval, Quantity, Unresolved
+from ssp_scenario_manager.event_spec.units import Span, units_of
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 # METHOD 4.1: approach and resolution count as located if so much of each lies in the clip.
@@ -157,7 +157,7 @@ def _span(interval: Interval) -> Span:
             "is no unit of time", field="unit", value=interval.unit,
             remedy=f"{' or '.join(units_of('time'))}; `ssp spec check` says where it stands",
         )  # fmt: skip
-    return si(interval)
+    return interval.si
 
 
 def window_of(event: Event) -> Window | None:

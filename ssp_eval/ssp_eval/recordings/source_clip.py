@@ -157,7 +157,7 @@ def _road(road: Topology, same: int, opposite: int) -> dict[str, Any]:
     for name, count in (("lanes_same_direction", same), ("lanes_opposite", opposite)):
         field = getattr(road, name)
         drawn = CountField(value=count, identity=True)
-        if not field.is_identity and field.admits(count):
+        if not field.identity and field.admits(count):
             drawn = field.model_copy(update={"value": count})
         value[name] = drawn.model_dump(mode="json")
     permitted = value["permitted_manoeuvres"]

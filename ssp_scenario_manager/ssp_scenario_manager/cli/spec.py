@@ -85,8 +85,8 @@ def spec() -> None:
 def check(files: tuple[str, ...], as_json: bool, migrate: Path | None) -> int:
     """Hold K* files, or shipped events by name, against all checks (METHOD 1).
 
-    All failures are reported together: form, C1-C5, and the review state with its seals; what one
-    action mends is said once (--json has each by itself).
+    Failures are reported together: those of the form, or else those of C1-C5 and of the review
+    state with its seals; what one action mends is said once (--json has each by itself).
     """
     if migrate is not None:
         if len(files) != 1:

@@ -1,4 +1,4 @@
-"""Fields of a K*: their dotted paths, units and SI values, and the limits of the platforms."""
+"""Fields of a K*: their dotted paths, what each measures, and the limits of the platforms."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
-from ssp_scenario_manager.event_spec.model import Interval
+from ssp_scenario_manager.event_spec.units import UNITS, Dimension, Span
 
 Part = str | int
 
-_PART = re.compile(r"([^.\[\]]+)|\[(\d{1,6})\]")
+# A name, after a dot but for the first, or an index.
+_PART = re.compile(r"(?:^|(?<!^)\.)([^.\[\]]+)|\[(\d{1,6})\]")
 ROAD_FIELD = frozenset({"value", "identity", "varies", "why"})
 # Mappings that a person judges as one: a field of the road, a quantity, a count, one participant
 # in one phase.
@@ -31,8 +32,6 @@ def split(path: str) -> tuple[Part, ...]:
     parts: list[Part] = []
     at = 0
     while at < len(path):
-        if path[at] == "." and 0 < at < len(path) - 1:
-            at += 1
         found = _PART.match(path, at)
         if found is None:
             return ()
@@ -65,6 +64,14 @@ def get(value: Any, path: str) -> Any:
         except (TypeError, LookupError) as error:
             raise LookupError(path) from error
     return value
+
+
+def put(value: Any, path: str, new: Any) -> None:
+    """Sets what stands at a path whose parents are there."""
+    *parents, last = split(path)
+    for part in parents:
+        value = value[part]
+    value[last] = new
 
 
 def has(value: Any, path: str) -> bool:
@@ -146,83 +153,66 @@ def show(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-Dimension = Literal[
-    "time",
-    "length",
-    "speed",
-    "acceleration",
-    "curvature",
-    "angle",
-    "pixels",
-    "frequency",
-    "share",
-]
+# range: both ends; floor: at least min; ceiling: at most max; exact: one value, min = max.
+Shape = Literal["range", "floor", "ceiling", "exact"]
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
-    """A unit: what it measures, and how much of the dimension's SI unit it is."""
+class Rule:
+    """What a quantity measures, how it is given, and what the platforms can do (SI units)."""
 
     dimension: Dimension
-    factor: float
+    shape: Shape
+    limit: Span
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """The ends that it must have; it has no other."""
+        return {"floor": ("min",), "ceiling": ("max",)}.get(self.shape, ("min", "max"))
 
 
-UNITS: dict[str, Unit] = {
-    "s": Unit("time", 1.0),
-    "ms": Unit("time", 1e-3),
-    "m": Unit("length", 1.0),
-    "m/s": Unit("speed", 1.0),
-    "km/h": Unit("speed", 1.0 / 3.6),
-    "m/s^2": Unit("acceleration", 1.0),
-    "1/m": Unit("curvature", 1.0),
-    "rad": Unit("angle", 1.0),
-    "deg": Unit("angle", math.pi / 180.0),
-    "px": Unit("pixels", 1.0),
-    "Hz": Unit("frequency", 1.0),
-    "1": Unit("share", 1.0),
-    "%": Unit("share", 0.01),
+LONGEST_CLIP_S = 120.0
+_SPEED = Span(0.0, 16.0)
+_ACCELERATION = Span(0.1, 5.0)
+_CLIP = Span(0.0, LONGEST_CLIP_S)
+RULES: dict[str, Rule] = {
+    "source.rate": Rule("frequency", "exact", Span(1.0, 240.0)),
+    "topology.lane_width.*": Rule("length", "range", Span(2.5, 5.0)),
+    "topology.curvature.*": Rule("curvature", "range", Span(0.0, 0.1)),
+    "participants.*.region.gap": Rule("length", "range", Span(0.0, 200.0)),
+    "events.clip.*": Rule("time", "exact", _CLIP),
+    "events.*.start": Rule("time", "range", _CLIP),
+    "constraints.speeds.*.*": Rule("speed", "range", _SPEED),
+    "constraints.time_gap": Rule("time", "range", Span(0.0, 20.0)),
+    "constraints.thresholds.*": Rule("time", "exact", Span(0.5, 10.0)),
+    "constraints.camera.hfov": Rule("angle", "range", Span(math.radians(20), math.radians(140))),
+    "constraints.camera.width": Rule("pixels", "floor", Span(64.0, 4096.0)),
+    "constraints.camera.rate": Rule("frequency", "range", Span(1.0, 60.0)),
+    "constraints.camera.visible_fraction": Rule("share", "range", Span(0.5, 1.0)),
+    "constraints.site.length": Rule("length", "floor", Span(20.0, 2000.0)),
+    "constraints.site.lateral_clearance": Rule("length", "floor", Span(0.1, 50.0)),
+    "constraints.safety.speed": Rule("speed", "ceiling", _SPEED),
+    "constraints.safety.acceleration": Rule("acceleration", "ceiling", _ACCELERATION),
+    "constraints.safety.separation": Rule("length", "floor", Span(0.3, 10.0)),
+    "constraints.safety.duration": Rule("time", "ceiling", Span(10.0, 120.0)),
 }
-
-# Field pattern: what the field measures. constraints.trigger.below depends on its quantity and
-# constraints.manoeuvre.* on the kind of interaction; both are settled in `dimension_of`.
-FIELDS: dict[str, Dimension] = {
-    "source.rate": "frequency",
-    "topology.lane_width.*": "length",
-    "topology.curvature.*": "curvature",
-    "participants.*.region.gap": "length",
-    "events.clip.start": "time",
-    "events.clip.end": "time",
-    "events.*.start": "time",
-    "constraints.speeds.*.*": "speed",
-    "constraints.time_gap": "time",
-    "constraints.thresholds.*": "time",
-    "constraints.camera.hfov": "angle",
-    "constraints.camera.width": "pixels",
-    "constraints.camera.rate": "frequency",
-    "constraints.camera.visible_fraction": "share",
-    "constraints.site.*": "length",
-    "constraints.safety.speed": "speed",
-    "constraints.safety.acceleration": "acceleration",
-    "constraints.safety.separation": "length",
-    "constraints.safety.duration": "time",
-}
+# Fields whose meaning depends on the event: on the trigger's quantity, and on the kind's units.
 TRIGGER_FIELD = "constraints.trigger.below"
-TRIGGER_DIMENSIONS: dict[str, Dimension] = {
-    "relative_distance": "length",
-    "time_to_arrival": "time",
+_TRIGGER = {
+    "relative_distance": Rule("length", "range", Span(2.0, 100.0)),
+    "time_to_arrival": Rule("time", "range", Span(0.5, 10.0)),
 }
 MANOEUVRE_FIELD = "constraints.manoeuvre"
+_MANOEUVRE = {
+    "speed": Rule("speed", "range", _SPEED),
+    "acceleration": Rule("acceleration", "range", _ACCELERATION),
+    "time": Rule("time", "range", Span(0.5, 10.0)),
+    "length": Rule("length", "range", Span(0.1, 20.0)),
+}
 
 
-def units_of(dimension: Dimension) -> list[str]:
-    """Names of the units that measure a dimension, the SI unit first."""
-    return [name for name, unit in UNITS.items() if unit.dimension == dimension]
-
-
-def dimension_of(
-    path: str, trigger_quantity: str, manoeuvre_units: dict[str, str]
-) -> Dimension | None:
-    """What a quantity field measures; None where nobody knows.
+def rule_of(path: str, trigger_quantity: str, manoeuvre_units: Mapping[str, str]) -> Rule | None:
+    """How the quantity at a path is to be given; None where nobody knows.
 
     Args:
         path: of the quantity.
@@ -230,166 +220,13 @@ def dimension_of(
         manoeuvre_units: units by name, of the kind of interaction (`Kind.manoeuvre`).
     """
     if path == TRIGGER_FIELD:
-        return TRIGGER_DIMENSIONS.get(trigger_quantity)
+        return _TRIGGER.get(trigger_quantity)
     if path.startswith(MANOEUVRE_FIELD + "."):
-        unit = manoeuvre_units.get(path[len(MANOEUVRE_FIELD) + 1 :])
-        return UNITS[unit].dimension if unit in UNITS else None
-    return _dimension_of(path)
+        unit = UNITS.get(manoeuvre_units.get(path[len(MANOEUVRE_FIELD) + 1 :], ""))
+        return _MANOEUVRE.get(unit.dimension) if unit else None
+    return _rule_of(path)
 
 
 @lru_cache(maxsize=1 << 12)
-def _dimension_of(path: str) -> Dimension | None:
-    return next((what for pattern, what in FIELDS.items() if matches(path, pattern)), None)
-
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """An interval in SI units; an open side is infinite."""
-
-    low: float
-    high: float
-
-    @property
-    def mid(self) -> float:
-        """Its middle; of a half-open span its closed end."""
-        if math.isinf(self.low) or math.isinf(self.high):
-            return self.high if math.isinf(self.low) else self.low
-        return 0.5 * (self.low + self.high)
-
-    def holds(self, other: Span) -> bool:
-        """Whether the other lies inside."""
-        return self.low <= other.low + _EPS and other.high <= self.high + _EPS
-
-    def meets(self, other: Span) -> bool:
-        """Whether both have a value in common."""
-        return self.low <= other.high + _EPS and other.low <= self.high + _EPS
-
-
-# Comparisons forgive what a conversion of units rounds away.
-_EPS = 1e-9
-
-
-def si(interval: Interval) -> Span:
-    """An interval in SI units.
-
-    Raises:
-        ValueError: nobody knows its unit.
-    """
-    unit = UNITS.get(interval.unit)
-    if unit is None:
-        raise ValueError(f"no unit is called {interval.unit!r}; known: {', '.join(UNITS)}")
-    low = -math.inf if interval.min is None else interval.min * unit.factor
-    high = math.inf if interval.max is None else interval.max * unit.factor
-    return Span(low, high)
-
-
-# range: both ends; floor: at least min; ceiling: at most max; exact: one value, min = max.
-Shape = Literal["range", "floor", "ceiling", "exact"]
-
-
-@dataclass(frozen=True, slots=True)
-class Platform:
-    """Limits in SI units (px, Hz and shares as they are)."""
-
-    speed: Span
-    acceleration: Span
-    separation: Span
-    duration: Span
-    clip: Span
-    lane_width: Span
-    curvature: Span
-    gap: Span
-    trigger_distance: Span
-    trigger_time: Span
-    threshold: Span
-    time_gap: Span
-    manoeuvre_time: Span
-    manoeuvre_length: Span
-    hfov: Span
-    width: Span
-    camera_rate: Span
-    source_rate: Span
-    share: Span
-    site_length: Span
-    lateral_clearance: Span
-
-
-PLATFORM = Platform(
-    speed=Span(0.0, 16.0),
-    acceleration=Span(0.1, 5.0),
-    separation=Span(0.3, 10.0),
-    duration=Span(10.0, 120.0),
-    clip=Span(0.0, 120.0),
-    lane_width=Span(2.5, 5.0),
-    curvature=Span(0.0, 0.1),
-    gap=Span(0.0, 200.0),
-    trigger_distance=Span(2.0, 100.0),
-    trigger_time=Span(0.5, 10.0),
-    threshold=Span(0.5, 10.0),
-    time_gap=Span(0.0, 20.0),
-    manoeuvre_time=Span(0.5, 10.0),
-    manoeuvre_length=Span(0.1, 20.0),
-    hfov=Span(math.radians(20.0), math.radians(140.0)),
-    width=Span(64.0, 4096.0),
-    camera_rate=Span(1.0, 60.0),
-    source_rate=Span(1.0, 240.0),
-    share=Span(0.5, 1.0),
-    site_length=Span(20.0, 2000.0),
-    lateral_clearance=Span(0.1, 50.0),
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """How a quantity is given, and the name of its limit in `Platform`."""
-
-    shape: Shape
-    limit: str
-
-
-RULES: dict[str, Rule] = {
-    "source.rate": Rule("exact", "source_rate"),
-    "topology.lane_width.*": Rule("range", "lane_width"),
-    "topology.curvature.*": Rule("range", "curvature"),
-    "participants.*.region.gap": Rule("range", "gap"),
-    "events.clip.*": Rule("exact", "clip"),
-    "events.*.start": Rule("range", "clip"),
-    "constraints.speeds.*.*": Rule("range", "speed"),
-    "constraints.time_gap": Rule("range", "time_gap"),
-    "constraints.thresholds.*": Rule("exact", "threshold"),
-    "constraints.camera.hfov": Rule("range", "hfov"),
-    "constraints.camera.width": Rule("floor", "width"),
-    "constraints.camera.rate": Rule("range", "camera_rate"),
-    "constraints.camera.visible_fraction": Rule("range", "share"),
-    "constraints.site.length": Rule("floor", "site_length"),
-    "constraints.site.lateral_clearance": Rule("floor", "lateral_clearance"),
-    "constraints.safety.speed": Rule("ceiling", "speed"),
-    "constraints.safety.acceleration": Rule("ceiling", "acceleration"),
-    "constraints.safety.separation": Rule("floor", "separation"),
-    "constraints.safety.duration": Rule("ceiling", "duration"),
-}
-# By dimension, where the field's meaning depends on the event.
-_TRIGGER = {"length": Rule("range", "trigger_distance"), "time": Rule("range", "trigger_time")}
-_MANOEUVRE = {
-    "speed": Rule("range", "speed"),
-    "acceleration": Rule("range", "acceleration"),
-    "time": Rule("range", "manoeuvre_time"),
-    "length": Rule("range", "manoeuvre_length"),
-}
-
-
-def rule_of(path: str, dimension: str) -> Rule | None:
-    """How the quantity at a path is to be given; None for a field without a rule."""
-    if path == "constraints.trigger.below":
-        return _TRIGGER.get(dimension)
-    if path.startswith("constraints.manoeuvre."):
-        return _MANOEUVRE.get(dimension)
+def _rule_of(path: str) -> Rule | None:
     return next((rule for pattern, rule in RULES.items() if matches(path, pattern)), None)
-
-
-def limit_of(rule: Rule) -> Span:
-    """The platform's limit of a rule."""
-    limit = getattr(PLATFORM, rule.limit)
-    if not isinstance(limit, Span):
-        raise TypeError(f"{rule.limit} is no limit")
-    return limit

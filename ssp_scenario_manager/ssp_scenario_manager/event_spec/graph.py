@@ -4,6 +4,7 @@ K*.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any, Literal
@@ -27,40 +28,47 @@ def interaction_graph(event: Event) -> dict[str, Any]:
         marks, and how every field is known.
     """
     value = body(event)
+    nodes, edges = _nodes(event, value), [*_spatial(event), *_temporal(event), *_interaction(event)]
     return {
         "schema": SCHEMA,
         "event": {"name": event.name, "version": event_version(event)},
-        "nodes": _nodes(event, value),
+        "nodes": [
+            {"id": name, "type": kind, "fields": _said(value, paths)} for name, kind, paths in nodes
+        ],
         "edges": [
-            *_spatial(event, value),
-            *_temporal(event, value),
-            *_interaction(event, value),
+            {
+                "kind": edge.kind,
+                "relation": edge.relation,
+                "from": edge.source,
+                "to": edge.target,
+                "fields": _said(value, edge.fields),
+            }
+            for edge in edges
         ],
         "determined": _determined(value),
         "uncertain": _uncertain(event, value),
     }
 
 
-def _node(name: str, kind: NodeType, fields: dict[str, Any]) -> dict[str, Any]:
-    """A node; ``fields`` holds what the K* says of it, by path."""
-    return {"id": name, "type": kind, "fields": fields}
+@dataclass(frozen=True, slots=True)
+class _Edge:
+    """An edge, and the paths of what the K* says of it."""
+
+    kind: EdgeKind
+    relation: str
+    source: str
+    target: str
+    fields: tuple[str, ...]
 
 
-def _edge(
-    kind: EdgeKind, relation: str, source: str, target: str, fields: dict[str, Any]
-) -> dict[str, Any]:
-    return {"kind": kind, "relation": relation, "from": source, "to": target, "fields": fields}
-
-
-def _said(value: dict[str, Any], *paths: str) -> dict[str, Any]:
+def _said(value: dict[str, Any], paths: Iterable[str]) -> dict[str, Any]:
     """Fields of the K* by path, a list or a mapping as it stands."""
     return {path: get(value, path) for path in paths}
 
 
-def _below(value: dict[str, Any], path: str) -> dict[str, Any]:
-    """Everything that the K* says below a path, by the smallest fields."""
-    here = get(value, path)
-    return {f"{path}.{name}": get(here, name) for name in granules(here)}
+def _below(value: dict[str, Any], path: str) -> list[str]:
+    """Paths of everything that the K* says below a path."""
+    return [f"{path}.{name}" for name in granules(get(value, path))]
 
 
 def _places(event: Event) -> list[str]:
@@ -69,102 +77,88 @@ def _places(event: Event) -> list[str]:
     return list(dict.fromkeys(("vut_lane", *found)))
 
 
-def _nodes(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
-    nodes = [_node("road", "road", _below(value, "topology"))]
+def _nodes(event: Event, value: dict[str, Any]) -> Iterator[tuple[str, NodeType, list[str]]]:
+    """Id and type of each node, and the paths of what the K* says of it."""
+    yield "road", "road", _below(value, "topology")
     for place in _places(event):
-        kind: NodeType = "kerb" if place.endswith("kerb") else "lane"
         named = [
             f"participants.{who}.region.place"
             for who, participant in event.participants.items()
             if participant.region.place == place
         ]
-        nodes.append(_node(place, kind, _said(value, *named)))
+        yield place, "kerb" if place.endswith("kerb") else "lane", named
     for who, participant in event.participants.items():
-        nodes.append(_node(who, participant.role, _below(value, f"participants.{who}")))
-    zone = _said(value, "interaction.zone", "interaction.relation")
-    nodes.append(_node("conflict_zone", "conflict_zone", zone))
+        yield who, participant.role, _below(value, f"participants.{who}")
+    yield "conflict_zone", "conflict_zone", ["interaction.zone", "interaction.relation"]
     for phase in PHASES:
-        fields = _said(value, f"events.{phase}.start", f"events.{phase}.evidence")
-        cells = (f"motion.{who}.{phase}" for who in event.motion if phase in event.motion[who])
-        nodes.append(_node(f"phase:{phase}", "phase", fields | _said(value, *cells)))
-    return nodes
+        cells = [f"motion.{who}.{phase}" for who in event.motion if phase in event.motion[who]]
+        at = f"events.{phase}"
+        yield f"phase:{phase}", "phase", [f"{at}.start", f"{at}.evidence", *cells]
 
 
-def _spatial(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
+def _spatial(event: Event) -> Iterator[_Edge]:
     vut, interaction = event.vut_id, event.interaction
-    edges = []
-    for who in event.participants:
-        place = f"participants.{who}.region.place"
-        fields = _said(value, place)
-        edges.append(
-            _edge("spatial", "occupies", who, event.participants[who].region.place, fields)
-        )
+
+    def edge(relation: str, source: str, target: str, *fields: str) -> _Edge:
+        return _Edge("spatial", relation, source, target, fields)
+
     for who, participant in event.participants.items():
-        along = f"participants.{who}.region.along"
+        at = f"participants.{who}.region.place"
+        yield edge("occupies", who, participant.region.place, at)
+    for who, participant in event.participants.items():
+        at = f"participants.{who}.region"
         if participant.region.along == "ahead":
-            fields = _said(value, along, f"participants.{who}.region.gap")
-            edges.append(_edge("spatial", "ahead-of", who, vut, fields))
+            yield edge("ahead-of", who, vut, f"{at}.along", f"{at}.gap")
         elif participant.region.along == "behind":
-            edges.append(_edge("spatial", "ahead-of", vut, who, _said(value, along)))
+            yield edge("ahead-of", vut, who, f"{at}.along")
     for place in _places(event):
         if place in ("left_lane", "right_lane"):
-            fields = _said(value, "topology.lanes_same_direction", "topology.vut_lane")
-            edges.append(_edge("spatial", "adjacent", place, "vut_lane", fields))
+            fields = "topology.lanes_same_direction", "topology.vut_lane"
+            yield edge("adjacent", place, "vut_lane", *fields)
         elif place.endswith("kerb"):
             side = place.removesuffix("_kerb")
-            fields = _said(value, f"topology.{side}_boundary")
-            edges.append(_edge("spatial", "adjacent", place, "road", fields))
+            yield edge("adjacent", place, "road", f"topology.{side}_boundary")
         elif place == "oncoming_lane":
-            fields = _said(value, "topology.lanes_opposite")
-            edges.append(_edge("spatial", "adjacent", place, "road", fields))
+            yield edge("adjacent", place, "road", "topology.lanes_opposite")
     # Both kinds of zone lie in the VUT's lane (METHOD 1: they are cut out of its swept corridor).
-    fields = _said(value, "interaction.zone")
-    edges.append(_edge("spatial", "occupies", "conflict_zone", "vut_lane", fields))
-    fields = _said(value, "interaction.relation", "interaction.dominant_motion")
-    edges.append(_edge("spatial", "path-intersects", interaction.initiator, vut, fields))
-    return edges
+    yield edge("occupies", "conflict_zone", "vut_lane", "interaction.zone")
+    fields = "interaction.relation", "interaction.dominant_motion"
+    yield edge("path-intersects", interaction.initiator, vut, *fields)
 
 
-def _temporal(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
-    edges = []
+def _temporal(event: Event) -> Iterator[_Edge]:
     for before, after in pairwise(PHASES):
-        fields = _said(value, f"events.{before}.start", f"events.{after}.start")
-        edges.append(_edge("temporal", "before", f"phase:{before}", f"phase:{after}", fields))
+        fields = f"events.{before}.start", f"events.{after}.start"
+        yield _Edge("temporal", "before", f"phase:{before}", f"phase:{after}", fields)
     first, second = event.interaction.passing_order
-    fields = _said(value, "interaction.passing_order", "constraints.time_gap")
-    edges.append(_edge("temporal", "before", first, second, fields))
-    return edges
+    fields = "interaction.passing_order", "constraints.time_gap"
+    yield _Edge("temporal", "before", first, second, fields)
 
 
-def _interaction(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
+def _interaction(event: Event) -> Iterator[_Edge]:
     interaction = event.interaction
     who, vut = interaction.initiator, interaction.affected
-    fired = _said(
-        value,
-        "constraints.trigger.quantity",
-        "constraints.trigger.object",
-        "constraints.trigger.below",
-    )
-    edges = [_edge("interaction", "triggers", vut, who, fired)]
+
+    def edge(relation: str, source: str, target: str, part: str, *names: str) -> _Edge:
+        fields = tuple(f"{part}.{name}" for name in names)
+        return _Edge("interaction", relation, source, target, fields)
+
+    yield edge("triggers", vut, who, "constraints.trigger", "quantity", "object", "below")
     cells = event.motion.get(who, {})
     for before, after in pairwise(PHASES):
         if before in cells and after in cells and cells[before] != cells[after]:
-            fields = _said(value, f"motion.{who}.{before}", f"motion.{who}.{after}")
-            edges.append(_edge("interaction", "changes-motion", who, f"phase:{after}", fields))
-    exposed = _said(
-        value,
+            yield edge("changes-motion", who, f"phase:{after}", f"motion.{who}", before, after)
+    exposed = (
         "interaction.type",
         "interaction.relation",
         "constraints.thresholds.ttc",
         "constraints.thresholds.arrival_gap",
     )
-    edges.append(_edge("interaction", "exposes-conflict", who, "conflict_zone", exposed))
+    yield _Edge("interaction", "exposes-conflict", who, "conflict_zone", exposed)
     if interaction.occluder is not None:
-        fields = _said(value, "interaction.occluder")
-        edges.append(_edge("interaction", "exposes-conflict", interaction.occluder, who, fields))
-    answers = _said(value, "interaction.longitudinal_responses", "interaction.lateral_responses")
-    edges.append(_edge("interaction", "responds", vut, who, answers))
-    return edges
+        yield edge("exposes-conflict", interaction.occluder, who, "interaction", "occluder")
+    answers = "longitudinal_responses", "lateral_responses"
+    yield edge("responds", vut, who, "interaction", *answers)
 
 
 def _is_interval(value: Any) -> bool:
@@ -208,11 +202,9 @@ class Difference:
     """One field that two K* don't share.
 
     Args:
-        field: its path.
         old: its value in the first one, None where that has no such field.
         new: as old, in the second one.
         unit: of both values, None where they have none or different ones.
-        where: which of the two has the field.
     """
 
     field: str

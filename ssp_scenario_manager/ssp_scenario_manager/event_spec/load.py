@@ -152,7 +152,6 @@ def event_text(event: Event, marks: Mapping[str, str] | None = None) -> str:
     """The event in YAML. Reading it gives the same event; comments of an older text are gone.
 
     Args:
-        event: to write.
         marks: comments to put above fields, by path.
     """
     value = event.model_dump(mode="json", by_alias=True)
@@ -275,7 +274,6 @@ def safety_critical_fields(event: Event, value: Mapping[str, Any] | None = None)
     The identity fields of T are among them: they decide which recordings are admitted (METHOD 4.2).
 
     Args:
-        event: the event.
         value: its body, where it is at hand.
     """
     identity = {f"topology.{name}" for name in event.topology.identity_fields}
@@ -317,7 +315,6 @@ def seal_event(event: Event, paths: Iterable[str] | None = None) -> Event:
     Whoever calls this says that a person has seen these fields as they are now.
 
     Args:
-        event: with its entries' review states as decided.
         paths: entries to seal; None: all. An unreviewed entry loses its seal.
 
     Raises:

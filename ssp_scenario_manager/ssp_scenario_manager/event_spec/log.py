@@ -204,10 +204,6 @@ def refusal(records: Iterable[Record], name: str) -> Record | None:
 
     A refusal is about the clip, so it holds for every version of the event, until a later
     ``source`` record says that the event is taken from another clip or crop.
-
-    Args:
-        records: of the event's log, in order.
-        name: of the event.
     """
     refused: Record | None = None
     clip: object = None
@@ -228,8 +224,6 @@ def refusal_of(event_path: str | Path, name: str, log: str | Path | None = None)
     """As refusal, from the log beside a K* file or the one that is named.
 
     Args:
-        event_path: the K* or candidate.
-        name: of the event.
         log: its log, None: the one beside it.
 
     Raises:

@@ -7,12 +7,14 @@ interval with its unit; what nobody knows is ``unresolved`` and never a made-up 
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Generic, Literal, TypeVar
 
 from pydantic import ConfigDict, Field
 
 from ssp_core.run_file.values import ObjectId, Strict
 from ssp_core.vocabulary import LatWord, LonWord, MotionWord, ObjectWord, PhaseWord, PositionWord
+from ssp_scenario_manager.event_spec.units import UNITS, Span
 
 SCHEMA: Literal["ssp.event/2"] = "ssp.event/2"
 UNRESOLVED: Literal["unresolved"] = "unresolved"
@@ -41,6 +43,21 @@ class Interval(Strict):
     max: Number | None = None
     unit: str
 
+    @property
+    def si(self) -> Span:
+        """The same in SI units; whoever works with K* takes this.
+
+        Raises:
+            ValueError: nobody knows its unit.
+        """
+        unit = UNITS.get(self.unit)
+        if unit is None:
+            raise ValueError(f"no unit is called {self.unit!r}; known: {', '.join(UNITS)}")
+        return Span(
+            -math.inf if self.min is None else self.min * unit.factor,
+            math.inf if self.max is None else self.max * unit.factor,
+        )
+
 
 Quantity = Interval | Unresolved
 
@@ -65,11 +82,6 @@ class RoadField(Strict):
 
     identity: Annotated[bool, Field(strict=True)] = False
     why: str | None = Field(None, description="why segment, lane counts or VUT's lane may vary")
-
-    @property
-    def is_identity(self) -> bool:
-        """Whether every domain must have the source's value."""
-        return self.identity
 
 
 Word = TypeVar("Word", bound=str)
@@ -126,11 +138,7 @@ class QuantityField(RoadField):
 
     def admits(self, found: float) -> bool:
         """Whether a place with this value, m or 1/m, agrees with K*."""
-        allowed = self.range
-        if allowed is None:
-            return False
-        above = allowed.min is None or found >= allowed.min - 1e-9
-        return above and (allowed.max is None or found <= allowed.max + 1e-9)
+        return self.range is not None and self.range.si.holds(found)
 
 
 class ManoeuvresField(RoadField):
@@ -176,12 +184,12 @@ class Topology(Strict):
     @property
     def identity_fields(self) -> tuple[str, ...]:
         """Names of the fields that must be equal in all domains (METHOD 4.2)."""
-        return tuple(name for name, field in self.by_name.items() if field.is_identity)
+        return tuple(name for name, field in self.by_name.items() if field.identity)
 
     @property
     def varying_fields(self) -> tuple[str, ...]:
         """Names of the fields that may differ between domains, and are then disclosed."""
-        return tuple(name for name, field in self.by_name.items() if not field.is_identity)
+        return tuple(name for name, field in self.by_name.items() if not field.identity)
 
 
 class Region(Strict):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ssp_core.motion.encounter import Observable
+from ssp_core.run_file.participants import Brake, LaneChange
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 
@@ -48,20 +49,6 @@ class Wait:
 
 
 @dataclass(frozen=True, slots=True)
-class ShiftLane:
-    """Sideways by ``shift_m`` (+ left) while driving on at ``cruise_mps``.
-
-    Afterwards it drives on for ``run_out_s`` and stops; None: to its path's end.
-    """
-
-    shift_m: float
-    duration_s: float
-    cruise_mps: float
-    deceleration_mps2: float
-    run_out_s: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class Cross:
     """Straight to another place."""
 
@@ -70,16 +57,7 @@ class Cross:
     acceleration_mps2: float
 
 
-@dataclass(frozen=True, slots=True)
-class BrakeTo:
-    """To a lower speed in the own lane, with a run-out as ShiftLane has it."""
-
-    to_mps: float
-    deceleration_mps2: float
-    run_out_s: float | None = None
-
-
-Act = ShiftLane | Cross | BrakeTo
+Act = LaneChange | Cross | Brake
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,9 +127,6 @@ class Kind:
     """One kind of interaction.
 
     Args:
-        name: word of ``interaction.type``.
-        relation: of ``interaction.relation``.
-        zone: word of ``interaction.zone``.
         observable: what starts the trigger phase (METHOD 1).
         dominant_motions: classes that its dominant motion may have.
         initiator_classes: object classes that the initiator may have.

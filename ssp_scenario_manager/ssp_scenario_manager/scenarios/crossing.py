@@ -60,9 +60,6 @@ def is_hidden(vut: ObjectState, subject: ObjectState, occluder: ObjectState, eye
     """No corner of an object can be seen past an occluder from a place on the VUT's centre line.
 
     Args:
-        vut: the one that looks.
-        subject: who is to be hidden.
-        occluder: who hides.
         eye_m: the camera's place ahead of the VUT's reference point.
     """
     eye = vut.pose.to_parent(eye_m, 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import partial
 
+from ssp_core.run_file.participants import LaneChange
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.maps.block import Block, BlockLane
 from ssp_scenario_manager.scenarios.base import (
@@ -14,7 +15,6 @@ from ssp_scenario_manager.scenarios.base import (
     Kind,
     PlaceLimits,
     Plan,
-    ShiftLane,
     Trigger,
 )
 from ssp_scenario_manager.scenarios.block_places import (
@@ -76,8 +76,7 @@ def _start_gap(event: Event, closing_mps: float, wanted_m: float) -> float:
     asked = quantity_at(event, f"participants.{event.interaction.initiator}.region.gap")
     if not isinstance(asked, Interval):
         return wanted_m
-    low = asked.min if asked.min is not None else 0.0
-    gap = min(max(wanted_m, low), asked.max if asked.max is not None else wanted_m)
+    gap = asked.si.nearest(wanted_m)
     hold = HOLD_S + (gap - wanted_m) / closing_mps
     if hold < LEAST_HOLD_S:
         raise CannotPlace(
@@ -112,8 +111,9 @@ def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str,
             quantity="relative_distance",
             below=below,
             anchor=None,
-            act=ShiftLane(
-                shift_m=lane.y_m - beside.y_m,
+            act=LaneChange(
+                kind="lane_change",
+                lateral_shift_m=lane.y_m - beside.y_m,
                 duration_s=values["duration"],
                 cruise_mps=values["end_speed"],
                 deceleration_mps2=values["deceleration"],
@@ -147,7 +147,7 @@ def _plans(
     def reach(draft: Draft, seen: Prediction) -> float:
         """As far as it drives while it comes over."""
         act = draft.trigger.act
-        return seen.initiator_fired_mps * act.duration_s if isinstance(act, ShiftLane) else 0.0
+        return seen.initiator_fired_mps * act.duration_s if isinstance(act, LaneChange) else 0.0
 
     return plans_in_lane(
         event, block, limits, CUT_IN.observable, choices,

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import partial
 
+from ssp_core.run_file.participants import Brake
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,
-    BrakeTo,
     CannotPlace,
     Drive,
     Kind,
@@ -81,7 +81,11 @@ def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str,
             quantity="relative_distance",
             below=values["below"],
             anchor=None,
-            act=BrakeTo(to_mps=values["end_speed"], deceleration_mps2=values["deceleration"]),
+            act=Brake(
+                kind="brake",
+                to_mps=values["end_speed"],
+                deceleration_mps2=values["deceleration"],
+            ),
             not_before_s=round(0.5 * cruise_reached_s(v, a), 1),
         ),
     )
@@ -110,7 +114,7 @@ def _plans(
     def reach(draft: Draft, seen: Prediction) -> float:
         """As far as it drives while it brakes."""
         act = draft.trigger.act
-        if not isinstance(act, BrakeTo):
+        if not isinstance(act, Brake):
             return 0.0
         spread = seen.initiator_fired_mps**2 - act.to_mps**2
         return max(spread, 0.0) / (2.0 * act.deceleration_mps2)

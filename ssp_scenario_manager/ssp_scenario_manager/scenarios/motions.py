@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from ssp_core.geometry import wrap_angle
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.participants import (
-    Brake,
     Condition,
     Driver,
     FollowPath,
-    LaneChange,
     Manoeuvre,
     Motion,
     ParticipantSpec,
@@ -21,18 +19,16 @@ from ssp_core.run_file.participants import (
     TimeToArrival,
     TriggerSpec,
 )
-from ssp_core.run_file.values import Point, Start
+from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectWord
 from ssp_core.world.car_following import free_acceleration
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.dispatch.references import APPROACH_LEAD_S
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,
-    BrakeTo,
     CannotPlace,
     Cross,
     Drive,
-    ShiftLane,
     Trigger,
     Wait,
 )
@@ -43,10 +39,7 @@ class Motions:
     """What VUT and OTs do, in frame map.
 
     Args:
-        vut: with its path.
-        driver: of the VUT.
         targets: OTs, in the order of their ids.
-        trigger: of the initiator.
     """
 
     vut: ParticipantSpec
@@ -70,12 +63,7 @@ def motions(
     """A plan's motions on a reference line.
 
     Args:
-        line: of the block.
-        classes: of all participants, by their ids in K*.
         vut_id: the VUT's id in K*; sessions know it as ``vut``.
-        vut: how the VUT drives.
-        targets: what each OT does before the trigger.
-        trigger: of the initiator.
 
     Raises:
         CannotPlace: a place lies where the block's frame has none (METHOD 2.4).
@@ -147,35 +135,17 @@ def _trigger(line: ReferenceLine, trigger: Trigger, before: Drive | Wait) -> Tri
 
 def _manoeuvre(line: ReferenceLine, trigger: Trigger, before: Drive | Wait) -> Manoeuvre:
     act = trigger.act
-    if isinstance(act, ShiftLane):
-        return LaneChange(
-            kind="lane_change",
-            lateral_shift_m=act.shift_m,
-            duration_s=act.duration_s,
-            cruise_mps=act.cruise_mps,
-            deceleration_mps2=act.deceleration_mps2,
-            run_out_s=act.run_out_s,
-        )
-    if isinstance(act, BrakeTo):
-        return Brake(
-            kind="brake",
-            to_mps=act.to_mps,
-            deceleration_mps2=act.deceleration_mps2,
-            run_out_s=act.run_out_s,
-        )
+    if not isinstance(act, Cross):
+        return act
     return FollowPath(
         kind="follow_path",
         motion=Motion(
-            path=_across(line, before.start, act),
+            path=[line.to_map(p.s_m, p.l_m) for p in (before.start, act.goal)],
             cruise_mps=act.speed_mps,
             acceleration_mps2=act.acceleration_mps2,
             deceleration_mps2=act.acceleration_mps2,
         ),
     )
-
-
-def _across(line: ReferenceLine, start: BlockPoint, act: Cross) -> list[Point]:
-    return [line.to_map(start.s_m, start.l_m), line.to_map(act.goal.s_m, act.goal.l_m)]
 
 
 STEP_S = 0.05

@@ -48,7 +48,6 @@ from ssp_scenario_manager.scenarios.values import (
     chosen,
     classes_of,
     combinations,
-    in_si,
     initiator_first,
     size_of,
     speed_bounds,
@@ -79,7 +78,7 @@ def judge(event: Event, limits: PlaceLimits, told: Motions, seen: Prediction) ->
             f"the VUT would drive {seen.fired_speed_mps:.1f} m/s at the trigger, K* wants "
             f"{low:g} to {high:g} m/s"
         )
-    least = max(limits.separation_m, in_si(c.safety.separation).min or 0.0)
+    least = max(limits.separation_m, c.safety.separation.si.low)
     if seen.separation_m <= least:
         wrong.append(f"VUT and target come within {seen.separation_m:.2f} m, limit is {least:g} m")
     path = Polyline(told.vut.approach.path) if told.vut.approach is not None else None
@@ -91,9 +90,8 @@ def judge(event: Event, limits: PlaceLimits, told: Motions, seen: Prediction) ->
             f"the VUT needs {needed:.0f} m from its start to the run's end and to a stop, the "
             f"block leaves it {path.length_m:.0f} m"
         )
-    most = in_si(c.safety.duration).max
     end = EndCondition()
-    longest = end.at_latest_s if most is None else min(most, end.at_latest_s)
+    longest = min(c.safety.duration.si.high, end.at_latest_s)
     ends = (seen.resolution_s or 0.0) + end.after_resolution_s
     if ends > longest:
         wrong.append(f"the run takes {ends:.0f} s, limit is {longest:g} s")
@@ -168,11 +166,6 @@ def gap_before_response_s(
 ) -> float | None:
     """Second arrival minus first departure (METHOD 1), with a VUT that keeps its speed.
 
-    Args:
-        told: what everybody does.
-        seen: what will come of it.
-        initiator_first: by the passing order.
-
     Returns:
         s, rounded to 1 ms; None where the initiator's manoeuvre doesn't lead it into the VUT's
         corridor.
@@ -197,9 +190,7 @@ def adaptation_of(
     """What a run's trigger is told of keeping the gap; None where there is none to keep.
 
     Args:
-        told: what everybody does.
         gap_s: as ``gap_before_response_s`` gives it.
-        initiator_first: by the passing order.
         anchor: the conflict point, where it doesn't move with the place of the trigger.
         most_mps2: acceleration that the place allows.
     """
@@ -228,9 +219,6 @@ class Draft:
     """A plan before it was looked ahead.
 
     Args:
-        vut: how the VUT drives.
-        targets: what the OTs do.
-        trigger: of the initiator.
         extra: further reasons against it, from what was foreseen; None where there are none.
         chosen: further fields that follow from the others, as Plan.chosen has them.
     """
@@ -254,11 +242,6 @@ def plans_on(
     """Plans that go as K* says, as far as can be foreseen, from the preferred values on.
 
     Args:
-        event: K*.
-        block: to place it on.
-        limits: of the place.
-        observable: of the kind.
-        choices: quantities by name.
         draft: makes a plan of values; raises CannotPlace where they don't fit the block.
         zone: corners of the conflict zone, from plan, foresight and conflict point.
 
@@ -311,7 +294,7 @@ def _ending(trigger: Trigger, seen: Prediction) -> Trigger:
     if isinstance(act, Cross) or seen.resolution_s is None:
         return trigger
     run_out_s = round(seen.resolution_s + AFTER_S + RUN_OUT_S - seen.fired_s, 1)
-    return replace(trigger, act=replace(act, run_out_s=run_out_s))
+    return replace(trigger, act=act.model_copy(update={"run_out_s": run_out_s}))
 
 
 def _without_response(told: Motions) -> Motions:

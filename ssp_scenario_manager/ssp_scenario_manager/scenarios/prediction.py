@@ -201,11 +201,6 @@ class _Instant:
 def predict(plan: Motions, observable: Observable, thresholds: ConflictThresholds) -> Prediction:
     """Follows a plan from standstill to the end of its run.
 
-    Args:
-        plan: motions of all participants.
-        observable: what makes the trigger visible (METHOD 1).
-        thresholds: of the conflict.
-
     Raises:
         CannotPlace: the trigger never fires, or a manoeuvre can't be driven from where it does.
     """

@@ -7,12 +7,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from ssp_core.motion.state import DEFAULT_SIZES, Size
 from ssp_core.run_file.model import ConflictThresholds, WantedPassing
 from ssp_core.vocabulary import ObjectClass, ObjectWord
-from ssp_scenario_manager.event_spec.fields import UNITS, si, units_of
-from ssp_scenario_manager.event_spec.model import Event, Interval, Quantity
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event, Interval, Quantity
+from ssp_scenario_manager.event_spec.units import Span
 from ssp_scenario_manager.scenarios.base import CannotPlace, PlaceLimits
 
 # Values per quantity: the preferred one, and further ones from end to end of the interval.
@@ -24,8 +25,6 @@ class Choice:
     """What a quantity may be.
 
     Args:
-        field: its path in K*.
-        unit: of the values.
         values: preferred first, then ever further from it.
         why: where the first comes from.
     """
@@ -36,41 +35,12 @@ class Choice:
     why: str
 
 
-def in_si(interval: Interval) -> Interval:
-    """The same interval in the SI unit of what it measures; an unknown unit stays as it is."""
-    if interval.unit not in UNITS:
-        return interval
-    span = si(interval)
-    return Interval(
-        min=None if math.isinf(span.low) else span.low,
-        max=None if math.isinf(span.high) else span.high,
-        unit=units_of(UNITS[interval.unit].dimension)[0],
-    )
-
-
 def quantity_at(event: Event, field: str) -> Quantity | None:
-    """The quantity at a field's path, in SI units; None where K* has none.
-
-    Only the fields that a compiler chooses values for are known: speeds, the trigger's threshold,
-    manoeuvre quantities and the gap at the start.
-    """
-    found = _raw(event, field)
-    return in_si(found) if isinstance(found, Interval) else found
-
-
-def _raw(event: Event, field: str) -> Quantity | None:
-    parts = field.split(".")
-    c = event.constraints
-    if parts[:2] == ["constraints", "speeds"] and len(parts) == 4:
-        return next((q for p, q in c.speeds.get(parts[2], {}).items() if p == parts[3]), None)
-    if parts == ["constraints", "trigger", "below"]:
-        return c.trigger.below
-    if parts[:2] == ["constraints", "manoeuvre"] and len(parts) == 3:
-        return c.manoeuvre.get(parts[2])
-    if parts[0] == "participants" and parts[2:] == ["region", "gap"]:
-        who = event.participants.get(parts[1])
-        return None if who is None else who.region.gap
-    return None
+    """The quantity at a field's path; None where K* has none."""
+    at: Any = event
+    for part in field.split("."):
+        at = at.get(part) if isinstance(at, dict) else getattr(at, part, None)
+    return at if isinstance(at, Interval) or at == UNRESOLVED else None
 
 
 def choose(
@@ -85,41 +55,39 @@ def choose(
     """The values that a quantity may have: inside its interval and inside the place's limits.
 
     Args:
-        event: K*.
-        field: path of the quantity.
-        unit: that it must have.
         preferred: values that are tried first, by field; a value outside the interval is moved to
             its end.
         at_most: the place's upper limit.
-        at_least: the lower one.
 
     Raises:
-        CannotPlace: it is unresolved or missing, has another unit or no side, or lies outside of
-            what the place allows.
+        CannotPlace: it is unresolved or missing, has no side, or lies outside of what the place
+            allows.
     """
     found = quantity_at(event, field)
     if not isinstance(found, Interval):
         state = "missing" if found is None else found
         raise CannotPlace(f"{field} is {state}; it needs an interval in {unit}")
-    if found.unit != unit:
-        raise CannotPlace(f"{field} is in {found.unit}; it must be in {unit}")
-    if found.min is None and found.max is None:
+    span = found.si
+    if math.isinf(span.mid):
         raise CannotPlace(f"{field} has neither min nor max")
-    low = max(found.min if found.min is not None else at_least, at_least)
-    high = min(found.max if found.max is not None else at_most, at_most)
-    if high == float("inf"):
+    low, high = max(span.low, at_least), min(span.high, at_most)
+    if math.isinf(high):
         high = low
     if low > high:
         raise CannotPlace(
-            f"{field} must be within {_side(found.min)} and {_side(found.max)} {unit}; "
+            f"{field} must be within {_ends(span)} {unit}; "
             f"the place allows {at_least:g} to {at_most:g} {unit}"
         )
     if field in preferred:
-        first, why = min(max(preferred[field], low), high), "validated in simulation"
+        first, why = Span(low, high).nearest(preferred[field]), "validated in simulation"
         if first != preferred[field]:
             why += f" as {preferred[field]:g} {unit}, moved into what K* and place allow"
+    elif math.isinf(span.low) or math.isinf(span.high):
+        first, why = (low if math.isinf(span.high) else high), "the side that K* gives"
     else:
-        first, why = _middle(found, low, high)
+        first, why = Span(low, high).nearest(span.mid), "middle of what K* allows"
+        if first != span.mid:
+            why = f"the place's limit, next to the {why}"
     values = [first]
     for share in sorted(_SPREAD, key=lambda share: abs(low + share * (high - low) - first)):
         value = low + share * (high - low)
@@ -128,42 +96,23 @@ def choose(
     return Choice(field, unit, tuple(values), why)
 
 
-def _middle(interval: Interval, low: float, high: float) -> tuple[float, str]:
-    """The middle of K*'s interval, moved into what the place allows."""
-    if interval.min is None or interval.max is None:
-        return (low if interval.max is None else high), "the side that K* gives"
-    middle = 0.5 * (interval.min + interval.max)
-    if low <= middle <= high:
-        return middle, "middle of what K* allows"
-    return min(max(middle, low), high), "the place's limit, next to the middle of what K* allows"
-
-
 def fixed(event: Event, field: str, unit: str, value: float, why: str) -> Choice:
     """A quantity whose value follows from others: it must lie inside its interval, if it has one.
 
     Raises:
-        CannotPlace: it doesn't, or the interval has another unit.
+        CannotPlace: it doesn't.
     """
     found = quantity_at(event, field)
-    if isinstance(found, Interval):
-        if found.unit != unit:
-            raise CannotPlace(f"{field} is in {found.unit}; it must be in {unit}")
-        if not inside(found, value):
-            raise CannotPlace(
-                f"{field} would be {value:.2f} {unit}, which is not within {_side(found.min)} "
-                f"and {_side(found.max)} {unit}"
-            )
+    if isinstance(found, Interval) and not found.si.holds(value):
+        raise CannotPlace(
+            f"{field} would be {value:.2f} {unit}, which is not within {_ends(found.si)} {unit}"
+        )
     return Choice(field, unit, (value,), why)
 
 
-def inside(interval: Interval, value: float) -> bool:
-    """A value lies in a closed interval, within 1e-9."""
-    low = interval.min is None or value >= interval.min - 1e-9
-    return low and (interval.max is None or value <= interval.max + 1e-9)
-
-
-def _side(value: float | None) -> str:
-    return "any" if value is None else f"{value:g}"
+def _ends(span: Span) -> str:
+    low, high = ("any" if math.isinf(end) else f"{end:g}" for end in (span.low, span.high))
+    return f"{low} and {high}"
 
 
 def combinations(choices: Mapping[str, Choice]) -> Iterator[dict[str, float]]:
@@ -218,11 +167,8 @@ def thresholds_of(event: Event) -> ConflictThresholds:
     """When a conflict begins, by part C: the middle of what it gives."""
 
     def middle(interval: Interval | None) -> float | None:
-        if interval is None:
-            return None
-        known = in_si(interval)
-        sides = [side for side in (known.min, known.max) if side is not None]
-        return sum(sides) / len(sides) if sides else None
+        mid = math.inf if interval is None else interval.si.mid
+        return None if math.isinf(mid) else mid
 
     needs = event.constraints.thresholds
     return ConflictThresholds(ttc_s=middle(needs.ttc), arrival_gap_s=middle(needs.arrival_gap))
@@ -236,24 +182,20 @@ def approach_acceleration(event: Event, name: str, limits: PlaceLimits) -> float
 
 def acceleration_limit(event: Event, limits: PlaceLimits) -> float:
     """The least of what place and K* allow, m/s^2."""
-    most = in_si(event.constraints.safety.acceleration).max
-    return min(limits.acceleration_mps2, most if most is not None else math.inf)
+    return min(limits.acceleration_mps2, event.constraints.safety.acceleration.si.high)
 
 
 def vehicle_speed_limit(event: Event, limits: PlaceLimits) -> float:
     """The least of what place, road and K* allow, m/s."""
-    most = in_si(event.constraints.safety.speed).max
-    return min(limits.speed_mps, limits.speed_limit_mps, most if most is not None else math.inf)
+    fastest = event.constraints.safety.speed.si.high
+    return min(limits.speed_mps, limits.speed_limit_mps, fastest)
 
 
 def speed_bounds(event: Event, name: str, phases: tuple[str, ...]) -> tuple[float, float]:
     """Largest minimum and smallest maximum of a participant's speed over some phases, m/s."""
     known = event.constraints.speeds.get(name, {})
-    found = [in_si(q) for phase, q in known.items() if phase in phases and isinstance(q, Interval)]
-    return (
-        max((q.min for q in found if q.min is not None), default=0.0),
-        min((q.max for q in found if q.max is not None), default=math.inf),
-    )
+    found = [q.si for phase, q in known.items() if phase in phases and isinstance(q, Interval)]
+    return max([0.0, *(q.low for q in found)]), min([math.inf, *(q.high for q in found)])
 
 
 def initiator_first(event: Event) -> bool:
@@ -264,9 +206,14 @@ def initiator_first(event: Event) -> bool:
 def wanted_passing(event: Event) -> WantedPassing:
     """Order and time gap of K*; a side of the gap that it leaves open may be any."""
     gap = event.constraints.time_gap
-    known = in_si(gap) if isinstance(gap, Interval) else None
+    span = gap.si if isinstance(gap, Interval) else Span()
     return WantedPassing(
         first="initiator" if initiator_first(event) else "vut",
-        least_gap_s=None if known is None else known.min,
-        most_gap_s=None if known is None else known.max,
+        least_gap_s=finite(span.low),
+        most_gap_s=finite(span.high),
     )
+
+
+def finite(value: float) -> float | None:
+    """An end of a span as files have it: None where it is open."""
+    return None if math.isinf(value) else value

@@ -10,21 +10,15 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
-from ssp_core.vocabulary import PhaseWord
+from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_scenario_manager.event_spec.fields import (
     ROAD_FIELD,
-    UNITS,
-    Dimension,
-    Span,
-    dimension_of,
+    Rule,
     get,
     granules,
-    limit_of,
     owner,
     rule_of,
     show,
-    si,
-    within,
 )
 from ssp_scenario_manager.event_spec.load import body, safety_critical_fields
 from ssp_scenario_manager.event_spec.model import (
@@ -32,8 +26,10 @@ from ssp_scenario_manager.event_spec.model import (
     Event,
     Interval,
     MotionCell,
+    Participant,
     QuantityField,
 )
+from ssp_scenario_manager.event_spec.units import UNITS, Span
 from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
@@ -96,23 +92,15 @@ def summed_up(failures: Iterable[Failure]) -> list[list[Failure]]:
     return found
 
 
-_QUANTITY = {"min", "max", "unit"}
 # Where a wrong value comes from, by its provenance in part U.
 ORIGINS: dict[str, Origin] = {"frame": "source video", "model": "extraction"}
 
 
 @dataclass(frozen=True)
 class View:
-    """An event under check.
-
-    Args:
-        event: its typed form; fields that can't be read hold a stopgap.
-        broken: paths of those fields. They are reported as such, and nothing is concluded from
-            a stopgap.
-    """
+    """An event under check."""
 
     event: Event
-    broken: frozenset[str] = field(default_factory=frozenset)
     _spans: dict[str, Span | None] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
@@ -135,8 +123,8 @@ class View:
         return safety_critical_fields(self.event, self.value)
 
     @cached_property
-    def quantities(self) -> dict[str, dict[str, Any]]:
-        """Every interval that could be read, by its path."""
+    def quantities(self) -> dict[str, Interval]:
+        """Every interval, by its path."""
         found: dict[str, Any] = {}
         for path in granules(self.value):
             item = get(self.value, path)
@@ -144,38 +132,35 @@ class View:
             inside = ("value", "varies") if is_road else ()
             found |= {f"{path}.{name}": item[name] for name in inside} or {path: item}
         return {
-            path: item
+            path: Interval.model_construct(**item)
             for path, item in found.items()
-            if isinstance(item, dict) and set(item) == _QUANTITY and not self.is_broken(path)
+            if isinstance(item, dict) and set(item) == {"min", "max", "unit"}
         }
+
+    def rule(self, path: str) -> Rule | None:
+        """How the quantity at a path is to be given."""
+        units = self.kind.manoeuvre if self.kind else {}
+        return rule_of(path, self.event.constraints.trigger.quantity, units)
 
     def measured(self, path: str) -> Span | None:
         """A quantity in SI units; None where it is missing, null or in a wrong unit."""
-        try:
-            found = get(self.value, path)
-        except LookupError:
-            return None
-        if not isinstance(found, dict) or self.is_broken(path):
-            return None
-        unit = UNITS.get(found["unit"])
-        if unit is None or unit.dimension != self.dimension(path):
-            return None
-        return si(Interval.model_construct(**found))
+        found, rule = self.quantities.get(path), self.rule(path)
+        unit = UNITS.get(found.unit) if found else None
+        right = unit is not None and rule is not None and unit.dimension == rule.dimension
+        return found.si if found and right else None
 
     def span(self, path: str) -> Span | None:
         """A quantity in SI units, to hold others against; None where C5 refuses it by itself."""
         if path not in self._spans:
-            self._spans[path] = self._sound(path)
+            span, rule = self.measured(path), self.rule(path)
+            sound = span is not None and rule is not None and _is_sound(span, rule)
+            self._spans[path] = span if sound else None
         return self._spans[path]
 
-    def _sound(self, path: str) -> Span | None:
-        span, rule = self.measured(path), rule_of(path, self.dimension(path) or "")
-        if span is None or rule is None or span.low > span.high:
-            return None
-        limit = limit_of(rule)
-        given = [end for end in (span.low, span.high) if math.isfinite(end)]
-        closed = len(given) == (1 if rule.shape in ("floor", "ceiling") else 2)
-        return span if closed and all(limit.holds(Span(end, end)) for end in given) else None
+    def spans(self, *paths: str) -> tuple[Span, ...] | None:
+        """Several quantities as ``span``; None where one of them is None."""
+        found = tuple(span for path in paths if (span := self.span(path)) is not None)
+        return found if len(found) == len(paths) else None
 
     def road(self, name: str) -> str:
         """Path of the interval that a place's value of a measured field of T may lie in."""
@@ -183,22 +168,21 @@ class View:
         varies = isinstance(field, QuantityField) and field.varies is not None
         return f"topology.{name}.{'varies' if varies else 'value'}"
 
-    def dimension(self, path: str) -> Dimension | None:
-        """What the quantity at a path measures."""
-        units = dict(self.kind.manoeuvre) if self.kind else {}
-        return dimension_of(path, self.event.constraints.trigger.quantity, units)
-
     def cell(self, who: str, phase: PhaseWord) -> MotionCell | None:
         """Motion of one participant in one phase, None where part M lacks it."""
         return self.event.motion.get(who, {}).get(phase)
 
+    def cells(self) -> Iterator[tuple[str, Participant, PhaseWord, MotionCell]]:
+        """Every cell of part M with its participant."""
+        for who, participant in self.event.participants.items():
+            for phase in PHASES:
+                cell = self.cell(who, phase)
+                if cell is not None:
+                    yield who, participant, phase, cell
+
     def said(self, *paths: str) -> str:
         """``path = value`` of each, as the evidence of a failure."""
         return "; ".join(f"{path} = {self._shown(path)}" for path in paths)
-
-    def is_broken(self, path: str) -> bool:
-        """Whether a field, something in it, or what holds it couldn't be read."""
-        return any(within(path, bad) or within(bad, path) for bad in self.broken)
 
     def origin(self, path: str) -> Origin:
         """Where a wrong value of this one field comes from, by its provenance in part U."""
@@ -213,6 +197,13 @@ class View:
             return "not there"
 
 
+def _is_sound(span: Span, rule: Rule) -> bool:
+    """In order, closed where the rule wants it, and inside the platform."""
+    given = [end for end in (span.low, span.high) if math.isfinite(end)]
+    in_order = span.low <= span.high and len(given) == len(rule.needs)
+    return in_order and all(rule.limit.holds(end) for end in given)
+
+
 Predicate = Callable[[View], Iterator[Failure]]
 
 
@@ -221,19 +212,34 @@ class Fail:
     """Makes the failures of one check."""
 
     check: Check
+    usual: Origin = "contradiction in the structure"
 
     def __call__(
         self,
-        path: str,
-        evidence: str,
+        view: View,
         reason: str,
         remedy: str,
+        *paths: str,
+        evidence: str = "",
         origin: Origin | None = None,
     ) -> Failure:
-        usual: Origin = "contradiction in the structure"
-        if self.check == "review":
-            usual = "missing review"
-        return Failure(self.check, path, evidence, reason, origin or usual, remedy)
+        """A failure of the field at the first path.
+
+        Args:
+            paths: of the field, and of what it was held against.
+            evidence: where it isn't simply the values at these paths.
+            origin: where it isn't the usual one.
+        """
+        told = evidence or view.said(*paths)
+        return Failure(self.check, paths[0], told, reason, origin or self.usual, remedy)
+
+    def unless(
+        self, view: View, found: str | None, wanted: Iterable[str], reason: str, *paths: str
+    ) -> Iterator[Failure]:
+        """The failure of a word that isn't one of those that are wanted."""
+        words = list(wanted)
+        if found not in words:
+            yield self(view, reason, one_of(words), *paths)
 
 
 def known(word: str | None) -> bool:

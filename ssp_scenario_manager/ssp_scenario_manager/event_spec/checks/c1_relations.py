@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import get_args
 
-from ssp_core.vocabulary import PHASES, PhaseWord
+from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.event_spec.checks.base import (
     Fail,
     Failure,
@@ -16,7 +16,7 @@ from ssp_scenario_manager.event_spec.checks.base import (
     known,
     one_of,
 )
-from ssp_scenario_manager.event_spec.model import UNRESOLVED, IntentWord, MotionCell
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, IntentWord
 
 _fail = Fail("C1")
 
@@ -28,118 +28,119 @@ def one_vut(view: View) -> Iterator[Failure]:
     vuts = [who for who, p in view.event.participants.items() if p.role == "VUT"]
     if len(vuts) == 1:
         return
-    extra = [who for who in vuts if who != view.event.interaction.affected] or [
-        view.event.interaction.affected
-    ]
-    for who in extra:
+    affected = view.event.interaction.affected
+    for who in [who for who in vuts if who != affected] or [affected]:
         yield _fail(
-            f"participants.{who}.role",
-            f"VUTs: {', '.join(vuts) or 'none'}",
+            view,
             "an event has exactly one vehicle under test",
             "give one participant the role VUT and the others OT",
+            f"participants.{who}.role",
+            evidence=f"VUTs: {', '.join(vuts) or 'none'}",
         )
 
 
 def same_ids_everywhere(view: View) -> Iterator[Failure]:
     """Parts A, M and C speak of the same ids."""
-    ids = set(view.event.participants)
-    parts: dict[str, set[str]] = {
-        "motion": set(view.event.motion),
-        "constraints.speeds": set(view.event.constraints.speeds),
-    }
-    for part, found in parts.items():
-        for who in sorted(ids ^ found):
-            there = who in found
+    ids, event = set(view.event.participants), view.event
+    for part, by_id in (
+        ("motion", set(event.motion)),
+        ("constraints.speeds", set(event.constraints.speeds)),
+    ):
+        for who in sorted(ids ^ by_id):
             yield _fail(
-                f"{part}.{who}",
-                f"participants: {one_of(ids)}; {part}: {one_of(found)}",
-                "speaks of somebody who is no participant" if there else "lacks a participant",
+                view,
+                "speaks of somebody who is no participant"
+                if who in by_id
+                else "lacks a participant",
                 "use the participants' own ids in every part",
+                f"{part}.{who}",
+                evidence=f"participants: {one_of(ids)}; {part}: {one_of(by_id)}",
             )
 
 
 def every_phase(view: View) -> Iterator[Failure]:
     """Parts M and C have each participant in all four phases."""
-    given: dict[str, dict[str, set[str]]] = {
-        "motion": {who: set(cells) for who, cells in view.event.motion.items()},
-        "constraints.speeds": {k: set(v) for k, v in view.event.constraints.speeds.items()},
+    motion, speeds = view.event.motion, view.event.constraints.speeds
+    given = {
+        "motion": {who: set(cells) for who, cells in motion.items()},
+        "constraints.speeds": {who: set(by_phase) for who, by_phase in speeds.items()},
     }
     for part, by_id in given.items():
         for who, phases in sorted(by_id.items()):
             for phase in PHASES:
                 if phase not in phases:
                     yield _fail(
-                        f"{part}.{who}.{phase}",
-                        f"{part}.{who} has {one_of(phases) or 'nothing'}",
+                        view,
                         "an id must be the same, and known, in every phase",
                         f"give {who} in all of {', '.join(PHASES)}",
+                        f"{part}.{who}.{phase}",
+                        evidence=f"{part}.{who} has {one_of(phases) or 'nothing'}",
                     )
 
 
 def interaction_names_participants(view: View) -> Iterator[Failure]:
     """The initiator is an OT, the affected one the VUT, and they alone pass the conflict point."""
-    event = view.event
-    interaction = event.interaction
-    roles = {who: p.role for who, p in event.participants.items()}
+    interaction = view.event.interaction
+    roles = {who: p.role for who, p in view.event.participants.items()}
     for name, role in (("initiator", "OT"), ("affected", "VUT")):
         who = getattr(interaction, name)
         if roles.get(who) != role:
             yield _fail(
-                f"interaction.{name}",
-                view.said(f"interaction.{name}", f"participants.{who}.role"),
+                view,
                 f"the {name} must be a participant with role {role}",
                 f"one of {one_of(k for k, v in roles.items() if v == role) or 'none'}",
+                f"interaction.{name}",
+                f"participants.{who}.role",
             )
     both = {interaction.initiator, interaction.affected}
     if set(interaction.passing_order) != both or len(both) < 2:
         yield _fail(
-            "interaction.passing_order",
-            view.said("interaction.passing_order", "interaction.initiator", "interaction.affected"),
+            view,
             "initiator and affected, each once, pass the conflict point",
             f"name {one_of(both)}, the first to arrive first",
+            "interaction.passing_order",
+            "interaction.initiator",
+            "interaction.affected",
         )
-    if event.constraints.trigger.object != interaction.initiator:
-        yield _fail(
-            "constraints.trigger.object",
-            view.said("constraints.trigger.object", "interaction.initiator"),
-            "the trigger is measured to the OT whose manoeuvre it fires",
-            interaction.initiator,
-        )
+    yield from _fail.unless(
+        view,
+        view.event.constraints.trigger.object,
+        [interaction.initiator],
+        "the trigger is measured to the OT whose manoeuvre it fires",
+        "constraints.trigger.object",
+        "interaction.initiator",
+    )
 
 
 def classes_fit_roles(view: View) -> Iterator[Failure]:
     """VUT and initiator are of classes that can do what they do."""
     event, kind = view.event, view.kind
     for who, participant in event.participants.items():
-        path = f"participants.{who}.class"
-        if participant.role == "VUT" and participant.class_ not in _VUT_CLASSES:
-            yield _fail(
-                path, view.said(path), "can't be a vehicle under test", one_of(_VUT_CLASSES)
-            )
-    who = view.initiator
-    found = event.participants.get(who)
-    if kind and found and found.class_ not in kind.initiator_classes:
-        yield _fail(
-            f"participants.{who}.class",
-            view.said(f"participants.{who}.class", "interaction.type"),
+        if participant.role == "VUT":
+            path, reason = f"participants.{who}.class", "can't be a vehicle under test"
+            yield from _fail.unless(view, participant.class_, _VUT_CLASSES, reason, path)
+    found = event.participants.get(view.initiator)
+    if kind and found:
+        yield from _fail.unless(
+            view,
+            found.class_,
+            kind.initiator_classes,
             f"can't be the initiator of {kind.name}",
-            one_of(kind.initiator_classes),
+            f"participants.{view.initiator}.class",
+            "interaction.type",
         )
 
 
 def only_the_vut_has_an_intent(view: View) -> Iterator[Failure]:
     """The VUT says where it means to go, and nobody else does."""
     for who, participant in view.event.participants.items():
-        is_vut, path = participant.role == "VUT", f"participants.{who}.intent"
-        if is_vut == (participant.intent is None):
-            yield _fail(
-                path,
-                view.said(path, f"participants.{who}.role"),
-                "nobody says what the VUT is about to do (METHOD 1)"
-                if is_vut
-                else "the intent is the VUT's; what an OT does stands in part M",
-                one_of(get_args(IntentWord)) if is_vut else "no intent",
-            )
+        paths = f"participants.{who}.intent", f"participants.{who}.role"
+        if participant.role == "VUT" and participant.intent is None:
+            reason = "nobody says what the VUT is about to do (METHOD 1)"
+            yield _fail(view, reason, one_of(get_args(IntentWord)), *paths)
+        if participant.role != "VUT" and participant.intent is not None:
+            reason = "the intent is the VUT's; what an OT does stands in part M"
+            yield _fail(view, reason, "no intent", *paths)
 
 
 TYPE_PREDICATES: tuple[Predicate, ...] = (
@@ -158,25 +159,18 @@ _NEEDS_LANES = {"left_lane": 2, "right_lane": 2}
 _KERBS = {"left_kerb": "left_boundary", "right_kerb": "right_boundary"}
 _WALKABLE = frozenset({"kerb", "sidewalk"})
 _NO_LANE_BESIDE = {"left_lane": ("leftmost",), "right_lane": ("rightmost",)}
-# Where who starts in a place is seen from the VUT.
-_SEEN = {
-    ("vut_lane", "ahead"): "front",
-    ("vut_lane", "behind"): "rear",
-    ("left_lane", "ahead"): "front_left",
-    ("left_lane", "beside"): "left",
-    ("left_lane", "behind"): "rear_left",
-    ("right_lane", "ahead"): "front_right",
-    ("right_lane", "beside"): "right",
-    ("right_lane", "behind"): "rear_right",
-    ("right_kerb", "ahead"): "front_right",
-    ("right_kerb", "beside"): "right",
-    ("right_kerb", "behind"): "rear_right",
-    ("left_kerb", "ahead"): "front_left",
-    ("left_kerb", "beside"): "left",
-    ("left_kerb", "behind"): "rear_left",
-    ("oncoming_lane", "ahead"): "front_left",
-    ("oncoming_lane", "beside"): "left",
-    ("oncoming_lane", "behind"): "rear_left",
+# Where who starts in a place is seen from the VUT: on this side, by `along` in front or behind.
+_SIDE_OF = {
+    "left_lane": "left",
+    "left_kerb": "left",
+    "oncoming_lane": "left",
+    "right_lane": "right",
+    "right_kerb": "right",
+}
+_SEEN = {("vut_lane", "ahead"): "front", ("vut_lane", "behind"): "rear"} | {
+    (place, along): seen.format(side)
+    for place, side in _SIDE_OF.items()
+    for along, seen in (("ahead", "front_{}"), ("beside", "{}"), ("behind", "rear_{}"))
 }
 
 
@@ -184,35 +178,32 @@ def vut_drives_along_the_road(view: View) -> Iterator[Failure]:
     """The VUT starts in its own lane and is not seen from itself; OTs are seen from it."""
     for who, participant in view.event.participants.items():
         region, at = participant.region, f"participants.{who}.region"
-        is_vut = participant.role == "VUT"
-        if is_vut != (region.along == "at") or (is_vut and region.place != "vut_lane"):
+        is_vut, role = participant.role == "VUT", f"participants.{who}.role"
+        astray = is_vut and region.place != "vut_lane"
+        if astray or is_vut != (region.along == "at"):
             yield _fail(
-                f"{at}.place" if is_vut and region.place != "vut_lane" else f"{at}.along",
-                view.said(f"{at}.place", f"{at}.along", f"participants.{who}.role"),
+                view,
                 "the VUT, and nobody else, starts at the VUT's own entry",
                 "vut_lane, at" if is_vut else "ahead, beside or behind",
+                f"{at}.place" if astray else f"{at}.along",
+                evidence=view.said(f"{at}.place", f"{at}.along", role),
             )
         gap = view.span(f"{at}.gap")
         if gap and is_vut != (gap.low == gap.high == 0.0):
-            yield _fail(
-                f"{at}.gap",
-                view.said(f"{at}.gap", f"participants.{who}.role"),
-                "only the VUT has no distance to itself",
-                "0 m" if is_vut else "an interval above 0 m",
-            )
-        for phase in PHASES:
-            cell = view.cell(who, phase)
-            if cell is None:
-                continue
-            for name in ("position", "motion"):
-                if is_vut != (getattr(cell, name) is None):
-                    path = f"motion.{who}.{phase}.{name}"
-                    yield _fail(
-                        path,
-                        view.said(path, f"participants.{who}.role"),
-                        "position and motion are those of others, seen from the VUT",
-                        "null" if is_vut else "a word of the vocabulary (METHOD 5.1)",
-                    )
+            remedy = "0 m" if is_vut else "an interval above 0 m"
+            reason = "only the VUT has no distance to itself"
+            yield _fail(view, reason, remedy, f"{at}.gap", role)
+    for who, participant, phase, cell in view.cells():
+        is_vut = participant.role == "VUT"
+        for name in ("position", "motion"):
+            if is_vut != (getattr(cell, name) is None):
+                yield _fail(
+                    view,
+                    "position and motion are those of others, seen from the VUT",
+                    "null" if is_vut else "a word of the vocabulary (METHOD 5.1)",
+                    f"motion.{who}.{phase}.{name}",
+                    f"participants.{who}.role",
+                )
 
 
 def places_exist(view: View) -> Iterator[Failure]:
@@ -221,144 +212,96 @@ def places_exist(view: View) -> Iterator[Failure]:
     lanes, opposite = topology.lanes_same_direction.range, topology.lanes_opposite.range
     fewest = math.inf if lanes is None else lanes.min
     least = 3 if "middle" in topology.vut_lane.words else 1
+    same, mine = "topology.lanes_same_direction", "topology.vut_lane"
     if fewest < least:
-        yield _fail(
-            "topology.lanes_same_direction",
-            view.said("topology.lanes_same_direction", "topology.vut_lane"),
-            "the VUT's lane isn't there",
-            f"at least {least}",
-        )
+        yield _fail(view, "the VUT's lane isn't there", f"at least {least}", same, mine)
     for who, participant in view.event.participants.items():
-        place = participant.region.place
-        path = f"participants.{who}.region.place"
+        place, path = participant.region.place, f"participants.{who}.region.place"
         if fewest < _NEEDS_LANES.get(place, 0):
-            yield _fail(
-                path,
-                view.said(path, "topology.lanes_same_direction"),
-                "the road need not have such a lane",
-                "another place, or at least 2 lanes in this direction",
-            )
+            remedy = "another place, or at least 2 lanes in this direction"
+            yield _fail(view, "the road need not have such a lane", remedy, path, same)
         if topology.vut_lane.words == _NO_LANE_BESIDE.get(place):
-            yield _fail(
-                path,
-                view.said(path, "topology.vut_lane"),
-                "the VUT has no lane on that side",
-                "a place on the VUT's other side",
-            )
+            remedy = "a place on the VUT's other side"
+            yield _fail(view, "the VUT has no lane on that side", remedy, path, mine)
         if place == "oncoming_lane" and opposite is not None and opposite.min < 1:
             yield _fail(
-                path,
-                view.said(path, "topology.lanes_opposite"),
+                view,
                 "the road need not have a lane in the opposite direction",
                 "another place, or at least 1 lane in the opposite direction",
+                path,
+                "topology.lanes_opposite",
             )
         side = _KERBS.get(place)
         words = getattr(topology, side).words if side else ()
         if words and not _WALKABLE & set(words):
-            yield _fail(
-                path,
-                view.said(path, f"topology.{side}"),
-                "there is no place to stand beside this road",
-                f"another place, or topology.{side} kerb or sidewalk",
-            )
+            remedy = f"another place, or topology.{side} kerb or sidewalk"
+            reason = "there is no place to stand beside this road"
+            yield _fail(view, reason, remedy, path, f"topology.{side}")
 
 
 def first_seen_where_they_start(view: View) -> Iterator[Failure]:
     """In the approach, an OT is seen where part A puts it, and is of a class that may be there."""
-    for who, participant in view.event.participants.items():
-        cell = view.cell(who, "approach")
-        if cell is None or participant.role == "VUT":
+    for who, participant, phase, cell in view.cells():
+        if phase != "approach" or participant.role == "VUT":
             continue
-        region = participant.region
+        region, at = participant.region, f"participants.{who}.region"
         wanted = _SEEN.get((region.place, region.along))
-        at = f"participants.{who}.region"
         if wanted is None:
-            yield _fail(
-                f"{at}.along",
-                view.said(f"{at}.along", f"{at}.place"),
-                "nobody can be there: the VUT is",
-                "ahead or behind",
-            )
+            reason, remedy = "nobody can be there: the VUT is", "ahead or behind"
+            yield _fail(view, reason, remedy, f"{at}.along", f"{at}.place")
         elif known(cell.position) and cell.position != wanted:
-            path = f"motion.{who}.approach.position"
-            yield _fail(
-                path,
-                view.said(path, f"{at}.place", f"{at}.along"),
-                "is seen elsewhere than it starts",
-                wanted,
-            )
-        standing = cell.speed_trend == "standing"
-        at_kerb = region.place in _KERBS
+            path, reason = f"motion.{who}.approach.position", "is seen elsewhere than it starts"
+            yield _fail(view, reason, wanted, path, f"{at}.place", f"{at}.along")
         walker = participant.class_ in ("pedestrian", "cyclist")
-        if (walker and not at_kerb) or (not walker and at_kerb and not standing):
+        parked = region.place in _KERBS and cell.speed_trend == "standing"
+        if (region.place not in _KERBS) == walker and not parked:
             yield _fail(
-                f"{at}.place",
-                view.said(
-                    f"{at}.place", f"participants.{who}.class", f"motion.{who}.approach.speed_trend"
-                ),
+                view,
                 "pedestrians and cyclists start beside the carriageway, moving vehicles on it",
                 "a kerb" if walker else "a lane",
+                f"{at}.place",
+                f"participants.{who}.class",
+                f"motion.{who}.approach.speed_trend",
             )
 
 
 def occluder_hides(view: View) -> Iterator[Failure]:
     """An occluder is there exactly if the kind needs one: large, standing, before the initiator."""
-    event, kind = view.event, view.kind
+    event, kind, path = view.event, view.kind, "interaction.occluder"
     who = event.interaction.occluder
     if kind and kind.needs_occluder != (who is not None):
-        yield _fail(
-            "interaction.occluder",
-            view.said("interaction.occluder", "interaction.type"),
-            f"{kind.name} {'needs' if kind.needs_occluder else 'has no'} occluder",
-            "the id of a standing OT" if kind.needs_occluder else "null",
-        )
+        reason = f"{kind.name} {'needs' if kind.needs_occluder else 'has no'} occluder"
+        remedy = "the id of a standing OT" if kind.needs_occluder else "null"
+        yield _fail(view, reason, remedy, path, "interaction.type")
     if who is None:
         return
     hiding, hidden = event.participants.get(who), event.participants.get(view.initiator)
     if hiding is None or hiding.role != "OT" or who == view.initiator:
-        yield _fail(
-            "interaction.occluder",
-            view.said("interaction.occluder", "interaction.initiator"),
-            "what hides the initiator is another OT",
-            "the id of a standing OT",
-        )
+        reason, remedy = "what hides the initiator is another OT", "the id of a standing OT"
+        yield _fail(view, reason, remedy, path, "interaction.initiator")
         return
-    if hiding.class_ not in _HIDING_CLASSES:
-        yield _fail(
-            f"participants.{who}.class",
-            view.said(f"participants.{who}.class", "interaction.occluder"),
-            "is too small to hide a road user",
-            one_of(_HIDING_CLASSES),
-        )
-    for phase in PHASES:
-        cell = view.cell(who, phase)
-        if cell and cell.speed_trend != "standing":
-            yield _fail(
-                f"motion.{who}.{phase}.speed_trend",
-                view.said(f"motion.{who}.{phase}.speed_trend", "interaction.occluder"),
-                "an occluder stands in every phase",
-                "standing",
-            )
+    reason, at = "is too small to hide a road user", f"participants.{who}"
+    yield from _fail.unless(view, hiding.class_, _HIDING_CLASSES, reason, f"{at}.class", path)
+    for other, _, phase, cell in view.cells():
+        if other == who and cell.speed_trend != "standing":
+            trend = f"motion.{who}.{phase}.speed_trend"
+            yield _fail(view, "an occluder stands in every phase", "standing", trend, path)
     if hidden is None:
         return
     for name in ("place", "along"):
-        if getattr(hiding.region, name) != getattr(hidden.region, name):
-            paths = [f"participants.{i}.region.{name}" for i in (who, view.initiator)]
-            yield _fail(
-                paths[0],
-                view.said(*paths),
-                "an occluder stands on the side that the initiator comes from",
-                str(getattr(hidden.region, name)),
-            )
-    paths = [f"participants.{i}.region.gap" for i in (who, view.initiator)]
-    near, far = view.span(paths[0]), view.span(paths[1])
-    if near and far and not (near.low < far.low and near.high < far.high):
-        yield _fail(
-            paths[0],
-            view.said(*paths),
-            "an occluder stands nearer to the VUT than whom it hides",
-            f"less than {paths[1]} at both ends",
+        yield from _fail.unless(
+            view,
+            getattr(hiding.region, name),
+            [getattr(hidden.region, name)],
+            "an occluder stands on the side that the initiator comes from",
+            f"{at}.region.{name}",
+            f"participants.{view.initiator}.region.{name}",
         )
+    gaps = [f"participants.{i}.region.gap" for i in (who, view.initiator)]
+    found = view.spans(*gaps)
+    if found and not (found[0].low < found[1].low and found[0].high < found[1].high):
+        reason = "an occluder stands nearer to the VUT than whom it hides"
+        yield _fail(view, reason, f"less than {gaps[1]} at both ends", *gaps)
 
 
 PLACE_PREDICATES: tuple[Predicate, ...] = (
@@ -385,7 +328,7 @@ class _Meaning:
     heading: frozenset[str]
     lateral: frozenset[str]
     standing: bool = False
-    positions: frozenset[str] = frozenset()
+    position: frozenset[str] = frozenset()
     longitudinal: frozenset[str] = frozenset()
 
 
@@ -399,8 +342,8 @@ _MEANING = {
     "stationary": _Meaning(_ANY_HEADING, _words("none"), standing=True),
     "same_direction": _Meaning(_words("same"), _words("none")),
     "oncoming": _Meaning(_words("opposite"), _words("none")),
-    "cutting_in_from_left": _Meaning(_words("same"), _words("right"), positions=_LEFT),
-    "cutting_in_from_right": _Meaning(_words("same"), _words("left"), positions=_RIGHT),
+    "cutting_in_from_left": _Meaning(_words("same"), _words("right"), position=_LEFT),
+    "cutting_in_from_right": _Meaning(_words("same"), _words("left"), position=_RIGHT),
     "cutting_out": _Meaning(_words("same"), _words("left", "right")),
     "crossing_from_left": _Meaning(_words("rightwards"), _words("right")),
     "crossing_from_right": _Meaning(_words("leftwards"), _words("left")),
@@ -410,91 +353,72 @@ _MEANING = {
 
 def motion_fits_words(view: View) -> Iterator[Failure]:
     """Heading, lateral change, speed trend and position are those of the cell's motion class."""
-    for who, phase, cell in _others(view):
-        meaning = _MEANING.get(cell.motion or "")
-        if meaning is None:
+    for who, participant, phase, cell in view.cells():
+        meaning, at = _MEANING.get(cell.motion or ""), f"motion.{who}.{phase}"
+        if meaning is None or participant.role != "OT":
             continue
-        at = f"motion.{who}.{phase}"
-        for name, wanted in (
-            ("heading", meaning.heading),
-            ("lateral", meaning.lateral),
-            ("position", meaning.positions),
-            ("longitudinal", meaning.longitudinal),
-        ):
-            if wanted and known(getattr(cell, name)) and getattr(cell, name) not in wanted:
-                yield _fail(
-                    f"{at}.{name}",
-                    view.said(f"{at}.{name}", f"{at}.motion"),
-                    f"{cell.motion} is another motion",
-                    one_of(wanted),
-                )
+        for name in ("heading", "lateral", "position", "longitudinal"):
+            wanted, found = getattr(meaning, name), getattr(cell, name)
+            if wanted and known(found):
+                reason = f"{cell.motion} is another motion"
+                yield from _fail.unless(view, found, wanted, reason, f"{at}.{name}", f"{at}.motion")
         if cell.speed_trend != UNRESOLVED and meaning.standing != (cell.speed_trend == "standing"):
             yield _fail(
-                f"{at}.speed_trend",
-                view.said(f"{at}.speed_trend", f"{at}.motion"),
+                view,
                 "who stands is stationary, and nobody else",
                 "standing" if meaning.standing else "constant, increasing, decreasing or any",
+                f"{at}.speed_trend",
+                f"{at}.motion",
             )
 
 
 def vut_keeps_its_lane(view: View) -> Iterator[Failure]:
     """The VUT is the frame: it heads along the road and has no gap to itself."""
-    for who, participant in view.event.participants.items():
+    for who, participant, phase, cell in view.cells():
         if participant.role != "VUT":
             continue
-        for phase in PHASES:
-            cell = view.cell(who, phase)
-            if cell is None:
-                continue
-            wanted = {"heading": "same", "longitudinal": "none"}
-            if phase == "approach":
-                wanted["lateral"] = "none"
-            for name, word in wanted.items():
-                if getattr(cell, name) != word:
-                    path = f"motion.{who}.{phase}.{name}"
-                    yield _fail(
-                        path,
-                        view.said(path, f"participants.{who}.role"),
-                        "the VUT's own direction of travel is what all is seen from",
-                        word,
-                    )
+        wanted = {"heading": "same", "longitudinal": "none"}
+        if phase == "approach":
+            wanted["lateral"] = "none"
+        for name, word in wanted.items():
+            yield from _fail.unless(
+                view,
+                getattr(cell, name),
+                [word],
+                "the VUT's own direction of travel is what all is seen from",
+                f"motion.{who}.{phase}.{name}",
+                f"participants.{who}.role",
+            )
 
 
 def gap_fits_speeds(view: View) -> Iterator[Failure]:
     """Whether the gap closes or opens follows from who is ahead, the headings and the speeds."""
     vut = view.event.vut_id
-    for who, phase, cell in _others(view):
-        at = f"motion.{who}.{phase}.longitudinal"
-        ours = view.span(f"constraints.speeds.{vut}.{phase}")
-        theirs = view.span(f"constraints.speeds.{who}.{phase}")
-        if not known(cell.longitudinal) or ours is None or theirs is None:
+    for who, participant, phase, cell in view.cells():
+        at = f"motion.{who}.{phase}"
+        speeds = [f"constraints.speeds.{i}.{phase}" for i in (vut, who)]
+        found, words = view.spans(*speeds), (cell.longitudinal, cell.heading, cell.position)
+        if participant.role != "OT" or found is None or not all(map(known, words)):
             continue
-        if not known(cell.heading) or not known(cell.position):
-            continue
-        ahead = (cell.position or "").startswith("front")
+        if cell.position in ("left", "right"):
+            continue  # beside: there is no gap along the path
+        ours, theirs = found
         along = {"same": 1.0, "opposite": -1.0}.get(cell.heading, 0.0)
         ends = sorted((along * theirs.low, along * theirs.high))
         slowest, fastest = ours.low - ends[1], ours.high - ends[0]
-        if not ahead:
+        if not (cell.position or "").startswith("front"):
             slowest, fastest = -fastest, -slowest
         possible = {"none"} if slowest <= 0.0 <= fastest else set()
         possible |= {"closing"} if fastest > 0.0 else set()
         possible |= {"opening"} if slowest < 0.0 else set()
-        if (cell.position or "") in ("left", "right"):
-            continue  # beside: there is no gap along the path
-        if cell.longitudinal not in possible:
-            yield _fail(
-                at,
-                view.said(
-                    at,
-                    f"motion.{who}.{phase}.heading",
-                    f"motion.{who}.{phase}.position",
-                    f"constraints.speeds.{vut}.{phase}",
-                    f"constraints.speeds.{who}.{phase}",
-                ),
-                "the gap can't change like this at these speeds",
-                one_of(possible),
-            )
+        yield from _fail.unless(
+            view,
+            cell.longitudinal,
+            possible,
+            "the gap can't change like this at these speeds",
+            *(f"{at}.{name}" for name in ("longitudinal", "heading", "position")),
+            *speeds,
+        )
 
 
 def who_stands_is_passed(view: View) -> Iterator[Failure]:
@@ -503,52 +427,31 @@ def who_stands_is_passed(view: View) -> Iterator[Failure]:
         cells = {phase: view.cell(who, phase) for phase in PHASES}
         if any(cell is None or cell.speed_trend != "standing" for cell in cells.values()):
             continue
+        place = f"participants.{who}.region.place"
         course = _COURSES.get(participant.region.place.partition("_")[0], ())
         reached = 0
         for phase, cell in cells.items():
             word = cell.position if cell else None
             if not known(word) or not course:
                 continue
+            reason = "who stands stays on its side, and isn't overtaken backwards"
             path = f"motion.{who}.{phase}.position"
-            if word not in course[reached:]:
-                yield _fail(
-                    path,
-                    view.said(path, f"participants.{who}.region.place"),
-                    "who stands stays on its side, and isn't overtaken backwards",
-                    one_of(course[reached:]),
-                )
-            else:
-                reached = course.index(word)
+            yield from _fail.unless(view, word, course[reached:], reason, path, place)
+            if word in course[reached:]:
+                reached = course.index(str(word))
 
 
 def nobody_turns_round(view: View) -> Iterator[Failure]:
     """Heading stays the same from phase to phase."""
-    for who in view.event.participants:
-        before: PhaseWord | None = None
-        for phase in PHASES:
-            cell = view.cell(who, phase)
-            if cell is None or not known(cell.heading):
-                continue
-            last = view.cell(who, before) if before else None
-            if before and last and last.heading != cell.heading:
-                paths = [f"motion.{who}.{at}.heading" for at in (phase, before)]
-                yield _fail(
-                    paths[0],
-                    view.said(*paths),
-                    "nobody turns round within an event",
-                    str(last.heading),
-                )
-            before = phase
-
-
-def _others(view: View) -> Iterator[tuple[str, PhaseWord, MotionCell]]:
-    """Every cell of an OT."""
-    for who, participant in view.event.participants.items():
-        if participant.role == "OT":
-            for phase in PHASES:
-                cell = view.cell(who, phase)
-                if cell is not None:
-                    yield who, phase, cell
+    before: tuple[str, str, str] = ("", "", "")
+    for who, _, phase, cell in view.cells():
+        if not known(cell.heading):
+            continue
+        path = f"motion.{who}.{phase}.heading"
+        if before[0] == who:
+            reason = "nobody turns round within an event"
+            yield from _fail.unless(view, cell.heading, [before[2]], reason, path, before[1])
+        before = who, path, cell.heading
 
 
 MOTION_PREDICATES: tuple[Predicate, ...] = (

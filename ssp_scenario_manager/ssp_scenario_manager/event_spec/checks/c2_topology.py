@@ -6,7 +6,6 @@ That routes are connected on the target's map is for the compiler to check (METH
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from ssp_scenario_manager.event_spec.checks.base import (
     Fail,
@@ -45,35 +44,29 @@ _FROM = {
 def fields_say_whether_they_vary(view: View) -> Iterator[Failure]:
     """Each field of the road is identity or varies inside a range that holds the source's value."""
     for name, field in view.event.topology.by_name.items():
-        path, varies = f"topology.{name}", _varies(view, name)
-        if field.is_identity == (varies is not None):
-            both = "is identity and varies" if field.is_identity else "says neither"
+        path, varies = f"topology.{name}", get(view.value, f"topology.{name}.varies")
+        if field.identity == (varies is not None):
+            both = "is identity and varies" if field.identity else "says neither"
             yield _fail(
-                path,
-                view.said(path),
+                view,
                 f"{both}: every domain has the source's value, or may have another one",
                 "either identity: true, or varies: with what a place may have",
+                path,
             )
         if varies is None:
             continue
         if isinstance(varies, list) and len(set(varies)) < len(varies):
-            at = f"{path}.varies"
-            yield _fail(at, view.said(at), "a word stands twice", "each word once")
+            yield _fail(view, "a word stands twice", "each word once", f"{path}.varies")
         if isinstance(field, CountField) and varies["min"] > varies["max"]:
-            at = f"{path}.varies"
-            yield _fail(at, view.said(at), "min is above max", "min at most max")
+            yield _fail(view, "min is above max", "min at most max", f"{path}.varies")
         elif not _holds(view, name):
             yield _fail(
-                path,
-                view.said(path),
+                view,
                 "the source's own value is outside the range in which the field may vary",
                 "a range that holds it, or the value that the source shows",
-                view.origin(path),
+                path,
+                origin=view.origin(path),
             )
-
-
-def _varies(view: View, name: str) -> Any:
-    return get(view.value, f"topology.{name}.varies")
 
 
 def _holds(view: View, name: str) -> bool:
@@ -83,11 +76,8 @@ def _holds(view: View, name: str) -> bool:
         return field.value == UNRESOLVED or field.admits(field.value)
     if isinstance(field, CountField):
         return field.value == UNRESOLVED or field.admits(field.value)
-    if isinstance(field, QuantityField):
-        own = view.span(f"topology.{name}.value")
-        allowed = view.span(f"topology.{name}.varies")
-        return own is None or allowed is None or allowed.holds(own)
-    return True
+    both = view.spans(f"topology.{name}.value", f"topology.{name}.varies")
+    return not isinstance(field, QuantityField) or both is None or both[1].holds(both[0])
 
 
 def identity_is_known(view: View) -> Iterator[Failure]:
@@ -96,11 +86,11 @@ def identity_is_known(view: View) -> Iterator[Failure]:
         path = f"topology.{name}"
         if get(view.value, f"{path}.value") == UNRESOLVED:
             yield _fail(
-                path,
-                view.said(path),
+                view,
                 "is identity, so that no other domain can be shown to have the same",
                 allowed(f"{path}.value"),
-                "open decision",
+                path,
+                origin="open decision",
             )
 
 
@@ -108,23 +98,20 @@ def what_varies_is_justified(view: View) -> Iterator[Failure]:
     """Segment, lane counts and the VUT's lane vary only with a reason that a person reviewed."""
     for name in IDENTITY_BY_DEFAULT:
         path, field = f"topology.{name}", view.event.topology.by_name[name]
-        if _varies(view, name) is None:
+        if get(view.value, f"{path}.varies") is None:
             continue
         if not (field.why and field.why.strip()):
-            yield _fail(
-                path,
-                view.said(path),
-                "is identity unless somebody says why not (METHOD 4.2)",
-                "identity: true, or why: with the reason",
-            )
+            reason = "is identity unless somebody says why not (METHOD 4.2)"
+            yield _fail(view, reason, "identity: true, or why: with the reason", path)
         entry = owner(path, view.event.uncertainty)
         state = view.event.uncertainty[entry].review if entry else "not there"
         if state not in ("accepted", "edited"):
             yield _fail(
-                path,
-                f"{view.said(path)}; uncertainty.{entry or path}.review = {state}",
+                view,
                 "may differ between domains, and no person has reviewed that (METHOD 4.2)",
                 "identity: true, or a decision by `ssp spec review FILE`",
+                path,
+                evidence=f"{view.said(path)}; uncertainty.{entry or path}.review = {state}",
             )
 
 
@@ -132,12 +119,9 @@ def road_has_the_lanes(view: View) -> Iterator[Failure]:
     """The road has the lanes in the VUT's direction that the kind needs."""
     kind, lanes = view.kind, view.event.topology.lanes_same_direction.range
     if kind and lanes and lanes.min < kind.same_direction_lanes:
-        yield _fail(
-            "topology.lanes_same_direction",
-            view.said("topology.lanes_same_direction", "interaction.type"),
-            f"{kind.name} needs {kind.same_direction_lanes} lanes in the VUT's direction",
-            f"at least {kind.same_direction_lanes}",
-        )
+        reason = f"{kind.name} needs {kind.same_direction_lanes} lanes in the VUT's direction"
+        remedy = f"at least {kind.same_direction_lanes}"
+        yield _fail(view, reason, remedy, "topology.lanes_same_direction", "interaction.type")
 
 
 def road_permits_it(view: View) -> Iterator[Failure]:
@@ -147,20 +131,19 @@ def road_permits_it(view: View) -> Iterator[Failure]:
     missing = kind.manoeuvres(view.event) - permitted.needed if kind else frozenset()
     if kind and missing and permitted.permitted:
         yield _fail(
-            path,
-            view.said(path, "interaction.type", "interaction.dominant_motion"),
+            view,
             f"{kind.name} needs {one_of(missing)} wherever it takes place",
             f"{one_of(missing)} in value and not in varies",
+            path,
+            "interaction.type",
+            "interaction.dominant_motion",
         )
     lanes = view.event.topology.lanes_same_direction.range
     changes = {"lane_change_left", "lane_change_right"} & permitted.permitted
     if changes and lanes and lanes.max < 2:
-        yield _fail(
-            path,
-            view.said(path, "topology.lanes_same_direction"),
-            "there is no lane to change to",
-            "no lane change, or at least 2 lanes",
-        )
+        remedy = "no lane change, or at least 2 lanes"
+        lane_count = "topology.lanes_same_direction"
+        yield _fail(view, "there is no lane to change to", remedy, path, lane_count)
 
 
 def initiator_comes_from_there(view: View) -> Iterator[Failure]:
@@ -169,84 +152,56 @@ def initiator_comes_from_there(view: View) -> Iterator[Failure]:
     found = view.event.participants.get(view.initiator)
     if kind is None or found is None or motion not in kind.initiator_places:
         return
-    places = kind.initiator_places[motion]
-    at = f"participants.{view.initiator}.region"
-    if found.region.place not in places:
-        yield _fail(
-            f"{at}.place",
-            view.said(f"{at}.place", "interaction.dominant_motion"),
-            "the initiator's path doesn't come from there",
-            one_of(places),
-        )
-    if found.region.along != "ahead":
-        yield _fail(
-            f"{at}.along",
-            view.said(f"{at}.along", "interaction.type"),
-            "the VUT would not see the initiator coming",
-            "ahead",
-        )
+    at, places = f"participants.{view.initiator}.region", kind.initiator_places[motion]
+    reason = "the initiator's path doesn't come from there"
+    paths = f"{at}.place", "interaction.dominant_motion"
+    yield from _fail.unless(view, found.region.place, places, reason, *paths)
+    reason = "the VUT would not see the initiator coming"
+    paths = f"{at}.along", "interaction.type"
+    yield from _fail.unless(view, found.region.along, ["ahead"], reason, *paths)
 
 
 def path_meets_the_corridor(view: View) -> Iterator[Failure]:
     """Coming from a side, the initiator is seen there at the trigger and in front in conflict."""
     motion, who = view.event.interaction.dominant_motion, view.initiator
-    cells = {phase: view.cell(who, phase) for phase in ("trigger", "conflict", "resolution")}
-    trigger, conflict, resolution = cells["trigger"], cells["conflict"], cells["resolution"]
     side = _FROM.get(motion)
-    ahead = f"front_{side[0]}" if side else "front"
-    if trigger and known(trigger.position) and trigger.position != ahead:
-        yield _seen(view, f"motion.{who}.trigger.position", ahead)
-    if conflict and known(conflict.position) and conflict.position != "front":
-        yield _seen(view, f"motion.{who}.conflict.position", "front")
-    if resolution is None or not known(resolution.position):
-        return
-    crossed = motion.startswith("crossing")
-    ends = {"front"} | (_BESIDE[side[1]] if side and crossed else frozenset())
-    if resolution.position not in ends:
-        yield _seen(view, f"motion.{who}.resolution.position", one_of(ends))
-
-
-def _seen(view: View, path: str, wanted: str) -> Failure:
-    return _fail(
-        path,
-        view.said(path, "interaction.dominant_motion"),
-        "the initiator's path doesn't cross or enter the VUT's corridor like this",
-        wanted,
-    )
+    crossed = _BESIDE[side[1]] if side and motion.startswith("crossing") else frozenset()
+    wanted = {
+        "trigger": {f"front_{side[0]}" if side else "front"},
+        "conflict": {"front"},
+        "resolution": {"front"} | crossed,
+    }
+    for name, _, phase, cell in view.cells():
+        if name == who and phase in wanted and known(cell.position):
+            yield from _fail.unless(
+                view,
+                cell.position,
+                wanted[phase],
+                "the initiator's path doesn't cross or enter the VUT's corridor like this",
+                f"motion.{who}.{phase}.position",
+                "interaction.dominant_motion",
+            )
 
 
 def segment_fits_curvature(view: View) -> Iterator[Failure]:
     """Curvature and segment say the same: a straight has a radius of 1000 m or more."""
     segments, path = set(view.event.topology.segment.words), view.road("curvature")
-    span = view.span(path)
-    if span is None:
-        return
-    if segments == {"straight"} and span.high > STRAIGHT_BELOW_1PM + 1e-9:
-        yield _fail(
-            path,
-            view.said(path, "topology.segment"),
-            "a straight segment isn't bent that much",
-            f"at most {STRAIGHT_BELOW_1PM:g} 1/m, or another segment",
-        )
-    if segments == {"curve"} and span.high <= STRAIGHT_BELOW_1PM + 1e-9:
-        yield _fail(
-            path,
-            view.said(path, "topology.segment"),
-            "a curve is bent more than that",
-            f"more than {STRAIGHT_BELOW_1PM:g} 1/m, or another segment",
-        )
+    span, limit = view.span(path), f"{STRAIGHT_BELOW_1PM:g} 1/m, or another segment"
+    bent = span is not None and span.high > STRAIGHT_BELOW_1PM + 1e-9
+    if span and segments == {"straight"} and bent:
+        reason = "a straight segment isn't bent that much"
+        yield _fail(view, reason, f"at most {limit}", path, "topology.segment")
+    if span and segments == {"curve"} and not bent:
+        reason = "a curve is bent more than that"
+        yield _fail(view, reason, f"more than {limit}", path, "topology.segment")
 
 
 def lanes_are_changed_on_open_road(view: View) -> Iterator[Failure]:
     """Cutting in and following take place outside junctions."""
     relation, segments = view.event.interaction.relation, view.event.topology.segment.words
     if "junction" in segments and relation in ("merge", "following"):
-        yield _fail(
-            "topology.segment",
-            view.said("topology.segment", "interaction.relation"),
-            "lanes end and part in a junction",
-            "straight or curve",
-        )
+        paths = "topology.segment", "interaction.relation"
+        yield _fail(view, "lanes end and part in a junction", "straight or curve", *paths)
 
 
 TOPOLOGY_PREDICATES: tuple[Predicate, ...] = (

@@ -31,14 +31,10 @@ _EXTREME = {"left": "leftmost", "right": "rightmost"}
 
 def kind_is_known(view: View) -> Iterator[Failure]:
     """The type is a kind of interaction that the project knows."""
+    path = "interaction.type"
     if view.kind is None:
-        yield _fail(
-            "interaction.type",
-            view.said("interaction.type"),
-            "nobody has said what this kind of interaction needs",
-            one_of(KINDS),
-            view.origin("interaction.type"),
-        )
+        reason = "nobody has said what this kind of interaction needs"
+        yield _fail(view, reason, one_of(KINDS), path, origin=view.origin(path))
 
 
 def words_fit_the_kind(view: View) -> Iterator[Failure]:
@@ -46,23 +42,15 @@ def words_fit_the_kind(view: View) -> Iterator[Failure]:
     kind, interaction = view.kind, view.event.interaction
     if kind is None:
         return
+    quantity = view.event.constraints.trigger.quantity
     for path, word, wanted in (
         ("interaction.relation", interaction.relation, {kind.relation}),
         ("interaction.zone", interaction.zone, {kind.zone}),
         ("interaction.dominant_motion", interaction.dominant_motion, kind.dominant_motions),
-        (
-            "constraints.trigger.quantity",
-            view.event.constraints.trigger.quantity,
-            kind.trigger_quantities,
-        ),
+        ("constraints.trigger.quantity", quantity, kind.trigger_quantities),
     ):
-        if word not in wanted:
-            yield _fail(
-                path,
-                view.said(path, "interaction.type"),
-                f"{kind.name} has another",
-                one_of(wanted),
-            )
+        reason = f"{kind.name} has another"
+        yield from _fail.unless(view, word, wanted, reason, path, "interaction.type")
 
 
 def intent_fits_the_kind_and_the_motion(view: View) -> Iterator[Failure]:
@@ -71,31 +59,27 @@ def intent_fits_the_kind_and_the_motion(view: View) -> Iterator[Failure]:
     path, intent = f"participants.{vut}.intent", view.event.participants[vut].intent
     if not known(intent):
         return
-    if view.kind and intent not in view.kind.vut_intents:
-        yield _fail(
-            path,
-            view.said(path, "interaction.type"),
-            f"in {view.kind.name} the VUT goes on as it came",
-            one_of(view.kind.vut_intents),
-        )
+    if view.kind:
+        reason = f"in {view.kind.name} the VUT goes on as it came"
+        wanted = view.kind.vut_intents
+        yield from _fail.unless(view, intent, wanted, reason, path, "interaction.type")
     side = str(intent).rpartition("_")[2]
     for phase in ("approach", "trigger"):
-        at = f"motion.{vut}.{phase}.lateral"
-        cell = view.cell(vut, phase)
+        cell, at = view.cell(vut, phase), f"motion.{vut}.{phase}.lateral"
         if cell and cell.lateral == {"left": "right", "right": "left"}.get(side):
-            yield _fail(at, view.said(at, path), "the VUT goes the other way", f"none or {side}")
+            yield _fail(view, "the VUT goes the other way", f"none or {side}", at, path)
     allowed = {side, "straight"} if side in ("left", "right") else {"straight"}
     if not allowed & set(interaction.lateral_responses):
-        at = "interaction.lateral_responses"
         yield _fail(
-            at,
-            view.said(at, path),
+            view,
             "no response lets the VUT go on as it means to, not even once the way is free",
             f"add {one_of(allowed)}",
+            "interaction.lateral_responses",
+            path,
         )
     cell, at = view.cell(vut, "resolution"), f"motion.{vut}.resolution.speed_trend"
     if intent == "stop" and cell and cell.speed_trend == "increasing":
-        yield _fail(at, view.said(at, path), "who means to stop doesn't drive on", "standing")
+        yield _fail(view, "who means to stop doesn't drive on", "standing", at, path)
 
 
 def dominant_motion_is_seen(view: View) -> Iterator[Failure]:
@@ -103,23 +87,27 @@ def dominant_motion_is_seen(view: View) -> Iterator[Failure]:
     dominant = view.event.interaction.dominant_motion
     for phase in ("trigger", "conflict"):
         cell = view.cell(view.initiator, phase)
-        if cell and cell.motion is not None and cell.motion != dominant:
-            path = f"motion.{view.initiator}.{phase}.motion"
-            yield _fail(
-                path,
-                view.said(path, "interaction.dominant_motion"),
+        if cell and cell.motion is not None:
+            yield from _fail.unless(
+                view,
+                cell.motion,
+                [dominant],
                 "the dominant motion holds longest between trigger and resolution (METHOD 1)",
-                dominant,
+                f"motion.{view.initiator}.{phase}.motion",
+                "interaction.dominant_motion",
             )
 
 
 def conflict_is_closing(view: View) -> Iterator[Failure]:
     """From the trigger into the conflict the gap between VUT and initiator closes."""
     for phase in ("trigger", "conflict"):
-        cell = view.cell(view.initiator, phase)
-        path = f"motion.{view.initiator}.{phase}.longitudinal"
-        if cell and cell.longitudinal != "closing":
-            yield _fail(path, view.said(path), "nothing conflicts without coming nearer", "closing")
+        cell, path = (
+            view.cell(view.initiator, phase),
+            f"motion.{view.initiator}.{phase}.longitudinal",
+        )
+        if cell:
+            reason = "nothing conflicts without coming nearer"
+            yield from _fail.unless(view, cell.longitudinal, ["closing"], reason, path)
 
 
 def passing_order_fits(view: View) -> Iterator[Failure]:
@@ -129,12 +117,8 @@ def passing_order_fits(view: View) -> Iterator[Failure]:
         return
     first = interaction.initiator if kind.first == "initiator" else interaction.affected
     if interaction.passing_order[0] != first:
-        yield _fail(
-            "interaction.passing_order",
-            view.said("interaction.passing_order", "interaction.type"),
-            f"in {kind.name} the {kind.first} reaches the conflict point first",
-            f"{first} first",
-        )
+        reason = f"in {kind.name} the {kind.first} reaches the conflict point first"
+        yield _fail(view, reason, f"{first} first", "interaction.passing_order", "interaction.type")
 
 
 def responses_agree(view: View) -> Iterator[Failure]:
@@ -143,112 +127,98 @@ def responses_agree(view: View) -> Iterator[Failure]:
     for name in ("longitudinal_responses", "lateral_responses"):
         words = getattr(interaction, name)
         if len(set(words)) < len(words):
-            path = f"interaction.{name}"
-            yield _fail(path, view.said(path), "a word stands twice", "each word once")
-    path = "interaction.longitudinal_responses"
+            yield _fail(view, "a word stands twice", "each word once", f"interaction.{name}")
     wrong = set(interaction.longitudinal_responses) - _GIVES_WAY
     if interaction.passing_order[0] == interaction.initiator and wrong:
         yield _fail(
-            path,
-            view.said(path, "interaction.passing_order"),
+            view,
             f"who arrives second gives way, and {one_of(wrong)} doesn't",
             one_of(_GIVES_WAY),
+            "interaction.longitudinal_responses",
+            "interaction.passing_order",
         )
 
 
 def responses_have_room(view: View) -> Iterator[Failure]:
     """A lateral response has a lane to go to, and a lane change that the road permits."""
-    topology, path = view.event.topology, "interaction.lateral_responses"
+    topology = view.event.topology
+    lanes = topology.lanes_same_direction.range
     for side in ("left", "right"):
         if side not in view.event.interaction.lateral_responses:
             continue
-        lanes = topology.lanes_same_direction.range
         no_lane = topology.vut_lane.value == _EXTREME[side] or (lanes and lanes.max < 2)
         if no_lane or f"lane_change_{side}" not in topology.permitted_manoeuvres.permitted:
             yield _fail(
-                path,
-                view.said(path, "topology.vut_lane", "topology.permitted_manoeuvres"),
+                view,
                 f"there is nowhere to go on the {side}",
                 "straight",
+                "interaction.lateral_responses",
+                "topology.vut_lane",
+                "topology.permitted_manoeuvres",
             )
 
 
 def vut_does_what_is_admissible(view: View) -> Iterator[Failure]:
     """In the conflict, the VUT's motion in part M is one of the admissible responses."""
     vut, interaction = view.event.vut_id, view.event.interaction
-    cell = view.cell(vut, "conflict")
+    cell, at = view.cell(vut, "conflict"), f"motion.{vut}.conflict"
     if cell is None:
         return
     does = _DOES.get(cell.speed_trend)
+    reason = "the VUT of the source does what no response admits"
     if does is not None and not does & set(interaction.longitudinal_responses):
-        path = f"motion.{vut}.conflict.speed_trend"
-        yield _fail(
-            path,
-            view.said(path, "interaction.longitudinal_responses"),
-            "the VUT of the source does what no response admits",
-            "a trend that a response brings about, or any",
-        )
+        remedy = "a trend that a response brings about, or any"
+        along = "interaction.longitudinal_responses"
+        yield _fail(view, reason, remedy, f"{at}.speed_trend", along)
     lateral = {"none": "straight"}.get(cell.lateral, cell.lateral)
-    if known(cell.lateral) and lateral not in interaction.lateral_responses:
-        path = f"motion.{vut}.conflict.lateral"
-        yield _fail(
-            path,
-            view.said(path, "interaction.lateral_responses"),
-            "the VUT of the source does what no response admits",
-            one_of(interaction.lateral_responses),
-        )
+    if known(cell.lateral):
+        across = "interaction.lateral_responses"
+        allowed = interaction.lateral_responses
+        yield from _fail.unless(view, lateral, allowed, reason, f"{at}.lateral", across)
 
 
 def vut_keeps_its_lane_untouched(view: View) -> Iterator[Failure]:
     """Before the conflict, and where no response leaves the lane, the VUT doesn't either."""
-    vut = view.event.vut_id
+    vut, responses = view.event.vut_id, "interaction.lateral_responses"
     allowed = set(view.event.interaction.lateral_responses)
     for phase in ("trigger", "resolution"):
-        cell = view.cell(vut, phase)
-        if cell is None or cell.lateral not in ("left", "right"):
-            continue
-        if cell.lateral not in allowed:
-            path = f"motion.{vut}.{phase}.lateral"
-            yield _fail(
-                path,
-                view.said(path, "interaction.lateral_responses"),
-                "the VUT leaves its lane, which no response admits",
-                "none",
-            )
+        cell, path = view.cell(vut, phase), f"motion.{vut}.{phase}.lateral"
+        if cell and cell.lateral in ("left", "right") and cell.lateral not in allowed:
+            reason = "the VUT leaves its lane, which no response admits"
+            yield _fail(view, reason, "none", path, responses)
 
 
 def vut_gives_way_in_the_conflict(view: View) -> Iterator[Failure]:
     """Who gives way does so in the conflict, and not only once that is resolved."""
-    vut, interaction = view.event.vut_id, view.event.interaction
+    vut, order = view.event.vut_id, view.event.interaction.passing_order
     conflict, resolution = view.cell(vut, "conflict"), view.cell(vut, "resolution")
-    if conflict is None or resolution is None or interaction.passing_order[0] == vut:
-        return
-    gives_way = ("decreasing", "standing")
-    if resolution.speed_trend == "decreasing" and conflict.speed_trend not in gives_way:
-        path = f"motion.{vut}.conflict.speed_trend"
-        yield _fail(
-            path,
-            view.said(path, f"motion.{vut}.resolution.speed_trend", "interaction.passing_order"),
+    if conflict and resolution and order[0] != vut and resolution.speed_trend == "decreasing":
+        yield from _fail.unless(
+            view,
+            conflict.speed_trend,
+            ("decreasing", "standing"),
             "the VUT would brake when nothing is in its way any more, and not before",
-            one_of(gives_way),
+            f"motion.{vut}.conflict.speed_trend",
+            f"motion.{vut}.resolution.speed_trend",
+            "interaction.passing_order",
         )
 
 
 def separation_fits_the_time_gap(view: View) -> Iterator[Failure]:
     """The smallest time gap at the conflict point, driven fast, keeps the safe separation."""
-    c, vut = "constraints", view.event.vut_id
-    names = [f"{c}.safety.separation", f"{c}.time_gap", f"{c}.speeds.{vut}.conflict"]
-    separation, gap, speed = (view.span(name) for name in names)
-    if separation is None or gap is None or speed is None:
+    names = (
+        "constraints.safety.separation",
+        "constraints.time_gap",
+        f"constraints.speeds.{view.event.vut_id}.conflict",
+    )
+    found = view.spans(*names)
+    if found is None:
         return
+    separation, gap, speed = found
     room = gap.low * speed.high
     if separation.low > room:
-        yield _fail(
-            names[0],
-            view.said(*names),
-            f"they pass {room:.1f} m apart at most with the smallest time gap",
-            "a smaller separation, or a larger time gap",
-        )
+        reason = f"they pass {room:.1f} m apart at most with the smallest time gap"
+        yield _fail(view, reason, "a smaller separation, or a larger time gap", *names)
 
 
 def thresholds_fit_the_kind(view: View) -> Iterator[Failure]:
@@ -257,39 +227,35 @@ def thresholds_fit_the_kind(view: View) -> Iterator[Failure]:
     if kind is None:
         return
     if (thresholds.arrival_gap is not None) != kind.uses_arrival_gap:
+        compared = "two arrivals are compared" if kind.uses_arrival_gap else "TTC alone counts"
+        remedy = "a time" if kind.uses_arrival_gap else "null"
         path = "constraints.thresholds.arrival_gap"
-        yield _fail(
-            path,
-            view.said(path, "interaction.type"),
-            f"in {kind.name} "
-            + ("two arrivals are compared" if kind.uses_arrival_gap else "TTC alone counts"),
-            "a time" if kind.uses_arrival_gap else "null",
-        )
+        yield _fail(view, f"in {kind.name} {compared}", remedy, path, "interaction.type")
     if thresholds.ttc is None:
-        path = "constraints.thresholds.ttc"
         yield _fail(
-            path,
-            view.said(path, "interaction.type"),
+            view,
             "a VUT that closes in on somebody is a conflict, whoever arrives when",
             "a time",
+            "constraints.thresholds.ttc",
+            "interaction.type",
         )
 
 
 def a_response_is_feasible(view: View) -> Iterator[Failure]:
     """At the trigger the VUT can still brake within the safety limit, without a collision."""
-    vut, who = view.event.vut_id, view.initiator
-    c, limit = "constraints", view.span("constraints.safety.acceleration")
-    below, ours = view.span(f"{c}.trigger.below"), view.span(f"{c}.speeds.{vut}.trigger")
-    theirs, end = view.span(f"{c}.speeds.{who}.approach"), view.span(f"{c}.manoeuvre.end_speed")
-    if limit is None or below is None or ours is None or theirs is None or limit.high <= 0.0:
-        return
+    vut, c = view.event.vut_id, "constraints"
+    approach = f"{c}.speeds.{view.initiator}.approach"
     names = [f"{c}.trigger.below", f"{c}.safety.acceleration", f"{c}.speeds.{vut}.trigger"]
+    found, end = view.spans(*names, approach), view.span(f"{c}.manoeuvre.end_speed")
+    if found is None or found[1].high <= 0.0:
+        return
+    below, limit, ours, theirs = found
     fast, brake = ours.high, limit.high
     if view.event.constraints.trigger.quantity == "time_to_arrival":
         room, needed = fast * below.low, fast * REACTION_S + fast**2 / (2 * brake)
     elif end is not None:
         # Both brake: the initiator to its end speed, the VUT after its reaction to the same.
-        names += [f"{c}.speeds.{who}.approach", f"{c}.manoeuvre.end_speed"]
+        names += [approach, f"{c}.manoeuvre.end_speed"]
         slow = view.span(f"{c}.manoeuvre.deceleration")
         rate = slow.high if slow and slow.high > 0.0 else brake
         duration = (fast - end.low) / brake + REACTION_S
@@ -301,10 +267,10 @@ def a_response_is_feasible(view: View) -> Iterator[Failure]:
         return
     if needed > room:
         yield _fail(
-            names[0],
-            view.said(*names),
+            view,
             f"braking in time takes {needed:.1f} m, and there may be only {room:.1f} m",
             "a larger value, lower speeds, or a harder deceleration",
+            *names,
         )
 
 

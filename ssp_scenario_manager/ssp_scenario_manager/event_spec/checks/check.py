@@ -42,30 +42,26 @@ PREDICATES: dict[Check, tuple[Predicate, ...]] = {
 def check_event(event: Event | Mapping[str, Any], *, reviewed: bool = True) -> list[Failure]:
     """Every check that doesn't hold, in a fixed order; [] for a K* that may be compiled.
 
+    A file whose form is wrong has failures of its form alone.
+
     Args:
         event: typed, or a mapping as it was read from a file.
         reviewed: whether to check part U too; False for a candidate before its review.
     """
-    failures: list[Failure] = []
-    view: View | None = View(event) if isinstance(event, Event) else None
     if not isinstance(event, Event):
-        view, failures = read(event)
-    if view is None:
-        return failures
-    for check, predicates in PREDICATES.items():
-        if check == "review" and not reviewed:
-            continue
-        found = (failure for predicate in predicates for failure in predicate(view))
-        failures.extend(failure for failure in found if not _about_stopgap(failure, view))
-    return list(dict.fromkeys(failures))
-
-
-def _about_stopgap(failure: Failure, view: View) -> bool:
-    """Whether a failure speaks of a field that couldn't be read, which is reported already."""
-    if view.is_broken(failure.field):
-        return True
-    named = (item.partition(" = ")[0] for item in failure.evidence.split("; "))
-    return any(view.is_broken(path) for path in named)
+        found, failures = read(event)
+        if found is None:
+            return failures
+        event = found
+    view = View(event)
+    told = (
+        failure
+        for check, predicates in PREDICATES.items()
+        if reviewed or check != "review"
+        for predicate in predicates
+        for failure in predicate(view)
+    )
+    return list(dict.fromkeys(told))
 
 
 Why = Literal["unresolved", "not reviewed", "changed since its review", "nobody says whence"]

@@ -36,7 +36,6 @@ class Scope:
     Args:
         frames: number of frames that the model is shown.
         targets: ids of the OTs found so far.
-        vut_id: of the VUT.
     """
 
     frames: int
@@ -242,7 +241,6 @@ def reply_text(body: bytes, where: str) -> str:
     """What the model wrote.
 
     Args:
-        body: of a chat completion.
         where: file in which the body stands, for messages.
 
     Raises:

@@ -39,7 +39,6 @@ class Blank:
     """An event without its decisions.
 
     Args:
-        event: to be filled in.
         marks: comments above the fields to decide, by path.
     """
 

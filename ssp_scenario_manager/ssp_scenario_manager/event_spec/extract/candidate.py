@@ -96,8 +96,6 @@ class Origin:
     """What is known about the clip besides its pixels.
 
     Args:
-        name: of the event.
-        generator: what made the video.
         original: version or name of the original.
         kind: kind of interaction that a person states, None: the model's answer.
     """
@@ -141,12 +139,6 @@ class _Draft:
 
 def make_candidate(found: Interview, clip: Clip, origin: Origin, model: str) -> Event:
     """The candidate.
-
-    Args:
-        found: all that the model said.
-        clip: that it was shown.
-        origin: the rest.
-        model: its name, for part U.
 
     Raises:
         InputError: there is nothing to make an event of: no OT, or no conflict and no kind stated.

@@ -17,7 +17,7 @@ from ssp_core.files import load_model
 from ssp_core.hashing import sha256_file
 from ssp_core.run_file.values import Strict
 from ssp_core.video import Video, VideoFrame, VideoInfo
-from ssp_scenario_manager.event_spec.fields import PLATFORM
+from ssp_scenario_manager.event_spec.fields import LONGEST_CLIP_S
 
 JPEG_QUALITY = 90
 # Frames further apart leave intervals of the phases' times that say little.
@@ -55,8 +55,6 @@ class Clip:
     """A source clip, sampled.
 
     Args:
-        video: the file.
-        sha256: of the whole file.
         rate_hz: frames a second, as the container says.
         first_frame: number of the clip's first frame in the source, from 0.
         start_s: source time of the first frame.
@@ -87,8 +85,6 @@ def sample(video: Path, crop: Crop, advance: Callable[[], None] = lambda: None) 
     """Decodes the crop and keeps the frames that are to be shown.
 
     Args:
-        video: the file.
-        crop: of it.
         advance: called for each frame that is kept.
 
     Raises:
@@ -156,9 +152,9 @@ def _check_span(video: Path, start_s: float, end_s: float, info: VideoInfo) -> N
             file=video,
             remedy="give a --start that lies before its end",
         )
-    if end_s - start_s > PLATFORM.clip.high:
+    if end_s - start_s > LONGEST_CLIP_S:
         raise InputError(
-            f"the crop is {end_s - start_s:.1f} s long, more than {PLATFORM.clip.high:g} s",
+            f"the crop is {end_s - start_s:.1f} s long, more than {LONGEST_CLIP_S:g} s",
             file=video,
             remedy="give --start and --end around the event",
         )

@@ -29,15 +29,8 @@ class Order:
     """What is to be extracted.
 
     Args:
-        video: the source.
-        crop: of it, and how much is shown.
-        origin: name of the event, and where the clip comes from.
-        out: folder for candidate, log and store.
         annotation: EMM-AU file, None: there is none.
-        show_annotation: show its descriptions to the model.
-        use_schema: ask the server to hold answers to a schema.
         server: address, for the log.
-        force: replace a candidate that is there.
     """
 
     video: Path
@@ -107,9 +100,6 @@ def extract(
     """Asks the model about the clip and writes candidate, log and decisions.
 
     Args:
-        order: what to extract.
-        chat: the model.
-        now: time in ISO 8601 UTC, for the log.
         advance: called with (questions answered, questions in all).
 
     Raises:

@@ -52,10 +52,7 @@ class Context:
     """What a request holds besides its question.
 
     Args:
-        model: as the server names it.
         times_s: clip times of the frames.
-        pictures: file and hash of each.
-        earlier: answers so far, by question.
         filling: of the braces in the question's text.
         annotation: shown to the model, None: it sees none.
         use_schema: ask the server to hold answers to the schema.
@@ -71,14 +68,7 @@ class Context:
 
 
 def build_request(question: Question, name: str, scope: Scope, context: Context) -> dict[str, Any]:
-    """Everything that is sent, with the pictures by file and hash.
-
-    Args:
-        question: of the definition.
-        name: of this request; it names the schema.
-        scope: of live vocabularies.
-        context: the rest.
-    """
+    """Everything that is sent, with the pictures by file and hash."""
     content: list[dict[str, Any]] = []
     frames = zip(context.times_s, context.pictures, strict=True)
     for index, (t_s, picture) in enumerate(frames, start=1):
@@ -192,9 +182,6 @@ class Index(Strict):
 
 class Store:
     """The folder of one extraction, new or begun before.
-
-    Args:
-        folder: made where it isn't there.
 
     Raises:
         InputError: the folder can't be made, or its index is not valid.
@@ -324,10 +311,6 @@ class Interviewer:
     """Asks one model about one clip.
 
     Args:
-        clip: sampled.
-        chat: the model.
-        store: keeps requests and replies.
-        use_schema: ask the server to hold answers to the schema.
         annotation: text of an annotation that the model is shown, None: it sees none.
         advance: called with (questions answered, questions in all).
     """

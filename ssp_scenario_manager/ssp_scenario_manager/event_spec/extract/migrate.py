@@ -26,7 +26,6 @@ class Migrated:
     """A file in the new form.
 
     Args:
-        event: in the new form.
         decisions: what a person must still decide, by path: why.
     """
 
@@ -36,10 +35,6 @@ class Migrated:
 
 def migrate(value: Mapping[str, Any], path: Path) -> Migrated:
     """The event of an ``ssp.event/1`` file in today's form.
-
-    Args:
-        value: the mapping in the file.
-        path: of the file, for messages.
 
     Raises:
         InputError: it is of another form, or can't be read.

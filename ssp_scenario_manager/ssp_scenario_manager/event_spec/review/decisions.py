@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import re
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +13,7 @@ import yaml
 
 from ssp_scenario_manager.event_spec.checks.base import Failure
 from ssp_scenario_manager.event_spec.checks.check import check_event, describe, is_unresolved
-from ssp_scenario_manager.event_spec.fields import ROAD_FIELD, Part, get, owner, show, split, within
+from ssp_scenario_manager.event_spec.fields import ROAD_FIELD, get, owner, put, show, within
 from ssp_scenario_manager.event_spec.load import body, flow, seal_event, seals
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Doubt, Event
 from ssp_scenario_manager.scenarios.kinds import KINDS
@@ -56,12 +55,6 @@ def leave_unresolved(event: Event, path: str) -> Event:
 def edit(event: Event, path: str, value: Any, who: str) -> tuple[Event, list[Change]]:
     """The event with a field as a person knows it, and what had to follow.
 
-    Args:
-        event: before.
-        path: of the field.
-        value: as it stands in a file.
-        who: the person, for part U.
-
     Raises:
         NotAllowed: the form has no such value, or its unit is of something else.
     """
@@ -80,8 +73,8 @@ def with_value(event: Event, path: str, value: Any) -> Event:
     Raises:
         NotAllowed: the form has no such value, or its unit is of something else.
     """
-    mapping = copy.deepcopy(event.model_dump(mode="json", by_alias=True))
-    _put(mapping, split(path), value)
+    mapping = event.model_dump(mode="json", by_alias=True)
+    put(mapping, path, copy.deepcopy(value))
     failures = check_event(mapping, reviewed=False)
     unit = f"{path}.unit"
     bad = [
@@ -117,7 +110,7 @@ def _follow_type(event: Event) -> tuple[Event, list[Change]]:
         before = get(mapping, path)
         if before != value:
             changes.append(Change(path, before, value))
-            _put(mapping, split(path), value)
+            put(mapping, path, copy.deepcopy(value))
     mapping["uncertainty"] = {
         path: doubt.model_dump()
         for path, doubt in event.uncertainty.items()
@@ -166,16 +159,8 @@ def _sealed_again(before: Event, after: Event, touched: list[str]) -> Event:
     return seal_event(after, above)
 
 
-def _put(value: Any, parts: tuple[Part, ...], new: Any) -> None:
-    for part in parts[:-1]:
-        value = value[part]
-    value[parts[-1]] = copy.deepcopy(dict(new) if isinstance(new, Mapping) else new)
-
-
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_END = rf"(?:{_NUMBER}|…)?"
-_RANGE = re.compile(rf"({_END})\s*(?:\.\.|–|\bto\b)\s*({_END})\s*([^\s\d]\S*|1(?:/m)?)?")
-_ONE = re.compile(rf"({_NUMBER})\s*([^\s\d.]\S*|1(?:/m)?)?")
+_NUMBER = r"[-+]?(?:\d+(?:\.\d+)?|\.\d+)(?:[eE][-+]?\d+)?"
+_QUANTITY = re.compile(rf"(?:({_NUMBER})?\.\.({_NUMBER})?|({_NUMBER}))(?:\s+(\S+))?")
 _WORDS = re.compile(r"[a-z][a-z0-9_]*(\s*,\s*[a-z][a-z0-9_]*)*")
 _PAIRS = re.compile(r"(\w+)\s*=\s*(\w+)")
 
@@ -209,7 +194,6 @@ def read_value(text: str, old: Any, quantity: bool) -> Any:
     whether it is identity or varies is told in braces. Whatever is in braces or brackets is YAML.
 
     Args:
-        text: as typed.
         old: the value that stands.
         quantity: whether the field is one; any other line stands for itself where a word stood.
 
@@ -263,22 +247,18 @@ def _road_field(text: str, old: dict[str, Any]) -> Any:
 
 
 def _quantity(text: str) -> Any:
-    text = re.sub(r"^at least (\S+)", r"\1..", re.sub(r"^at most ", "..", text))
-    one = _ONE.fullmatch(text)
-    ends = (one.group(1), one.group(1)) if one else None
-    unit = one.group(2) if one else None
-    found = _RANGE.fullmatch(text)
-    if found:
-        low, high, unit = found.groups()
-        ends = (low, high)
-    if ends is None:
+    """An interval, a count where there is no unit, or None."""
+    found = _QUANTITY.fullmatch(text)
+    if found is None:
         return None
+    low, high, one, unit = found.groups()
+    low, high = one or low, one or high
     if unit is None:
-        if any(not re.fullmatch(r"\d+", end) for end in ends):
+        if not all(re.fullmatch(r"\d+", end or "") for end in (low, high)):
             raise Unreadable("type the unit as well, such as 2..3 m/s")
-        return {"min": int(ends[0]), "max": int(ends[1])}
-    low_high = [None if end in ("", "…") else float(end) for end in ends]
-    return {"min": low_high[0], "max": low_high[1], "unit": unit}
+        return {"min": int(low), "max": int(high)}
+    ends = [None if end is None else float(end) for end in (low, high)]
+    return {"min": ends[0], "max": ends[1], "unit": unit}
 
 
 def _cell(text: str, old: dict[str, Any]) -> dict[str, Any]:

@@ -21,7 +21,6 @@ class Evidence:
     """Makes contact sheets on demand; without a video it makes none.
 
     Args:
-        folder: for the sheets.
         video: the source video, None: there is none at hand.
         first_frame: number of the clip's first frame in the video.
         start_s: its time.
@@ -91,12 +90,6 @@ def open_evidence(
     event: Event, log: Iterable[Record], video: Path | None, folder: Path
 ) -> Evidence:
     """Evidence of an event's clip.
-
-    Args:
-        event: names the hash of its video.
-        log: names the crop.
-        video: the file, None: not at hand.
-        folder: for contact sheets.
 
     Raises:
         InputError: the video is another one.

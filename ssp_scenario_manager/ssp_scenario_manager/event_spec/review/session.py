@@ -26,7 +26,7 @@ from ssp_scenario_manager.event_spec.checks.check import (
 )
 from ssp_scenario_manager.event_spec.checks.form import vocabulary
 from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
-from ssp_scenario_manager.event_spec.fields import get, limit_of, rule_of, units_of, within
+from ssp_scenario_manager.event_spec.fields import get, within
 from ssp_scenario_manager.event_spec.load import body, event_text, event_version, load_event
 from ssp_scenario_manager.event_spec.log import Kind, Record, append_records
 from ssp_scenario_manager.event_spec.model import Event
@@ -40,6 +40,7 @@ from ssp_scenario_manager.event_spec.review.decisions import (
     shown,
 )
 from ssp_scenario_manager.event_spec.review.pictures import Evidence
+from ssp_scenario_manager.event_spec.units import units_of
 
 
 class EventUnderReview:
@@ -49,9 +50,6 @@ class EventUnderReview:
     that the file lacks, and the field is asked about again.
 
     Args:
-        path: of the event.
-        log: of its log.
-        who: decides.
         now: time in ISO 8601 UTC.
 
     Raises:
@@ -185,9 +183,6 @@ class Session:
     """One review.
 
     Args:
-        reviewed: the event and its log.
-        terminal: the person.
-        evidence: makes contact sheets.
         stored: where the extraction keeps its frames, None: nowhere.
     """
 
@@ -261,19 +256,14 @@ class Session:
 
     def _hint(self, path: str) -> str:
         """What may be typed for a field: its words, or a range with its units and limits."""
-        dimension = View(self.reviewed.event).dimension(path)
-        if dimension is None:
+        rule = View(self.reviewed.event).rule(path)
+        if rule is None:
             return ", ".join(vocabulary(path))
-        units = units_of(dimension)
-        rule = rule_of(path, dimension)
-        shape = "one value, such as 2" if rule and rule.shape == "exact" else "a range such as 2..3"
-        text = f"{shape} {units[0]}"
-        if len(units) > 1:
-            text += f" (or in {', '.join(units[1:])})"
-        if rule:
-            limit = limit_of(rule)
-            text += f", within {limit.low:g}..{limit.high:g} {units[0]}"
-        return text
+        units = units_of(rule.dimension)
+        shape = "one value, such as 2" if rule.shape == "exact" else "a range such as 2..3"
+        others = f" (or in {', '.join(units[1:])})" if len(units) > 1 else ""
+        limit = f"{rule.limit.low:g}..{rule.limit.high:g} {units[0]}"
+        return f"{shape} {units[0]}{others}, within {limit}"
 
     def _pictures(self, frames: tuple[int, ...]) -> str:
         sheet = self.evidence.sheet(frames)
@@ -322,7 +312,7 @@ class Session:
         if text is None:
             return False
         try:
-            quantity = View(self.reviewed.event).dimension(item.field) is not None
+            quantity = View(self.reviewed.event).rule(item.field) is not None
             value = read_value(text, item.value, quantity)
             after, changes = edit(self.reviewed.event, item.field, value, self.reviewed.who)
         except Unreadable as error:
