@@ -8,8 +8,8 @@ import io
 import json
 import socket
 import threading
-import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from email.message import Message
 from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -28,7 +28,7 @@ from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.extract.questions import DEFINITION_SHA256
 from ssp_scenario_manager.event_spec.load import load_event, uncovered
 from ssp_scenario_manager.event_spec.log import Record, append_record, read_log
-from ssp_scenario_manager.event_spec.model import UNRESOLVED, Interval
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event, Interval
 from ssp_scenario_manager.event_spec.review.session import to_decide
 
 FPS, FRAMES = 10.0, 60
@@ -145,7 +145,6 @@ class Server(ThreadingHTTPServer):
         self.replies: list[Reply | None] = []
         self.asked: list[dict[str, Any]] = []
         self.headers: list[Message] = []
-        self.released = threading.Event()
 
     @property
     def url(self) -> str:
@@ -221,7 +220,6 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     with Server() as found:
         threading.Thread(target=found.serve_forever, args=(0.01,), daemon=True).start()
         yield found
-        found.released.set()
         found.shutdown()
 
 
@@ -233,30 +231,58 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return found
 
 
-def run(server: Server | str, video: Path, out: Path, *more: object) -> int:
-    url = server if isinstance(server, str) else server.url
-    given = ["spec", "extract", video, "--base-url", url, "--model", "seer-7b", "--out", out]
-    return main([*map(str, given), "--frames", str(SHOWN), *map(str, more)])
+@dataclass
+class Extraction:
+    """The command on one video, with one server, into one folder."""
+
+    server: Server
+    video: Path
+    out: Path
+    _capsys: pytest.CaptureFixture[str]
+
+    def run(self, *more: object, out: Path | None = None, url: str | None = None) -> int:
+        given = ["spec", "extract", self.video, "--base-url", url or self.server.url]
+        given += ["--model", "seer-7b", "--out", out or self.out, "--frames", SHOWN]
+        return main([*map(str, given), *map(str, more)])
+
+    def told(self) -> str:
+        return self._capsys.readouterr().out
+
+    def error(self) -> str:
+        captured = self._capsys.readouterr()
+        assert "Traceback" not in captured.err
+        return " ".join(captured.err.split())
+
+    @property
+    def candidate(self) -> Path:
+        return self.out / "merge_clip.candidate.yaml"
+
+    @property
+    def store(self) -> Path:
+        return self.out / "merge_clip.extraction"
+
+    def event(self) -> Event:
+        return load_event(str(self.candidate))[0]
+
+    def log(self) -> list[Record]:
+        return read_log(self.out / "merge_clip.log.jsonl")
 
 
-def error_of(capsys: pytest.CaptureFixture[str]) -> str:
-    captured = capsys.readouterr()
-    assert "Traceback" not in captured.err
-    return " ".join(captured.err.split())
-
-
-def candidate(out: Path) -> Path:
-    return out / "merge_clip.candidate.yaml"
+@pytest.fixture
+def extraction(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> Extraction:
+    return Extraction(server, video, tmp_path, capsys)
 
 
 # The server answers well.
 
 
-def test_a_candidate_says_what_the_model_said(server: Server, video: Path, tmp_path: Path) -> None:
-    assert run(server, video, tmp_path) == 0
-    event, version = load_event(str(candidate(tmp_path)))
+def test_a_candidate_says_what_the_model_said(extraction: Extraction) -> None:
+    assert extraction.run() == 0
+    event, version = load_event(str(extraction.candidate))
     assert event.name == "merge_clip"
-    assert event.source.sha256 == sha256_file(video)
+    assert event.source.sha256 == sha256_file(extraction.video)
     assert event.source.rate == Interval(min=FPS, max=FPS, unit="Hz")
     road = event.topology
     assert road.road_type.value == "urban"
@@ -284,14 +310,12 @@ def test_a_candidate_says_what_the_model_said(server: Server, video: Path, tmp_p
     assert (doubt.provenance, doubt.confidence) == ("model", 0.8)
     assert doubt.source == f"seer-7b; frames {numbers[3]}, {numbers[4]}"
     assert {d.review for d in event.uncertainty.values()} == {"unreviewed"}
-    assert version == load_event(str(candidate(tmp_path)))[1]
+    assert version == load_event(str(extraction.candidate))[1]
 
 
-def test_what_the_model_cannot_know_is_no_number(
-    server: Server, video: Path, tmp_path: Path
-) -> None:
-    assert run(server, video, tmp_path) == 0
-    event, _ = load_event(str(candidate(tmp_path)))
+def test_what_the_model_cannot_know_is_no_number(extraction: Extraction) -> None:
+    assert extraction.run() == 0
+    event = extraction.event()
     speeds = [
         speed for by_phase in event.constraints.speeds.values() for speed in by_phase.values()
     ]
@@ -313,12 +337,10 @@ def test_what_the_model_cannot_know_is_no_number(
     assert event.uncertainty["participants.vut.class"].confidence == 0.0
 
 
-def test_questions_go_from_the_whole_to_the_parts(
-    server: Server, video: Path, tmp_path: Path
-) -> None:
-    assert run(server, video, tmp_path) == 0
-    assert server.names() == list(KEYS)
-    first, last = server.asked[0], server.asked[-1]
+def test_questions_go_from_the_whole_to_the_parts(extraction: Extraction) -> None:
+    assert extraction.run() == 0
+    assert extraction.server.names() == list(KEYS)
+    first, last = extraction.server.asked[0], extraction.server.asked[-1]
     parts = first["messages"][1]["content"]
     pictures = [part["image_url"]["url"] for part in parts if part["type"] == "image_url"]
     texts = [part["text"] for part in parts if part["type"] == "text"]
@@ -336,17 +358,17 @@ def test_questions_go_from_the_whole_to_the_parts(
     said = last["messages"][1]["content"][-1]["text"]
     assert '"road_type": "urban"' in said
     assert "red car {id} in the left lane [31m" in said
-    phases = server.asked[list(KEYS).index("motion_ot1")]["messages"][1]["content"][-1]["text"]
+    phases = extraction.server.asked[list(KEYS).index("motion_ot1")]["messages"][1]["content"][-1][
+        "text"
+    ]
     assert "trigger (from frame 4), conflict (from frame 5), resolution (beginning unr" in phases
 
 
-def test_the_schema_holds_the_closed_vocabularies(
-    server: Server, video: Path, tmp_path: Path
-) -> None:
-    assert run(server, video, tmp_path) == 0
+def test_the_schema_holds_the_closed_vocabularies(extraction: Extraction) -> None:
+    assert extraction.run() == 0
     schemas = {
         question_of(request): request["response_format"]["json_schema"]["schema"]
-        for request in server.asked
+        for request in extraction.server.asked
     }
     kinds = schemas["interaction"]["properties"]["type"]["properties"]["value"]["enum"]
     assert {"cut_in", "vru_crossing", "none"} <= set(kinds)
@@ -361,48 +383,44 @@ def test_the_schema_holds_the_closed_vocabularies(
         assert set(schema["required"]) == set(schema["properties"])
 
 
-def test_nothing_is_sent_that_was_not_given(server: Server, video: Path, tmp_path: Path) -> None:
-    assert run(server, video, tmp_path) == 0
-    assert {headers["Authorization"] for headers in server.headers} == {"Bearer none"}
+def test_nothing_is_sent_that_was_not_given(extraction: Extraction) -> None:
+    assert extraction.run() == 0
+    assert {headers["Authorization"] for headers in extraction.server.headers} == {"Bearer none"}
 
 
 def test_a_key_comes_from_the_named_variable(
-    server: Server, video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    extraction: Extraction, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TRACK_KEY", "s3cret")
-    assert run(server, video, tmp_path, "--api-key-env", "TRACK_KEY") == 0
-    assert server.headers[0]["Authorization"] == "Bearer s3cret"
-    written = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert extraction.run("--api-key-env", "TRACK_KEY") == 0
+    assert extraction.server.headers[0]["Authorization"] == "Bearer s3cret"
+    written = [path for path in extraction.out.rglob("*") if path.is_file()]
     assert not any(b"s3cret" in path.read_bytes() for path in written)
 
 
-def test_a_missing_key_is_named(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(server, video, tmp_path, "--api-key-env", "NO_SUCH_KEY") == 1
-    assert "NO_SUCH_KEY" in error_of(capsys)
-    assert server.asked == []
+def test_a_missing_key_is_named(extraction: Extraction) -> None:
+    assert extraction.run("--api-key-env", "NO_SUCH_KEY") == 1
+    assert "NO_SUCH_KEY" in extraction.error()
+    assert extraction.server.asked == []
 
 
-def test_the_log_links_source_questions_and_answers(
-    server: Server, video: Path, tmp_path: Path
-) -> None:
+def test_the_log_links_source_questions_and_answers(extraction: Extraction) -> None:
     more = ("--start", "1", "--end", "5", "--generator", "GenVid 2", "--original", "clip 17")
-    assert run(server, video, tmp_path, *more) == 0
-    source, extraction = read_log(tmp_path / "merge_clip.log.jsonl")
-    assert (source.kind, extraction.kind) == ("source", "extraction")
-    assert source.details["sha256"] == sha256_file(video)
+    assert extraction.run(*more) == 0
+    source, asked = extraction.log()
+    assert (source.kind, asked.kind) == ("source", "extraction")
+    assert source.details["sha256"] == sha256_file(extraction.video)
     assert source.details["generator"] == "GenVid 2"
     assert source.details["original"] == "clip 17"
     assert source.details["crop"] == {"start_s": 1.0, "end_s": 5.0, "first_frame": 10}
-    assert extraction.details["model"] == "seer-7b"
-    assert extraction.details["questions_sha256"] == DEFINITION_SHA256
-    event, version = load_event(str(candidate(tmp_path)))
-    assert extraction.details["version"] == version
+    assert asked.details["model"] == "seer-7b"
+    assert asked.details["questions_sha256"] == DEFINITION_SHA256
+    event, version = load_event(str(extraction.candidate))
+    assert asked.details["version"] == version
     assert event.events.clip.end == Interval(min=4.0, max=4.0, unit="s")
-    store = tmp_path / "merge_clip.extraction"
-    assert len(extraction.details["requests"]) == 9
-    for key, hashes in extraction.details["requests"].items():
+    store = extraction.store
+    assert len(asked.details["requests"]) == 9
+    for key, hashes in asked.details["requests"].items():
         request = json.loads((store / "requests" / f"{key}.json").read_text())
         assert sha256_json(request) == hashes["request"]
         body = (store / "answers" / f"{key}-1.body").read_bytes()
@@ -413,11 +431,9 @@ def test_the_log_links_source_questions_and_answers(
                 assert sha256_file(store / picture["file"]) == picture["sha256"]
 
 
-def test_a_person_sees_what_to_decide(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(server, video, tmp_path) == 0
-    text = " ".join(capsys.readouterr().out.split())
+def test_a_person_sees_what_to_decide(extraction: Extraction) -> None:
+    assert extraction.run() == 0
+    text = " ".join(extraction.told().split())
     assert "constraints.trigger.below unresolved 0.00" in text
     assert "identity drift: yes (0.40, frames 42, 51)" in text
     assert "inconsistent road relations: unresolved" in text
@@ -425,13 +441,11 @@ def test_a_person_sees_what_to_decide(
     assert "ssp spec review" in text
 
 
-def test_json_says_the_same(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(server, video, tmp_path, "--json") == 0
-    value = json.loads(capsys.readouterr().out)
-    kept = json.loads((tmp_path / "merge_clip.extraction" / "decisions.json").read_text())
-    assert value == {"candidate": str(candidate(tmp_path)), **kept}
+def test_json_says_the_same(extraction: Extraction) -> None:
+    assert extraction.run("--json") == 0
+    value = json.loads(extraction.told())
+    kept = json.loads((extraction.store / "decisions.json").read_text())
+    assert value == {"candidate": str(extraction.candidate), **kept}
     by_field = {item["field"]: item for item in value["undecided"]}
     assert by_field["constraints.trigger.below"]["why"] == "unresolved"
     assert by_field["interaction.type"]["critical"] is True
@@ -440,21 +454,19 @@ def test_json_says_the_same(
     assert [finding["answer"] for finding in value["gate"]].count("yes") == 1
 
 
-def test_nothing_a_model_says_steers_a_terminal(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(server, video, tmp_path) == 0
-    assert "\x1b" not in capsys.readouterr().out
-    assert "\x1b" not in candidate(tmp_path).read_text()
+def test_nothing_a_model_says_steers_a_terminal(extraction: Extraction) -> None:
+    assert extraction.run() == 0
+    assert "\x1b" not in extraction.told()
+    assert "\x1b" not in extraction.candidate.read_text()
 
 
-def test_a_standing_road_user_has_speed_0(server: Server, video: Path, tmp_path: Path) -> None:
-    server.answers["motion_ot1"] = cells(
+def test_a_standing_road_user_has_speed_0(extraction: Extraction) -> None:
+    extraction.server.answers["motion_ot1"] = cells(
         position="front", motion="stationary", heading="same", speed_trend="standing",
         longitudinal="closing", lateral="none",
     )  # fmt: skip
-    assert run(server, video, tmp_path) == 0
-    event, _ = load_event(str(candidate(tmp_path)))
+    assert extraction.run() == 0
+    event = extraction.event()
     assert event.constraints.speeds["ot1"]["trigger"] == Interval(min=0.0, max=0.0, unit="m/s")
     assert event.uncertainty["constraints.speeds.ot1.trigger"].provenance == "derived"
 
@@ -469,17 +481,17 @@ ANNOTATION = {
 
 @pytest.mark.parametrize("shown", [False, True])
 def test_an_annotation_is_kept_and_shown_only_on_request(
-    server: Server, video: Path, tmp_path: Path, shown: bool
+    extraction: Extraction, shown: bool
 ) -> None:
-    file = tmp_path / "a.json"
+    file = extraction.out / "a.json"
     file.write_text(json.dumps(ANNOTATION))
     more = ["--annotation", file, *(["--show-annotation"] if shown else [])]
-    assert run(server, video, tmp_path, *more) == 0
-    kept = read_log(tmp_path / "merge_clip.log.jsonl")[1].details["annotation"]
+    assert extraction.run(*more) == 0
+    kept = extraction.log()[1].details["annotation"]
     assert kept["content"] == ANNOTATION
     assert kept["sha256"] == sha256_file(file)
     assert kept["shown_to_model"] is shown
-    sent = json.dumps([request["messages"] for request in server.asked])
+    sent = json.dumps([request["messages"] for request in extraction.server.asked])
     assert ("A red car merges." in sent) is shown
     assert "It was short of road." not in sent
 
@@ -494,27 +506,20 @@ def test_an_annotation_is_kept_and_shown_only_on_request(
     ],
 )
 def test_an_annotation_of_another_form_is_refused(
-    server: Server,
-    video: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    value: Any,
-    where: str,
+    extraction: Extraction, value: Any, where: str
 ) -> None:
-    file = tmp_path / "a.json"
+    file = extraction.out / "a.json"
     file.write_text(json.dumps(value))
-    assert run(server, video, tmp_path, "--annotation", file) == 1
-    assert f"a.json: {where}" in error_of(capsys)
-    assert server.asked == []
+    assert extraction.run("--annotation", file) == 1
+    assert f"a.json: {where}" in extraction.error()
+    assert extraction.server.asked == []
 
 
-def test_an_annotation_of_another_video_is_noted(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "a.json"
+def test_an_annotation_of_another_video_is_noted(extraction: Extraction) -> None:
+    file = extraction.out / "a.json"
     file.write_text(json.dumps({**ANNOTATION, "video_id": "other"}))
-    assert run(server, video, tmp_path, "--annotation", file) == 0
-    assert "about video 'other'" in error_of(capsys)
+    assert extraction.run("--annotation", file) == 0
+    assert "about video 'other'" in extraction.error()
 
 
 # The server answers badly.
@@ -567,75 +572,67 @@ BAD_ROADS = {
 
 @pytest.mark.parametrize("case", BAD_ROADS)
 def test_a_bad_answer_is_asked_for_again_with_what_was_wrong(
-    server: Server, video: Path, tmp_path: Path, case: str
+    extraction: Extraction, case: str
 ) -> None:
     text, what = BAD_ROADS[case]
-    server.replies = [say(text)]
-    assert run(server, video, tmp_path) == 0
-    assert server.names()[:3] == ["road", "road", "vut"]
-    again = server.asked[1]["messages"]
+    extraction.server.replies = [say(text)]
+    assert extraction.run() == 0
+    assert extraction.server.names()[:3] == ["road", "road", "vut"]
+    again = extraction.server.asked[1]["messages"]
     assert [message["role"] for message in again] == ["system", "user", "assistant", "user"]
     assert what in again[3]["content"]
-    index = json.loads((tmp_path / "merge_clip.extraction" / "index.json").read_text())
+    index = json.loads((extraction.store / "index.json").read_text())
     road = next(v for k, v in index["questions"].items() if k.startswith("road"))
     assert [bool(answer["problems"]) for answer in road["answers"]] == [True, False]
 
 
 @pytest.mark.parametrize("case", BAD_ROADS)
-def test_three_bad_answers_end_it_and_are_kept(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
-) -> None:
+def test_three_bad_answers_end_it_and_are_kept(extraction: Extraction, case: str) -> None:
     text, what = BAD_ROADS[case]
-    server.replies = [say(text)] * 3
-    assert run(server, video, tmp_path) == 1
-    error = error_of(capsys)
+    extraction.server.replies = [say(text)] * 3
+    assert extraction.run() == 1
+    error = extraction.error()
     assert "question road: seer-7b gave no usable answer in 3 tries" in error
     assert what in error
-    kept = sorted((tmp_path / "merge_clip.extraction" / "answers").iterdir())
+    kept = sorted((extraction.store / "answers").iterdir())
     assert len(kept) == 3
     said = json.loads(kept[0].read_bytes())["choices"][0]["message"]["content"]
     assert said == text
-    assert not candidate(tmp_path).exists()
-    assert not (tmp_path / "merge_clip.log.jsonl").exists()
+    assert not extraction.candidate.exists()
+    assert not (extraction.out / "merge_clip.log.jsonl").exists()
 
 
-def test_fences_and_thoughts_around_an_answer_are_taken_off(
-    server: Server, video: Path, tmp_path: Path
-) -> None:
+def test_fences_and_thoughts_around_an_answer_are_taken_off(extraction: Extraction) -> None:
     road = json.dumps(GOOD["road"])
-    server.replies = [say(f"<think>Hm, {{road}}?</think>\n```json\n{road}\n```\n")]
-    assert run(server, video, tmp_path) == 0
-    assert server.names() == list(KEYS)
+    extraction.server.replies = [say(f"<think>Hm, {{road}}?</think>\n```json\n{road}\n```\n")]
+    assert extraction.run() == 0
+    assert extraction.server.names() == list(KEYS)
 
 
 def test_a_server_that_ignores_the_schema_is_held_to_it_all_the_same(
-    server: Server, video: Path, tmp_path: Path
+    extraction: Extraction,
 ) -> None:
-    server.replies = [say('{"segment": "straight"}')]
-    assert run(server, video, tmp_path, "--no-schema") == 0
-    assert all("response_format" not in request for request in server.asked)
-    assert server.names()[:2] == ["road", "road"]
+    extraction.server.replies = [say('{"segment": "straight"}')]
+    assert extraction.run("--no-schema") == 0
+    assert all("response_format" not in request for request in extraction.server.asked)
+    assert extraction.server.names()[:2] == ["road", "road"]
 
 
-def test_contradictions_are_left_to_the_person(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_contradictions_are_left_to_the_person(extraction: Extraction) -> None:
     """A conflict before its trigger, who comes from the left from the right: C1 and C3 say so."""
-    server.answers["phases"]["conflict"] = field(2)
-    server.answers["target_ot1"]["place"] = field("right_lane")
-    assert run(server, video, tmp_path, "--json") == 0
-    failures = json.loads(capsys.readouterr().out)["failures"]
+    extraction.server.answers["phases"]["conflict"] = field(2)
+    extraction.server.answers["target_ot1"]["place"] = field("right_lane")
+    assert extraction.run("--json") == 0
+    failures = json.loads(extraction.told())["failures"]
     fields = {(failure["check"], failure["field"]) for failure in failures}
     assert ("C3", "events.conflict.start") in fields
     assert ("C1", "participants.ot1.region.place") in fields
 
 
-def test_an_object_that_nobody_listed_cannot_be_the_initiator(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    server.answers["interaction"]["initiator"] = field("ot2")
-    assert run(server, video, tmp_path) == 1
-    assert "initiator.value" in error_of(capsys)
+def test_an_object_that_nobody_listed_cannot_be_the_initiator(extraction: Extraction) -> None:
+    extraction.server.answers["interaction"]["initiator"] = field("ot2")
+    assert extraction.run() == 1
+    assert "initiator.value" in extraction.error()
 
 
 @pytest.mark.parametrize(
@@ -646,49 +643,31 @@ def test_an_object_that_nobody_listed_cannot_be_the_initiator(
     ],
 )
 def test_a_refusal_ends_it_at_once(
-    server: Server,
-    video: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    message: dict[str, str],
-    said: str,
+    extraction: Extraction, message: dict[str, str], said: str
 ) -> None:
-    server.replies = [say(None, **message)]
-    assert run(server, video, tmp_path) == 1
-    error = error_of(capsys)
+    extraction.server.replies = [say(None, **message)]
+    assert extraction.run() == 1
+    error = extraction.error()
     assert "question road" in error
     assert f"declines to answer: {said}" in error
-    assert len(server.asked) == 1
+    assert len(extraction.server.asked) == 1
 
 
-def test_an_answer_cut_off_by_its_length_is_said_so(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    server.replies = [say('{"road', finish_reason="length")] * 3
-    assert run(server, video, tmp_path) == 1
-    assert "cut off at the limit of its length" in error_of(capsys)
+def test_an_answer_cut_off_by_its_length_is_said_so(extraction: Extraction) -> None:
+    extraction.server.replies = [say('{"road', finish_reason="length")] * 3
+    assert extraction.run() == 1
+    assert "cut off at the limit of its length" in extraction.error()
 
 
 @pytest.mark.parametrize(
     "body", [b"<html>It works!</html>", b"{}", b"[]", b'{"choices": []}', b"\xff\xfe", b""]
 )
-def test_another_service_is_recognised(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], body: bytes
-) -> None:
-    server.replies = [lambda handler, _: handler.body(body)]
-    assert run(server, video, tmp_path) == 1
-    assert "no chat completion" in error_of(capsys)
-    (kept,) = (tmp_path / "merge_clip.extraction" / "answers").iterdir()
+def test_another_service_is_recognised(extraction: Extraction, body: bytes) -> None:
+    extraction.server.replies = [lambda handler, _: handler.body(body)]
+    assert extraction.run() == 1
+    assert "no chat completion" in extraction.error()
+    (kept,) = (extraction.store / "answers").iterdir()
     assert kept.read_bytes() == body
-
-
-def test_a_huge_answer_is_not_swallowed(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    server.replies = [say("x" * (2 << 20))]
-    assert run(server, video, tmp_path) == 1
-    assert "larger than 1024 KiB" in error_of(capsys)
-    assert len(server.asked) == 1
 
 
 @pytest.mark.parametrize(
@@ -699,32 +678,27 @@ def test_a_huge_answer_is_not_swallowed(
     ],
 )
 def test_a_clip_without_event_gives_no_candidate_but_a_record(
-    server: Server,
-    video: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    answers: dict[str, Any],
-    what: str,
+    extraction: Extraction, answers: dict[str, Any], what: str
 ) -> None:
-    server.answers.update(answers)
-    assert run(server, video, tmp_path) == 1
-    assert what in error_of(capsys)
-    assert not candidate(tmp_path).exists()
-    extraction = read_log(tmp_path / "merge_clip.log.jsonl")[1]
-    assert what in extraction.reason
-    assert extraction.details["version"] is None
-    assert extraction.details["gate"]
+    extraction.server.answers.update(answers)
+    assert extraction.run() == 1
+    assert what in extraction.error()
+    assert not extraction.candidate.exists()
+    record = extraction.log()[1]
+    assert what in record.reason
+    assert record.details["version"] is None
+    assert record.details["gate"]
 
 
-def test_a_person_may_state_the_kind(server: Server, video: Path, tmp_path: Path) -> None:
-    server.answers["interaction"]["type"] = field("none")
-    assert run(server, video, tmp_path, "--type", "lead_braking") == 0
-    event, _ = load_event(str(candidate(tmp_path)))
+def test_a_person_may_state_the_kind(extraction: Extraction) -> None:
+    extraction.server.answers["interaction"]["type"] = field("none")
+    assert extraction.run("--type", "lead_braking") == 0
+    event = extraction.event()
     assert event.interaction.type == "lead_braking"
     assert event.uncertainty["interaction.type"].provenance == "person"
 
 
-# The server answers slowly, brokenly, or not at all.
+# The server has trouble; how the client meets it is tested with the client.
 
 
 def status(code: int, **headers: str) -> Reply:
@@ -732,71 +706,10 @@ def status(code: int, **headers: str) -> Reply:
     return lambda handler, _: handler.body(value, code, **headers)
 
 
-def silent(handler: Handler, _: dict[str, Any]) -> None:
-    handler.server.released.wait(600)
-
-
-def dripping(handler: Handler, _: dict[str, Any]) -> None:
-    """A byte now and then, so that no single read ever times out."""
-    handler.send_response(200)
-    handler.send_header("Content-Length", "100000")
-    handler.end_headers()
-    deadline = time.monotonic() + 600
-    while time.monotonic() < deadline and not handler.server.released.is_set():
-        try:
-            handler.wfile.write(b" ")
-            handler.wfile.flush()
-        except OSError:
-            return
-        time.sleep(0.05)
-
-
-def closing(handler: Handler, _: dict[str, Any]) -> None:
-    handler.send_response(200)
-    handler.send_header("Content-Length", "1000")
-    handler.end_headers()
-    handler.wfile.write(b'{"choices": ')
-    handler.wfile.flush()
-    handler.connection.shutdown(socket.SHUT_RDWR)
-
-
-def hanging_up(handler: Handler, _: dict[str, Any]) -> None:
-    handler.connection.shutdown(socket.SHUT_RDWR)
-
-
-@pytest.mark.parametrize(
-    ("replies", "expected"),
-    [
-        ([status(500)], [1.0]),
-        ([status(503), status(502)], [1.0, 2.0]),
-        ([status(429)], [1.0]),
-        ([status(429, Retry_After="7")], [7.0]),
-        ([status(429, Retry_After="soon")], [1.0]),
-        ([status(503, Retry_After="0")], [0.0]),
-        ([closing], [1.0]),
-        ([hanging_up], [1.0]),
-    ],
-)
-def test_trouble_that_passes_is_waited_for(
-    server: Server,
-    video: Path,
-    tmp_path: Path,
-    waits: list[float],
-    replies: list[Reply | None],
-    expected: list[float],
-) -> None:
-    server.replies = list(replies)
-    assert run(server, video, tmp_path) == 0
-    assert waits == expected
-    assert server.names()[: len(replies) + 1] == ["road"] * (len(replies) + 1)
-
-
 @pytest.mark.parametrize(
     ("reply", "asked", "what"),
     [
         (status(500), 3, "the server says 500: "),
-        (closing, 3, "the connection broke off"),
-        (hanging_up, 3, "the connection broke off"),
         (status(429, Retry_After="3600"), 1, "429"),
         (status(400), 1, "--no-schema"),
         (status(401), 1, "--api-key-env"),
@@ -804,155 +717,107 @@ def test_trouble_that_passes_is_waited_for(
     ],
 )
 def test_trouble_that_stays_is_reported(
-    server: Server,
-    video: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    waits: list[float],
-    reply: Reply,
-    asked: int,
-    what: str,
+    extraction: Extraction, waits: list[float], reply: Reply, asked: int, what: str
 ) -> None:
-    server.replies = [reply] * 3
-    assert run(server, video, tmp_path) == 1
-    error = error_of(capsys)
+    extraction.server.replies = [reply] * 3
+    assert extraction.run() == 1
+    error = extraction.error()
     assert what in error
-    assert server.url in error
-    assert len(server.asked) == asked
-    assert not candidate(tmp_path).exists()
+    assert extraction.server.url in error
+    assert len(extraction.server.asked) == asked
+    assert not extraction.candidate.exists()
 
 
-@pytest.mark.parametrize("reply", [silent, dripping])
-def test_silence_ends_after_the_timeout(
-    server: Server,
-    video: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    waits: list[float],
-    reply: Reply,
-) -> None:
-    server.replies = [reply] * 2
-    begun_s = time.monotonic()
-    assert run(server, video, tmp_path, "--timeout", 0.3, "--tries", 2) == 1
-    assert time.monotonic() - begun_s < 300  # of the 600 s that the server would take
-    error = error_of(capsys)
-    assert "no whole answer within 0.3 s (2 tries)" in error
-    assert waits == [1.0]
-    assert len(server.asked) == 2
-
-
-def test_silence_that_ends_is_forgiven(
-    server: Server, video: Path, tmp_path: Path, waits: list[float]
-) -> None:
-    server.replies = [silent]
-    assert run(server, video, tmp_path, "--timeout", 1.0) == 0
-    assert waits == [1.0]
-
-
-def test_no_server_at_all(
-    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], waits: list[float]
-) -> None:
+def test_no_server_at_all(extraction: Extraction, waits: list[float]) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # bound and not listening: connections are refused
         url = f"http://127.0.0.1:{taken.getsockname()[1]}/v1"
-        assert run(url, video, tmp_path) == 1
-    error = error_of(capsys)
+        assert extraction.run(url=url) == 1
+    error = extraction.error()
     assert f"{url}: the server can't be reached" in error
     assert "(3 tries)" in error
     assert "start it" in error
 
 
 @pytest.mark.parametrize("url", ["localhost:8000", "ftp://x/v1", "http://", "http://[::1", "nope"])
-def test_an_address_that_is_none_is_wrong_usage(video: Path, tmp_path: Path, url: str) -> None:
-    assert run(url, video, tmp_path) == 2
+def test_an_address_that_is_none_is_wrong_usage(extraction: Extraction, url: str) -> None:
+    assert extraction.run(url=url) == 2
 
 
 # Going on after an interruption.
 
 
-def test_what_was_answered_is_not_asked_again(
-    server: Server, video: Path, tmp_path: Path, waits: list[float]
-) -> None:
-    server.replies = [None, None, None, None, status(500), status(500), status(500)]
-    assert run(server, video, tmp_path) == 1
-    assert not candidate(tmp_path).exists()
-    server.asked.clear()
-    assert run(server, video, tmp_path) == 0
-    assert server.names() == list(KEYS)[4:]
-    whole = tmp_path / "whole"
-    assert run(server, video, whole) == 0
-    assert candidate(whole).read_bytes() == candidate(tmp_path).read_bytes()
+def test_what_was_answered_is_not_asked_again(extraction: Extraction, waits: list[float]) -> None:
+    extraction.server.replies = [None, None, None, None, status(500), status(500), status(500)]
+    assert extraction.run() == 1
+    assert not extraction.candidate.exists()
+    extraction.server.asked.clear()
+    assert extraction.run() == 0
+    assert extraction.server.names() == list(KEYS)[4:]
+    whole = extraction.out / "whole"
+    assert extraction.run(out=whole) == 0
+    assert (whole / extraction.candidate.name).read_bytes() == extraction.candidate.read_bytes()
 
 
-def test_other_frames_are_another_question(server: Server, video: Path, tmp_path: Path) -> None:
-    assert run(server, video, tmp_path) == 0
-    server.asked.clear()
-    assert run(server, video, tmp_path, "--force", "--width", 80) == 0
-    assert server.names() == list(KEYS)
-    server.asked.clear()
-    assert run(server, video, tmp_path, "--force") == 0
-    assert server.names() == []
+def test_other_frames_are_another_question(extraction: Extraction) -> None:
+    assert extraction.run() == 0
+    extraction.server.asked.clear()
+    assert extraction.run("--force", "--width", 80) == 0
+    assert extraction.server.names() == list(KEYS)
+    extraction.server.asked.clear()
+    assert extraction.run("--force") == 0
+    assert extraction.server.names() == []
 
 
-def test_an_answer_that_was_changed_is_found_out(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(server, video, tmp_path) == 0
-    (kept,) = (tmp_path / "merge_clip.extraction" / "answers").glob("road-*")
+def test_an_answer_that_was_changed_is_found_out(extraction: Extraction) -> None:
+    assert extraction.run() == 0
+    (kept,) = (extraction.store / "answers").glob("road-*")
     kept.write_bytes(kept.read_bytes().replace(b"urban", b"rural"))
-    assert run(server, video, tmp_path, "--force") == 1
-    error = error_of(capsys)
+    assert extraction.run("--force") == 1
+    error = extraction.error()
     assert kept.name in error
     assert "was changed after it was stored" in error
 
 
-def test_a_candidate_is_not_overwritten_unasked(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    candidate(tmp_path).write_text("mine")
-    assert run(server, video, tmp_path) == 1
-    assert "exists already" in error_of(capsys)
-    assert candidate(tmp_path).read_text() == "mine"
-    assert server.asked == []
+def test_a_candidate_is_not_overwritten_unasked(extraction: Extraction) -> None:
+    extraction.candidate.write_text("mine")
+    assert extraction.run() == 1
+    assert "exists already" in extraction.error()
+    assert extraction.candidate.read_text() == "mine"
+    assert extraction.server.asked == []
 
 
-def test_a_refused_clip_stays_refused_until_it_is_another(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(server, video, tmp_path) == 0
+def test_a_refused_clip_stays_refused_until_it_is_another(extraction: Extraction) -> None:
+    assert extraction.run() == 0
     refusal = Record(
         kind="gate", when="2025-01-01T00:00:00Z", who="A. Author", subject="merge_clip",
         reason="identity drift",
     )  # fmt: skip
-    append_record(tmp_path / "merge_clip.log.jsonl", refusal)
-    assert run(server, video, tmp_path, "--force") == 1
-    assert "refused by A. Author" in error_of(capsys)
-    assert run(server, video, tmp_path, "--force", "--start", 1) == 0
+    append_record(extraction.out / "merge_clip.log.jsonl", refusal)
+    assert extraction.run("--force") == 1
+    assert "refused by A. Author" in extraction.error()
+    assert extraction.run("--force", "--start", 1) == 0
 
 
 # What isn't a video.
 
 
-def test_a_truncated_video_is_recognised(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    data = video.read_bytes()
-    cut = tmp_path / "cut.avi"
+def test_a_truncated_video_is_recognised(extraction: Extraction) -> None:
+    data = extraction.video.read_bytes()
+    cut = extraction.out / "cut.avi"
     cut.write_bytes(data[: len(data) * 2 // 3])
-    assert run(server, cut, tmp_path) == 1
-    error = error_of(capsys)
+    assert replace(extraction, video=cut).run() == 1
+    error = extraction.error()
     assert "cut.avi" in error
-    assert server.asked == []
+    assert extraction.server.asked == []
 
 
 @pytest.mark.parametrize("content", [b"", b"not a video", b"\x00" * 5000])
-def test_what_is_no_video_is_named(
-    server: Server, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes
-) -> None:
-    file = tmp_path / "no.mp4"
+def test_what_is_no_video_is_named(extraction: Extraction, content: bytes) -> None:
+    file = extraction.out / "no.mp4"
     file.write_bytes(content)
-    assert run(server, file, tmp_path) == 1
-    assert "no.mp4: is no video" in error_of(capsys)
+    assert replace(extraction, video=file).run() == 1
+    assert "no.mp4: is no video" in extraction.error()
 
 
 @pytest.mark.parametrize(
@@ -964,16 +829,11 @@ def test_what_is_no_video_is_named(
     ],
 )
 def test_a_crop_that_is_none_is_refused(
-    server: Server,
-    video: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    more: tuple[str, ...],
-    what: str,
+    extraction: Extraction, more: tuple[str, ...], what: str
 ) -> None:
-    assert run(server, video, tmp_path, *more) == 1
-    assert what in error_of(capsys)
-    assert server.asked == []
+    assert extraction.run(*more) == 1
+    assert what in extraction.error()
+    assert extraction.server.asked == []
 
 
 @pytest.mark.parametrize(
@@ -988,18 +848,14 @@ def test_a_crop_that_is_none_is_refused(
         ("--type", "collision"),
     ],
 )
-def test_wrong_usage_is_exit_2(
-    server: Server, video: Path, tmp_path: Path, more: tuple[str, ...]
-) -> None:
-    assert run(server, video, tmp_path, *more) == 2
+def test_wrong_usage_is_exit_2(extraction: Extraction, more: tuple[str, ...]) -> None:
+    assert extraction.run(*more) == 2
 
 
-def test_a_name_is_asked_for_where_the_file_has_none(
-    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    odd = video.rename(tmp_path / "0815.avi")
-    assert run(server, odd, tmp_path) == 2
-    assert "--name" in error_of(capsys)
+def test_a_name_is_asked_for_where_the_file_has_none(extraction: Extraction) -> None:
+    odd = extraction.video.rename(extraction.out / "0815.avi")
+    assert replace(extraction, video=odd).run() == 2
+    assert "--name" in extraction.error()
 
 
 # From a video to a task.
@@ -1024,33 +880,26 @@ KNOWN = {
 }
 
 
-def test_a_video_becomes_a_task(
-    server: Server,
-    video: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_video_becomes_a_task(extraction: Extraction, monkeypatch: pytest.MonkeyPatch) -> None:
     """Extraction, a review that gives what no camera gives, the checks, the compiler."""
-    server.answers["phases"]["resolution"] = field(7, 7)
-    assert run(server, video, tmp_path) == 0
-    event, _ = load_event(str(candidate(tmp_path)))
+    extraction.server.answers["phases"]["resolution"] = field(7, 7)
+    assert extraction.run() == 0
+    event = extraction.event()
     lines = []
     for item in to_decide(event):
         known = KNOWN.get(item.field)
         lines += ["e", known, "measured on the track"] if known else ["a"]
     monkeypatch.setattr("sys.stdin", io.StringIO("\n".join([*lines, ""])))
     options = ["--who", "A. Author", "--accept-all", "--reason", "usual for this road"]
-    more = ["--video", str(video)]
-    assert main(["spec", "review", str(candidate(tmp_path)), *options, *more]) == 0
-    k_star = tmp_path / "merge_clip.event.yaml"
+    more = ["--video", str(extraction.video)]
+    assert main(["spec", "review", str(extraction.candidate), *options, *more]) == 0
+    k_star = extraction.out / "merge_clip.event.yaml"
     event, version = load_event(str(k_star))
     assert check_event(event) == []
-    assert (tmp_path / "merge_clip.review").is_dir()
-    folder = tmp_path / "task"
+    assert (extraction.out / "merge_clip.review").is_dir()
+    folder = extraction.out / "task"
     given = ["--target", "sumo", "--site", "boulevard", "--out", str(folder)]
     assert main(["compile", str(k_star), *given]) == 0
     assert json.loads((folder / "task.json").read_text())["event"]["version"] == version
     kinds = {record.kind for record in read_log(folder / "log.jsonl")}
     assert {"source", "extraction", "accept", "edit"} <= kinds
-    capsys.readouterr()

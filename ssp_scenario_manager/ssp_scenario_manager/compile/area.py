@@ -4,6 +4,7 @@ traffic.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -15,13 +16,14 @@ from ssp_core.run_file.participants import FollowPath, LaneChange, ParticipantSp
 from ssp_core.run_file.values import Point, Start
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.compile.task import PlaceLink
-from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.event_spec.units import Span
 from ssp_scenario_manager.maps.block import Block, BlockLane, Library
 from ssp_scenario_manager.maps.site import Region, Site, region_polygon
 from ssp_scenario_manager.scenarios.base import CannotPlace, Cross, Drive, Plan
 from ssp_scenario_manager.scenarios.block_places import left_kerb_m, right_kerb_m
 from ssp_scenario_manager.scenarios.motions import stopping_m
-from ssp_scenario_manager.scenarios.values import in_si
+from ssp_scenario_manager.scenarios.values import finite
 
 # A map says nothing about a fence: it is drawn this far beyond sidewalks and road.
 FENCE_MARGIN_M = 3.0
@@ -35,8 +37,6 @@ class OperatingArea:
     """A site or a map, read.
 
     Args:
-        link: its kind, name and hash.
-        library: its blocks.
         site: None for a map.
         map_data: the map's bytes; None for a site.
         map_name: file name of the map, empty for a site.
@@ -56,17 +56,15 @@ class OperatingArea:
     def limits(self, event: Event) -> Limits:
         """Ω_safe: what the place allows, cut down to what K* allows (METHOD 2.3)."""
         safety = event.constraints.safety
-        speed, acceleration = in_si(safety.speed).max, in_si(safety.acceleration).max
-        separation, duration = in_si(safety.separation).min, in_si(safety.duration).max
         place = self.site.limits if self.site is not None else None
         if place is None:
             place = Limits(speed_mps=DEFAULT_SPEED_MPS, acceleration_mps2=DEFAULT_ACCELERATION_MPS2)
         return place.model_copy(
             update={
-                "speed_mps": _least(place.speed_mps, speed),
-                "acceleration_mps2": _least(place.acceleration_mps2, acceleration),
-                "separation_m": max(place.separation_m, separation or 0.0),
-                "duration_s": _least(place.duration_s, duration),
+                "speed_mps": min(place.speed_mps, safety.speed.si.high),
+                "acceleration_mps2": min(place.acceleration_mps2, safety.acceleration.si.high),
+                "separation_m": max(place.separation_m, safety.separation.si.low),
+                "duration_s": min(place.duration_s, safety.duration.si.high),
             }
         )
 
@@ -77,26 +75,26 @@ class OperatingArea:
             CannotPlace: the site's camera doesn't deliver what K* needs.
         """
         need = event.constraints.camera
-        hfov = in_si(need.hfov)
+        hfov = Span(*(round(math.degrees(end), 9) for end in (need.hfov.si.low, need.hfov.si.high)))
         if self.site is None:
             usual = Camera()
             return usual.model_copy(
                 update={
-                    "hfov_deg": _moved(usual.hfov_deg, _in_degrees(hfov)),
-                    "width_px": round(_moved(usual.width_px, in_si(need.width))),
-                    "rate_hz": _moved(usual.rate_hz, in_si(need.rate)),
+                    "hfov_deg": hfov.nearest(usual.hfov_deg),
+                    "width_px": round(need.width.si.nearest(usual.width_px)),
+                    "rate_hz": need.rate.si.nearest(usual.rate_hz),
                 }
             )
         camera = self.site.camera
-        for name, value, interval, unit in (
-            ("hfov_deg", camera.hfov_deg, _in_degrees(hfov), "deg"),
-            ("width_px", camera.width_px, in_si(need.width), "px"),
-            ("rate_hz", camera.rate_hz, in_si(need.rate), "Hz"),
+        for name, value, needed, unit in (
+            ("hfov_deg", camera.hfov_deg, hfov, "deg"),
+            ("width_px", camera.width_px, need.width.si, "px"),
+            ("rate_hz", camera.rate_hz, need.rate.si, "Hz"),
         ):
-            if _moved(value, interval) != value:
+            if needed.nearest(value) != value:
                 raise CannotPlace(
-                    f"the site's camera.{name} is {value:g} {unit}, K* needs {interval.min} to "
-                    f"{interval.max}"
+                    f"the site's camera.{name} is {value:g} {unit}, K* needs {finite(needed.low)} "
+                    f"to {finite(needed.high)}"
                 )
         return camera
 
@@ -154,27 +152,6 @@ def outside(points: Sequence[Point], polygons: Sequence[Sequence[Point]]) -> Poi
         if not any(point_in_polygon(x, y, polygon) for polygon in polygons):
             return x, y
     return None
-
-
-def _least(value: float, other: float | None) -> float:
-    return value if other is None else min(value, other)
-
-
-def _moved(value: float, interval: Interval) -> float:
-    low = interval.min if interval.min is not None else value
-    high = interval.max if interval.max is not None else value
-    return min(max(value, low), high)
-
-
-def _in_degrees(interval: Interval) -> Interval:
-    """An angle in degrees, rounded past what the way through radians leaves."""
-
-    def degrees(value: float | None) -> float | None:
-        return None if value is None else round(value * 57.29577951308232, 9)
-
-    if interval.unit != "rad":
-        return interval
-    return Interval(min=degrees(interval.min), max=degrees(interval.max), unit="deg")
 
 
 # Paths are looked at in steps of this.
@@ -293,12 +270,6 @@ def clear_traffic(
     """The vehicles that keep clear of the event, and why the others were left out.
 
     They drive straight on at constant speed, as SUMO has them do.
-
-    Args:
-        wanted: surroundings of the block.
-        lanes: lane of each of them.
-        block: that the event is on.
-        plan: the event.
     """
     kept, left_out = [], []
     for vehicle, lane in zip(wanted, lanes, strict=True):

@@ -7,7 +7,7 @@ A field's path is its dotted name, with ``[i]`` for an item of a list: ``limits.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -19,6 +19,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.compile.task import as_live
+from ssp_scenario_manager.event_spec.fields import get, has, join, leaves, put, split
 from ssp_scenario_manager.event_spec.log import Record
 
 # What belongs to one run, and what says which versions and what kind of site it was made for: never
@@ -39,7 +40,6 @@ LINKS = frozenset(
 # What the event is, by its K* (parts C and I): with another value it would be another event.
 OF_THE_EVENT = frozenset({"interaction", "observable", "initiator", "thresholds", "passing"})
 
-_STEP = re.compile(r"\.?([A-Za-z_][A-Za-z0-9_]*)|\[(\d+)\]")
 _ABSENT = object()
 
 
@@ -48,7 +48,6 @@ class Difference:
     """A field that was executed otherwise than the compiled task and the log say.
 
     Args:
-        field: path of the field.
         compiled: value after all logged changes; None also where there is no such field.
         executed: value that was executed; None also where there is no such field.
     """
@@ -64,36 +63,18 @@ def run_mapping(run: RunSpec) -> dict[str, Any]:
     return mapping
 
 
-def leaves(value: Any, path: str = "") -> dict[str, Any]:
-    """Every field below a JSON value by its path; empty lists and mappings count as values."""
-    if isinstance(value, dict) and value:
-        parts = ((f"{path}.{key}" if path else key, item) for key, item in value.items())
-    elif isinstance(value, list) and value:
-        parts = ((f"{path}[{index}]", item) for index, item in enumerate(value))
-    else:
-        return {path: value}
-    found: dict[str, Any] = {}
-    for place, item in parts:
-        found.update(leaves(item, place))
-    return found
-
-
 def value_at(run: RunSpec, field: str, file: str | Path | None = None) -> Any:
     """The JSON value of a field.
-
-    Args:
-        run: that has it.
-        field: its path.
-        file: where the run stands, for the message.
 
     Raises:
         InputError: the run has no such field.
     """
     mapping = run_mapping(run)
-    value = _get(mapping, field)
-    if value is not _ABSENT:
-        return value
-    near = get_close_matches(field, _paths(mapping), n=3, cutoff=0.5)
+    if has(mapping, field):
+        return get(mapping, field)
+    whole = [split(leaf) for leaf, _ in leaves(mapping)]
+    known = {join(parts[:end]): None for parts in whole for end in range(1, len(parts) + 1)}
+    near = get_close_matches(field, known, n=3, cutoff=0.5)
     raise InputError(
         "is no field of the run",
         file=file,
@@ -105,22 +86,12 @@ def value_at(run: RunSpec, field: str, file: str | Path | None = None) -> Any:
 def with_value(run: RunSpec, field: str, value: Any, file: str | Path | None = None) -> RunSpec:
     """The run with another value in one field, validated whole.
 
-    Args:
-        run: to change.
-        field: path of a field that it has.
-        value: JSON value.
-        file: where the value stands, for the message.
-
     Raises:
         InputError: the run has no such field, or the value isn't one for it.
     """
     value_at(run, field, file)
     mapping = run_mapping(run)
-    steps = _steps(field) or []
-    node: Any = mapping
-    for step in steps[:-1]:
-        node = node[step]
-    node[steps[-1]] = value
+    put(mapping, field, value)
     return parse_model(RunSpec, mapping, file or "run")
 
 
@@ -148,12 +119,6 @@ def check_changeable(field: str) -> None:
 def parse_value(run: RunSpec, field: str, text: str, file: str | Path | None = None) -> Any:
     """What somebody typed for a field, as the model of runs reads it (``15`` is 15.0 m/s there).
 
-    Args:
-        run: that has the field.
-        field: its path.
-        text: YAML or JSON.
-        file: where the run stands, for the message.
-
     Returns:
         The JSON value.
 
@@ -180,11 +145,6 @@ def parse_value(run: RunSpec, field: str, text: str, file: str | Path | None = N
 
 def apply_record(run: RunSpec, record: Record, file: str | Path | None = None) -> RunSpec:
     """The run after one ``site_change``.
-
-    Args:
-        run: before it.
-        record: the change; its old value must be the run's.
-        file: of the log, for the message.
 
     Raises:
         InputError: it changes no field of the run, or from another value than the run has.
@@ -222,7 +182,7 @@ def differences(compiled: RunSpec, executed: RunSpec) -> list[Difference]:
     """
     if executed.mode == "live" and compiled.domain == "physical":
         compiled = as_live(compiled)
-    before, after = leaves(run_mapping(compiled)), leaves(run_mapping(executed))
+    before, after = dict(leaves(run_mapping(compiled))), dict(leaves(run_mapping(executed)))
     found = []
     for field in dict.fromkeys([*before, *after]):
         old, new = before.get(field, _ABSENT), after.get(field, _ABSENT)
@@ -243,42 +203,3 @@ def same_value(one: Any, other: Any) -> bool:
     if isinstance(one, dict) and isinstance(other, dict):
         return one.keys() == other.keys() and all(same_value(one[k], other[k]) for k in one)
     return bool(one == other)
-
-
-def _steps(field: str) -> list[str | int] | None:
-    """``limits.speed_mps`` as steps into a mapping; None for what is no path."""
-    steps: list[str | int] = []
-    end = 0
-    while end < len(field):
-        match = _STEP.match(field, end)
-        if match is None or (match[0].startswith(".") and not steps):
-            return None
-        if match[1] is not None and steps and not match[0].startswith("."):
-            return None
-        steps.append(match[1] if match[1] is not None else int(match[2]))
-        end = match.end()
-    return steps or None
-
-
-def _get(value: Any, field: str) -> Any:
-    steps = _steps(field)
-    if steps is None:
-        return _ABSENT
-    for step in steps:
-        if isinstance(step, str) and isinstance(value, dict):
-            value = value.get(step, _ABSENT)
-        elif isinstance(step, int) and isinstance(value, list) and step < len(value):
-            value = value[step]
-        else:
-            return _ABSENT
-    return value
-
-
-def _paths(mapping: dict[str, Any]) -> Sequence[str]:
-    """Paths of all fields, inner ones too, for suggestions."""
-    found: dict[str, None] = {}
-    for leaf in leaves(mapping):
-        parts = re.split(r"(?=[.\[])", leaf)
-        for end in range(1, len(parts) + 1):
-            found["".join(parts[:end])] = None
-    return list(found)

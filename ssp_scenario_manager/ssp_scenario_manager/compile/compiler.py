@@ -4,26 +4,27 @@ from __future__ import annotations
 
 import datetime
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_bytes
-from ssp_core.run_file.shortlist import Listed, load_candidate
+from ssp_core.run_file.shortlist import load_candidate
 from ssp_scenario_manager.compile.area import OperatingArea
 from ssp_scenario_manager.compile.choose import Chosen, choose_block, fitting_trigger
 from ssp_scenario_manager.compile.place import COMPILER, Realisation, realise
 from ssp_scenario_manager.compile.retrieval import score_blocks
-from ssp_scenario_manager.compile.task import EventLink, PlaceLink, Target, Task, Validation, sealed
+from ssp_scenario_manager.compile.task import EventLink, PlaceLink, Target, Task, sealed
 from ssp_scenario_manager.compile.validate import Validated, read_validation
 from ssp_scenario_manager.event_spec.checks.base import Failure
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, read_event_file, refuse_old
-from ssp_scenario_manager.event_spec.log import Record, log_path, read_log, refusal, utc_now
-from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.event_spec.log import Kind, Record, log_path, read_log, refusal, utc_now
+from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library
 
@@ -51,116 +52,57 @@ def compiler_time() -> str:
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def source_record(event: Event, version: str) -> Record:
+def entry(kind: Kind, event: EventLink, reason: str, **given: Any) -> Record:
+    """An entry of the task's log about its event, by the compiler unless somebody else is given."""
+    who = {"when": compiler_time(), "who": LOGGED_AS, **given}
+    return Record(kind=kind, subject=event.name, version=event.version, reason=reason, **who)
+
+
+def _source(event: Event, link: EventLink) -> Record:
     """Where the event was taken from (METHOD 1, source gate)."""
-    clip = event.events.clip
-    return Record(
-        kind="source",
-        when=compiler_time(),
-        who=LOGGED_AS,
-        subject=event.name,
-        version=version,
-        reason="the clip that the event was taken from, as its K* says",
-        details={
-            "generator": event.source.generator,
-            "original": event.source.original,
-            "sha256": event.source.sha256,
-            "crop": {"start": _span(clip.start), "end": _span(clip.end)},
-        },
-    )
+    source = event.source.model_dump(mode="json", include={"generator", "original", "sha256"})
+    crop = event.events.clip.model_dump(mode="json")
+    reason = "the clip that the event was taken from, as its K* says"
+    return entry("source", link, reason, details={**source, "crop": crop})
 
 
-def _span(value: object) -> object:
-    return value.model_dump(mode="json") if isinstance(value, Interval) else value
-
-
-def tuning_records(task: Task) -> list[Record]:
-    """One entry per value that was chosen within part C (METHOD 2.3)."""
-    return [
-        Record(
-            kind="tuning",
-            when=compiler_time(),
-            who=LOGGED_AS,
-            subject=task.event.name,
-            version=task.event.version,
+def _decisions(
+    request: Request, task: Task, chosen: Chosen, validated: Validated | None
+) -> Iterator[Record]:
+    """What was chosen, left out and taken over (METHOD 2.2, 2.3)."""
+    event, version = task.event, {"task_version": task.version}
+    for tuning in task.tunings:
+        yield entry(
+            "tuning",
+            event,
+            tuning.reason,
             field=tuning.field,
             old={"min": tuning.min, "max": tuning.max, "unit": tuning.unit},
             new=tuning.value,
-            reason=tuning.reason,
-            details={"task_version": task.version, "unit": tuning.unit},
+            details={**version, "unit": tuning.unit},
         )
-        for tuning in task.tunings
-    ]
-
-
-def choice_record(task: Task, chosen: Chosen, who: str, when: str) -> Record:
-    """A person's choice between ties (METHOD 2.2)."""
-    return Record(
-        kind="choice",
-        when=when,
-        who=who,
-        subject=task.event.name,
-        version=task.event.version,
-        field="block",
-        new=task.block.id,
-        reason=f"at least {len(chosen.tied)} blocks of {task.place.name} score alike and fit",
-        details={"task_version": task.version, "tied": list(chosen.tied)},
-    )
-
-
-def shortlist_record(task: Task, candidate: Listed, sha256: str) -> Record:
-    """The list of the two virtual stages that chose the event for the track.
-
-    Args:
-        task: sealed.
-        candidate: its entry.
-        sha256: hash of the list's file.
-    """
-    return Record(
-        kind="shortlist",
-        when=compiler_time(),
-        who=LOGGED_AS,
-        subject=task.event.name,
-        version=task.event.version,
-        reason="; ".join(candidate.reasons),
-        details={
-            "task_version": task.version,
-            "sha256": sha256,
-            "rank": candidate.rank,
-            "priority": candidate.priority,
-        },
-    )
-
-
-def validation_record(task: Task, validation: Validation) -> Record:
-    """The simulation run that validated the anchors (METHOD 2)."""
-    return Record(
-        kind="validation",
-        when=compiler_time(),
-        who=LOGGED_AS,
-        subject=task.event.name,
-        version=task.event.version,
-        new=validation.run_id,
-        reason="its chosen values are the preferred ones of this task",
-        details={"task_version": task.version, **validation.model_dump(mode="json")},
-    )
-
-
-def disclosure_records(task: Task, left_out: Sequence[str]) -> list[Record]:
-    """Surroundings of the place that the event leaves out."""
-    return [
-        Record(
-            kind="disclosure",
-            when=compiler_time(),
-            who=LOGGED_AS,
-            subject=task.event.name,
-            version=task.event.version,
-            field="run.traffic",
-            reason=f"left out of the surroundings: {text}",
-            details={"task_version": task.version},
+    for text in chosen.realisation.left_out:
+        reason = f"left out of the surroundings: {text}"
+        yield entry("disclosure", event, reason, field="run.traffic", details=version)
+    if chosen.tied:
+        yield entry(
+            "choice",
+            event,
+            f"at least {len(chosen.tied)} blocks of {task.place.name} score alike and fit",
+            when=utc_now(),
+            who=request.who or "",
+            field="block",
+            new=task.block.id,
+            details={**version, "tied": list(chosen.tied)},
         )
-        for text in left_out
-    ]
+    if validated is not None:
+        yield entry(
+            "validation",
+            event,
+            "its chosen values are the preferred ones of this task",
+            new=validated.validation.run_id,
+            details={**version, **validated.validation.model_dump(mode="json")},
+        )
 
 
 class EventRefused(InputError):
@@ -183,13 +125,9 @@ class Request:
     """What somebody asked for.
 
     Args:
-        event: name or file of a K*.
-        target: what to compile for.
         site: name or file; None with a map.
         map_path: an OpenDRIVE or SUMO map; None with a site.
-        seed: of the run.
         choose: id of the block that a person chose among ties.
-        who: that person.
         validated_by: folder of a simulation run; None: the anchors aren't validated.
         shortlist: that the event must be a candidate of (ssp.shortlist/1); None: nobody asked.
     """
@@ -210,13 +148,8 @@ class Compiled:
     """A compiled event, before it is written.
 
     Args:
-        task: sealed.
-        event: K*.
         event_file: its text as it was read.
-        area: that it was placed on.
         site_file: the site's text, None with a map.
-        chosen: the winner and all scores.
-        log: of the task.
         shortlist: bytes of the list that the event was a candidate of.
     """
 
@@ -236,10 +169,6 @@ class Compiled:
 
 def compile_task(request: Request, said: Callable[[str], None] = lambda text: None) -> Compiled:
     """Compiles an event.
-
-    Args:
-        request: what for.
-        said: is told each block that is tried.
 
     Raises:
         EventRefused: the event doesn't pass its checks.
@@ -282,10 +211,19 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
         would_do=lambda block: fitting_trigger(event, lambda other: placed(other, block=block)),
     )
     task = _task(request, event, version, area, chosen, validated)
-    log = _log(request, event, version, before, task, chosen, validated)
+    log = list(before)
+    if not any(record.kind == "source" and record.subject == event.name for record in before):
+        log.append(_source(event, task.event))
+    log += _decisions(request, task, chosen, validated)
     listed = None if request.shortlist is None else request.shortlist.read_bytes()
     if candidate is not None and listed is not None:
-        log.append(shortlist_record(task, candidate, sha256_bytes(listed)))
+        details = {
+            "task_version": task.version,
+            "sha256": sha256_bytes(listed),
+            "rank": candidate.rank,
+            "priority": candidate.priority,
+        }
+        log.append(entry("shortlist", task.event, "; ".join(candidate.reasons), details=details))
     return Compiled(
         task=task,
         event=event,
@@ -347,18 +285,13 @@ def check_options(request: Request) -> None:
             value=str(request.map_path),
             remedy="give --site SITE, or compile for sumo, openscenario or carla",
         )
-    if request.validated_by is not None and request.target != "track":
-        raise WrongOptions(
-            "is for the track: other targets aren't validated by a simulation",
-            field="--validated-by",
-            remedy="leave it out, or give --target track",
-        )
-    if request.shortlist is not None and request.target != "track":
-        raise WrongOptions(
-            "is for the track: other targets need no choice among events",
-            field="--shortlist",
-            remedy="leave it out, or give --target track",
-        )
+    for field, given, why in (
+        ("--validated-by", request.validated_by, "aren't validated by a simulation"),
+        ("--shortlist", request.shortlist, "need no choice among events"),
+    ):
+        if given is not None and request.target != "track":
+            remedy = "leave it out, or give --target track"
+            raise WrongOptions(f"is for the track: other targets {why}", field=field, remedy=remedy)
     if request.choose is not None and not (request.who or "").strip():
         raise WrongOptions(
             "is missing: a person's choice goes into the log with a name",
@@ -409,25 +342,3 @@ def _task(
             run=real.run,
         )
     )
-
-
-def _log(
-    request: Request,
-    event: Event,
-    version: str,
-    before: Sequence[Record],
-    task: Task,
-    chosen: Chosen,
-    validated: Validated | None,
-) -> list[Record]:
-    """The event's own log goes on in the task's."""
-    log = list(before)
-    if not any(record.kind == "source" and record.subject == event.name for record in before):
-        log.append(source_record(event, version))
-    log += tuning_records(task)
-    log += disclosure_records(task, chosen.realisation.left_out)
-    if chosen.tied:
-        log.append(choice_record(task, chosen, request.who or "", utc_now()))
-    if validated is not None:
-        log.append(validation_record(task, validated.validation))
-    return log

@@ -9,7 +9,7 @@ from itertools import islice
 import ssp_core
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
-from ssp_core.run_file.participants import TrafficSpec, TriggerSpec
+from ssp_core.run_file.participants import LaneChange, TrafficSpec, TriggerSpec
 from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Point, Start
 from ssp_core.world.reference_line import NotOneToOne
@@ -29,6 +29,7 @@ from ssp_scenario_manager.compile.task import (
     Tuning,
 )
 from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.event_spec.units import Span
 from ssp_scenario_manager.maps.block import Block, BlockLane
 from ssp_scenario_manager.run.in_process import why_not
 from ssp_scenario_manager.scenarios.base import (
@@ -39,7 +40,6 @@ from ssp_scenario_manager.scenarios.base import (
     Kind,
     PlaceLimits,
     Plan,
-    ShiftLane,
     Wait,
 )
 from ssp_scenario_manager.scenarios.kinds import KINDS
@@ -47,6 +47,7 @@ from ssp_scenario_manager.scenarios.motions import Motions, motions
 from ssp_scenario_manager.scenarios.planning import adaptation_of
 from ssp_scenario_manager.scenarios.values import (
     classes_of,
+    finite,
     initiator_first,
     quantity_at,
     thresholds_of,
@@ -92,7 +93,7 @@ def _goal(name: str, motion: Drive | Wait, plan: Plan) -> BlockPoint:
         return act.goal
     if isinstance(motion, Wait):
         return motion.start
-    shift = act.shift_m if isinstance(act, ShiftLane) else 0.0
+    shift = act.lateral_shift_m if isinstance(act, LaneChange) else 0.0
     return BlockPoint(motion.end_s_m, motion.start.l_m + shift)
 
 
@@ -113,17 +114,9 @@ def tunings(event: Event, plan: Plan) -> list[Tuning]:
     found = []
     for field, (value, unit, why) in sorted(plan.chosen.items()):
         wanted = quantity_at(event, field)
-        interval = wanted if isinstance(wanted, Interval) else None
-        found.append(
-            Tuning(
-                field=field,
-                value=value,
-                unit=unit,
-                min=interval.min if interval is not None else None,
-                max=interval.max if interval is not None else None,
-                reason=why,
-            )
-        )
+        span = wanted.si if isinstance(wanted, Interval) else Span()
+        low, high = finite(span.low), finite(span.high)
+        found.append(Tuning(field=field, value=value, unit=unit, min=low, max=high, reason=why))
     return found
 
 
@@ -139,13 +132,8 @@ class Realisation:
     """An event on a block of a place.
 
     Args:
-        block: the block.
-        plan: the event in its frame.
         run: what a session runs; its id, seed and mode are set by whoever runs it.
-        anchors: per participant, by its id in the run.
         vut_route: frame map.
-        trigger: Ω_trigger.
-        conflict_zone: corners.
         ot_reachable: polygons, empty where the place has none.
         safe_stop_zones: polygons, as ot_reachable.
         tunings: values that were chosen within part C.
@@ -190,12 +178,7 @@ def realise(
     """Places an event on a block.
 
     Args:
-        event: K*.
-        event_version: its version.
-        block: of the ground.
-        area: site or map.
         target: what is compiled for; only a track session is physical.
-        seed: of the run.
         preferred: values to try first, by field path.
 
     Raises:

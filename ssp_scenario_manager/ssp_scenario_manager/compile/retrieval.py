@@ -19,11 +19,11 @@ from ssp_scenario_manager.event_spec.model import (
     RoadTypeWord,
     WordField,
 )
+from ssp_scenario_manager.event_spec.units import Span
 from ssp_scenario_manager.maps.block import Block, BlockLane, Library, bend_1pm
 from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.block_places import lanes_of_words
 from ssp_scenario_manager.scenarios.kinds import KINDS
-from ssp_scenario_manager.scenarios.values import in_si
 
 # Rounding of widths in map files.
 _WIDTH_M = 0.01
@@ -50,13 +50,8 @@ UNKNOWN = Met(0.5)
 
 def bounds(quantity: Quantity | None) -> tuple[float, float]:
     """Both ends of a quantity in SI units; an open or unresolved side is infinite."""
-    if not isinstance(quantity, Interval):
-        return -math.inf, math.inf
-    found = in_si(quantity)
-    return (
-        -math.inf if found.min is None else found.min,
-        math.inf if found.max is None else found.max,
-    )
+    span = quantity.si if isinstance(quantity, Interval) else Span()
+    return span.low, span.high
 
 
 # -- part T ---------------------------------------------------------------------------------------
@@ -398,8 +393,6 @@ def score_blocks(event: Event, library: Library, kind: Kind | None = None) -> li
     """The scores of all blocks of a library: eligible ones first, best first, then by id.
 
     Args:
-        event: a K* that passed its checks.
-        library: of a map or site.
         kind: of the interaction; by default the one that the event names.
     """
     if kind is None:

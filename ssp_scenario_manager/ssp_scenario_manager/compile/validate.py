@@ -27,7 +27,6 @@ class Validated:
     """What a simulation run showed.
 
     Args:
-        validation: which run.
         values: chosen there, by field path of K*.
     """
 
@@ -41,10 +40,6 @@ def read_validation(folder: Path, event_version: str) -> Validated:
     Its bag must be undamaged, every CRC of it. It must have been valid by the session's last word
     in the bag and by the runner's beside it, without a safety event, of the same K* version and of
     a sumo task with an unbroken seal, run as it was compiled, and have announced all four phases.
-
-    Args:
-        folder: of `ssp run`.
-        event_version: of the K* that is compiled.
 
     Raises:
         InputError: one of these doesn't hold.

@@ -27,7 +27,6 @@ class BlockLane:
         y_m: offset of its centre from the reference line, + left.
         width_m: narrowest width along the block.
         forward: it leads along the block (the VUT's direction of travel).
-        name: of the lane in the map, for messages and exports.
     """
 
     y_m: float
@@ -67,7 +66,6 @@ class Block:
         speed_limit_mps: None where the map doesn't say.
         shoulder_right_m: width between the rightmost lane and the kerb or sidewalk.
         shoulder_left_m: as on the right.
-        notes: for people.
         scenery: what stands beside the road, in the block's frame.
     """
 
@@ -124,7 +122,6 @@ class Library:
         source: file name of the map or name of the site.
         sha256: hash of the map file, or of the site's content.
         kind: what it was read from.
-        blocks: sorted by id.
         rejected: what was found and can't be a block, as (name, reason).
     """
 

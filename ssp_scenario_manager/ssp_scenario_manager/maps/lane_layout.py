@@ -42,10 +42,7 @@ class Slot:
     """A lane over a stretch, seen along the road's own direction.
 
     Args:
-        id: of the lane.
-        type: word of the map.
         y_m: mean offset of its centre, + left.
-        width_m: narrowest.
         driving: usable as a driving lane here.
         along: traffic runs in the road's direction.
     """

@@ -22,7 +22,6 @@ class Geometry:
         x_m: its start, as y_m and heading.
         y_m: as x_m.
         heading_rad: there.
-        length_m: of the part.
         kind: how it is described.
         numbers: curvature; start and end curvature; a to d; aU to dU and aV to dV.
         normalised: paramPoly3 whose parameter runs from 0 to 1.
@@ -107,12 +106,8 @@ class RoadRecord:
         junction: whose connecting road it is, None outside of one.
         length_m: along its reference line.
         left_hand: traffic keeps to the left.
-        links: what its start and end are joined to.
         types: (s, type, speed limit in m/s or None), in order.
-        geometry: parts of the reference line, in order.
         offsets: of lane 0 from the reference line.
-        sections: lane sections, in order.
-        crosswalks_m: arc lengths of marked crossings.
         scenery: what stands beside it, along its reference line.
         not_drawn: how much more there is of it that can't be.
     """

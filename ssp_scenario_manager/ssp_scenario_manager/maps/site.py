@@ -280,10 +280,6 @@ def _block(site: Site, index: int) -> Block:
 def site_library(site: Site, file: str | Path | None = None) -> Library:
     """The blocks of a site, each in the direction that its file gives it.
 
-    Args:
-        site: read.
-        file: that it was read from, for messages.
-
     Raises:
         InputError: blocks or regions of the site contradict each other; every place where they do.
     """
@@ -318,11 +314,6 @@ def region_polygon(site: Site, region: Region, field: str = "region") -> list[Po
     """Corners of a region in frame map, in order; a strip's start at its right entry.
 
     A strip along a bend gets as many points as keep its outline within 2 cm.
-
-    Args:
-        site: that the region belongs to.
-        region: of it.
-        field: where it stands, for errors.
 
     Raises:
         InputError: it names no block, is empty, or lies where the block has no coordinates.

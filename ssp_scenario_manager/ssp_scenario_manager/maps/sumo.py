@@ -49,8 +49,6 @@ class EdgeLane:
 
     Args:
         index: from the right.
-        width_m: of the lane.
-        speed_mps: limit.
         shape: centre line, frame map.
         driving: passenger cars may use it.
         walkable: only pedestrians may.
@@ -190,8 +188,6 @@ def _beside(
     """The driving lanes of an edge along a line; None where one isn't parallel to it.
 
     Args:
-        line: to run beside.
-        edge: whose lanes.
         along: they lead along the line.
         middle: the lane of the edge that the line was made from, if one.
     """

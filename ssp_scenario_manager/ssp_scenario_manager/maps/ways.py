@@ -77,16 +77,13 @@ class Way:
     Args:
         roads: names of the roads that it is made of, in its order.
         span_m: its part of its one road, None where it is all of it.
-        line: reference line.
         lanes: driving lanes from right to left.
         right: beyond the rightmost of them.
         left: beyond the leftmost of them.
-        road_type: of the map.
         along: rules for traffic along it.
         against: rules for traffic against it.
         crossings_m: arc lengths of marked crossings.
         junction: that it leads through, None outside of one.
-        notes: for people.
         noun: what the map's roads are called in names.
         both: traffic against it has its block from this way too, not from one of its own.
         scenery: what stands beside it, along its line.
@@ -210,7 +207,6 @@ class Network:
     """Joined ways, and which ends of which meet.
 
     Args:
-        ways: joined.
         meets: per end of a way, the ends of others that traffic goes on to.
     """
 

@@ -27,9 +27,7 @@ class BadElement(Exception):
     """Something is wrong in an element; the reader of the file says where that element stands.
 
     Args:
-        element: that is wrong.
         problem: as a clause.
-        attribute: that it is about, if one.
         remedy: what would be right.
     """
 
@@ -88,7 +86,6 @@ def parts(path: Path, root: str) -> Iterator[Element]:
     """The elements right under the root, one after the other; each is gone when the next is read.
 
     Args:
-        path: of the file.
         root: tag that the outermost element must have.
 
     Raises:

@@ -11,31 +11,19 @@ import pytest
 
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.model import EndCondition, Limits, RunSpec
-from ssp_core.run_file.participants import (
-    Brake,
-    Driver,
-    FollowPath,
-    LaneChange,
-    Motion,
-    ParticipantSpec,
-    RelativeDistance,
-    TimeToArrival,
-    TriggerSpec,
-)
-from ssp_core.run_file.road import CurvePiece, Lane, Road
-from ssp_core.run_file.values import Start
+from ssp_core.run_file.participants import Brake, Driver, LaneChange
+from ssp_core.run_file.road import CurvePiece, Road
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.compile.area import strip_polygon
+from ssp_scenario_manager.compile.place import anchors, road_of, trigger_region
+from ssp_scenario_manager.compile.place import place as on_block
 from ssp_scenario_manager.compile.task import (
-    Anchors,
     BlockScore,
     EventLink,
-    Place,
     PlaceLink,
     Target,
     Task,
     TaskBlock,
-    TriggerRegion,
     sealed,
 )
 from ssp_scenario_manager.event_spec.load import load_event
@@ -44,14 +32,14 @@ from ssp_scenario_manager.maps.block import Block, BlockLane
 from ssp_scenario_manager.scenarios.base import (
     Act,
     BlockPoint,
-    BrakeTo,
     Cross,
     Drive,
     Plan,
-    ShiftLane,
     Trigger,
     Wait,
 )
+from ssp_scenario_manager.scenarios.motions import motions
+from ssp_scenario_manager.scenarios.values import classes_of
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 
@@ -111,13 +99,19 @@ def _plan(name: str, block: Block) -> Plan:
     if name == "cut_in":
         vut = Drive(BlockPoint(15.0, lane), 13.0, 385.0)
         targets = {"ot1": Drive(BlockPoint(52.0, beside), 8.5, 380.0)}
-        act = ShiftLane(lane - beside, 2.4, 5.5, 2.0)
+        act = LaneChange(
+            kind="lane_change",
+            lateral_shift_m=lane - beside,
+            duration_s=2.4,
+            cruise_mps=5.5,
+            deceleration_mps2=2.0,
+        )
         trigger = Trigger("ot1", "relative_distance", 18.0, None, act, not_before_s=4.0)
         conflict = BlockPoint(140.0, lane)
     elif name == "lead_braking":
         vut = Drive(BlockPoint(15.0, lane), 12.0, 385.0)
         targets = {"ot1": Drive(BlockPoint(60.0, lane), 9.0, 380.0)}
-        act = BrakeTo(2.0, 4.0)
+        act = Brake(kind="brake", to_mps=2.0, deceleration_mps2=4.0)
         trigger = Trigger("ot1", "relative_distance", 20.0, None, act, not_before_s=4.0)
         conflict = BlockPoint(180.0, lane)
     else:
@@ -138,77 +132,6 @@ def _plan(name: str, block: Block) -> Plan:
     return Plan(vut, targets, trigger, conflict, zone, BlockPoint(conflict.s_m - 25.0, lane), {})
 
 
-def _start(line: ReferenceLine, place: BlockPoint, heading_rad: float = 0.0) -> Start:
-    x, y = line.to_map(place.s_m, place.l_m)
-    return Start(x_m=x, y_m=y, yaw_rad=line.pose(place.s_m).yaw_rad + heading_rad)
-
-
-def _motion(line: ReferenceLine, drive: Drive) -> Motion:
-    return Motion(
-        path=line.path(drive.start.s_m, drive.end_s_m, drive.start.l_m),
-        cruise_mps=drive.cruise_mps,
-        acceleration_mps2=drive.acceleration_mps2,
-        deceleration_mps2=drive.deceleration_mps2,
-    )
-
-
-def _trigger_spec(plan: Plan, line: ReferenceLine) -> TriggerSpec:
-    trigger, act = plan.trigger, plan.trigger.act
-    condition: RelativeDistance | TimeToArrival
-    manoeuvre: LaneChange | FollowPath | Brake
-    if trigger.anchor is None:
-        condition = RelativeDistance(
-            type="relative_distance", object_id=trigger.object_id, below_m=trigger.below
-        )
-    else:
-        condition = TimeToArrival(
-            type="time_to_arrival",
-            anchor=line.to_map(trigger.anchor.s_m, trigger.anchor.l_m),
-            below_s=trigger.below,
-        )
-    if isinstance(act, ShiftLane):
-        manoeuvre = LaneChange(
-            kind="lane_change",
-            lateral_shift_m=act.shift_m,
-            duration_s=act.duration_s,
-            cruise_mps=act.cruise_mps,
-            deceleration_mps2=act.deceleration_mps2,
-        )
-    elif isinstance(act, BrakeTo):
-        manoeuvre = Brake(kind="brake", to_mps=act.to_mps, deceleration_mps2=act.deceleration_mps2)
-    else:
-        start = plan.targets[trigger.object_id].start
-        manoeuvre = FollowPath(
-            kind="follow_path",
-            motion=Motion(
-                path=[line.to_map(start.s_m, start.l_m), line.to_map(act.goal.s_m, act.goal.l_m)],
-                cruise_mps=act.speed_mps,
-                acceleration_mps2=act.acceleration_mps2,
-                deceleration_mps2=act.acceleration_mps2,
-            ),
-        )
-    return TriggerSpec(
-        id="manoeuvre",
-        condition=condition,
-        not_before_s=trigger.not_before_s,
-        object_id=trigger.object_id,
-        manoeuvre=manoeuvre,
-        lead_time_s=trigger.lead_time_s,
-    )
-
-
-def _participant(
-    line: ReferenceLine, name: str, kind: str, motion: Drive | Wait
-) -> ParticipantSpec:
-    heading = motion.heading_rad if isinstance(motion, Wait) else 0.0
-    return ParticipantSpec(
-        id=name,
-        object_class=kind,
-        start=_start(line, motion.start, heading),
-        approach=_motion(line, motion) if isinstance(motion, Drive) else None,
-    )
-
-
 def make_case(
     name: str,
     block: Block | None = None,
@@ -218,20 +141,11 @@ def make_case(
     """One event on one block."""
     block = block or make_block()
     event, version = load_event(name)
-    line = block.line
     plan = _plan(name, block)
-    pose = line.pose(0.0)
-    origin = Start(x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
-    lanes = [
-        Lane(
-            y_m=lane.y_m,
-            width_m=lane.width_m,
-            direction="forward" if lane.forward else "backward",
-        )
-        for lane in block.lanes
-    ]
-    fence = strip_polygon(line, 0.0, block.length_m, -8.0, 17.0)
+    told = motions(block.line, classes_of(event), "vut", plan.vut, plan.targets, plan.trigger)
+    fence = strip_polygon(block.line, 0.0, block.length_m, -8.0, 17.0)
     limits = Limits(speed_mps=16.0, acceleration_mps2=5.0)
+    road = road_of(block).model_copy(update={"pieces": [*block.line.pieces]})
     run = RunSpec(
         schema_="ssp.run/1",
         run_id="run",
@@ -246,27 +160,18 @@ def make_case(
         site_version="sha256:site",
         seed=7,
         mode="lockstep",
-        road=Road(origin=origin, length_m=block.length_m, pieces=[*line.pieces], lanes=lanes),
+        road=Road(origin=road.origin, length_m=road.length_m, pieces=road.pieces, lanes=road.lanes),
         geofence=fence,
-        vut=_participant(line, "vut", "car", plan.vut),
+        vut=told.vut,
         # Behind a lead that brakes, the usual headway leaves no conflict.
         driver=Driver(
             cruise_mps=plan.vut.cruise_mps, headway_s=0.8 if name == "lead_braking" else 1.4
         ),
-        targets=[
-            _participant(line, who, event.participants[who].class_, motion)
-            for who, motion in plan.targets.items()
-        ],
-        triggers=[_trigger_spec(plan, line)],
+        targets=[told.target(who) for who in plan.targets],
+        triggers=[told.trigger.model_copy(update={"id": "manoeuvre"})],
         limits=limits,
         end=EndCondition(at_latest_s=40.0),
     )
-
-    def at(point: BlockPoint) -> Place:
-        x, y = line.to_map(point.s_m, point.l_m)
-        return Place(s_m=point.s_m, l_m=point.l_m, x_m=x, y_m=y)
-
-    expected = at(plan.expected)
     task = Task(
         schema_="ssp.task/1",
         target=target,
@@ -276,10 +181,10 @@ def make_case(
         place=place or PlaceLink(kind="site", name="made_here", sha256="sha256:site"),
         block=TaskBlock(
             id=block.block_id,
-            origin=origin,
-            pieces=[*line.pieces],
+            origin=road.origin,
+            pieces=road.pieces,
             length_m=block.length_m,
-            lanes=lanes,
+            lanes=road.lanes,
         ),
         chosen_by="highest score",
         retrieval=[
@@ -287,22 +192,10 @@ def make_case(
                 block="main", topology=1, interaction=1, constraints=1, total=1, eligible=True
             )
         ],
-        anchors={
-            "vut": Anchors(
-                start=at(plan.vut.start),
-                goal=at(BlockPoint(plan.vut.end_s_m, plan.vut.start.l_m)),
-                conflict=at(plan.conflict),
-            )
-        },
+        anchors={"vut": anchors(block, plan)["vut"]},
         vut_route=run.vut.approach.path if run.vut.approach else [],
-        trigger=TriggerRegion(
-            quantity=plan.trigger.quantity,
-            object_id=plan.trigger.object_id,
-            below=plan.trigger.below,
-            unit="m" if plan.trigger.anchor is None else "s",
-            expected=expected,
-        ),
-        conflict_zone=[at(corner) for corner in plan.zone],
+        trigger=trigger_region(block, plan),
+        conflict_zone=[on_block(block, corner) for corner in plan.zone],
         limits=limits,
         geofence=fence,
         tunings=[],

@@ -113,7 +113,7 @@ def without_carla(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def exported(case: Any, folder: Path, map_text: str | None = None) -> CarlaConfig:
-    files = export_carla(case.task, case.event, case.block, case.plan, map_text, folder)
+    files = export_carla(case.task, case.block, case.plan, map_text, folder)
     return load_model(CarlaConfig, files[0])
 
 
@@ -229,7 +229,7 @@ def test_a_trigger_that_the_file_has_no_words_for_is_refused(
     run = case.task.run.model_copy(update={"triggers": [trigger]})
     task = case.task.model_copy(update={"run": run})
     with pytest.raises(InputError, match=words):
-        export_carla(task, case.event, case.block, case.plan, None, tmp_path)
+        export_carla(task, case.block, case.plan, None, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -307,7 +307,7 @@ def test_the_same_task_gives_the_same_bytes(name: str, case_of: Any, tmp_path: P
     texts = []
     for _ in range(2):
         case = case_of(name)
-        files = export_carla(case.task, case.event, case.block, case.plan, None, tmp_path)
+        files = export_carla(case.task, case.block, case.plan, None, tmp_path)
         texts.append([f.read_bytes() for f in files])
     assert texts[0] == texts[1]
     assert json.loads(texts[0][0])["schema"] == "ssp.carla/1"
@@ -393,5 +393,5 @@ def test_a_misfit_is_refused_before_anything_is_written(
     monkeypatch.setattr(carla_check, "check_against_map", lambda *_: ["ot1 floats", "so does vut"])
     case = case_of("cut_in")
     with pytest.raises(InputError, match=r"ot1 floats \(1 more\)"):
-        export_carla(case.task, case.event, case.block, case.plan, None, tmp_path)
+        export_carla(case.task, case.block, case.plan, None, tmp_path)
     assert list(tmp_path.iterdir()) == []

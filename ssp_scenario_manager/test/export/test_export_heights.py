@@ -103,14 +103,12 @@ def test_scenarios_and_configurations_tell_heights(
     block = block_of()
     case = case_of("vru_crossing", block, "openscenario", place)
     text = hilly(block)
-    files = export_openscenario(case.task, case.event, block, case.plan, text, tmp_path)
+    files = export_openscenario(case.task, block, text, tmp_path)
     root = ET.parse(files[0]).getroot()
     told = [float(p.get("z", "nan")) for p in root.iter("WorldPosition")]
     # VUT at 15 m, pedestrian at 110 m, its path, and the anchor less the front overhang.
     assert told == pytest.approx([3.3, 5.2, 5.2, 5.2, 5.128], abs=0.021)
-    config = load_model(
-        CarlaConfig, export_carla(case.task, case.event, block, case.plan, text, tmp_path)[0]
-    )
+    config = load_model(CarlaConfig, export_carla(case.task, block, case.plan, text, tmp_path)[0])
     assert config.actors[0].reference.location.z == pytest.approx(3.3, abs=0.021)
     assert config.actors[1].spawn.location.z == pytest.approx(5.2 + 0.975, abs=0.021)
     assert config.conflict.z == pytest.approx(5.2, abs=0.021)
@@ -118,5 +116,5 @@ def test_scenarios_and_configurations_tell_heights(
 
 def test_on_a_flat_map_heights_are_the_players(case_of: Any, tmp_path: Path) -> None:
     case = case_of("vru_crossing")
-    files = export_openscenario(case.task, case.event, case.block, case.plan, None, tmp_path)
+    files = export_openscenario(case.task, case.block, None, tmp_path)
     assert all(p.get("z") is None for p in ET.parse(files[0]).getroot().iter("WorldPosition"))

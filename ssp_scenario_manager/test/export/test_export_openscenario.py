@@ -62,7 +62,7 @@ def written(case: Any, folder: Path, external: bool = False) -> ET.Element:
     """The scenario of a case, which is exported once: each takes a whole session."""
     task = case.task
     if task.version not in _MADE:
-        files = export_openscenario(task, case.event, case.block, case.plan, None, folder)
+        files = export_openscenario(task, case.block, None, folder)
         _MADE[task.version] = [file.read_text() for file in files[:2]]
     return ET.fromstring(_MADE[task.version][external])
 
@@ -80,7 +80,7 @@ def test_is_valid_openscenario_1_0(
     name: str, bent: bool, case_of: Any, curved_block: Any, xsd: Any, tmp_path: Path
 ) -> None:
     case = case_of(name, curved_block if bent else None)
-    files = export_openscenario(case.task, case.event, case.block, case.plan, None, tmp_path)
+    files = export_openscenario(case.task, case.block, None, tmp_path)
     assert [f.name for f in files] == [f"{name}.xosc", f"{name}_external.xosc", "made_here.xodr"]
     for file in files[:2]:
         document = etree.parse(file)
@@ -254,7 +254,7 @@ def test_a_condition_is_told_as_openscenarios_own(
     edge = asked.get("edge", "none")
     bare = {key: value for key, value in asked.items() if key != "edge"}
     task = _with_trigger(case, condition=VALUES.validate_python(bare), edge=edge)
-    files = export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
+    files = export_openscenario(task, case.block, None, tmp_path)
     xsd.assertValid(etree.parse(files[0]))
     condition = trigger_of(ET.parse(files[0]).getroot())
     leaf = need(condition, f".//{tag}")
@@ -273,7 +273,7 @@ def test_nested_conditions_become_groups_of_which_one_must_hold_whole(
     either = {"type": "any", "of": [TTC, {"type": "all", "of": [HEADWAY, LATE]}]}
     asked = VALUES.validate_python({"type": "all", "of": [FAST, either]})
     task = _with_trigger(case, condition=asked)
-    files = export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
+    files = export_openscenario(task, case.block, None, tmp_path)
     xsd.assertValid(etree.parse(files[0]))
     event = need(ET.parse(files[0]).getroot(), ".//Event[@name='manoeuvre']/StartTrigger")
     around = ("Condition", "ByEntityCondition", "ByValueCondition", "EntityCondition")
@@ -404,7 +404,7 @@ def test_nothing_is_written_of_a_task_that_never_fires(case_of: Any, tmp_path: P
     trigger = case.task.run.triggers[0].model_copy(update={"condition": condition})
     task = changed(case, triggers=[trigger])
     with pytest.raises(InputError, match="never fires"):
-        export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
+        export_openscenario(task, case.block, None, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -427,9 +427,7 @@ def test_everything_ends_as_a_session_does(external: bool, case_of: Any, tmp_pat
     """At the VUT's goal, when time is up, and some time after the resolution where it is known."""
     case = case_of("cut_in")
     end = case.task.run.end.model_copy(update={"after_resolution_s": 2.5})
-    files = export_openscenario(
-        changed(case, end=end), case.event, case.block, case.plan, None, tmp_path
-    )
+    files = export_openscenario(changed(case, end=end), case.block, None, tmp_path)
     root = ET.parse(files[external]).getroot()
     resolution_s = driven(case.task.run)[0].phase_s(Phase.RESOLUTION)
     assert resolution_s is not None
@@ -466,7 +464,7 @@ def test_sun_and_fog_are_those_of_the_run(case_of: Any, tmp_path: Path) -> None:
         update={"sun_azimuth_deg": 90.0, "sun_elevation_deg": 30.0, "fog_per_m": 0.01}
     )
     task = changed(case, look=look)
-    files = export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
+    files = export_openscenario(task, case.block, None, tmp_path)
     root = ET.parse(files[0]).getroot()
     sun, fog = need(root, ".//Sun"), need(root, ".//Fog")
     # Counter-clockwise from east is north here, and 0 there.
@@ -479,13 +477,13 @@ def test_a_users_map_goes_along_as_it_is(case_of: Any, tmp_path: Path) -> None:
     place = PlaceLink(kind="opendrive", name="maps/Town99.xodr", sha256="sha256:map")
     case = case_of("cut_in", None, "openscenario", place)
     text = "<OpenDRIVE>\n  <!-- Ä -->\n</OpenDRIVE>"
-    files = export_openscenario(case.task, case.event, case.block, case.plan, text, tmp_path)
+    files = export_openscenario(case.task, case.block, text, tmp_path)
     assert files[2].name == "Town99.xodr"
     assert files[2].read_bytes() == text.encode()
     logic = need(ET.parse(files[0]).getroot(), "RoadNetwork/LogicFile")
     assert logic.get("filepath") == "Town99.xodr"
     with pytest.raises(InputError, match="needs the map"):
-        export_openscenario(case.task, case.event, case.block, case.plan, None, tmp_path)
+        export_openscenario(case.task, case.block, None, tmp_path)
 
 
 def _with_trigger(case: Any, **fields: Any) -> Task:
@@ -557,14 +555,14 @@ def test_what_openscenario_cant_tell_is_refused_and_nothing_written(
 ) -> None:
     case = case_of(name)
     with pytest.raises(InputError, match=words):
-        export_openscenario(spoil(case), case.event, case.block, case.plan, None, tmp_path)
+        export_openscenario(spoil(case), case.block, None, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_small_miss_of_the_lanes_centre_is_an_offset_in_it(case_of: Any, tmp_path: Path) -> None:
     case = case_of("cut_in")
     task = _with_shift(case, -3.3)
-    files = export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
+    files = export_openscenario(task, case.block, None, tmp_path)
     change = need(ET.parse(files[0]).getroot(), ".//LaneChangeAction")
     assert float(change.get("targetLaneOffset", "")) == pytest.approx(0.2)
 
@@ -577,7 +575,7 @@ def test_the_same_task_gives_the_same_bytes(case_of: Any, tmp_path: Path) -> Non
     for folder, order in ((first, two), (second, two[::-1])):
         for name in order:
             case = case_of(name)
-            export_openscenario(case.task, case.event, case.block, case.plan, None, folder)
+            export_openscenario(case.task, case.block, None, folder)
     names = sorted(p.name for p in first.iterdir())
     assert len(names) == 2 * len(two) + 1
     for name in names:

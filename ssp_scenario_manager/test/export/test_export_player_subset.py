@@ -87,7 +87,7 @@ def need(element: ET.Element, path: str) -> ET.Element:
 def roots(request: Any, case_of: Any, tmp_path_factory: pytest.TempPathFactory) -> list[ET.Element]:
     case = case_of(request.param)
     folder = tmp_path_factory.mktemp("scenario")
-    files = export_openscenario(case.task, case.event, case.block, case.plan, None, folder)
+    files = export_openscenario(case.task, case.block, None, folder)
     return [ET.parse(f).getroot() for f in files[:2]]
 
 

@@ -51,7 +51,6 @@ from ssp_scenario_manager.compile.targets.carla_config import (
 from ssp_scenario_manager.compile.targets.map_file import Heights, MapFile, map_file, provenance
 from ssp_scenario_manager.compile.targets.ramps import CLASSES, TARGET_START_S
 from ssp_scenario_manager.compile.task import Task
-from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.scenarios.base import Plan
 
@@ -122,13 +121,12 @@ _FOG_OVER_M = 100.0
 
 
 def export_carla(
-    task: Task, event: Event, block: Block, plan: Plan, map_text: str | None, folder: Path
+    task: Task, block: Block, plan: Plan, map_text: str | None, folder: Path
 ) -> list[Path]:
     """Writes ``carla_config.json`` and the map.
 
     Args:
         task: sealed.
-        event: unused; the task names it.
         block: that the task was placed on.
         plan: for the conflict point.
         map_text: the user's map; None where the task's place isn't an OpenDRIVE map.
@@ -158,12 +156,6 @@ def export_carla(
 
 def carla_config(task: Task, block: Block, plan: Plan, chart: MapFile) -> CarlaConfig:
     """The configuration of a task.
-
-    Args:
-        task: sealed.
-        block: that it was placed on.
-        plan: for the conflict point.
-        chart: the map that goes along.
 
     Raises:
         InputError: a trigger asks something that the file can't tell.

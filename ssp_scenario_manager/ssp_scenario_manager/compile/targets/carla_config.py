@@ -231,10 +231,6 @@ def check_against_map(config: CarlaConfig, xodr: str) -> list[str]:
     connected. One that stands or walks has ground below it, and a pedestrian waits on no driving
     lane. Heights agree.
 
-    Args:
-        config: to check.
-        xodr: text of the OpenDRIVE map that it names.
-
     Raises:
         ModuleNotFoundError: ``carla`` isn't installed.
     """

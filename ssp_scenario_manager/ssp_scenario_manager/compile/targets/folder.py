@@ -8,7 +8,6 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -34,32 +33,6 @@ from ssp_scenario_manager.event_spec.log import LOG_FILE, read_log, record_line
 from ssp_scenario_manager.maps.site import load_site
 
 
-def _sumo(compiled: Compiled, folder: Path) -> None:
-    from ssp_scenario_manager.compile.targets.sumo import write_sumo
-
-    write_sumo(compiled.task, folder)
-
-
-def _openscenario(compiled: Compiled, folder: Path) -> None:
-    from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
-
-    real = compiled.realisation
-    export_openscenario(
-        compiled.task, compiled.event, real.block, real.plan, _map_text(compiled), folder
-    )
-
-
-def _carla(compiled: Compiled, folder: Path) -> None:
-    from ssp_scenario_manager.compile.targets.carla import export_carla
-
-    real = compiled.realisation
-    export_carla(compiled.task, compiled.event, real.block, real.plan, _map_text(compiled), folder)
-
-
-def _track(compiled: Compiled, folder: Path) -> None:
-    """A track task is task.json; the sheet that every target has is its reading for people."""
-
-
 def _map_text(compiled: Compiled) -> str | None:
     """The user's map, where it is OpenDRIVE."""
     data, area = compiled.area.map_data, compiled.area
@@ -75,22 +48,29 @@ def _map_text(compiled: Compiled) -> str | None:
         ) from error
 
 
-_WRITERS: dict[Target, Callable[[Compiled, Path], None]] = {
-    "sumo": _sumo,
-    "openscenario": _openscenario,
-    "carla": _carla,
-    "track": _track,
-}
-
-
 def write_target(compiled: Compiled, folder: Path) -> None:
     """Writes the target's own files and the task sheet into a compiled folder.
+
+    A track task is task.json; the sheet that every target has is its reading for people.
 
     Raises:
         InputError: the task has something that the target can't tell.
         HostError: this machine lacks what makes them.
     """
-    _WRITERS[compiled.task.target](compiled, folder)
+    # Each is imported where it is needed: their libraries take a second to load.
+    task, real = compiled.task, compiled.realisation
+    if task.target == "sumo":
+        from ssp_scenario_manager.compile.targets.sumo import write_sumo
+
+        write_sumo(task, folder)
+    elif task.target == "openscenario":
+        from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
+
+        export_openscenario(task, real.block, _map_text(compiled), folder)
+    elif task.target == "carla":
+        from ssp_scenario_manager.compile.targets.carla import export_carla
+
+        export_carla(task, real.block, real.plan, _map_text(compiled), folder)
     write_sheet(compiled, folder)
 
 
@@ -137,8 +117,6 @@ def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> lis
     """Writes a compiled folder with its target's own files.
 
     Args:
-        compiled: what to write.
-        out: new or empty folder.
         replace: an earlier compiled folder there is replaced.
 
     Returns:
@@ -260,7 +238,6 @@ def prepare_run(
         site: name or file of a site; not looked at with a folder, which has its own.
         folder: of the run; its name becomes the run's id.
         seed: of the run; None: the compiled task's, or 1.
-        mode: of the run.
 
     Returns:
         The run as it will be executed: with a folder that of its ``run.yaml``, changes on site and

@@ -169,10 +169,7 @@ class MapFile:
     """The OpenDRIVE map of an export.
 
     Args:
-        name: of the file.
-        data: its bytes.
         own: made from the block; else the user's map as it is.
-        heights: of its ground.
     """
 
     name: str
@@ -212,9 +209,7 @@ def lanes_crossed(block: Block, from_l_m: float, change: LaneChange) -> tuple[in
     """How many lanes to the left a lane change goes, and where beside that lane's centre it ends.
 
     Args:
-        block: where it is driven.
         from_l_m: offset before it, + left of the reference line.
-        change: the lane change.
 
     Returns:
         Lanes, < 0 to the right, and the offset from the target lane's centre in m, + left.

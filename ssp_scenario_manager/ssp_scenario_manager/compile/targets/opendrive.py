@@ -1,22 +1,16 @@
-"""OpenDRIVE maps of our own blocks, for players that need a map, and those that come with the
-project.
-"""
+"""OpenDRIVE maps of our own blocks, for players that need a map."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from scenariogeneration import xodr  # type: ignore[import-untyped]  # it ships no types
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_bytes
-from ssp_core.geometry import Pose2
 from ssp_core.run_file.road import CurvePiece
-from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.maps.block import Block, BlockLane
-from ssp_scenario_manager.maps.site import LIBRARY
 
 # The standard library's, which only builds and writes here: nothing is parsed.
 
@@ -47,19 +41,6 @@ _ROAD_TYPES = {
     "motorway": xodr.RoadType.motorway,
     "proving_ground": xodr.RoadType.unknown,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class LaneIds:
-    """Where a block's lanes are in the map that ``opendrive_map`` makes of it.
-
-    Args:
-        road_id: of the road.
-        ids: lane id per lane of the block, in the block's order; < 0 right of lane 0.
-    """
-
-    road_id: int
-    ids: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,21 +75,6 @@ def _sides(block: Block) -> _Sides:
         tuple(sorted(right, key=lambda v: -v.y_m)),
         left_hand,
     )
-
-
-def lane_ids(block: Block, road_id: int = 1) -> LaneIds:
-    """Ids of a block's lanes in its own map.
-
-    Raises:
-        InputError: the block's lanes can't be put into OpenDRIVE.
-    """
-    sides = _sides(block)
-    ids: dict[float, int] = {}
-    for sign, lanes in ((1, sides.left), (-1, sides.right)):
-        for strip in _strips(lanes, sides.middle_m, sign, block):
-            if strip.lane is not None:
-                ids[strip.lane.y_m] = strip.lane_id
-    return LaneIds(road_id, tuple(ids[lane.y_m] for lane in block.lanes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +231,6 @@ def opendrive_map(blocks: Sequence[Block], name: str, provenance: Mapping[str, s
 
     Args:
         blocks: at least one, in frame map.
-        name: of the map.
         provenance: what it was made from and by what, as user data of the map.
 
     Raises:
@@ -304,96 +269,3 @@ def _extent(blocks: Sequence[Block]) -> dict[str, float]:
     ]
     xs, ys = [x for x, _ in points], [y for _, y in points]
     return {"north": max(ys), "south": min(ys), "east": max(xs), "west": min(xs)}
-
-
-# Part of the bytes of the maps that are shipped, and so of their hashes: it stays as it was.
-ORIGIN = {"origin": "ssp_scenario_manager.compile." + "export.maps"}
-MAP_FOLDER = LIBRARY / "maps"
-_BEND_1PM = 1.0 / 250.0
-
-
-def motorway() -> bytes:
-    """800 m of straight motorway, one way: three lanes of 3.75 m and hard shoulders."""
-    return opendrive_map(
-        [
-            Block(
-                block_id="motorway",
-                line=ReferenceLine(Pose2(0.0, 0.0, 0.0), [CurvePiece(length_m=800.0)]),
-                lanes=tuple(
-                    BlockLane(-y, 3.75, True, name)
-                    for y, name in ((9.375, "right"), (5.625, "middle"), (1.875, "left"))
-                ),
-                road_type="motorway",
-                segment="straight",
-                left_boundary="shoulder",
-                right_boundary="shoulder",
-                sidewalk_left_m=0.0,
-                sidewalk_right_m=0.0,
-                permitted=frozenset({"keep_lane", "lane_change_left", "lane_change_right"}),
-                speed_limit_mps=33.3,
-                shoulder_left_m=1.0,
-                shoulder_right_m=2.5,
-            )
-        ],
-        "motorway",
-        ORIGIN,
-    )
-
-
-def bend() -> bytes:
-    """A town road of two lanes a direction: straight, a bend to the left of 250 m, straight."""
-    return opendrive_map(
-        [
-            Block(
-                block_id="bend",
-                line=ReferenceLine(
-                    Pose2(0.0, 0.0, 0.0),
-                    [
-                        CurvePiece(length_m=300.0),
-                        CurvePiece(length_m=50.0, end_curvature_1pm=_BEND_1PM),
-                        CurvePiece(
-                            length_m=160.0,
-                            start_curvature_1pm=_BEND_1PM,
-                            end_curvature_1pm=_BEND_1PM,
-                        ),
-                        CurvePiece(length_m=50.0, start_curvature_1pm=_BEND_1PM),
-                        CurvePiece(length_m=300.0),
-                    ],
-                ),
-                lanes=tuple(
-                    BlockLane(y, 3.5, y < 0.0, f"{side} {'forward' if y < 0.0 else 'backward'}")
-                    for y, side in (
-                        (-5.25, "right"),
-                        (-1.75, "left"),
-                        (1.75, "left"),
-                        (5.25, "right"),
-                    )
-                ),
-                road_type="urban",
-                segment="curve",
-                left_boundary="kerb",
-                right_boundary="kerb",
-                sidewalk_left_m=2.5,
-                sidewalk_right_m=2.5,
-                permitted=frozenset(
-                    {"keep_lane", "lane_change_left", "lane_change_right", "crossing", "stop"}
-                ),
-                speed_limit_mps=13.9,
-            )
-        ],
-        "bend",
-        ORIGIN,
-    )
-
-
-MAPS: dict[str, Callable[[], bytes]] = {"motorway.xodr": motorway, "bend.xodr": bend}
-
-
-def write_maps() -> None:
-    """Writes all maps into the library."""
-    for name, make in MAPS.items():
-        write_bytes(MAP_FOLDER / name, make())
-
-
-if __name__ == "__main__":
-    write_maps()

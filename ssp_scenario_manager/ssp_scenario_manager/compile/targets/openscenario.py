@@ -56,9 +56,7 @@ from ssp_scenario_manager.compile.targets.ramps import (
     times_along,
 )
 from ssp_scenario_manager.compile.task import Task
-from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
-from ssp_scenario_manager.scenarios.base import Plan
 
 MINOR_VERSION = 0
 # What an eye can tell from fog, by Koschmieder's law: contrast 5 %.
@@ -66,16 +64,12 @@ _FOG_CONTRAST = 0.05
 _CLEAR_M = 100000.0
 
 
-def export_openscenario(
-    task: Task, event: Event, block: Block, plan: Plan, map_text: str | None, folder: Path
-) -> list[Path]:
+def export_openscenario(task: Task, block: Block, map_text: str | None, folder: Path) -> list[Path]:
     """Writes the scenario twice, with its map: the VUT as foreseen, and left to the user.
 
     Args:
         task: sealed.
-        event: the K* that the task was compiled from.
         block: that it was placed on.
-        plan: unused; the task's run holds the same in frame map.
         map_text: the user's map; None where the task's place isn't an OpenDRIVE map.
         folder: to write into; it is there.
 
@@ -87,8 +81,8 @@ def export_openscenario(
     """
     chart = map_file(task, block, map_text)
     files = {
-        f"{event.name}.xosc": scenario_xml(task, block, chart, external=False),
-        f"{event.name}_external.xosc": scenario_xml(task, block, chart, external=True),
+        f"{task.event.name}.xosc": scenario_xml(task, block, chart, external=False),
+        f"{task.event.name}_external.xosc": scenario_xml(task, block, chart, external=True),
         chart.name: chart.data,
     }
     for name, data in files.items():
@@ -100,9 +94,6 @@ def scenario_xml(task: Task, block: Block, chart: MapFile, *, external: bool) ->
     """The scenario.
 
     Args:
-        task: sealed.
-        block: that it was placed on.
-        chart: its map, by the name that the scenario gives it.
         external: the VUT stands until the user's controller drives it; else it drives in its lane
             at the speeds of a session, whatever it meets.
 

@@ -173,11 +173,8 @@ def fires(
     """The condition that starts a trigger's act; see the module's table.
 
     Args:
-        trigger: of the task's run.
         vut: whose front overhang counts.
         route: the VUT's path, frame map.
-        heights: of the map's ground.
-        field: path of the trigger, for errors.
 
     Raises:
         InputError: it asks something that OpenSCENARIO can't.

@@ -29,12 +29,7 @@ _LEAST_S = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """A change of speed at a constant rate.
-
-    Args:
-        to_mps: speed afterwards.
-        duration_s: of the change.
-    """
+    """A change of speed at a constant rate."""
 
     to_mps: float
     duration_s: float
@@ -53,7 +48,6 @@ class Journey:
         start: up to the highest speed that the path has room for.
         stop: back to standstill.
         braking_from_m: distance driven when the stop begins.
-        length_m: of the path.
     """
 
     start: Ramp

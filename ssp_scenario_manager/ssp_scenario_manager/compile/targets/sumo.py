@@ -32,10 +32,6 @@ _STAYS = {"lcStrategic": "-1", "lcCooperative": "-1", "lcSpeedGain": "0", "lcKee
 def write_sumo(task: Task, folder: Path) -> list[Path]:
     """Writes road.net.xml, run.rou.xml, run.add.xml and run.sumocfg.
 
-    Args:
-        task: sealed.
-        folder: to write into; it is there.
-
     Raises:
         HostError: netconvert isn't installed or fails.
         InputError: the user's map has a name that is needed here.
