@@ -11,10 +11,10 @@ from typing import Any, Literal, get_args
 
 from ssp_core.files import parse_value
 from ssp_core.run_file.values import Strict
+from ssp_core.templates import templates
 from ssp_core.vocabulary import MOTIONS, OBJECTS
 from ssp_eval.observations.files import Footage
 from ssp_eval.observations.model import REASONS
-from ssp_eval.pages import templates
 from ssp_scenario_manager.event_spec.model import BoundaryWord, RoadTypeWord, SegmentWord
 
 MOST_LANES = 8
