@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -20,10 +19,7 @@ from ssp_eval.evaluate.models import ModelSpec, bridge_spec
 from ssp_eval.extract import extractor_hash
 from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_vla_bridge.messages import Request
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from llm_server import GOOD, TEXT, answering, extractor, serving
+from support.llm_server import GOOD, TEXT, answering, extractor, serving
 
 
 class Worded:

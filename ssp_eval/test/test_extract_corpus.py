@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from ssp_eval.data.records import SLOT_NAMES, Slot
 from ssp_eval.extract import extract
+from ssp_eval.extract.llm.extractor import make_extractor
+from ssp_eval.extract.llm.judge import judge
+from ssp_eval.extract.llm.prompt import NOBODY
+from ssp_eval.extract.llm.reply import Proposal, read_reply
 from ssp_eval.extract.measure.corpus import Example, load_corpus
 from ssp_eval.extract.measure.counts import measure
+from support.llm_server import completion
 
 CORPUS = Path(__file__).parent / "corpus"
 DEVELOPMENT, TEST = (load_corpus(CORPUS / f"{name}.jsonl") for name in ("development", "test"))
@@ -45,3 +54,60 @@ def test_the_rules_are_as_good_as_is_said(part: str) -> None:
     assert found.recall.value is not None
     assert found.precision.value >= precision, found
     assert found.recall.value >= recall, found
+
+
+class RecordedChat:
+    """Gives the recorded reply to a text in the place of a server."""
+
+    model = "recorded"
+
+    def __init__(self) -> None:
+        texts = {example.key: example.text for example in TEST}
+        lines = map(json.loads, (CORPUS / "replies.jsonl").open(encoding="utf-8"))
+        self.replies = {texts[line["id"]]: line for line in lines}
+
+    def ask(self, messages: Sequence[Mapping[str, Any]], answer: Mapping[str, Any]) -> bytes:
+        return completion(self.replies[json.loads(messages[-1]["content"])["text"]]["reply"])
+
+
+def test_rules_and_a_language_model_together_are_as_good_as_is_said() -> None:
+    extractor = make_extractor(RecordedChat())
+    found = measure(TEST, lambda text: extractor(text).slots).slots["all"]
+    assert found.precision.value is not None
+    assert found.recall.value is not None
+    assert found.precision.value >= 0.96, found
+    assert found.recall.value >= 0.955, found
+    assert extractor.counts["unusable"] == 0
+
+
+def test_the_checks_keep_true_proposals_and_let_few_wrong_ones_through() -> None:
+    chat, kept, proposed = RecordedChat(), Counter[bool](), Counter[bool]()
+    for example in TEST:
+        rules = extract(example.text)
+        empty = [name for name in SLOT_NAMES if getattr(rules, name) is None]
+        reply = chat.replies.get(example.text, {"reply": "{}"})["reply"]
+        proposals = read_reply(reply, empty).items
+        judged = judge(example.text, rules, proposals)
+        for name in empty:
+            labels = [one for one in proposals if one.slot == name]
+            if labels:
+                wanted = labelled(getattr(example.slots, name))
+                true = said(name, labels) == wanted
+                proposed[true] += 1
+                kept[true] += name in judged.slots and (
+                    not true or labelled(judged.slots[name]) == wanted
+                )
+    assert proposed[True] >= 150
+    assert kept[True] / proposed[True] >= 0.9, (kept, proposed)
+    assert kept[False] / kept.total() <= 0.05, (kept, proposed)
+
+
+def labelled(slot: Slot | None) -> object:
+    return None if slot is None else slot.value
+
+
+def said(name: str, proposals: Sequence[Proposal]) -> object:
+    """The value that proposals of one slot amount to."""
+    if name != "objects":
+        return proposals[0].label
+    return tuple(sorted({one.label for one in proposals if one.label != NOBODY}))

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import pytest
 
 from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.reply import Proposal, read_reply
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from llm_server import GOOD
+from support.llm_server import GOOD
 
 
 # What the rules can't read by themselves, in places where it counts and where it doesn't.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,7 @@ from ssp_eval.extract import extract, extractor_hash
 from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.extract.llm.extractor import MAX_CHARACTERS, MAX_FAILURES
 from ssp_eval.extract.llm.prompt import build_request, labels_of, prompt_hash
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from llm_server import GOOD, KEY, TEXT, answering, completion, extractor, one, serving
+from support.llm_server import GOOD, KEY, TEXT, answering, completion, extractor, one, serving
 
 
 def test_a_good_answer_fills_what_the_rules_left_empty() -> None:

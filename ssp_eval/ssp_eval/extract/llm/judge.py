@@ -42,6 +42,10 @@ _CARRIED: Mapping[str, frozenset[str]] = {
 _VUT = frozenset({"car", "vehicle"})
 _WOULD = frozenset({"would", "i'd"})  # without braking it would hit us: that is a threat
 _RISKY = ("risk", "danger", "threat", "hazard", "potential", "possib", "chance", "likel")
+# A threat, or that one must react: to stand in the way alone is no active conflict.
+_PRESSING = ("colli", "crash", "hit", "contact", "imminent", "immediate", "danger", "threat",
+             "risk", "hazard", "critical", "emergenc", "urgent", "must", "forc", "react", "avoid",
+             "choice", "room", "active")  # fmt: skip
 _PLACED = Scope.REJECTED | Scope.PLANNED | Scope.FUTURE | Scope.LATER | Scope.INTENDED
 _COMMITTED = Scope.FUTURE | Scope.INTENDED | Scope.LATER
 _SUBJECTS = frozenset({"user", "pronoun", "ego"})
@@ -167,6 +171,10 @@ class _Bench:
             or any(word.startswith(_RISKY) for word in self.words[first:stop])
         ):
             return "the quote says of nothing that it may happen"
+        if proposal.label == "active" and not any(
+            word.startswith(_PRESSING) for word in self._around(first, stop)
+        ):
+            return "no threat is stated, and nothing that forces a reaction"
         return ""
 
     def _means_another(self, proposal: Proposal, inside: list[Hit]) -> bool:
@@ -185,14 +193,18 @@ class _Bench:
         side = next((one for one in ("left", "right") if proposal.label.endswith(one)), "")
         if not side or proposal.slot == "position":
             return True
-        if proposal.slot == "motion":
-            for _ in range(2):  # this sentence and the one before
-                first -= first > 0
-                while first and self.words[first - 1] not in _SENTENCE:
-                    first -= 1
-            while stop < len(self.words) and self.words[stop] not in _SENTENCE:
-                stop += 1
-        return any(word.startswith(side) or word == side[0] for word in self.words[first:stop])
+        words = self._around(first, stop) if proposal.slot == "motion" else self.words[first:stop]
+        return any(word.startswith(side) or word == side[0] for word in words)
+
+    def _around(self, first: int, stop: int) -> Sequence[str]:
+        """The words of a quote's sentence and of the one before."""
+        for _ in range(2):
+            first -= first > 0
+            while first and self.words[first - 1] not in _SENTENCE:
+                first -= 1
+        while stop < len(self.words) and self.words[stop] not in _SENTENCE:
+            stop += 1
+        return self.words[first:stop]
 
     def _unasserted(self, proposal: Proposal, first: int, stop: int) -> str:
         """Why a quote in its place asserts nothing of the present, or of somebody else."""
