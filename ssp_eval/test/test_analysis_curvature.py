@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_eval.statistics.statistics import Pose, arc_shift_m, curve_at, curves, recorded_paths
+from ssp_eval.data.ego_path import Pose, recorded_paths
+from ssp_eval.statistics.statistics import arc_shift_m, curve_at, curves
 
 SPEED = 10.0
 STEP = 0.1

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.transforms import Bbox
 
-from ssp_eval.figures.cloud import Box, around, place_labels, spread
+from ssp_eval.figures.cloud import around, place_labels, spread
 from ssp_eval.figures.scores import Scores, pareto_front
 from ssp_eval.figures.style import names_in, pages_of, text_width_in
 from ssp_eval.score.aggregate import BY_DOMAIN, means
@@ -63,12 +64,12 @@ def test_spread_leaves_alone_what_is_far_apart_and_squeezes_what_has_no_room():
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.floats(0.1, 2.6), st.floats(0.1, 2.6)), min_size=1, max_size=25))
 def test_placed_labels_lie_on_no_marker_and_on_no_other(points):
-    bounds, size = Box(0.0, 0.0, 2.7, 2.7), (0.13, 0.105)
+    bounds, size = Bbox.from_extents(0.0, 0.0, 2.7, 2.7), (0.13, 0.105)
     places = place_labels(points, [size] * len(points), bounds, 0.085)
     if places is None:
         return  # a heap of points; the figure is then left out, and says so
     boxes = [around(place, *size) for place in places]
-    assert all(box.inside(bounds) for box in boxes)
+    assert all((bounds.min <= box.min).all() and (box.max <= bounds.max).all() for box in boxes)
     assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
     assert not any(box.overlaps(around(p, 0.085, 0.085)) for box in boxes for p in points)
 
@@ -76,8 +77,9 @@ def test_placed_labels_lie_on_no_marker_and_on_no_other(points):
 def test_labels_find_places_in_a_crowd():
     numbers = random.Random(3)
     points = [(numbers.uniform(0.3, 1.3), numbers.uniform(0.3, 1.3)) for _ in range(30)]
-    assert place_labels(points, [(0.13, 0.105)] * 30, Box(0, 0, 2.7, 2.7), 0.085) is not None
-    assert place_labels([(0.5, 0.5)] * 2, [(2.0, 0.1)] * 2, Box(0, 0, 1, 1), 0.1) is None
+    wide, narrow = (Bbox.from_extents(0, 0, end, end) for end in (2.7, 1.0))
+    assert place_labels(points, [(0.13, 0.105)] * 30, wide, 0.085) is not None
+    assert place_labels([(0.5, 0.5)] * 2, [(2.0, 0.1)] * 2, narrow, 0.1) is None
 
 
 @pytest.mark.parametrize("most_in", [0.3, 0.8, 1.6, 4.0])
@@ -98,7 +100,7 @@ def test_characters_without_a_glyph_are_shown_as_question_marks_and_stay_apart()
 
 @given(st.lists(st.integers(), max_size=30), st.integers(1, 7))
 def test_pages_hold_everything_in_order_and_are_of_much_the_same_size(items, most):
-    pages = pages_of(items, most)
+    pages = [page for _, page in pages_of("name", items, most)]
     assert [item for page in pages for item in page] == items
     sizes = [len(page) for page in pages]
     assert not sizes or (max(sizes) <= most and max(sizes) - min(sizes) <= 1)

@@ -18,9 +18,9 @@ from ssp_eval.score.aggregate import (
     ranking,
     ranks,
     relative_difference,
-    same_places,
 )
 from ssp_eval.score.metrics import METRIC_NAMES
+from ssp_eval.statistics.tables import uneven
 
 
 def cell(scenario, domain, model, ivcs=0.5, *, admitted=True, **values):
@@ -116,17 +116,17 @@ def test_what_differs_by_the_limit_of_rounding_shares_a_rank():
 
 def test_a_domain_s_places_are_scenarios_and_models():
     a, b = cell("s", "synthetic", "a"), cell("s", "physical", "a")
-    assert same_places([a, b], "domain")
-    assert not same_places([a, cell("s", "physical", "b")], "domain")
+    assert not uneven([a, b], "domain")
+    assert uneven([a, cell("s", "physical", "b")], "domain")
 
 
 def test_subjects_with_as_many_cells_need_not_have_the_same():
     a, b = cell("s", "physical", "a"), cell("t", "physical", "b")
-    assert not same_places([a, b], "model")
-    assert same_places([a, cell("s", "physical", "b")], "model")
+    assert uneven([a, b], "model")
+    assert not uneven([a, cell("s", "physical", "b")], "model")
     other = cell("t", "synthetic", "a", admitted=False)
-    assert same_places([a, other], "domain")
-    assert not same_places([a, cell("t", "synthetic", "a")], "domain")
+    assert not uneven([a, other], "domain")
+    assert uneven([a, cell("t", "synthetic", "a")], "domain")
 
 
 def test_a_change_of_rank_between_scenarios_is_pointed_out():

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.labels import Labels, labels_to_json
@@ -22,7 +21,6 @@ from ssp_eval.evaluate.cell_file import (
     CellResult,
     LabelledClip,
     write_cell,
-    write_readable,
 )
 from ssp_eval.evaluate.model_client import ModelClients
 from ssp_eval.evaluate.models import ModelSpec
@@ -166,9 +164,7 @@ def _write_labels(folder: Path, labels: Labels) -> None:
     """
     file = folder / LABELS_FILE
     before = sha256_file(file) if file.is_file() else None
-    # No larger than the file that they were read from, once without spaces.
-    if not write_readable(file, labels_to_json(labels)):
-        raise InputError("would be larger than what is read", file=file)
+    write_json(file, labels_to_json(labels))
     if before not in (None, sha256_file(file)):
         for stale in (CELL_FILE, SCORE_FILE, RECORDS_FILE):
             (folder / stale).unlink(missing_ok=True)

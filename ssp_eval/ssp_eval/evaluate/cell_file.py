@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import __version__
-from ssp_core.files import MAX_TEXT_BYTES, write_json, write_text
+from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.data.labels import Labels, phase_counts
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
@@ -27,34 +27,7 @@ from ssp_vla_bridge.messages import Response
 _PER_ANSWER = (
     "stages", "usage", "latency_s", "notes", "frames", "prompt_sha256", "previous_intent_sha256",
 )  # fmt: skip
-# Settings are a few lines; what is far more must be about the single answers.
-_MOST_DECODING = 1 << 20
 _MOST_REASONS = 20
-DIFFERING = "differs_by_answer"
-
-
-def write_readable(path: Path, value: Any) -> bool:
-    """Writes indented JSON with sorted keys, without spaces where it would be too large to be read.
-
-    Returns:
-        False where it is too large even so; nothing is written then.
-    """
-    for style in ({"indent": 1}, {"separators": (",", ":")}):
-        text = json.dumps(value, sort_keys=True, allow_nan=False, **style) + "\n"
-        if len(text.encode()) <= MAX_TEXT_BYTES:
-            write_text(path, text)
-            return True
-    return False
-
-
-def too_large(name: str, value: Mapping[str, Any]) -> str:
-    """The reason why a cell whose file can't be read is failed."""
-    sizes = {key: len(json.dumps(part)) for key, part in value.items()}
-    largest = max(sizes, key=lambda key: sizes[key])
-    return (
-        f"{name} would be larger than the {MAX_TEXT_BYTES >> 20} MiB that are read: {largest} "
-        f"alone has {sizes[largest] / (1 << 20):.1f} MiB"
-    )
 
 
 def short(reason: str) -> str:
@@ -70,25 +43,12 @@ def short_list(reasons: Sequence[str]) -> list[str]:
 
 
 def decodings(answers: Sequence[Response]) -> list[dict[str, Any]]:
-    """The different settings that answers were decoded with; what differs by answer is raw.
-
-    Where that is more than settings can be, what all answers share, and the names of the rest.
-    """
+    """The different settings that answers were decoded with; what differs by answer is raw."""
     found = {}
     for answer in answers:
         settings = {k: v for k, v in answer.decoding.items() if k not in _PER_ANSWER}
         found[json.dumps(settings, sort_keys=True)] = settings
-    if sum(map(len, found)) <= _MOST_DECODING:
-        return [found[key] for key in sorted(found)]
-    texts = [{k: json.dumps(v, sort_keys=True) for k, v in one.items()} for one in found.values()]
-    same = {
-        key: value
-        for key, value in texts[0].items()
-        if len(value) <= _MOST_DECODING and all(one.get(key) == value for one in texts)
-    }
-    names = sorted({short(key) for one in texts for key in one if key not in same})
-    shared: dict[str, Any] = {key: json.loads(value) for key, value in same.items()}
-    return [{**shared, DIFFERING: short_list(names)}]
+    return [found[key] for key in sorted(found)]
 
 
 @dataclass(frozen=True)
@@ -285,17 +245,13 @@ def write_cell(
 
     Args:
         place: what the cell is of.
-        status: ok, refused or failed; a cell that has more to say than is read is failed, too.
+        status: ok, refused or failed.
         reasons: of a refusal or failure, the primary one first.
         asked: in label order.
         score: METHOD 6.14, None unless ok.
     """
-    value = _facts(place, status, reasons, asked, ignored)
-    if not write_readable(place.folder / CELL_FILE, sealed(value)):
-        status, reasons, score = "failed", [too_large(CELL_FILE, value)], None
-        for stale in (SCORE_FILE, RECORDS_FILE):
-            (place.folder / stale).unlink(missing_ok=True)
-        write_json(place.folder / CELL_FILE, sealed(_brief(value, status, reasons)))
+    facts = _facts(place, status, reasons, asked, ignored)
+    write_json(place.folder / CELL_FILE, sealed(facts))
     labelled, model = place.labelled, place.model
     return CellResult(
         folder=place.folder,
@@ -316,21 +272,6 @@ def write_cell(
         first_missing=next((short(one.missing) for one in asked if one.missing), ""),
         labels_per_phase=phase_counts(labelled.labels),
     )
-
-
-def _brief(value: Mapping[str, Any], status: str, reasons: Sequence[str]) -> dict[str, Any]:
-    """What is left of a cell.json that is too large; the rest stands in the other files."""
-    gone = (RECORDS_FILE.partition(".")[0], SCORE_FILE.partition(".")[0])
-    return {
-        **value,
-        "status": status,
-        "reasons": list(reasons),
-        "answers": {**value["answers"], "missing": []},
-        "backend_options": {},
-        "decoding": [],
-        "model_ids": [],
-        "hashes": {key: told for key, told in value["hashes"].items() if key not in gone},
-    }
 
 
 def _sent(asked: Sequence[Asked]) -> list[Asked]:

@@ -8,7 +8,6 @@ import os
 import signal
 import socket
 import sys
-import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -317,10 +316,6 @@ def _leave(*_: object) -> None:
 
 
 ADDRESS = "RAY_ADDRESS"
-# Who speaks HTTP/2, as gRPC does, answers this with settings of his own at once (RFC 9113, 3.4).
-_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))
-_SETTINGS = 4
-_FRAME_HEAD = 9
 _ANSWER_S = 5.0
 _HERE = frozenset({"localhost", "127.0.0.1", "::1"})
 _REMEDY = f"set {ADDRESS} to the address of one, or use --engine processes"
@@ -379,8 +374,8 @@ def _join(ray: Any, workers: int) -> None:
         raise HostError(f"{what} ({first_line(error)}); {_REMEDY}") from error
 
 
-def look_for(address: str, own_ip: Any = lambda: "") -> None:
-    """Looks in a few seconds whether somebody answers at an address as the head of a cluster would.
+def look_for(address: str, own_ip: Callable[[], str] = lambda: "") -> None:
+    """Looks in a few seconds whether somebody listens at an address.
 
     Args:
         address: ``host:port``, or ``ray://host:port``.
@@ -393,32 +388,16 @@ def look_for(address: str, own_ip: Any = lambda: "") -> None:
     host = host.strip("[]")
     if not host or not port.isascii() or not port.isdigit() or int(port) > 65535:
         raise HostError(f"{ADDRESS}={address} is no address (HOST:PORT); {_REMEDY}")
-    problem = _why_silent(host, int(port))
-    if problem and host in _HERE and (own := own_ip()) not in _HERE:
-        problem = problem if not own or _why_silent(own, int(port)) else ""
-    if problem:
-        raise HostError(f"no Ray cluster answers at {address} ({problem}); {_REMEDY}")
-
-
-def _why_silent(host: str, port: int) -> str:
-    """Why this is no server of gRPC; empty where it is one, or where TLS hides what it is."""
-    try:
-        with socket.create_connection((host, port), _ANSWER_S) as line:
-            if os.environ.get("RAY_USE_TLS", "0") not in ("", "0"):
-                return ""
-            line.sendall(_PREFACE)
-            end_s = time.monotonic() + _ANSWER_S
-            read = b""
-            while len(read) < _FRAME_HEAD:
-                line.settimeout(max(0.01, end_s - time.monotonic()))
-                if not (more := line.recv(_FRAME_HEAD - len(read))):
-                    return "what listens there is no Ray"
-                read += more
-    except TimeoutError:
-        return f"no answer within {_ANSWER_S:g} s"
-    except (OSError, UnicodeError) as error:
-        return getattr(error, "strerror", None) or str(error)
-    return "" if read[3] == _SETTINGS else "what listens there is no Ray"
+    problem = ""
+    for name in (host, *((own_ip(),) if host in _HERE else ())):
+        try:
+            socket.create_connection((name, int(port)), _ANSWER_S).close()
+            return
+        except TimeoutError:
+            problem = problem or f"no answer within {_ANSWER_S:g} s"
+        except (OSError, UnicodeError) as error:
+            problem = problem or getattr(error, "strerror", None) or str(error)
+    raise HostError(f"no Ray cluster answers at {address} ({problem}); {_REMEDY}")
 
 
 def first_line(error: BaseException) -> str:

@@ -139,6 +139,8 @@ class ClientsWithAnswerers:
 # disk, and every reader of the cell would have to carry it.
 MOST_CHARACTERS = 1 << 20
 MOST_NUMBERS = 1 << 18
+# Settings are a few lines; all of a cell's answers' together must fit into its summary.
+MOST_DECODING = 1 << 16
 # A name is listed in every summary.
 MOST_NAME = 1000
 
@@ -158,8 +160,8 @@ def unusable(response: Response) -> str:
         decoding = len(json.dumps(dict(response.decoding), allow_nan=False))
     except (ValueError, TypeError, RecursionError) as error:
         return f"the answer's decoding is no JSON: {error}"
-    if decoding > MOST_CHARACTERS:
-        return f"the answer's decoding has {decoding} characters, more than {MOST_CHARACTERS}"
+    if decoding > MOST_DECODING:
+        return f"the answer's decoding has {decoding} characters, more than {MOST_DECODING}"
     return ""
 
 

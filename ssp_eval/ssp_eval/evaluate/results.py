@@ -14,7 +14,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from ssp_core.errors import InputError
 from ssp_core.files import load_model, parse_model, read_mapping, read_text
 from ssp_core.run_file.values import Finite
-from ssp_core.vocabulary import DOMAINS
 from ssp_eval.data.audit import Audit, load_audit
 from ssp_eval.data.json_fields import Location, parse_json
 from ssp_eval.data.labels import Labels, counts_text, load_labels, phase_counts
@@ -33,6 +32,7 @@ from ssp_eval.evaluate.cell_file import (
 from ssp_eval.evaluate.models import NEVER_MODELS, is_control_name
 from ssp_eval.evaluate.requests import REQUESTS_FILE
 from ssp_eval.extract.language import NOT_READ
+from ssp_eval.score.aggregate import domain_order
 from ssp_eval.score.cell import CellScore, score_in_detail
 from ssp_eval.score.thresholds import DEFAULT, Thresholds, thresholds_of
 
@@ -299,11 +299,7 @@ def cell_files(out: Path) -> list[Path]:
 
 def in_order(cells: Iterable[CellData]) -> list[CellData]:
     """By scenario, domain and model, controls last."""
-    return sorted(cells, key=lambda c: (c.scenario, _domain_order(c.domain), c.is_control, c.model))
-
-
-def _domain_order(domain: str) -> int:
-    return DOMAINS.index(domain) if domain in DOMAINS else len(DOMAINS)
+    return sorted(cells, key=lambda c: (c.scenario, domain_order(c.domain), c.is_control, c.model))
 
 
 class KeptAudits:

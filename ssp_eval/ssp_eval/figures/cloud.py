@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from matplotlib.axes import Axes
+from matplotlib.transforms import Bbox
 
 from ssp_eval.figures.style import (
     COLUMN_IN,
     GREY,
-    INK,
     LINE_IN,
     PAGE_IN,
     Look,
     Sheet,
     fitted,
     legend_height_in,
+    mark,
     mark_legend,
     names_in,
     text_width_in,
@@ -33,45 +34,17 @@ _DISTANCES_IN = (0.07, 0.11, 0.16, 0.22, 0.3, 0.4, 0.52)
 _CLEARANCE_IN = 0.012
 
 
-class Box(NamedTuple):
-    """A rectangle; left < right and bottom < top."""
-
-    left: float
-    bottom: float
-    right: float
-    top: float
-
-    def overlaps(self, other: Box) -> bool:
-        """True where they share more than a border."""
-        return (
-            self.left < other.right
-            and other.left < self.right
-            and self.bottom < other.top
-            and other.bottom < self.top
-        )
-
-    def inside(self, other: Box) -> bool:
-        """True where the other covers it."""
-        return (
-            other.left <= self.left
-            and self.right <= other.right
-            and other.bottom <= self.bottom
-            and self.top <= other.top
-        )
-
-
-def around(centre: Point, width: float, height: float) -> Box:
+def around(centre: Point, width: float, height: float) -> Bbox:
     """The rectangle of this size with its middle there."""
-    x, y = centre
-    return Box(x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+    return Bbox.from_bounds(centre[0] - width / 2, centre[1] - height / 2, width, height)
 
 
 def place_labels(
     points: Sequence[Point],
     sizes: Sequence[Point],
-    bounds: Box,
+    bounds: Bbox,
     marker_in: float,
-    obstacles: Sequence[Box] = (),
+    obstacles: Sequence[Bbox] = (),
 ) -> list[Point] | None:
     """Middles of labels beside their points: off every marker, off each other, within bounds.
 
@@ -89,64 +62,63 @@ def place_labels(
     """
 
     def crowd(index: int) -> float:
-        x, y = points[index]
-        return -sum(1.0 / (0.02 + math.hypot(x - u, y - v)) for u, v in points)
+        return -sum(1.0 / (0.02 + math.dist(points[index], other)) for other in points)
 
     placed: dict[int, Point] = {}
-    taken = list(obstacles)
+    taken = [*obstacles, *(around(point, marker_in, marker_in) for point in points)]
     for index in sorted(range(len(points)), key=lambda i: (crowd(i), i)):
-        found = _free(points[index], sizes[index], bounds, points, marker_in, taken)
-        if found is None:
+        free = [
+            place
+            for place in _places(points[index], sizes[index])
+            if _covers(bounds, box := around(place, *sizes[index]))
+            and not box.count_overlaps(taken)
+        ]
+        if not free:
             return None
-        placed[index] = found
+        # One that can't be taken for another point's, if there is any.
+        clear = (
+            place
+            for place in free
+            if not ambiguous(points[index], points, around(place, *sizes[index]))
+        )
+        placed[index] = next(clear, free[0])
         width, height = sizes[index]
-        taken.append(around(found, width + 2 * _CLEARANCE_IN, height + 2 * _CLEARANCE_IN))
+        taken.append(around(placed[index], width + 2 * _CLEARANCE_IN, height + 2 * _CLEARANCE_IN))
     return [placed[index] for index in range(len(points))]
 
 
-def ambiguous(point: Point, points: Sequence[Point], label: Box) -> bool:
-    """True where a label lies about as near to another point as to its own."""
-    own = _apart(point, label)
-    return any(other != point and _apart(other, label) < own + 0.06 for other in points)
+def _covers(bounds: Bbox, box: Bbox) -> bool:
+    left, bottom, right, top = bounds.extents
+    return bool(left <= box.x0 and bottom <= box.y0 and box.x1 <= right and box.y1 <= top)
 
 
-def _apart(point: Point, box: Box) -> float:
-    dx = max(box.left - point[0], 0.0, point[0] - box.right)
-    dy = max(box.bottom - point[1], 0.0, point[1] - box.top)
-    return math.hypot(dx, dy)
-
-
-def _free(
-    point: Point,
-    size: Point,
-    bounds: Box,
-    points: Sequence[Point],
-    marker_in: float,
-    taken: Sequence[Box],
-) -> Point | None:
-    """The nearest free place, one that can't be taken for another point's if there is any near."""
-    markers = [around(other, marker_in, marker_in) for other in points]
-    unclear: Point | None = None
+def _places(point: Point, size: Point) -> Iterator[Point]:
+    """Middles of a label about its point, the nearest first."""
     for distance in _DISTANCES_IN:
         for k in _DIRECTIONS:
             angle = 2 * math.pi * k / 16
             dx, dy = math.cos(angle), math.sin(angle)
             # The label's near border, not its middle, is that far from the point.
-            centre = (
+            yield (
                 point[0] + distance * dx + size[0] / 2 * _sign(dx),
                 point[1] + distance * dy + size[1] / 2 * _sign(dy),
             )
-            box = around(centre, *size)
-            if not box.inside(bounds) or any(box.overlaps(b) for b in (*markers, *taken)):
-                continue
-            if not ambiguous(point, points, box):
-                return centre
-            unclear = unclear or centre
-    return unclear
 
 
 def _sign(value: float) -> float:
     return 0.0 if abs(value) < 0.2 else math.copysign(1.0, value)
+
+
+def ambiguous(point: Point, points: Sequence[Point], label: Bbox) -> bool:
+    """True where a label lies about as near to another point as to its own."""
+    own = _apart(point, label)
+    return any(other != point and _apart(other, label) < own + 0.06 for other in points)
+
+
+def _apart(point: Point, box: Bbox) -> float:
+    dx = max(box.x0 - point[0], 0.0, point[0] - box.x1)
+    dy = max(box.y0 - point[1], 0.0, point[1] - box.y1)
+    return math.hypot(dx, dy)
 
 
 def spread(places: Sequence[float], gap: float, low: float, high: float) -> list[float]:
@@ -217,7 +189,7 @@ def cloud(
         line = [_inches(axes, sheet, corner) for corner in set_up(axes)]
         spots = [_inches(axes, sheet, point) for point in points.values()]
         sizes = [(text_width_in(text) + 0.01, _TEXT_IN) for text in texts]
-        bounds = Box(0.02, 0.02, _PLOT_IN + 0.14, _PLOT_IN)
+        bounds = Bbox.from_extents(0.02, 0.02, _PLOT_IN + 0.14, _PLOT_IN)
         places = place_labels(
             spots, sizes, bounds, _MARKER_IN, [_around_line(a, b) for a, b in pairwise(line)]
         )
@@ -225,11 +197,8 @@ def cloud(
             continue
         for model, point in points.items():
             look = looks[kinds[model]]
-            axes.plot(
-                [point[0]], [point[1]], look.marker, color=look.colour, markeredgecolor=INK,
-                markeredgewidth=1.2 if model in thick else 0.4, markersize=5.5, zorder=3,
-                clip_on=False, gid=f"point-{model}",
-            )  # fmt: skip
+            border = 1.2 if model in thick else 0.4
+            mark(axes, point, look, f"point-{model}", markeredgewidth=border, markersize=5.5)
         page = sheet.page()
         for model, text, spot, place in zip(points, texts, spots, places, strict=True):
             led = ambiguous(spot, spots, around(place, text_width_in(text), _TEXT_IN))
@@ -264,12 +233,8 @@ def _top_in(axes: Axes, sheet: Sheet) -> float:
     return float(sheet.height_in * (1.0 - axes.get_position().y1))
 
 
-def _around_line(a: Point, b: Point) -> Box:
-    half = 0.01
-    return Box(
-        min(a[0], b[0]) - half, min(a[1], b[1]) - half,
-        max(a[0], b[0]) + half, max(a[1], b[1]) + half,
-    )  # fmt: skip
+def _around_line(a: Point, b: Point) -> Bbox:
+    return Bbox.from_extents(*map(min, a, b), *map(max, a, b)).padded(0.01)
 
 
 def _per_column() -> int:

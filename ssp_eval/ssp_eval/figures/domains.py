@@ -21,6 +21,7 @@ from ssp_eval.figures.style import (
     Sheet,
     caption,
     fitted,
+    mark,
     share_axis,
     shown_mean,
     text_width_in,
@@ -73,10 +74,7 @@ def _components(scores: Scores) -> Drawing | LeftOut:
             )  # fmt: skip
             value = group[key].value
             if value is not None:
-                axes.plot(
-                    [value], [y], look.marker, color=look.colour, markeredgecolor=INK,
-                    markeredgewidth=0.4, clip_on=False, gid=f"mean-{key}-{domain}", zorder=4,
-                )  # fmt: skip
+                mark(axes, (value, y), look, f"mean-{key}-{domain}", zorder=4)
     axes.set_yticks(
         [(row + 0.5) * row_in for row in range(len(COMPONENTS))],
         [METRIC_LABELS[key] for key in COMPONENTS],
@@ -115,10 +113,7 @@ def _legend(sheet: Sheet, groups: Mapping[str, Mean]) -> None:
     gap = (sheet.width_in - 0.1 - sum(step)) / max(1, len(texts))
     x = 0.12
     for domain, text, width in zip(groups, texts, step, strict=True):
-        look = DOMAIN_LOOKS[domain]
-        page.plot(
-            [x], [0.11], look.marker, color=look.colour, markeredgecolor=INK, markeredgewidth=0.4
-        )
+        mark(page, (x, 0.11), DOMAIN_LOOKS[domain])
         page.text(x + 0.08, 0.11, text, va="center_baseline")
         x += width + min(gap, 0.2)
 

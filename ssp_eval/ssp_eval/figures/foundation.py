@@ -16,7 +16,7 @@ from ssp_eval.figures.cloud import (
     share_axis_near,
     steps_of,
 )
-from ssp_eval.figures.scores import Scores, counted, listed, pareto_front
+from ssp_eval.figures.scores import Scores, listed, pareto_front
 from ssp_eval.figures.style import (
     BLUE,
     COLUMN_IN,
@@ -34,11 +34,11 @@ from ssp_eval.figures.style import (
     LeftOut,
     Look,
     caption,
+    mark,
     named_rows,
     names_in,
-    page_name,
+    pages_of,
     renamed,
-    row_pages,
     row_width_in,
     share_axis,
     shown_mean,
@@ -46,6 +46,7 @@ from ssp_eval.figures.style import (
 )
 from ssp_eval.score.aggregate import Mean, mean, ranks
 from ssp_eval.score.metrics import IVCS_LAST, METRIC_LABELS
+from ssp_eval.statistics.table import counted
 
 
 def architectures(scores: Scores) -> Drawing | LeftOut:
@@ -81,10 +82,7 @@ def architectures(scores: Scores) -> Drawing | LeftOut:
             axes.text(1.05, row, text, va="center_baseline", clip_on=False)
         for one, value in ends.items():
             if value is not None:
-                axes.plot(
-                    [value], [row], looks[one].marker, color=looks[one].colour, clip_on=False,
-                    markeredgecolor=INK, markeredgewidth=0.4, zorder=3, gid=f"end-{key}-{one}",
-                )  # fmt: skip
+                mark(axes, (value, row), looks[one], f"end-{key}-{one}")
     share_axis(axes, "score, mean over cells")
     counts = "; ".join(
         f"{one}: {counted(found[one]['ivcs'].n, 'cell')} of {listed(members[one])}" for one in looks
@@ -255,8 +253,7 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
     legend = (
         {a: Look(k.colour, SQUARE, k.hatch) for a, k in looks.items()} if len(looks) > 1 else {}
     )
-    pages = row_pages(list(scores.by_model))
-    for number, members in enumerate(pages, start=1):
+    for page, members in pages_of(name, list(scores.by_model)):
         sheet, axes, head_in = named_rows(width_in, [labels[m] for m in members], legend, right_in)
         for row, model in enumerate(members):
             value, look = scores.by_model[model]["ivcs"].value or 0.0, looks[kinds[model]]
@@ -274,7 +271,7 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
         axes.set_xlim(0.0, 1.02)
         known = any(size.values())
         yield Drawing(
-            page_name(name, number, len(pages)),
+            page,
             sheet.figure,
             caption(
                 "Models by IVCS, the unweighted mean over all their cells, with their rank; equal "

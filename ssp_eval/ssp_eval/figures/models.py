@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from statistics import median
 
 from matplotlib.axes import Axes
 
@@ -27,13 +28,12 @@ from ssp_eval.figures.style import (
     Look,
     Sheet,
     caption,
+    mark,
     name_rows,
     named_rows,
     names_in,
-    page_name,
     pages_of,
     renamed,
-    row_pages,
     row_width_in,
     share_axis,
     shown_mean,
@@ -42,7 +42,7 @@ from ssp_eval.figures.style import (
 )
 from ssp_eval.score.aggregate import BY_MODEL, Cell, Mean, means, relative_difference
 from ssp_eval.score.metrics import COMPONENTS, IVCS_LAST, METRIC_LABELS
-from ssp_eval.statistics.table import Table, Value
+from ssp_eval.statistics.table import Value, by_column
 from ssp_eval.statistics.tables import ANSWERERS, SEEING, control_tables
 
 # Ends of the axes that all panels share.
@@ -71,13 +71,12 @@ def differences(scores: Scores, reference: str | None) -> Iterator[Drawing | Lef
         yield LeftOut(name, f"no model has a scenario and domain in common with {base}")
         return
     names = names_in([*compared, base], 1.6)
-    pages = row_pages(compared)
-    for number, members in enumerate(pages, start=1):
+    for page, members in pages_of(name, compared):
         sheet = _difference_panels({m: pairs[m] for m in members}, names)
         apart = [model for model in others if model not in compared]
         counts = sorted({len(pairs[m][0]) for m in members})
         yield Drawing(
-            page_name(name, number, len(pages)),
+            page,
             sheet.figure,
             caption(
                 f"Differences to the reference {base}"
@@ -189,8 +188,7 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
     looks = scenario_looks(scores.scenarios)
     legend = {words(name): look for name, look in looks.items()}
     legend["macro average"] = MACRO_LOOK
-    pages = row_pages(list(scores.by_model))
-    for number, members in enumerate(pages, start=1):
+    for page, members in pages_of(name, list(scores.by_model)):
         sheet, axes, _ = named_rows(width_in, [names[m] for m in members], legend)
         for row, model in enumerate(members):
             found = {
@@ -203,12 +201,7 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
             for scenario, value in found.items():
                 if value is None:
                     continue
-                look = looks[scenario]
-                axes.plot(
-                    [value], [row], look.marker, color=look.colour, markeredgecolor=INK,
-                    markeredgewidth=0.4, clip_on=False, zorder=3,
-                    gid=f"scenario-{scenario}-{model}",
-                )  # fmt: skip
+                mark(axes, (value, row), looks[scenario], f"scenario-{scenario}-{model}")
             axes.plot(
                 [scores.by_model[model]["ivcs"].value or 0.0], [row], "|", color=INK, markersize=9,
                 markeredgewidth=1.5, clip_on=False, zorder=4,
@@ -216,7 +209,7 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
             )  # fmt: skip
         share_axis(axes, "IVCS")
         yield Drawing(
-            page_name(name, number, len(pages)),
+            page,
             sheet.figure,
             caption(
                 "IVCS of each model: a mark per scenario, the line is their range, the "
@@ -238,11 +231,10 @@ def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:
     if len(scores.by_model) < 2:
         middle = []
     names = names_in(scores.by_model, _PANEL_IN + 0.12 - text_width_in(" 0.00"))
-    pages = pages_of(list(scores.by_model), _PANEL_COLUMNS * _MOST_PANEL_ROWS)
-    for number, members in enumerate(pages, start=1):
+    for page, members in pages_of(name, list(scores.by_model), _PANEL_COLUMNS * _MOST_PANEL_ROWS):
         sheet = _panels(scores, {m: names[m] for m in members}, middle)
         yield Drawing(
-            page_name(name, number, len(pages)),
+            page,
             sheet.figure,
             caption(
                 "Capability profiles: the mean of each component of IVCS (filled) and of the two "
@@ -259,11 +251,8 @@ def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:
 
 
 def _median(values: Iterator[float | None]) -> float | None:
-    known = sorted(value for value in values if value is not None)
-    if not known:
-        return None
-    half = len(known) // 2
-    return known[half] if len(known) % 2 else (known[half - 1] + known[half]) / 2
+    known = [value for value in values if value is not None]
+    return median(known) if known else None
 
 
 def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float | None]) -> Sheet:
@@ -326,21 +315,20 @@ def controls(scores: Scores) -> list[Drawing | LeftOut]:
     tables = {table.name: table for table in control_tables(scores.rows)}
     lines: dict[str, tuple[float | None, float]] = {}
     counts: dict[str, int] = {}
-    for row in _named(tables.get(SEEING)):
+    for row in by_column(tables.get(SEEING)):
         own, spoilt = _value(row["ivcs"]), _value(row["ivcs_spoilt"])
         if own is not None and spoilt is not None:
             name = f"{row['model']}: {_SPOILT[str(row['condition'])]}"
             lines[name], counts[name] = (own, spoilt), int(str(row["n"]))
-    for row in _named(tables.get(ANSWERERS)):
+    for row in by_column(tables.get(ANSWERERS)):
         value = _value(row["ivcs"])
         if value is not None:
             lines[str(row["model"])], counts[str(row["model"])] = (None, value), int(str(row["n"]))
     if not lines:
         return [LeftOut(NAME, "there are no scored cells of controls")]
-    pages = row_pages(list(lines))
     return [
-        _page(page_name(NAME, number, len(pages)), {m: lines[m] for m in members}, counts)
-        for number, members in enumerate(pages, start=1)
+        _page(page, {m: lines[m] for m in members}, counts)
+        for page, members in pages_of(NAME, list(lines))
     ]
 
 
@@ -361,11 +349,7 @@ def _page(
         for x, look, size in marks:
             if x is not None:
                 # The larger one is seen behind the other where nothing changed.
-                axes.plot(
-                    [x], [row], look.marker, color=look.colour, markeredgecolor=INK,
-                    markeredgewidth=0.4, markersize=size, clip_on=False, zorder=3,
-                    gid=f"control-{label}",
-                )  # fmt: skip
+                mark(axes, (x, row), look, f"control-{label}", markersize=size)
         text = f"{value:.2f}" if own is None else f"{value - own:+z.2f}".replace("-", "−")
         sheet.figure.text(
             1.0 - 0.05 / width_in, 1.0 - (head_in + ROW_IN * (row + 0.5)) / sheet.height_in, text,
@@ -391,13 +375,6 @@ def _page(
             renamed(names),
         ),
     )
-
-
-def _named(table: Table | None) -> list[dict[str, Value]]:
-    if table is None:
-        return []
-    keys = [column.key for column in table.columns]
-    return [dict(zip(keys, row, strict=True)) for row in table.rows]
 
 
 def _value(value: Value) -> float | None:

@@ -22,6 +22,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, read_text, write_bytes, write_json, write_text
 from ssp_core.hashing import sha256_file, sha256_json
+from ssp_eval.data.ego_path import NS
 from ssp_eval.evaluate.results import CellData, load_cells
 from ssp_eval.figures.moments import CellOverlay, Image, Moment, Recordings, overlay_of
 from ssp_eval.figures.phases import all_phase_frames
@@ -206,7 +207,7 @@ def drawn(story: CellOverlay, moment: Moment | None, stamp_ns: int, picture: Ima
         return annotated(picture, Annotation(None, recorded, corner, tuple(lines)))
     plan = None
     if moment.plan is not None and moment.stamp_ns is not None:
-        seen = story.path.seen_from(moment.plan, moment.stamp_ns, stamp_ns)
+        seen = story.path.seen_from(moment.plan, moment.stamp_ns * NS, stamp_ns * NS)
         plan = None if seen is None else story.drawn(seen)
     failure = moment.judgement.first_failure
     text = moment.record.text if moment.record is not None else "no answer"

@@ -73,7 +73,6 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
     looks = DOMAIN_LOOKS if subject == "domain" else {}
     sheet, names = _draw(columns, values, ranks, {c.subject for c in found.changes}, looks)
     admission = "admitted cells" if subject == "domain" else "cells"
-    uneven = scores.uneven(subject)
     counts = ", ".join(f"{one} {group['ivcs'].n}" for one, group in groups.items())
     return Drawing(
         name,
@@ -82,12 +81,12 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
             f"IVCS by {subject} per scenario and over all of them (macro average), unweighted "
             f"means over {admission}; # stands before a rank, beside it the score. The large open "
             f"marks in the middle are the macro averages: {_macro(groups, found)}.",
-            "" if uneven else f"Cells: {counts}.",
+            f"Cells: {counts}.",
             "A solid line ends on a better rank than it began, a dashed one on a worse, a dash-dot "
             "one changes its rank in between only, a dotted one never.",
             _changes(found, scenarios),
             scores.unadmitted if subject == "domain" else "",
-            uneven,
+            scores.uneven(subject),
             scores.left_out,
             renamed(names),
         ),

@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from ssp_core.vocabulary import DOMAINS
 from ssp_eval.score.aggregate import (
     BY_DOMAIN,
     BY_MODEL,
@@ -14,18 +13,14 @@ from ssp_eval.score.aggregate import (
     BY_SCENARIO_MODEL,
     Cell,
     Mean,
+    domain_order,
     means,
-    same_places,
 )
 from ssp_eval.statistics.rows import OK, CellRow, entering, merged, over_what
-from ssp_eval.statistics.tables import run_notes
+from ssp_eval.statistics.table import counted
+from ssp_eval.statistics.tables import run_notes, uneven
 
 Group = Mapping[str, Mean]
-
-
-def domain_order(domain: str) -> tuple[int, str]:
-    """Sorts domains as METHOD names them."""
-    return (DOMAINS.index(domain) if domain in DOMAINS else len(DOMAINS), domain)
 
 
 @dataclass(frozen=True)
@@ -124,14 +119,7 @@ class Scores:
 
     def uneven(self, subject: str) -> str:
         """A sentence where the models or domains don't have the same cells."""
-        if same_places(self.cells, subject):
-            return ""
-        groups = self.by_domain if subject == "domain" else self.by_model
-        counts = ", ".join(f"{name} {group['ivcs'].n}" for name, group in groups.items())
-        return (
-            f"The {subject}s were not scored on the same cells: a difference between two of them "
-            f"may be one between cells. Cells: {counts}."
-        )
+        return " ".join(uneven(self.cells, subject))
 
     def n_text(self, rows: Sequence[CellRow] | None = None) -> str:
         """How many cells, scenarios, domains and models stand behind a figure."""
@@ -146,11 +134,6 @@ class Scores:
             (len({r.model for r in rows}), "model"),
         )
         return ", ".join(counted(count, word) for count, word in counts)
-
-
-def counted(count: int, word: str) -> str:
-    """``1 cell``, ``2 cells``."""
-    return f"{count} {word}{'' if count == 1 else 's'}"
 
 
 def _run_order(row: CellRow) -> tuple[tuple[str, str, str], str, int]:

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any, TypeVar
 
 import matplotlib as mpl
@@ -23,6 +22,8 @@ from ssp_eval.score.cli import DISCLAIMER, NULL
 COLUMN_IN, PAGE_IN, MOST_HEIGHT_IN = 3.4, 7.0, 9.0
 SMALL_PT, TEXT_PT = 7.0, 8.0
 LINE_IN = 0.14  # from one line of small text to the next
+ROW_IN = 0.17
+_MOST_ROWS = 46
 # Room for names beside a plot of this width.
 NAMES_IN = {COLUMN_IN: 1.15, PAGE_IN: 2.9}
 # It comes with matplotlib, so that the same rows give the same figure on every machine.
@@ -271,10 +272,21 @@ def mark_legend(sheet: Sheet, looks: Mapping[str, Look], top_in: float) -> None:
                 )
             )  # fmt: skip
         else:
-            page.plot(
-                [x], [y], look.marker, color=look.colour, markeredgecolor=INK, markeredgewidth=0.5
-            )
+            mark(page, (x, y), look, markeredgewidth=0.5)
         page.text(x + 0.08, y, text, va="center_baseline")
+
+
+def mark(
+    axes: Axes, at: tuple[float, float], look: Look, gid: str | None = None, **more: Any
+) -> None:
+    """One mark with a dark border, over lines, also where it reaches beyond the axes."""
+    style: dict[str, Any] = {
+        "markeredgecolor": INK,
+        "markeredgewidth": 0.4,
+        "clip_on": False,
+        "zorder": 3,
+    }
+    axes.plot(at[0], at[1], look.marker, color=look.colour, gid=gid, **(style | more))
 
 
 UNITS = (
@@ -330,18 +342,16 @@ def page_name(name: str, number: int, pages: int) -> str:
     return name if pages == 1 else f"{name}_{number:0{len(str(pages))}d}"
 
 
-def pages_of(items: Sequence[Item], most: int) -> list[Sequence[Item]]:
-    """The items in as few pages as hold them, of much the same size.
-
-    Args:
-        items: in order.
-    """
-    if not items:
-        return []
+def pages_of(
+    name: str, items: Sequence[Item], most: int = _MOST_ROWS
+) -> Iterator[tuple[str, list[Item]]]:
+    """The name of each page's files and its items: few pages, of much the same size."""
     count = -(-len(items) // most)
-    size, more = divmod(len(items), count)
-    starts = [k * size + min(k, more) for k in range(count + 1)]
-    return [items[a:b] for a, b in pairwise(starts)]
+    for number in range(count):
+        size, more = divmod(len(items), count)
+        start = number * size + min(number, more)
+        page = list(items[start : start + size + (number < more)])
+        yield page_name(name, number + 1, count), page
 
 
 def shown_mean(value: float | None, digits: int = 2) -> str:
@@ -350,13 +360,6 @@ def shown_mean(value: float | None, digits: int = 2) -> str:
 
 
 NO_MODEL = "no cell of a model may enter means"
-ROW_IN = 0.17
-_MOST_ROWS = 46
-
-
-def row_pages(names: Sequence[str]) -> list[Sequence[str]]:
-    """The names in as few pages as hold a row for each."""
-    return pages_of(names, _MOST_ROWS)
 
 
 def name_rows(axes: Axes, labels: Sequence[str]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.score.metrics import METRIC_NAMES
 
 # Values that differ by less are equal: what is left is rounding. Equal parts of IVCS need not have
@@ -145,23 +146,9 @@ def ranking(cells: Sequence[Cell], subject: str, metric: str = "ivcs") -> Rankin
     return Ranking(by_scenario, ranks(macro), tuple(_changes(by_scenario, sorted(macro))))
 
 
-def same_places(cells: Sequence[Cell], subject: str) -> bool:
-    """Whether all models or domains have cells in the same places.
-
-    A place of a model is a scenario and domain, one of a domain a scenario and model. Where they
-    differ, means and ranks compare more than the subjects.
-
-    Args:
-        cells: see means; for domains those that aren't admitted don't count.
-        subject: ``model`` or ``domain``.
-    """
-    other = "model" if subject == "domain" else "domain"
-    places: dict[str, set[tuple[str, str]]] = {}
-    for cell in cells:
-        if cell.admitted or subject != "domain":
-            place = (cell.scenario, getattr(cell, other))
-            places.setdefault(getattr(cell, subject), set()).add(place)
-    return len({frozenset(found) for found in places.values()}) <= 1
+def domain_order(domain: str) -> tuple[int, str]:
+    """Sorts domains as METHOD names them, and everything else by name after them."""
+    return (DOMAINS.index(domain) if domain in DOMAINS else len(DOMAINS), domain)
 
 
 def _changes(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ssp_core.vocabulary import LAT_ACTIONS
+from ssp_eval.data.ego_path import NS, SAME_S, Pose, pose_at, recorded_paths
 from ssp_eval.evaluate.results import CellData
 from ssp_eval.score.aggregate import BY_DOMAIN, BY_MODEL, BY_SCENARIO_DOMAIN, BY_SCENARIO_MODEL
 from ssp_eval.score.columns import encode
@@ -43,19 +43,6 @@ from ssp_eval.statistics.sensitivity import (
 
 HORIZON_S = DEFAULT.support_end_s
 BACK_S = 1.0
-# Stamps are whole nanoseconds and histories seconds as floats; nearer times are one time.
-_SAME_S = 1e-6
-_NS = 1e-9
-
-
-@dataclass(frozen=True)
-class Pose:
-    """The VUT at a time, in any fixed frame: m, rad, counter-clockwise."""
-
-    t_s: float
-    x_m: float
-    y_m: float
-    yaw_rad: float
 
 
 @dataclass(frozen=True)
@@ -90,68 +77,11 @@ def curves(requests: Sequence[Mapping[str, Any]]) -> list[Curve]:
         label_t_s, stamp_ns = float(request["label_t_s"]), request.get("stamp_ns")
         curve = Curve(label_t_s)
         if stamp_ns is not None:
-            t_s = stamp_ns * _NS
-            path = next((path for path in paths if path[-1].t_s >= t_s - _SAME_S), [])
+            t_s = stamp_ns * NS
+            path = next((path for path in paths if path[-1].t_s >= t_s - SAME_S), [])
             curve = curve_at(path, t_s, label_t_s)
         found.append(curve)
     return found
-
-
-def recorded_paths(requests: Iterable[Mapping[str, Any]]) -> list[list[Pose]]:
-    """The VUT's path over a cell's requests, in parts where histories don't reach each other.
-
-    Args:
-        requests: see curves; poses are by the time of their stamps, s.
-
-    Returns:
-        In time order, each part in the frame of its first request.
-    """
-    paths: list[list[Pose]] = []
-    for request in requests:
-        stamp_ns, history = request.get("stamp_ns"), request.get("history") or []
-        if stamp_ns is None or len(history) < 2:
-            continue
-        now_s = stamp_ns * _NS
-        own = sorted(
-            (Pose(now_s + h["t_s"], h["x_m"], h["y_m"], h["yaw_rad"]) for h in history),
-            key=lambda pose: pose.t_s,
-        )
-        last = paths[-1][-1] if paths else None
-        there = None if last is None else pose_at(own, last.t_s)
-        if last is None or there is None:
-            paths.append(own)
-        else:
-            new = (pose for pose in own if pose.t_s > last.t_s + _SAME_S)
-            paths[-1] += [_moved(pose, there, last) for pose in new]
-    return paths
-
-
-def _moved(pose: Pose, origin: Pose, onto: Pose) -> Pose:
-    """A pose after the rigid motion that takes origin onto another pose."""
-    turn = onto.yaw_rad - origin.yaw_rad
-    dx, dy = pose.x_m - origin.x_m, pose.y_m - origin.y_m
-    return Pose(
-        pose.t_s,
-        onto.x_m + dx * math.cos(turn) - dy * math.sin(turn),
-        onto.y_m + dx * math.sin(turn) + dy * math.cos(turn),
-        pose.yaw_rad + turn,
-    )
-
-
-def pose_at(path: Sequence[Pose], t_s: float) -> Pose | None:
-    """The pose at a time, between samples by linear interpolation; None outside the path."""
-    if not path or not path[0].t_s - _SAME_S <= t_s <= path[-1].t_s + _SAME_S:
-        return None
-    after = min(bisect_right(path, t_s, key=lambda pose: pose.t_s), len(path) - 1)
-    a, b = path[max(after - 1, 0)], path[after]
-    share = 0.0 if b.t_s <= a.t_s else min(max((t_s - a.t_s) / (b.t_s - a.t_s), 0.0), 1.0)
-    turn = math.remainder(b.yaw_rad - a.yaw_rad, math.tau)
-    return Pose(
-        t_s,
-        a.x_m + share * (b.x_m - a.x_m),
-        a.y_m + share * (b.y_m - a.y_m),
-        a.yaw_rad + share * turn,
-    )
 
 
 def curve_at(path: Sequence[Pose], t_s: float, label_t_s: float) -> Curve:
@@ -183,7 +113,7 @@ def curve_at(path: Sequence[Pose], t_s: float, label_t_s: float) -> Curve:
 
 
 def _between(path: Sequence[Pose], first: Pose, last: Pose) -> list[Pose]:
-    inside = (p for p in path if first.t_s + _SAME_S < p.t_s < last.t_s - _SAME_S)
+    inside = (p for p in path if first.t_s + SAME_S < p.t_s < last.t_s - SAME_S)
     return [first, *inside, last]
 
 

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ssp_core.vocabulary import DOMAINS
-from ssp_eval.score.aggregate import Mean
+from ssp_eval.score.aggregate import Mean, domain_order
 from ssp_eval.score.cli import DISCLAIMER, NULL, format_response
 from ssp_eval.score.metrics import DIAGNOSTIC, METRIC_LABELS
 
@@ -167,6 +166,17 @@ def shown(column: Column, value: Value) -> str:
     return f"{value:g}"
 
 
+def by_column(table: Table | None) -> list[dict[str, Value]]:
+    """The rows by key of their columns; none of no table."""
+    keys = () if table is None else [column.key for column in table.columns]
+    return [dict(zip(keys, row, strict=True)) for row in (() if table is None else table.rows)]
+
+
+def counted(count: int, word: str) -> str:
+    """``1 cell``, ``2 cells``."""
+    return f"{count} {word}{'' if count == 1 else 's'}"
+
+
 def some(names: Sequence[str], separator: str = ", ") -> str:
     """All of a few names, of many the first and how many more there are."""
     if len(names) <= MOST_NAMED:
@@ -189,4 +199,4 @@ COUNT = Column("n", "n", "count")
 
 def in_order(group: Iterable[str]) -> list[tuple[int, str]]:
     """Key that sorts domains in their own order and everything else by name."""
-    return [(DOMAINS.index(key) if key in DOMAINS else len(DOMAINS), key) for key in group]
+    return [domain_order(key) for key in group]

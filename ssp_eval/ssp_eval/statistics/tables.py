@@ -42,6 +42,7 @@ from ssp_eval.statistics.table import (
     Outcome,
     Table,
     Value,
+    counted,
     in_order,
     metric_columns,
     some,
@@ -366,7 +367,7 @@ def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
         notes.append(f"{_cells(len(cells))} without a score left out; see the matrix for reasons.")
     if runs:
         notes.append(
-            f"{_counted(runs, 'run')} without a score left out of cells that have others; see the "
+            f"{counted(runs, 'run')} without a score left out of cells that have others; see the "
             "matrix for reasons."
         )
     if nulls:
@@ -378,11 +379,7 @@ def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
 
 
 def _cells(count: int) -> str:
-    return _counted(count, "cell")
-
-
-def _counted(count: int, word: str) -> str:
-    return f"{count} {word}{'' if count == 1 else 's'}"
+    return counted(count, "cell")
 
 
 def _key_columns(by: Iterable[str]) -> tuple[Column, ...]:
