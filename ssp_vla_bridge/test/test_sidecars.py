@@ -7,9 +7,7 @@ import http.client
 import importlib.util
 import json
 import os
-import re
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -28,7 +26,6 @@ from ssp_vla_bridge.messages import Frame
 
 HERE = Path(__file__).resolve().parent
 SIDECARS = HERE.parent / "sidecars"
-DOCUMENT = HERE.parents[1] / "docs" / "researcher.md"
 NS = 1_000_000_000
 DEADLINE_S = 120.0
 
@@ -442,41 +439,3 @@ def test_poses_are_interpolated_inside_the_history(straight_history):
     assert abs(abs(poses[0][2]) - np.pi) < 1e-9
     with pytest.raises(io.UnanswerableError, match=r"from -0\.3 to 0 s"):
         io.past_poses(request, 4, 0.1)
-
-
-def snippet(first_line):
-    """The block of code in the document that begins so."""
-    blocks = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
-    (block,) = [block for block in blocks if block.startswith(first_line)]
-    assert len(block.splitlines()) < 25
-    return block
-
-
-def test_the_documents_python_function_is_a_model(tmp_path, monkeypatch, drive_request):
-    (tmp_path / "my_model.py").write_text(snippet("# my_model.py"))
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    options = {"function": "my_model:drive", "folder": str(tmp_path)}
-    response = respond(make_backend("python", options), "mine", drive_request).response
-    assert adapt("waypoints", response).trajectory.x_m == (0.0, 4.0, 8.0, 12.0, 16.0)
-
-
-@pytest.mark.system
-def test_the_documents_http_service_is_a_model(tmp_path, drive_request, free_port):
-    (tmp_path / "my_service.py").write_text(snippet("# my_service.py"))
-    process = subprocess.Popen([sys.executable, "my_service.py", str(free_port)], cwd=tmp_path,
-                               stderr=subprocess.DEVNULL)  # fmt: skip
-    try:
-        backend = make_backend("http", {"url": f"http://127.0.0.1:{free_port}", "start_s": 20.0})
-        response = respond(backend, "mine", drive_request).response
-        assert (response.error_code, response.model_id) == (0, "my/model-1.0")
-        assert adapt("waypoints", response).trajectory.x_m == (0.0, 4.0, 8.0)
-    finally:
-        process.kill()
-        process.wait(DEADLINE_S)
-
-
-@pytest.fixture
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]

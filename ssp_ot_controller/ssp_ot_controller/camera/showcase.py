@@ -8,14 +8,12 @@ fog).
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 
 import click
 import cv2
 import numpy as np
 
-from ssp_core import console
 from ssp_core.errors import SspError
 from ssp_core.files import make_folder, write_bytes
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
@@ -28,20 +26,6 @@ from ssp_ot_controller.camera.frames import jpeg
 from ssp_ot_controller.camera.kernels.jit import Array
 from ssp_ot_controller.camera.renderer.render import render
 from ssp_ot_controller.camera.renderer.scene import Indicator, Scene
-
-
-def run_command(command: click.Command, module: str) -> int:
-    """Runs a module's command line and returns its exit status."""
-    try:
-        command.main(prog_name=f"python -m {module}", standalone_mode=False)
-    except click.ClickException as error:
-        error.show()
-        return error.exit_code
-    except SspError as error:
-        console.report_error(str(error))
-        return 1
-    return 0
-
 
 _SEED = 1
 _STAMP_NS = 1_400_000_000  # indicators shine, and the windscreen is wet
@@ -88,16 +72,8 @@ _VUT = _thing("vut", ObjectClass.CAR, 10.0, 0.0, 0.0, 10.0)
 def _titled(image: Array, text: str) -> Array:
     """The picture under a strip with black words on white."""
     strip = np.full((_STRIP_PX, image.shape[1], 3), 245, np.uint8)
-    cv2.putText(
-        strip,
-        text,
-        (3, _STRIP_PX - 4),
-        cv2.FONT_HERSHEY_SIMPLEX,
-        0.36,
-        (20, 20, 20),
-        1,
-        cv2.LINE_AA,
-    )
+    place, font = (3, _STRIP_PX - 4), cv2.FONT_HERSHEY_SIMPLEX
+    cv2.putText(strip, text, place, font, 0.36, (20, 20, 20), 1, cv2.LINE_AA)
     return np.vstack([strip, image])
 
 
@@ -120,25 +96,32 @@ def tile(state: ObjectState, camera: Camera, look: Look) -> Array:
 
 def classes(camera: Camera, look: Look) -> Array:
     """Rows are classes; columns are sides at each distance, from camera to nearest point."""
-    rows = []
-    for object_class in ObjectClass:
-        if object_class is ObjectClass.UNKNOWN:
-            continue
-        size, row = DEFAULT_SIZES[object_class], []
-        for distance_m in DISTANCES_M:
-            for side, yaw_rad in SIDES.items():
-                near = {"rear": size.rear_m, "front": size.front_m}.get(side, size.width_m / 2)
-                x_m = _VUT.x_m + camera.forward_m + distance_m + near
-                # From the side, its middle is ahead.
-                y_m = (size.rear_m - size.front_m) / 2 if side == "side" else 0.0
-                speed_mps = 1.4 if object_class is ObjectClass.PEDESTRIAN else 5.0
-                one = tile(
-                    _thing(object_class.word, object_class, x_m, y_m, yaw_rad, speed_mps),
-                    camera, look,
-                )  # fmt: skip
-                row.append(_titled(one, f"{object_class.word} {distance_m:.0f} m"))
-        rows.append(np.hstack(row))
-    return np.vstack(rows)
+    return np.vstack(
+        [
+            np.hstack(
+                [
+                    _cut_out(one, side, distance_m, camera, look)
+                    for distance_m in DISTANCES_M
+                    for side in SIDES
+                ]
+            )
+            for one in ObjectClass
+            if one is not ObjectClass.UNKNOWN
+        ]
+    )
+
+
+def _cut_out(
+    object_class: ObjectClass, side: str, distance_m: float, camera: Camera, look: Look
+) -> Array:
+    size = DEFAULT_SIZES[object_class]
+    near_m = {"rear": size.rear_m, "front": size.front_m}.get(side, size.width_m / 2)
+    x_m = _VUT.x_m + camera.forward_m + distance_m + near_m
+    # From the side, its middle is ahead.
+    y_m = (size.rear_m - size.front_m) / 2 if side == "side" else 0.0
+    speed_mps = 1.4 if object_class is ObjectClass.PEDESTRIAN else 5.0
+    state = _thing(object_class.word, object_class, x_m, y_m, SIDES[side], speed_mps)
+    return _titled(tile(state, camera, look), f"{object_class.word} {distance_m:.0f} m")
 
 
 def street(look: Look, camera: Camera) -> Array:
@@ -171,25 +154,21 @@ def conditions(camera: Camera) -> Array:
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path))
 @click.option("--light", default="day", type=click.Choice(["day", "dusk"]), show_default=True)
 @click.option("--rain", default=0.0, type=click.FloatRange(0.0, 1.0), show_default=True)
-def showcase(out: Path, light: str, rain: float) -> int:
+def showcase(out: Path, light: str, rain: float) -> None:
     """Write contact sheets of the camera's pictures into a folder."""
     camera = Camera()  # 960 x 540
     look = Look.model_validate({"light": light, "rain": rain})
-    make_folder(out)
-    with console.progress("drawing", None):
+    try:
+        make_folder(out)
         for name, image in (
             ("camera-classes.jpg", classes(camera, look)),
             ("camera-conditions.jpg", conditions(camera)),
         ):
             write_bytes(out / name, jpeg(image, _QUALITY))
             click.echo(out / name)
-    return 0
-
-
-def main() -> int:
-    """Runs the command line and returns its exit status."""
-    return run_command(showcase, "ssp_ot_controller.camera.showcase")
+    except SspError as error:
+        raise click.ClickException(str(error)) from error
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    showcase(prog_name="python -m ssp_ot_controller.camera.showcase")

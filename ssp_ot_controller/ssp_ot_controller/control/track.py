@@ -60,10 +60,16 @@ class Track:
             self._pieces[i >> _PIECE_BITS] = piece
         return piece[i & _PIECE - 1]
 
-    def _share(self, t_s: float, i: int) -> float:
-        """How far a time is between point i - 1 and point i."""
+    def _value(self, t_s: float, column: int) -> float:
+        """A column of the table at a time, linear; its ends before and after."""
         times = self._times_s
-        return (t_s - times[i - 1]) / (times[i] - times[i - 1])
+        if t_s < times[0]:
+            return self._row(0)[column]
+        if t_s >= times[-1]:
+            return self._row(len(times) - 1)[column]
+        i = bisect_right(times, t_s)
+        a, b = self._row(i - 1)[column], self._row(i)[column]
+        return a + (t_s - times[i - 1]) / (times[i] - times[i - 1]) * (b - a)
 
     @property
     def end(self) -> Pose2:
@@ -114,25 +120,11 @@ class Track:
 
     def curvature_1pm(self, t_s: float) -> float:
         """As ``at``, of the curvature alone."""
-        times = self._times_s
-        if t_s < times[0]:
-            return self._row(0)[5]
-        if t_s >= times[-1]:
-            return self._row(len(times) - 1)[5]
-        i = bisect_right(times, t_s)
-        a = self._row(i - 1)[5]
-        return a + self._share(t_s, i) * (self._row(i)[5] - a)
+        return self._value(t_s, 5)
 
     def speed_mps(self, t_s: float) -> float:
         """As ``at``, of the speed alone."""
-        times = self._times_s
-        if t_s < times[0]:
-            return self._row(0)[3]
-        if t_s >= times[-1]:
-            return 0.0
-        i = bisect_right(times, t_s)
-        a = self._row(i - 1)[3]
-        return a + self._share(t_s, i) * (self._row(i)[3] - a)
+        return 0.0 if t_s >= self._times_s[-1] else self._value(t_s, 3)
 
     def left_m(self, t_s: float, ahead_m: float) -> float:
         """Length of path ahead of an object, m; negative past its end.
@@ -141,11 +133,4 @@ class Track:
             t_s: after execute_at.
             ahead_m: how far the object is ahead of its time.
         """
-        times = self._times_s
-        if t_s < times[0]:
-            return self.length_m - ahead_m
-        if t_s >= times[-1]:
-            return -ahead_m
-        i = bisect_right(times, t_s)
-        a = self._row(i - 1)[8]
-        return self.length_m - a - self._share(t_s, i) * (self._row(i)[8] - a) - ahead_m
+        return self.length_m - self._value(t_s, 8) - ahead_m

@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped] # has no types
@@ -186,6 +187,16 @@ def tracking_error(state: ObjectState, point: Point | ReferencePoint) -> Trackin
     )
 
 
+class _Now(NamedTuple):
+    """An object on its reference at one step."""
+
+    state: ObjectState
+    track: Track
+    t_s: float
+    point: Point
+    error: TrackingError
+
+
 class Tracker:
     """Tracks references with one object. It holds tables only: the same input, the same command.
 
@@ -231,19 +242,18 @@ class Tracker:
         Args:
             state: of the object at ``now_ns``.
             reference: accepted, with execute_at at or before ``now_ns``.
+            now_ns: session time, ns.
         """
-        track = self.track_of(reference)
-        t_s = track.seconds(now_ns)
-        point = track.at(t_s)
-        error = tracking_error(state, point)
-        if (
-            point.speed_mps < _STANDSTILL_MPS
-            and track.speed_mps(t_s + self._dt_s) < _STANDSTILL_MPS
-        ):
-            return self._hold(state, track, t_s, point, error), error
+        now = self._now(state, reference, now_ns)
+        soon_mps = now.track.speed_mps(now.t_s + self._dt_s)
+        stands = now.point.speed_mps < _STANDSTILL_MPS and soon_mps < _STANDSTILL_MPS
         if self._walker:
-            return self._walk(state, track, t_s, point, error), error
-        return self._drive(state, track, t_s, point, error), error
+            # Standstill: brake out what speed is left, and never creep towards the point.
+            held = Command(-_HOLD_MPS2, 0.0, now.point.yaw_rad)
+            return held if stands else self._walk(now), now.error
+        if stands:
+            return Command(-_HOLD_MPS2, self._steer(now), state.yaw_rad), now.error
+        return Command(self._accelerate(now), self._steer(now), now.point.yaw_rad), now.error
 
     def brake(
         self, state: ObjectState, reference: Reference, now_ns: int, deceleration_mps2: float
@@ -251,46 +261,28 @@ class Tracker:
         """Brakes with the given deceleration (> 0) and stays on the reference's path meanwhile."""
         if self._walker:
             return Command(-deceleration_mps2, 0.0, state.yaw_rad)
+        now = self._now(state, reference, now_ns)
+        return Command(-deceleration_mps2, self._steer(now), state.yaw_rad)
+
+    def _now(self, state: ObjectState, reference: Reference, now_ns: int) -> _Now:
         track = self.track_of(reference)
         t_s = track.seconds(now_ns)
         point = track.at(t_s)
-        curvature = self._steer(state, track, t_s, point, tracking_error(state, point))
-        return Command(-deceleration_mps2, curvature, state.yaw_rad)
-
-    def _hold(
-        self, state: ObjectState, track: Track, t_s: float, point: Point, error: TrackingError
-    ) -> Command:
-        """Standstill: brake out what speed is left, and never creep towards the point."""
-        if self._walker:
-            return Command(-_HOLD_MPS2, 0.0, point.yaw_rad)
-        curvature = self._steer(state, track, t_s, point, error)
-        return Command(-_HOLD_MPS2, curvature, state.yaw_rad)
-
-    def _drive(
-        self, state: ObjectState, track: Track, t_s: float, point: Point, error: TrackingError
-    ) -> Command:
-        """A vehicle's command."""
-        return Command(
-            self._accelerate(state, track, t_s, point, error),
-            self._steer(state, track, t_s, point, error),
-            point.yaw_rad,
-        )
+        return _Now(state, track, t_s, point, tracking_error(state, point))
 
     def _bounded(self, acceleration_mps2: float) -> float:
         least, most = -self._limits.deceleration_mps2, self._limits.acceleration_mps2
         return min(max(acceleration_mps2, least), most)
 
-    def _accelerate(
-        self, state: ObjectState, track: Track, t_s: float, point: Point, error: TrackingError
-    ) -> float:
-        g = self._preview
-        along_mps = state.speed_mps * math.cos(error.yaw_rad)
+    def _accelerate(self, now: _Now) -> float:
+        g, state, point = self._preview, now.state, now.point
+        along_mps = state.speed_mps * math.cos(now.error.yaw_rad)
         back = (
-            g.position * error.longitudinal_m
+            g.position * now.error.longitudinal_m
             + g.speed * (along_mps - point.speed_mps)
             + g.acceleration * (state.acceleration_mps2 - point.acceleration_mps2)
         )
-        return self._bounded(self._feed_forward(track, t_s) - back)
+        return self._bounded(self._feed_forward(now.track, now.t_s) - back)
 
     def _feed_forward(self, track: Track, t_s: float) -> float:
         """What the reference's accelerations from now on ask for, linear between two steps."""
@@ -317,35 +309,24 @@ class Tracker:
             self._forward[first] = piece
         return piece[k - first * _PIECE]
 
-    def _beside(
-        self, state: ObjectState, track: Track, t_s: float, point: Point, error: TrackingError
-    ) -> tuple[float, Point, float]:
-        """The point of the path that the object is beside now: when, what, and how far left."""
+    def _steer(self, now: _Now) -> float:
+        """Curvature command against the point of the path that the object is beside now."""
+        state, track = now.state, now.track
         # An object that is ahead of or behind its time steers by the place where it is.
-        shift_s = error.longitudinal_m / max(point.speed_mps, MIN_GAIN_SPEED_MPS)
-        beside_s = t_s + min(max(shift_s, -2.0), 2.0)
+        shift_s = now.error.longitudinal_m / max(now.point.speed_mps, MIN_GAIN_SPEED_MPS)
+        beside_s = now.t_s + min(max(shift_s, -2.0), 2.0)
         beside = track.at(beside_s)
         c, s = math.cos(beside.yaw_rad), math.sin(beside.yaw_rad)
-        return beside_s, beside, c * (state.y_m - beside.y_m) - s * (state.x_m - beside.x_m)
-
-    def _curvature_of(self, state: ObjectState, beside: Point) -> float:
-        """Measured curvature; that of the path for an object that is too slow to tell."""
-        if state.speed_mps > _MIN_CURVATURE_SPEED_MPS:
-            return state.yaw_rate_radps / state.speed_mps
-        return beside.curvature_1pm
-
-    def _steer(
-        self, state: ObjectState, track: Track, t_s: float, point: Point, error: TrackingError
-    ) -> float:
-        """Curvature command against the point of the path that the object is beside now."""
-        beside_s, beside, lateral_m = self._beside(state, track, t_s, point, error)
+        lateral_m = c * (state.y_m - beside.y_m) - s * (state.x_m - beside.x_m)
         yaw_rad = wrap_angle(state.yaw_rad - beside.yaw_rad)
         here = beside.curvature_1pm
         # The command with which a lag that is at the reference's curvature stays on it.
         change = track.curvature_1pm(beside_s + self._dt_s) - here
         forward = here + change / self._curvature_share
         k_lateral, k_yaw, k_curvature = self._gains_at(state.speed_mps)
-        turned = self._curvature_of(state, beside) - here
+        # An object that is too slow to tell is taken to turn as the path does.
+        fast = state.speed_mps > _MIN_CURVATURE_SPEED_MPS
+        turned = (state.yaw_rate_radps / state.speed_mps if fast else here) - here
         back = k_lateral * lateral_m + k_yaw * yaw_rad + k_curvature * turned
         bound = self._limits.curvature_1pm
         return min(max(forward - back, -bound), bound)
@@ -362,11 +343,9 @@ class Tracker:
             a[2] + share * (b[2] - a[2]),
         )
 
-    def _walk(
-        self, state: ObjectState, track: Track, t_s: float, point: Point, error: TrackingError
-    ) -> Command:
-        g = self._gains
-        soon = track.at(t_s + self._dt_s)
+    def _walk(self, now: _Now) -> Command:
+        g, point, error = self._gains, now.point, now.error
+        soon = now.track.at(now.t_s + self._dt_s)
         along = point.speed_mps - g.walker_position_1ps * error.longitudinal_m
         # Sideways corrections stay small against the walk, or the dummy would turn away from it.
         most = 0.4 * max(point.speed_mps, 0.2)
@@ -375,5 +354,5 @@ class Tracker:
         forward = point.acceleration_mps2 + change / self._acceleration_share
         heading = wrap_angle(soon.yaw_rad + math.atan2(across, max(along, 0.2)))
         wanted = math.hypot(max(along, 0.0), across) if along > 0.0 else 0.0
-        acceleration = forward + g.walker_speed_1ps * (wanted - state.speed_mps)
+        acceleration = forward + g.walker_speed_1ps * (wanted - now.state.speed_mps)
         return Command(self._bounded(acceleration), 0.0, heading)

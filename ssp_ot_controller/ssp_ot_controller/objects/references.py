@@ -243,57 +243,45 @@ def _check_start(
         ahead = current.extrapolated(reference.execute_at_ns)
         there, there_mps = ahead.pose, ahead.speed_mps
     start = sample(reference, reference.execute_at_ns)
-    jump = math.hypot(start.x_m - there.x_m, start.y_m - there.y_m)
     turn = abs(wrap_angle(start.yaw_rad - there.yaw_rad))
-    change = abs(start.speed_mps - there_mps)
+    jump = math.hypot(start.x_m - there.x_m, start.y_m - there.y_m)
     checks = [
-        ("position", jump, continuity.position_m, "m"),
-        ("speed", change, continuity.speed_mps, "m/s"),
+        ("position jumps by", jump, continuity.position_m, "m"),
+        ("speed jumps by", abs(start.speed_mps - there_mps), continuity.speed_mps, "m/s"),
     ]
     if current.object_class is not ObjectClass.PEDESTRIAN:
-        checks.append(("yaw", turn, continuity.yaw_rad, "rad"))
-    for name, measured, limit, unit in checks:
-        # Written so that a value that isn't finite is refused too.
-        if not measured <= limit:
-            return Refusal(
-                RefusalCode.DISCONTINUOUS,
-                f"{name} jumps by {measured:.3f} {unit} at execute_at, limit is {limit:g} {unit}",
-            )
+        checks.append(("yaw jumps by", turn, continuity.yaw_rad, "rad"))
+    return _first_over(RefusalCode.DISCONTINUOUS, checks, " at execute_at", 0.0)
+
+
+def _first_over(
+    code: RefusalCode, checks: list[tuple[str, float, float, str]], where: str, rounding: float
+) -> Refusal | None:
+    """The first measured value that isn't within its limit; one that isn't finite never is."""
+    for what, measured, limit, unit in checks:
+        if not measured <= limit + rounding:
+            text = f"{what} {measured:.3f} {unit}{where}, limit is {limit:g} {unit}"
+            return Refusal(code, text)
     return None
 
 
 def _check_limits(reference: Reference, limits: Limits, body: BodyLimits) -> Refusal | None:
     _, _, _, _, speed, acceleration, curvature = reference.columns
-    fastest = min(limits.speed_mps, body.speed_mps)
+    most = min(limits.acceleration_mps2, body.acceleration_mps2)
+    hardest = min(limits.acceleration_mps2, body.deceleration_mps2)
     checks = [
-        ("speed", float(speed.max()), fastest, "m/s"),
-        (
-            "acceleration",
-            float(acceleration.max()),
-            min(limits.acceleration_mps2, body.acceleration_mps2),
-            "m/s^2",
-        ),
-        (
-            "deceleration",
-            float(-acceleration.min()),
-            min(limits.acceleration_mps2, body.deceleration_mps2),
-            "m/s^2",
-        ),
+        ("speed reaches", float(speed.max()), min(limits.speed_mps, body.speed_mps), "m/s"),
+        ("acceleration reaches", float(acceleration.max()), most, "m/s^2"),
+        ("deceleration reaches", float(-acceleration.min()), hardest, "m/s^2"),
     ]
     # A walker turns on the spot, so neither curvature nor grip bounds it.
     if body.curvature_1pm > 0.0:
-        grip = np.abs(curvature) * speed**2
+        grip, most = float((np.abs(curvature) * speed**2).max()), body.lateral_acceleration_mps2
         checks += [
-            ("curvature", float(np.abs(curvature).max()), body.curvature_1pm, "1/m"),
-            ("lateral acceleration", float(grip.max()), body.lateral_acceleration_mps2, "m/s^2"),
+            ("curvature reaches", float(np.abs(curvature).max()), body.curvature_1pm, "1/m"),
+            ("lateral acceleration reaches", grip, most, "m/s^2"),
         ]
-    for name, measured, limit, unit in checks:
-        if measured > limit + _ROUNDING:
-            return Refusal(
-                RefusalCode.LIMIT,
-                f"{name} reaches {measured:.3f} {unit}, limit is {limit:g} {unit}",
-            )
-    return None
+    return _first_over(RefusalCode.LIMIT, checks, "", _ROUNDING)
 
 
 def _check_steps(reference: Reference, continuity: ContinuityLimits) -> Refusal | None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 from ssp_core import names, ros
 from ssp_core.cdr import steps
@@ -52,19 +51,11 @@ class ObjectPublishers:
 
     Args:
         states_in_one: all states in one message instead of one per object.
-        destroyers: takes what ends each publisher.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        object_ids: tuple[str, ...],
-        states_in_one: bool,
-        destroyers: list[Callable[[], object]],
-    ) -> None:
+    def __init__(self, node: Node, object_ids: tuple[str, ...], states_in_one: bool) -> None:
         self._node = node
-        self._destroyers = destroyers
-        pub = self._pub
+        pub = node.create_publisher
         self._command = pub(ActuatorCommands, names.ACTUATOR_COMMANDS, ros.COMMAND)
         self._done = pub(StepDone, names.STEP_DONE, ros.STATE)
         self._safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
@@ -77,11 +68,6 @@ class ObjectPublishers:
         else:
             self._state = {i: pub(ObjectState, names.state_topic(i), ros.STATE) for i in object_ids}
         self._ack = {i: pub(ReferenceAck, names.ack_topic(i), ros.COMMAND) for i in object_ids}
-
-    def _pub(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
-        publisher = self._node.create_publisher(kind, topic, qos)
-        self._destroyers.append(partial(self._node.destroy_publisher, publisher))
-        return publisher
 
     def send(self, step: PoolStep | None) -> None:
         """Everything that a step led to; nothing for None."""
@@ -171,163 +157,110 @@ LATE_ANSWER_PERIOD_S = 0.005
 WATCHDOG_PERIOD_S = 0.05
 
 
-class ObjectTargetNode(LifecycleNode):
-    """Thin lifecycle node around objects.pool; with ``autostart`` it activates itself."""
+class ObjectProcess:
+    """The objects of one process from configure to cleanup: endpoints, timers and bodies.
 
-    def __init__(self, stop: ros.StopRequest) -> None:
-        super().__init__(names.OBJECT_TARGET, namespace=names.NAMESPACE)
-        self._given = ros.declare(self, OBJECT_TARGET)
-        self._pool: ObjectPool | None = None
+    Args:
+        given: parameters of the node.
+
+    Raises:
+        InputError: the run or a parameter is wrong.
+        HostError: there is no way to a body.
+    """
+
+    def __init__(self, node: Node, given: Mapping[str, Any]) -> None:
+        run = load_run(given["run_file"])
+        wanted = [i for i in given["object_ids"].split(",") if i]
+        self._node = node
+        self.pool = ObjectPool(run, wanted, time.monotonic_ns())
+        self.pool.active = False
         self._live: LiveObjects | None = None
-        self._destroyers: list[Callable[[], object]] = []
-        self._failure: Exception | None = None
-        if self._given["autostart"]:
-            for trigger in (self.trigger_configure, self.trigger_activate):
-                if trigger() is not TransitionCallbackReturn.SUCCESS:
-                    raise self._failure or HostError("the node could not be activated")
-
-    # -- lifecycle -----------------------------------------------------------------------------
-
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        try:
-            self._configure()
-        except Exception as error:
-            # rclpy turns an exception here into ERROR without a word.
-            self.get_logger().error(f"can't configure: {error}")
-            self._failure = error
-            raise
-        return super().on_configure(state)
-
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        if self._pool is not None:
-            self._pool.active = True
-        return super().on_activate(state)
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._halt()
-        return super().on_deactivate(state)
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._halt()
-        while self._destroyers:
-            self._destroyers.pop()()
-        return super().on_cleanup(state)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._halt()
-        return super().on_shutdown(state)
-
-    def _halt(self) -> None:
-        """Whatever may move stops, and stays stopped until it is cleared."""
-        if self._pool is not None:
-            self._pool.active = False
-            self._send(self._pool.halt(time.monotonic_ns()))
-
-    def _configure(self) -> None:
-        run = load_run(self._given["run_file"])
-        wanted = [i for i in self._given["object_ids"].split(",") if i]
-        pool = self._pool = ObjectPool(run, wanted, time.monotonic_ns())
-        pool.active = False
-        self._responder = HeartbeatResponder()
-        self._outgoing = ObjectPublishers(
-            self, pool.object_ids, run.states_in_one, self._destroyers
-        )
-        self._hear(pool, run)
-        self._timer(WATCHDOG_PERIOD_S, partial(self._watch, pool))
-        if answers_late(run, pool.object_ids):
-            self._timer(LATE_ANSWER_PERIOD_S, self._answer_late)
         if run.mode == "live":
-            self._connect_bodies(pool, run)
+            # No simulated world: the bodies are read and commanded here, on a steady timer.
+            bodies = open_bodies(run, self.pool.object_ids, given["bodies"], time.time_ns())
+            self._live = LiveObjects(run, bodies, node.get_logger().error)
+        self._before = {id(entity) for entity, _ in self._entities()}
+        self._responder = HeartbeatResponder()
+        self._outgoing = ObjectPublishers(node, self.pool.object_ids, run.states_in_one)
+        self._hear(run)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(WATCHDOG_PERIOD_S, self._watch, clock=steady)
+        if answers_late(run, self.pool.object_ids):
+            node.create_timer(LATE_ANSWER_PERIOD_S, self._answer_late, clock=steady)
+        if self._live is not None:
+            node.create_timer(run.step_s, partial(self._live_step, self._live), clock=steady)
 
-    def _connect_bodies(self, pool: ObjectPool, run: RunSpec) -> None:
-        """No simulated world: the bodies are read and commanded here, on a steady timer."""
-        bodies = open_bodies(run, pool.object_ids, self._given["bodies"], time.time_ns())
-        live = self._live = LiveObjects(run, bodies, self.get_logger().error)
-        self._destroyers.append(self._disconnect_bodies)
-        self._timer(run.step_s, partial(self._live_step, pool, live))
+    def _entities(self) -> list[tuple[Any, Callable[[Any], bool]]]:
+        """What the node has, each with what ends it."""
+        node = self._node
+        return [
+            *((one, node.destroy_timer) for one in node.timers),
+            *((one, node.destroy_subscription) for one in node.subscriptions),
+            *((one, node.destroy_service) for one in node.services),
+            *((one, node.destroy_publisher) for one in node.publishers),
+        ]
 
-    def _disconnect_bodies(self) -> None:
+    def close(self) -> None:
+        """Takes the endpoints and timers away, and leaves bodies to their own watchdogs."""
+        for entity, destroy in self._entities():
+            if id(entity) not in self._before:
+                destroy(entity)
         if self._live is not None:
             self._live.close()
             self._live = None
 
-    def _live_step(self, pool: ObjectPool, live: LiveObjects) -> None:
-        pool.take_tick(live.tick(time.time_ns()), time.monotonic_ns())
-        self._send(pool.step(time.monotonic_ns()))
+    def halt(self) -> None:
+        """Whatever may move stops, and stays stopped until it is cleared."""
+        self.pool.active = False
+        self._send(self.pool.halt(time.monotonic_ns()))
 
-    def _hear(self, pool: ObjectPool, run: RunSpec) -> None:
-        sub = self._sub
+    def _hear(self, run: RunSpec) -> None:
+        node, pool, sub = self._node, self.pool, partial(ros.subscribe_raw, self._node)
         for object_id in pool.object_ids:
-            on_reference = partial(self._on_reference, pool)
             topic = names.reference_topic(object_id)
-            sub(ReferenceMsg, topic, decode_reference, on_reference, ros.COMMAND)
-            service = self.create_service(
-                ObjectCommand,
-                names.command_service(object_id),
-                partial(self._on_object_command, pool, object_id),
-            )
-            self._destroyers.append(partial(self.destroy_service, service))
+            sub(ReferenceMsg, topic, decode_reference, self._on_reference, ros.COMMAND)
+            on_command = partial(self._on_object_command, object_id)
+            node.create_service(ObjectCommand, names.command_service(object_id), on_command)
         others = [t.id for t in run.targets if t.id not in pool.object_ids]
         if others and run.states_in_one:
-            on_array = partial(self._on_array, pool)
-            sub(ObjectStates, names.OBJECT_STATES, decode_states, on_array, ros.STATE)
+            sub(ObjectStates, names.OBJECT_STATES, decode_states, self._on_array, ros.STATE)
             others = []
         for object_id in [names.VUT_ID, *others]:
-            topic, on_state = names.state_topic(object_id), partial(self._on_state, pool)
-            sub(ObjectState, topic, decode_state, on_state, ros.STATE)
-        on_heartbeat = partial(self._on_heartbeat, pool)
-        sub(Heartbeat, names.HEARTBEAT, steps.decode_heartbeat, on_heartbeat, ros.STATE)
+            topic = names.state_topic(object_id)
+            sub(ObjectState, topic, decode_state, self._on_state, ros.STATE)
+        sub(Heartbeat, names.HEARTBEAT, steps.decode_heartbeat, self._on_heartbeat, ros.STATE)
         if run.mode != "live":
-            on_tick = partial(self._on_tick, pool)
-            sub(WorldTick, names.WORLD_TICK, steps.decode_tick, on_tick, ros.STATE)
-
-    def _timer(self, period_s: float, callback: Callable[[], None]) -> None:
-        timer = self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._destroyers.append(partial(self.destroy_timer, timer))
-
-    def _sub(
-        self,
-        kind: Any,
-        topic: str,
-        decode: Callable[[bytes], Any],
-        callback: Callable[[Any], None],
-        qos: QoSProfile,
-    ) -> None:
-        subscription = ros.subscribe_raw(self, kind, topic, decode, callback, qos)
-        self._destroyers.append(partial(self.destroy_subscription, subscription))
+            sub(WorldTick, names.WORLD_TICK, steps.decode_tick, self._on_tick, ros.STATE)
 
     # -- what arrives --------------------------------------------------------------------------
 
-    def _on_heartbeat(self, pool: ObjectPool, beat: steps.Heartbeat) -> None:
-        system_ns, steady_ns = time.time_ns(), time.monotonic_ns()
+    def _on_heartbeat(self, beat: steps.Heartbeat) -> None:
+        pool, system_ns, steady_ns = self.pool, time.time_ns(), time.monotonic_ns()
         pool.take_heartbeat(beat, steady_ns)
         if pool.active:
             links = {i: pool.links_of(i) for i in pool.object_ids}
             for reply in self._responder.on_heartbeat(beat, links, system_ns, steady_ns):
                 self._outgoing.reply(reply)
-        self._work(pool)
+        self._work()
 
-    def _on_state(self, pool: ObjectPool, state: State) -> None:
-        pool.take_states((state,))
-        self._work(pool)
+    def _on_state(self, state: State) -> None:
+        self.pool.take_states((state,))
+        self._work()
 
-    def _on_array(self, pool: ObjectPool, array: StateArray) -> None:
-        pool.take_states(s for s in array.states if s.object_id not in pool.object_ids)
+    def _on_array(self, array: StateArray) -> None:
+        own = self.pool.object_ids
+        self.pool.take_states(s for s in array.states if s.object_id not in own)
 
-    def _on_reference(self, pool: ObjectPool, reference: Reference) -> None:
-        pool.take_reference(reference)
-        self._work(pool)
+    def _on_reference(self, reference: Reference) -> None:
+        self.pool.take_reference(reference)
+        self._work()
 
-    def _on_tick(self, pool: ObjectPool, tick: steps.WorldTick) -> None:
-        pool.take_tick(tick, time.monotonic_ns())
-        self._work(pool)
+    def _on_tick(self, tick: steps.WorldTick) -> None:
+        self.pool.take_tick(tick, time.monotonic_ns())
+        self._work()
 
     def _on_object_command(
-        self,
-        pool: ObjectPool,
-        object_id: str,
-        request: ObjectCommand.Request,
-        response: ObjectCommand.Response,
+        self, object_id: str, request: ObjectCommand.Request, response: ObjectCommand.Response
     ) -> ObjectCommand.Response:
         try:
             event = ObjectEvent(request.command)
@@ -336,17 +269,22 @@ class ObjectTargetNode(LifecycleNode):
             response.error_code = ObjectCommand.Response.REFUSED_TRANSITION
             response.error_msg = f"command {request.command} is unknown"
         else:
-            reply = pool.command(object_id, event, request.event_version, time.monotonic_ns())
+            steady_ns = time.monotonic_ns()
+            reply = self.pool.command(object_id, event, request.event_version, steady_ns)
             response.accepted = reply.accepted
             response.error_code = reply.error_code
             response.error_msg = reply.error_msg
-        response.control_state = int(pool.state_of(object_id))
+        response.control_state = int(self.pool.state_of(object_id))
         return response
 
-    def _work(self, pool: ObjectPool) -> None:
+    def _live_step(self, live: LiveObjects) -> None:
+        self.pool.take_tick(live.tick(time.time_ns()), time.monotonic_ns())
+        self._send(self.pool.step(time.monotonic_ns()))
+
+    def _work(self) -> None:
         """Deals with the newest tick once everything that belongs to it has arrived."""
         if self._live is None:
-            self._send(pool.step(time.monotonic_ns()))
+            self._send(self.pool.step(time.monotonic_ns()))
 
     def _send(self, step: PoolStep | None) -> None:
         # Bodies first: what is published can wait.
@@ -354,13 +292,61 @@ class ObjectTargetNode(LifecycleNode):
             self._live.command(step, time.time_ns())
         self._outgoing.send(step)
 
-    def _watch(self, pool: ObjectPool) -> None:
-        self._work(pool)
-        self._send(pool.watch(time.monotonic_ns()))
+    def _watch(self) -> None:
+        self._work()
+        self._send(self.pool.watch(time.monotonic_ns()))
 
     def _answer_late(self) -> None:
         for reply in self._responder.due(time.monotonic_ns()):
             self._outgoing.reply(reply)
+
+
+class ObjectTargetNode(LifecycleNode):
+    """Thin lifecycle node around ObjectProcess; with ``autostart`` it activates itself."""
+
+    def __init__(self, stop: ros.StopRequest) -> None:
+        super().__init__(names.OBJECT_TARGET, namespace=names.NAMESPACE)
+        self._given = ros.declare(self, OBJECT_TARGET)
+        self._process: ObjectProcess | None = None
+        self._failure: Exception | None = None
+        if self._given["autostart"]:
+            for trigger in (self.trigger_configure, self.trigger_activate):
+                if trigger() is not TransitionCallbackReturn.SUCCESS:
+                    raise self._failure or HostError("the node could not be activated")
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            self._process = ObjectProcess(self, self._given)
+        except Exception as error:
+            # rclpy turns an exception here into ERROR without a word.
+            self.get_logger().error(f"can't configure: {error}")
+            self._failure = error
+            raise
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        if self._process is not None:
+            self._process.pool.active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._halt()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._halt()
+        if self._process is not None:
+            self._process.close()
+            self._process = None
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._halt()
+        return super().on_shutdown(state)
+
+    def _halt(self) -> None:
+        if self._process is not None:
+            self._process.halt()
 
 
 def main() -> None:
