@@ -21,10 +21,10 @@ from ssp_monitor.recorder.encoding import video_choice
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.report import (
     REPORT_NAME,
+    Counted,
     check_closed,
     report_attachment,
     seals,
-    topic_reports,
 )
 from ssp_monitor.recorder.topics import CLOCK_TYPE, Profile, TopicSpec
 
@@ -235,11 +235,13 @@ def test_the_bag_says_what_is_in_it_and_what_is_missing(
     recorder.put_all([BagMessage("/clock", k, k, clock_cdr(k), k) for k in range(100)])
 
     def seal() -> tuple[str, str, bytes]:
-        topics = topic_reports(
-            recorder.records(), {"/clock": 100}, {"/clock": 7}, recorder.dropped_by_topic
-        )
         return report_attachment(
-            topics, run_id="r", lost_limit=5, warnings=["w"], sealed=seals(attachments)
+            recorder.records(),
+            Counted({"/clock": 100}, {"/clock": 7}, recorder.dropped_by_topic),
+            run_id="r",
+            lost_limit=5,
+            warnings=["w"],
+            sealed=seals(attachments),
         )
 
     state = recorder.stop(seal)

@@ -32,7 +32,7 @@ from ssp_monitor.status.board import (
     RecorderFact,
     SessionFact,
 )
-from ssp_monitor.status.readiness import standing_in_the_way
+from ssp_monitor.status.health import standing_in_the_way
 
 S = 1_000_000_000
 

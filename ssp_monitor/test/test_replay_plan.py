@@ -23,7 +23,6 @@ from ssp_core.errors import InputError
 from ssp_core.world.transforms import TF_TYPE
 from ssp_monitor.recorder.recorder import OFFERED
 from ssp_monitor.recorder.topics import Profile
-from ssp_monitor.replay.keyboard import KEYS, Key, parse_keys
 from ssp_monitor.replay.plan import (
     MOST_LATCHED,
     Plan,
@@ -34,9 +33,15 @@ from ssp_monitor.replay.plan import (
     offer_of,
     session_signs,
 )
-from ssp_monitor.replay.player import Lateness, Player, Progress, Settings
-from ssp_monitor.replay.read_ahead import MessageSource, ReadAhead
-from ssp_monitor.replay.report import ReplayOutcome, plan_lines, progress_line
+from ssp_monitor.replay.player import Lateness, MessageSource, Player, Progress, ReadAhead, Settings
+from ssp_monitor.replay.terminal import (
+    KEYS,
+    Key,
+    ReplayOutcome,
+    parse_keys,
+    plan_lines,
+    progress_line,
+)
 
 RECORDED = {
     "/clock": TopicInfo("rosgraph_msgs/msg/Clock", 10),

@@ -115,7 +115,6 @@ class Chat(Protocol):
         """The body of the reply to a request; raises PeerError when there is none.
 
         Args:
-            messages: of the chat.
             answer: further parameters of the request: response_format, limits, decoding.
         """
 
@@ -125,8 +124,6 @@ def pause_s(policy: Policy, trouble: Trouble, tries: int, left_s: float | None) 
 
     Args:
         policy: patience.
-        trouble: that the last try met.
-        tries: made so far.
         left_s: until the deadline, None: there is no deadline.
     """
     if tries >= policy.tries or not (trouble.safe or (trouble.lost and policy.retry_lost)):
@@ -145,12 +142,9 @@ class OpenAIChat:
 
     Args:
         base_url: up to and with ``/v1``.
-        model: as the server names it.
         api_key: None sends a word that says that there is none; no key is taken from the
             environment, so that none goes to a server that it isn't for.
-        policy: patience.
         note: told of each try that failed.
-        sleep: waits some seconds.
         remedies: what a person can do, by kind of trouble (Trouble.kind).
     """
 
@@ -196,8 +190,6 @@ class OpenAIChat:
         """The reply to a request. It must not be called from within an event loop.
 
         Args:
-            messages: of the chat.
-            answer: further parameters of the request.
             deadline_s: for this request, where it is shorter than the policy's.
 
         Raises:
@@ -301,9 +293,6 @@ class Completion:
         parts: number of parts that the text came in, 0 for plain text.
         reasoning: thoughts that the server keeps apart from the text, empty where it has none.
         refusal: why the model or the server declines, None: it doesn't.
-        finish_reason: as reported.
-        model: as reported.
-        system_fingerprint: as reported.
         usage: reported numbers of tokens, by OpenAI's names.
     """
 

@@ -50,7 +50,6 @@ class Received:
     """A reply.
 
     Args:
-        status: of HTTP.
         headers: names in lower case.
         body: uncompressed; of an error status its first 64 KiB.
     """
@@ -80,7 +79,6 @@ def exchange(
         key: sent as the bearer's.
         request: JSON values.
         limit_s: for connection, request and reply together, s.
-        max_bytes: of the reply, compressed or not.
     """
     return asyncio.run(_exchange(base_url, key, request, limit_s, max_bytes))
 
@@ -158,7 +156,6 @@ class _Bounded(openai.DefaultAsyncHttpxClient):
     """Sends no header that we don't mean to send, and reads no more than it must.
 
     Args:
-        max_bytes: of a reply.
         options: of the HTTP library's client.
     """
 

@@ -75,9 +75,7 @@ def check_key(variable: str, key: str | None, remedy: str) -> str:
     """The key that an environment variable holds.
 
     Args:
-        variable: its name, for the message; the key itself stands in none.
         key: its value, None: there is no such variable.
-        remedy: where no key is wanted.
 
     Raises:
         InputError: there is no key, or one that no header can carry.
@@ -108,10 +106,6 @@ LEAST_TOKEN = 16
 
 def check_token(token: str, field: str) -> str:
     """The token as it is, when it can be one.
-
-    Args:
-        token: as it was given.
-        field: where.
 
     Raises:
         InputError: it is too short, or has characters that no header carries.

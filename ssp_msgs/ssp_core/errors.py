@@ -65,7 +65,6 @@ class InputError(SspError):
 
         Args:
             errors: at least one; their own files aren't named.
-            file: that all of them stand in.
         """
         told = [cls(e.problem, field=e.field, value=e.value, remedy=e.remedy) for e in errors]
         if len(told) == 1:

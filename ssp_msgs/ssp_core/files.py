@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import stat
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -152,7 +153,6 @@ def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     """The text of a UTF-8 file of at most 8 MiB.
 
     Args:
-        path: of the file.
         most_bytes: where it may be larger.
 
     Raises:
@@ -202,12 +202,7 @@ def _parse(text: str) -> Any:
 
 
 def check_characters(value: Any, text: str) -> None:
-    """Raises ValueError where a string has half of a surrogate pair, which no file can hold.
-
-    Args:
-        value: parsed.
-        text: that it was parsed from.
-    """
+    """Raises ValueError where a string has half of a surrogate pair, which no file can hold."""
     if not _SURROGATE.search(text):
         return
     left = [value]
@@ -235,7 +230,6 @@ def parse_mapping(data: bytes, file: str | Path) -> dict[str, Any]:
 
     Args:
         data: UTF-8, at most 8 MiB.
-        file: name for messages.
 
     Raises:
         InputError: the data can't be parsed, or its top is no mapping.
@@ -255,7 +249,6 @@ def parse_value(text: str, file: str | Path) -> Any:
 
     Args:
         text: at most 8 MiB, which the caller sees to.
-        file: name for messages.
 
     Raises:
         InputError: it can't be parsed.
@@ -364,6 +357,30 @@ def make_folder(path: str | Path) -> Path:
     if not os.access(path, os.W_OK | os.X_OK):
         raise InputError("can't be written to", file=path, remedy="name another folder")
     return path
+
+
+@contextmanager
+def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[Path]:
+    """Gives a path at which a folder is made; it becomes the target, or there is none.
+
+    Raises:
+        InputError: the target exists or can't be made.
+        HostError: the disk doesn't take it.
+    """
+    if os.path.lexists(target):
+        raise InputError("exists already", file=target, remedy=remedy)
+    parent = make_folder(target.absolute().parent)
+    try:
+        scratch = Path(tempfile.mkdtemp(dir=parent, prefix=f".{target.name[:100]}."))
+    except OSError as error:
+        raise InputError(f"can't be made: {error.strerror or error}", file=target) from error
+    try:
+        yield scratch / "new"
+        (scratch / "new").rename(target)
+    except OSError as error:
+        raise HostError(f"{target}: can't be written: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:

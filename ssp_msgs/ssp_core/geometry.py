@@ -7,7 +7,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,15 +133,28 @@ def box_distance(a: Box, b: Box) -> float:
     return min(_to_box_m(ca, b), _to_box_m(cb, a))
 
 
-def point_in_polygon(x_m: float, y_m: float, polygon: Sequence[tuple[float, float]]) -> bool:
+def point_in_polygon(x_m: float, y_m: float, polygon: Sequence[Point]) -> bool:
     """True inside a simple polygon (even-odd rule); points on the edge may go either way."""
-    inside = False
-    j = len(polygon) - 1
-    for i, (xi, yi) in enumerate(polygon):
-        xj, yj = polygon[j]
-        if (yi > y_m) != (yj > y_m) and x_m < (xj - xi) * (y_m - yi) / (yj - yi) + xi:
-            inside = not inside
-        j = i
+    return bool(_even_odd(x_m, y_m, polygon))
+
+
+def points_in_polygon(
+    x_m: FloatArray, y_m: FloatArray, polygon: Sequence[Point]
+) -> NDArray[np.bool_]:
+    """As ``point_in_polygon`` for n points, shape (n,)."""
+    inside: NDArray[np.bool_] = _even_odd(x_m, y_m, polygon) & np.ones(len(x_m), dtype=bool)
+    return inside
+
+
+def _even_odd(x_m: Any, y_m: Any, polygon: Sequence[Point]) -> Any:
+    """Of numbers or of arrays of one shape; what is no number is outside."""
+    inside: Any = False
+    xa, ya = polygon[-1]
+    for xb, yb in polygon:
+        if ya != yb:
+            crosses = (yb > y_m) != (ya > y_m)
+            inside = inside ^ (crosses & (x_m < (xb - xa) * (y_m - ya) / (yb - ya) + xa))
+        xa, ya = xb, yb
     return inside
 
 

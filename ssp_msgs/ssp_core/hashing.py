@@ -34,7 +34,6 @@ def sha256_file(path: str | Path, on_block: Callable[[], None] = lambda: None) -
     """Hash of a file's bytes, read in blocks.
 
     Args:
-        path: of the file.
         on_block: called for each MiB; what it raises ends the reading.
     """
     digest = hashlib.sha256()

@@ -106,7 +106,6 @@ class Status:
     Args:
         name: of the part.
         part: what it belongs to: an object's id, or a node's name.
-        message: the worst of it, in one sentence.
         values: names with units, and what was measured.
     """
 

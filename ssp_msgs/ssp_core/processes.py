@@ -190,8 +190,6 @@ class ProcessGroup:
     """The node processes of one session; leaving the block ends every one of them.
 
     Args:
-        env: of the processes.
-        log_dir: for what they print.
         processes: by node name.
         owns_domain: nobody else is in the ROS domain, so that what is left of it may be removed.
     """

@@ -59,9 +59,6 @@ class VideoFrame(NamedTuple):
 class Video(Closing):
     """An open video file; a context manager.
 
-    Args:
-        path: the file.
-
     Raises:
         InputError: it isn't there or is no video that can be decoded.
     """
@@ -93,7 +90,6 @@ class Video(Closing):
         Args:
             start_s: the first frame is the first one not before this time.
             end_s: frames from this time on are left out, None: no end.
-            keep_every: n.
 
         Raises:
             InputError: the file's frame times don't rise, or a frame can't be decoded.
@@ -138,7 +134,6 @@ def sound_video(path: Path, end_s: float | None = None) -> Soundness:
     """Decodes a video strictly, counts the decoder's errors and checks its time axis.
 
     Args:
-        path: the file.
         end_s: frames after this time aren't looked at, None: all are.
 
     Raises:
@@ -358,7 +353,6 @@ def contact_sheet(tiles: Sequence[Tile], columns: int, tile_width_px: int) -> Im
 
     Args:
         tiles: at least one; a row is as high as its highest tile.
-        columns: tiles in a row.
         tile_width_px: of each frame.
 
     Raises:

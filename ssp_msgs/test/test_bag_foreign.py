@@ -15,9 +15,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from ssp_core.bag.bounds import UnpackBudget
 from ssp_core.bag.index import ChunkRun, ContentCache, Selection, merged
-from ssp_core.bag.mcap_file import McapFile
+from ssp_core.bag.mcap_file import McapFile, UnpackBudget
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import BagMessage, definition, typestore
 from ssp_core.bag.writer import BagWriter

@@ -27,8 +27,8 @@ from mcap.records import (
     Statistics,
 )
 
-from ssp_core.bag.bounds import ANY_RATIO_BYTES, MAX_CHUNK_BYTES
 from ssp_core.bag.check import check_bag
+from ssp_core.bag.mcap_file import ANY_RATIO_BYTES, MAX_CHUNK_BYTES
 from ssp_core.bag.mcap_output import record_bytes
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover

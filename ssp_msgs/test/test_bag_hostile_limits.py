@@ -6,8 +6,9 @@ import pytest
 from mcap.records import AttachmentIndex, ChunkIndex, Message, Schema
 from mcap.summary import Summary
 
-from ssp_core.bag import bounds, mcap_file
-from ssp_core.bag.bounds import (
+from ssp_core.bag import mcap_file
+from ssp_core.bag import mcap_file as bounds
+from ssp_core.bag.mcap_file import (
     ANY_TOTAL_BYTES,
     MAX_ATTACHMENT_BYTES,
     MAX_CHUNK_BYTES,

@@ -13,7 +13,6 @@ from ssp_core.run_file.model import Camera
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import (
     Mounting,
-    image_box,
     intrinsics,
     mounted_view,
     object_corners,
@@ -87,19 +86,15 @@ def test_what_lies_behind_is_marked() -> None:
 
 def test_box_of_a_car() -> None:
     view = view_from(Pose2(0.0, 0.0, 0.0), LEVEL)
-    box = image_box(view, car(12.9, 0.0))  # rear end 10 m ahead of the camera
+    box = shown_box(view, car(12.9, 0.0))  # rear end 10 m ahead of the camera
     assert box == pytest.approx(
         (319.5 - 28.8, 239.5, 319.5 + 28.8, 239.5 + 48.0)  # as high as the camera
     )
-    assert image_box(view, car(0.0, 0.0)) is None
 
 
 def test_shown_box_is_cut_at_the_image_and_before_the_camera() -> None:
     view = view_from(Pose2(0.0, 0.0, 0.0), LEVEL)
-    whole = car(12.9, 0.0)
-    assert shown_box(view, whole) == pytest.approx(image_box(view, whole))
     beside = car(2.5, 4.0)  # from 0.4 m behind the camera to 4.1 m ahead, 3.1 m to its left
-    assert image_box(view, beside) is None
     box = shown_box(view, beside)
     assert box is not None
     # Its right front corner is nearest to the middle: 3.1 m aside at 4.1 m.

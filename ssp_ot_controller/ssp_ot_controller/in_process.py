@@ -20,7 +20,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
-from ssp_core.world.plant import AckFact, FaultFact, LimitFact, LinkFact, ManagerUpdate, StepReport
+from ssp_core.world.plant import FaultFact, LimitFact, LinkFact, ManagerUpdate, StepReport
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
 from ssp_ot_controller.objects.state_machine import ObjectEvent
@@ -137,12 +137,7 @@ class InProcessPlant:
             truths=tuple(truths),
             vut_states=tuple(vut_states),
             target_states=answer.states,
-            acks=tuple(
-                AckFact(
-                    a.reference_id, a.object_id, a.accepted, a.error_code, a.error_msg, a.stamp_ns
-                )
-                for a in answer.acks
-            ),
+            acks=answer.acks,
             limits=(*limits, *_limits(answer)),
             faults=(*faults, *_facts(answer.faults, names.OBJECT_TARGET, now_ns)),
             links=() if self._running else self._links(),

@@ -15,7 +15,7 @@ from ssp_core.run_file.model import Camera, Look
 from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass
-from ssp_core.world.camera import image_box, project, view_from
+from ssp_core.world.camera import project, shown_box, view_from
 from ssp_ot_controller.camera.kernels.palettes import PALETTES, fog_per_m, palette_of
 from ssp_ot_controller.camera.renderer import frame
 from ssp_ot_controller.camera.renderer.bodies import bodies_of
@@ -85,7 +85,7 @@ def test_light_developed_later_is_the_picture_drawn_at_once() -> None:
 def test_a_body_appears_where_a_turned_camera_sees_it(mounting: dict[str, float]) -> None:
     camera = CAMERA.model_copy(update=mounting)
     body = thing(ObjectClass.CAR, 26.0, 0.5, 0.3)
-    box = image_box(view_from(VUT.pose, camera), body)
+    box = shown_box(view_from(VUT.pose, camera), body)
     assert box is not None
     left, top, right, bottom = box
     differs = change(picture(camera=camera), picture(body, camera=camera)) > 12
@@ -173,7 +173,7 @@ def test_rain_darkens_the_road_and_takes_contrast() -> None:
 def test_wet_roads_mirror_what_stands_on_them() -> None:
     wet = QUIET.model_copy(update={"rain": 1.0})
     truck = thing(ObjectClass.TRUCK, 22.0)
-    box = image_box(view_from(VUT.pose, CAMERA), truck)
+    box = shown_box(view_from(VUT.pose, CAMERA), truck)
     assert box is not None
     below = (slice(round(box[3]) + 2, round(box[3]) + 12), slice(150, 170))
     dry = change(picture(), picture(truck))[below].mean()

@@ -19,11 +19,11 @@ from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names, ros
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
-from ssp_core.ros.conversions import state_to_msg
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_msgs.msg import StepDone, WorldTick
 from support.runs import small_run
+from tests.support.messages import state_to_msg
 
 pytestmark = pytest.mark.ros
 START_DEADLINE_S = 90.0  # the first start on a machine compiles the kernels

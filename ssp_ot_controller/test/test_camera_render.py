@@ -21,7 +21,7 @@ from ssp_core.run_file.model import Camera, Look
 from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass
-from ssp_core.world.camera import image_box, view_from
+from ssp_core.world.camera import shown_box, view_from
 from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.stage import Detail
 from ssp_ot_controller.camera.storyboards import storyboard
@@ -170,7 +170,7 @@ def test_nearer_body_hides_the_farther_one() -> None:
 @pytest.mark.parametrize("object_class", CLASSES)
 def test_a_body_appears_where_it_projects(object_class: ObjectClass) -> None:
     body = thing(object_class, 42.0, -1.2, 0.3)
-    box = image_box(view_from(VUT.pose, CAMERA), body)
+    box = shown_box(view_from(VUT.pose, CAMERA), body)
     assert box is not None
     left, top, right, bottom = box
     differs = change(picture(), picture(body)) > 8

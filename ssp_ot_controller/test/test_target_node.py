@@ -20,10 +20,10 @@ from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.processes import session_environment
-from ssp_core.ros.conversions import reference_to_msg, state_to_msg
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
+from tests.support.messages import reference_to_msg, state_to_msg
 
 pytestmark = pytest.mark.ros
 # A reader may be found by this side before it has found this side.

@@ -144,7 +144,7 @@ def survey_json(found: BagSummary) -> dict[str, Any]:
             for name, t in sorted(found.topics.items())
         },
         "attachments": [
-            {"name": a.name, "media_type": a.media_type, "bytes": a.bytes}
+            {"name": a.name, "media_type": a.media_type, "bytes": a.data_size}
             for a in found.attachments
         ],
         "notes": list(found.notes),
@@ -168,7 +168,7 @@ def survey_lines(found: BagSummary) -> list[str]:
         heads = [("topic", "type", "messages", "Hz", "offered QoS")]
         lines += _table(heads, [_topic_row(t) for _, t in sorted(found.topics.items())])
     if found.attachments:
-        rows = [(a.name, size_text(a.bytes), a.media_type) for a in found.attachments]
+        rows = [(a.name, size_text(a.data_size), a.media_type) for a in found.attachments]
         lines += _table([("attachment", "size", "kind")], rows)
     return lines
 

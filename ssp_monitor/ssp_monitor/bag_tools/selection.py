@@ -57,9 +57,6 @@ def parse_time(text: str, field: str, start_ns: int, end_ns: int) -> int:
 
     Args:
         text: seconds from the beginning, negative from the end; or nanoseconds with ``ns``.
-        field: name of the option, for messages.
-        start_ns: of the bag.
-        end_ns: of the bag.
 
     Raises:
         InputError: it is none.

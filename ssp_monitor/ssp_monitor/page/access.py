@@ -59,8 +59,6 @@ class AccessRules:
 
     Args:
         bound: the address that the server was bound to, as it was given.
-        port: that it listens on.
-        token: that commands need.
         own_names: names of this machine, under which it may be addressed when it isn't on loopback.
     """
 

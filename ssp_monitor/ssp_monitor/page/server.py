@@ -79,12 +79,7 @@ class Commands(Protocol):
     """Who passes commands on to the manager."""
 
     def ask(self, command: str, who: str) -> Future[Answer]:
-        """Sends one of names.SESSION_COMMANDS; may be called in any thread.
-
-        Args:
-            command: which.
-            who: for the record.
-        """
+        """Sends one of names.SESSION_COMMANDS; may be called in any thread."""
 
 
 class PageServer:
@@ -93,8 +88,6 @@ class PageServer:
     Args:
         host: to bind to.
         port: to listen on; 0: any.
-        token: that commands need.
-        commands: takes them.
 
     Raises:
         HostError: the port is taken, or the address isn't this machine's.

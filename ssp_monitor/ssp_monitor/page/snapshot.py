@@ -24,8 +24,8 @@ from ssp_monitor.status.board import (
     links_of,
     object_age_s,
 )
+from ssp_monitor.status.health import standing_in_the_way
 from ssp_monitor.status.messages import jpeg_of
-from ssp_monitor.status.readiness import standing_in_the_way
 
 # Older than this, nothing of a source is shown as if it were now.
 STALE_S = 1.0
@@ -69,11 +69,7 @@ def number(value: float, digits: int = 3) -> float | None:
 
 
 class Snapshots:
-    """Makes snapshots of a board.
-
-    Args:
-        board: what was heard.
-    """
+    """Makes snapshots of a board."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
@@ -408,7 +404,7 @@ class Pictures:
             return ""
         (data, at_ns), self._newest = self._newest, None
         try:
-            self._jpeg = bytes(jpeg_of(data))
+            self._jpeg = jpeg_of(data)
         except ValueError as error:
             self._board.camera_fault = NOT_JPEG
             return str(error)

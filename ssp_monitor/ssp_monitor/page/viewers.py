@@ -62,11 +62,7 @@ _NO_ECHO = 4009
 
 
 class Hub:
-    """Sends everybody the newest of each kind; lives in the server's event loop.
-
-    Args:
-        door: tells who may read.
-    """
+    """Sends everybody the newest of each kind; lives in the server's event loop."""
 
     def __init__(self, door: AccessRules) -> None:
         self._door = door

@@ -94,7 +94,6 @@ def outlook(free: int | None, rate_bps: float, needs: DiskNeeds) -> DiskOutlook:
     Args:
         free: bytes; None when it can't be told (the recorder's own writing fails then).
         rate_bps: written lately, bytes per second.
-        needs: of the recording.
     """
     if free is None:
         return DiskOutlook(math.inf, None, None, "free space of the disk can't be told")

@@ -74,7 +74,6 @@ class Encoding:
     """One topic on its way through its encoder. Used by the writer thread alone.
 
     Args:
-        encoder: of this topic.
         add_original: announces a topic for what can't be encoded and returns its name; called at
             most once.
     """

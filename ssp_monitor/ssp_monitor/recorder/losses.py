@@ -27,7 +27,6 @@ class Arrivals:
     before anybody listened.
 
     Args:
-        received: messages that arrived.
         gaps: messages missing between two that arrived.
         told: messages that the middleware says it could not deliver.
         behind: messages missing behind the last one that arrived.
@@ -148,12 +147,7 @@ class SimulatedTime:
     newest_ns: int = 0
 
     def of(self, cdr: bytes, at: int | None) -> int:
-        """Time of a message, ns.
-
-        Args:
-            cdr: the serialised message.
-            at: where its stamp stands, see stamp_at.
-        """
+        """Time of a message, ns."""
         stamp_ns = None if at is None else leading_stamp_ns(cdr, at)
         if stamp_ns is None:
             return self.newest_ns

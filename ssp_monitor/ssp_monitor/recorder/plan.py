@@ -31,9 +31,6 @@ Attachment = tuple[str, str, bytes]
 def run_attachments(run_file: Path) -> list[Attachment]:
     """The run file, and every file of the folder ``task`` beside it, each under its own name.
 
-    Args:
-        run_file: that the session starts with.
-
     Returns:
         (name, media type, data); the run first, then the task's files by name.
 
@@ -81,9 +78,7 @@ class RecordingPlan:
     """One recording.
 
     Args:
-        bag_dir: to be made.
         selection: what is recorded of the graph.
-        needs: of the disk.
         topics: that are recorded in any case.
         attachments: for the bag.
         simulated_time: messages are dated by their own stamps.

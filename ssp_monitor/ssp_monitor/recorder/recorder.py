@@ -25,12 +25,7 @@ class TopicRecord:
     """What was written of one topic.
 
     Args:
-        name: in the bag.
-        msgtype: in the bag.
-        messages: written.
-        bytes: written, message data only.
         first_ns: earliest log time, None before the first message.
-        last_ns: latest log time.
     """
 
     name: str
@@ -54,15 +49,11 @@ class RecorderState:
     """What is on disk, and what is not.
 
     Args:
-        messages: written.
-        bytes: written, message data only.
         dropped: taken but not written, since the queue was full or the disk failed.
         failure: why nothing is written any more, None while all is well.
-        files: of the bag so far.
         queue_bytes: taken, and neither written nor dropped.
         queue_limit_bytes: above this something is dropped.
         flush_age_s: since all that was taken was handed to the disk.
-        warnings: sentences for people.
     """
 
     messages: int
@@ -222,7 +213,6 @@ class Recorder:
     flushed every FLUSH_S seconds: that, and what waits, is the most that a SIGKILL can take.
 
     Args:
-        path: bag directory to make.
         topics: what it will hold from its beginning.
         attachments: (name, media type, data) put in at once.
         queue_bytes: what may wait for the disk.
@@ -272,7 +262,6 @@ class Recorder:
         """Announces a topic; needed before its first message.
 
         Args:
-            topic: not announced before.
             offered: YAML of the profiles of its publishers; left out where no bag can hold it.
             latched: its newest messages stay valid.
 

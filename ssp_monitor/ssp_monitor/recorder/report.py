@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 from ssp_core import __version__
 from ssp_core.bag.reader import BagReader
 from ssp_core.errors import SspError
+from ssp_core.hashing import sha256_bytes
 from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_monitor.recorder.plan import Attachment
 from ssp_monitor.recorder.recorder import RecorderState, TopicRecord
@@ -23,63 +23,29 @@ REPORT_NAME = "recording.json"
 SCHEMA = "ssp.recording/1"
 
 
-@dataclass(frozen=True, slots=True)
-class TopicReport:
-    """One topic of a recording.
-
-    Args:
-        name: in the bag.
-        type: in the bag.
-        received: by the recorder; 0 for a topic that only the recorder itself writes.
-        written: into the bag.
-        bytes: written, message data only.
-        lost: published and never received, as far as known.
-        dropped: received and not written.
-        first_ns: earliest log time, None without a message.
-        last_ns: latest log time.
-    """
-
-    name: str
-    type: str
-    received: int
-    written: int
-    bytes: int
-    lost: int
-    dropped: int
-    first_ns: int | None
-    last_ns: int | None
-
-
-def topic_reports(
-    records: Iterable[TopicRecord],
-    received: Mapping[str, int],
-    lost: Mapping[str, int],
-    dropped: Mapping[str, int],
-) -> list[TopicReport]:
-    """The counts of each topic side by side, in the order of the bag."""
-    return [
-        TopicReport(
-            name=record.name,
-            type=record.msgtype,
-            received=received.get(record.name, 0),
-            written=record.messages,
-            bytes=record.bytes,
-            lost=lost.get(record.name, 0),
-            dropped=dropped.get(record.name, 0),
-            first_ns=record.first_ns,
-            last_ns=record.last_ns,
-        )
-        for record in records
-    ]
-
-
 def seals(attachments: Iterable[Attachment]) -> dict[str, str]:
     """Hash of each attachment by name, so that a bag says what was put into it."""
-    return {name: f"sha256:{hashlib.sha256(data).hexdigest()}" for name, _, data in attachments}
+    return {name: sha256_bytes(data) for name, _, data in attachments}
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """Messages by topic.
+
+    Args:
+        received: by the recorder; none of a topic that only the recorder itself writes.
+        lost: published and never received, as far as known.
+        dropped: received and not written.
+    """
+
+    received: Mapping[str, int]
+    lost: Mapping[str, int]
+    dropped: Mapping[str, int]
 
 
 def report_attachment(
-    topics: Sequence[TopicReport],
+    records: Iterable[TopicRecord],
+    counted: Counted,
     *,
     run_id: str | None,
     lost_limit: int,
@@ -89,24 +55,40 @@ def report_attachment(
     """The report as it is put into the bag.
 
     Args:
-        topics: in the order of the bag.
+        records: of the topics, in the order of the bag.
+        counted: of these topics.
         run_id: of the run, None for a recording without one.
         lost_limit: lost and dropped messages that the run may have.
         warnings: sentences, in the order in which they were said.
         sealed: hashes of the other attachments.
     """
+    topics: list[dict[str, Any]] = [
+        {
+            "name": record.name,
+            "type": record.msgtype,
+            "received": counted.received.get(record.name, 0),
+            "written": record.messages,
+            "bytes": record.bytes,
+            "lost": counted.lost.get(record.name, 0),
+            "dropped": counted.dropped.get(record.name, 0),
+            "first_ns": record.first_ns,
+            "last_ns": record.last_ns,
+        }
+        for record in records
+    ]
+    sums = {
+        key: sum(topic[key] for topic in topics)
+        for key in ("received", "written", "lost", "dropped")
+    }
     value: dict[str, Any] = {
         "schema": SCHEMA,
         "recorder": f"ssp {__version__}",
         "run_id": run_id,
-        "received": sum(topic.received for topic in topics),
-        "written": sum(topic.written for topic in topics),
-        "lost": sum(topic.lost for topic in topics),
-        "dropped": sum(topic.dropped for topic in topics),
+        **sums,
         "lost_limit": lost_limit,
         "warnings": list(warnings),
         "seals": dict(sealed),
-        "topics": [asdict(topic) for topic in topics],
+        "topics": topics,
     }
     return REPORT_NAME, "application/json", (json.dumps(value, indent=1) + "\n").encode()
 
@@ -146,9 +128,7 @@ class Closed:
     """A recording that has ended.
 
     Args:
-        state: of the recorder.
         lost: never received, or not written, of the topics that must be complete.
-        topics: in the bag.
         check: of the bag; None when it could not be closed.
         incomplete: sentences, about what the recording itself could not do.
         ambiguous: topics that are not recorded since they had several types.
@@ -177,7 +157,6 @@ def check_closed(
     """Holds a closed bag against what was received: counts of all topics, checksums for a while.
 
     Args:
-        bag: directory.
         expected: messages by topic that were received and not dropped; a picture that could not be
             encoded counts for its topic.
         originals: by topic, where its pictures are that could not be encoded.
@@ -230,11 +209,7 @@ _UNDER_WAY = (
 
 
 class RunOutcome:
-    """Follows the recorded session states.
-
-    Args:
-        run_id: of the run that is recorded.
-    """
+    """Follows the recorded session states."""
 
     def __init__(self, run_id: str) -> None:
         self._run_id = run_id

@@ -21,7 +21,6 @@ class Pattern:
     """A regular expression over topic names, as Python's ``re`` understands it.
 
     Args:
-        text: the expression.
         field: what it is called towards people, such as ``--include``.
 
     Raises:
@@ -65,8 +64,6 @@ class TopicSpec:
     """One topic to record.
 
     Args:
-        name: absolute.
-        msgtype: full type name.
         profile: what its publishers offer.
         required: its publisher exists before a run; the recorder isn't ready without it.
         session_time: the first stamp of its messages, if any, is on the session's clock.
@@ -161,9 +158,7 @@ class Selection:
         everything: all topics of the graph.
         include: of the graph, those in whose names one of these is found.
         exclude: none of these, unless they are named or the run's own.
-        named: exact names.
         own: the run's own topics, which are recorded in any case, by another rule.
-        most: no more than this.
     """
 
     everything: bool = False
@@ -198,11 +193,7 @@ def is_hidden(name: str) -> bool:
 
 @dataclass(slots=True)
 class TopicDiscovery:
-    """What was found on the graph so far: each name is judged once, and once warned about.
-
-    Args:
-        selection: what is asked for.
-    """
+    """What was found on the graph so far: each name is judged once, and once warned about."""
 
     selection: Selection
     # Topics by name with their types; those that are of another type too by now; and those that

@@ -95,10 +95,6 @@ def is_command(topic: str, msgtype: str) -> bool:
     """Whether an object may act on messages of a topic as it was recorded.
 
     What isn't the project's own is judged by words, so that it is rather left out than sent.
-
-    Args:
-        topic: absolute name.
-        msgtype: full name.
     """
     package, _, kind = msgtype.partition("/")
     if package == _OWN_PACKAGE:  # an acknowledgement of a reference is none
@@ -125,10 +121,6 @@ def session_signs(
     """What on the graph belongs to a session that is under way, for people; empty: nothing.
 
     Services tell of nodes that were given other names.
-
-    Args:
-        nodes: name and namespace.
-        services: name and types.
     """
     found = {f"node {space.rstrip('/')}/{name}" for name, space in nodes if name in SESSION_NODES}
     found |= {
@@ -226,7 +218,6 @@ class ReplayOptions:
 
     Args:
         topics: names or expressions; empty: all.
-        exclude: names or expressions.
         remap: recorded name to the name to publish under.
         commands: topics that may move objects too.
         clock_hz: of a /clock that is made here; 0: none is; None: only where none is recorded.
@@ -243,12 +234,7 @@ class ReplayOptions:
 
 @dataclass(frozen=True, slots=True)
 class PlannedTopic:
-    """One topic that is published.
-
-    Args:
-        recorded: its name in the bag.
-        topic: its name now.
-    """
+    """One topic that is published."""
 
     recorded: str
     topic: str

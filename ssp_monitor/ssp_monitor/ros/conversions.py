@@ -200,7 +200,6 @@ def why_not_installed(msgtype: str, type_hash: str) -> str | None:
     """Why messages of a recorded type can't be published here, None where they can.
 
     Args:
-        msgtype: full name.
         type_hash: of the definition that they were written with, empty where it isn't known.
     """
     try:

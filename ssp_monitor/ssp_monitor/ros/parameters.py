@@ -121,7 +121,6 @@ def session_plan(given: Mapping[str, Any], full_name: Callable[[str], str]) -> R
     """The recording of one run.
 
     Args:
-        given: values of MONITOR.
         full_name: under which a topic is heard, its remapping applied.
 
     Raises:

@@ -20,11 +20,11 @@ from ssp_monitor.recorder.plan import Attachment, RecordingPlan
 from ssp_monitor.recorder.recorder import Recorder, RecorderState
 from ssp_monitor.recorder.report import (
     Closed,
+    Counted,
     RepeatedWarnings,
     check_closed,
     report_attachment,
     seals,
-    topic_reports,
 )
 from ssp_monitor.recorder.topics import TopicDiscovery, TopicSpec
 from ssp_monitor.ros.conversions import (
@@ -62,8 +62,6 @@ class Recording:
     """A bag, the reception for it, and what is known about both.
 
     Args:
-        node: whose view of the graph is used.
-        plan: what is asked for.
         listen: takes the bytes of messages of some topics as they are recorded.
 
     Raises:
@@ -201,14 +199,9 @@ class Recording:
 
     def _report(self, received: Mapping[str, int]) -> Attachment:
         self._current_warnings(self.recorder.state(), 0)
-        topics = topic_reports(
-            self.recorder.records(),
-            received,
-            self.lost_by_topic(),
-            self.recorder.dropped_by_topic,
-        )
         return report_attachment(
-            topics,
+            self.recorder.records(),
+            Counted(received, self.lost_by_topic(), self.recorder.dropped_by_topic),
             run_id=self._plan.run_id,
             lost_limit=self._plan.lost_limit,
             warnings=self._sayings.texts(),

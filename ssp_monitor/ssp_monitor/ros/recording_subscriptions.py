@@ -194,7 +194,6 @@ class RecordingSubscriptions:
 
     Args:
         topics: what to subscribe to, with the project's own profiles.
-        recorder: where the messages go.
         simulated_time: messages are dated by their own stamps; otherwise by the middleware's
             times of reception and publication.
         listen: takes the bytes of messages of some topics as they are recorded, in that thread.
@@ -241,7 +240,6 @@ class RecordingSubscriptions:
 
         Args:
             topic: not taken yet; the recorder knows it.
-            profile: one that its publishers' profiles are compatible with.
 
         Raises:
             HostError: this ROS installation lacks its type.

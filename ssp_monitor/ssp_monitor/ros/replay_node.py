@@ -27,11 +27,16 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.console import err, note
 from ssp_core.errors import HostError
-from ssp_monitor.replay.keyboard import HELP, Key, Keyboard
 from ssp_monitor.replay.plan import ReplayOptions, make_plan, session_signs
-from ssp_monitor.replay.player import Player, Settings
-from ssp_monitor.replay.read_ahead import MessageSource
-from ssp_monitor.replay.report import ReplayOutcome, plan_lines, progress_line
+from ssp_monitor.replay.player import MessageSource, Player, Settings
+from ssp_monitor.replay.terminal import (
+    HELP,
+    Key,
+    Keyboard,
+    ReplayOutcome,
+    plan_lines,
+    progress_line,
+)
 from ssp_monitor.ros.conversions import message_class, profile_of, why_not_installed
 from ssp_monitor.ros.parameters import REPLAY
 
@@ -66,8 +71,6 @@ class ReplayNode(Node):
 
     Args:
         reader: the bag; stays open.
-        options: what is asked for.
-        stop: ends this process.
 
     Raises:
         InputError: a wish doesn't fit the bag.
@@ -96,17 +99,9 @@ class ReplayNode(Node):
             self.create_publisher(ClockMsg, names.CLOCK, ros.STATE) if self._plan.clock_hz else None
         )
         self._await_subscribers()
-        settings = options.settings
         self.player = Player(
             self._tape,
-            Settings(
-                rate=settings.rate,
-                paused=settings.paused,
-                loop=settings.loop,
-                delay_s=settings.delay_s,
-                clock_hz=self._plan.clock_hz,
-                frames=self._plan.frames,
-            ),
+            replace(options.settings, clock_hz=self._plan.clock_hz, frames=self._plan.frames),
             self._send,
             self._tick,
             lambda: stop.set("end"),
@@ -284,11 +279,7 @@ def _refusal(signs: list[str]) -> str:
 
 
 def replay(reader: BagReader, options: Options, environment: dict[str, str]) -> int:
-    """Replays a bag in this process, which ends with it; see ros.run_node.
-
-    Args:
-        environment: of the middleware.
-    """
+    """Replays a bag in this process, which ends with it; see ros.run_node."""
     os.environ.update(environment)
     return ros.run_node(
         lambda stop: ReplayNode(reader, options, stop),

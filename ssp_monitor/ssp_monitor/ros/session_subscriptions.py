@@ -30,12 +30,7 @@ _STATE_TYPE = "ssp_msgs/msg/ObjectState"
 
 
 class SessionSubscriptions:
-    """Writes what is heard on a board; the busy topics are decoded only when settle() asks.
-
-    Args:
-        node: owns the subscriptions.
-        board: what is known of the session.
-    """
+    """Writes what is heard on a board; the busy topics are decoded only when settle() asks."""
 
     def __init__(self, node: Node, board: Board) -> None:
         self._node = node
@@ -61,11 +56,7 @@ class SessionSubscriptions:
                 self.follow(topic)
 
     def follow(self, topic: str) -> None:
-        """Hears the states of one object.
-
-        Args:
-            topic: absolute.
-        """
+        """Hears the states of one object."""
         if topic not in self._followed:
             self._followed.add(topic)
             take = partial(self._on_state, topic)

@@ -17,7 +17,6 @@ class Received:
     """The newest state of one object.
 
     Args:
-        state: as its source sent it.
         at_ns: when it arrived, ns on this host's steady clock.
     """
 
@@ -31,13 +30,10 @@ class SessionFact:
 
     Args:
         stamp_ns: session time.
-        state: after it.
         event: what caused it.
-        reason: for people.
         run_id: of the loaded run, or empty.
         scenario: of the loaded run, or empty.
         verdict: none before the end.
-        reasons: of the verdict.
     """
 
     stamp_ns: int
@@ -102,7 +98,6 @@ class Event:
     Args:
         kind: session, phase, trigger, safety, fault or refused.
         stamp_ns: session time.
-        title: in few words.
         text: more of it, may be empty.
         object_id: whom it is about, may be empty.
         measured: NaN where nothing was measured.
@@ -152,7 +147,6 @@ class Board:
     """Takes facts as they come. Every ``at_ns`` is ns on this host's steady clock.
 
     Args:
-        run: the run file, where the page was given one.
         offered: commands whose services were found; None: nobody looks for them.
     """
 
@@ -180,7 +174,6 @@ class Board:
         """Newest states; one that was overtaken on its way is dropped.
 
         Args:
-            states: as they came.
             at_ns: when, steady clock.
         """
         for state in states:
@@ -283,7 +276,6 @@ def links_of(board: Board, now_ns: int) -> dict[str, LinkFact]:
     """The links as they are now; nothing when the manager hasn't told of them lately.
 
     Args:
-        board: what was heard.
         now_ns: steady clock.
     """
     return board.links if age_s(now_ns, board.links_at_ns) <= LINKS_FRESH_S else {}
@@ -295,8 +287,6 @@ def object_age_s(board: Board, heard: Received, now_ns: int) -> float:
     A state that was held up on its way arrives late and looks new by its arrival alone.
 
     Args:
-        board: what was heard.
-        heard: the state.
         now_ns: steady clock.
     """
     age = age_s(now_ns, heard.at_ns)

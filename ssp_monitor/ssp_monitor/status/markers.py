@@ -44,13 +44,10 @@ class Mark:
 
     Args:
         space: with ``number`` it names the mark; a later one of that name replaces it.
-        shape: what it looks like.
         at: of the middle of a shape; points of a line are in frame map itself.
         z_m: height of that middle, and of a line, over the ground.
         size_m: x, y and z in the mark's own frame; a line's width is the first, a text's height
             the last.
-        points: of a line.
-        text: of a text.
     """
 
     space: str
@@ -237,7 +234,6 @@ class Moving:
         """The marks of all objects as they were last heard.
 
         Args:
-            board: what was heard.
             now_ns: steady clock, as in their times of arrival.
         """
         fresh: list[ObjectState] = []

@@ -6,14 +6,14 @@ import math
 import struct
 from typing import Any
 
-from ssp_core.cdr.codec import START, check_start, decoder, read_count, read_header, read_text
+from ssp_core.cdr.codec import START, check_start, read_header, read_text
+from ssp_core.cdr.images import COMPRESSED_TYPE, JPEG_START, read_image
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.references import Acknowledgement
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_monitor.status.board import Answer, Event, LinkFact, RecorderFact, SessionFact, TopicFact
 
-_JPEG = b"\xff\xd8"
 # What people read; anybody may send more, and a page shows it ten times a second.
 _MOST_TEXT = 2000
 
@@ -148,16 +148,12 @@ def command_answer(response: Any) -> Answer:
     return Answer(bool(response.accepted), response.error_msg, tuple(response.missing), True, state)
 
 
-@decoder
-def jpeg_of(data: bytes, at: int) -> tuple[bytes, int]:
+def jpeg_of(data: bytes) -> bytes:
     """The picture in a serialised CompressedImage, as it stands there; ValueError if not JPEG."""
-    _, at = read_header(data, at)
-    form, at = read_text(data, at)
-    size, at = read_count(data, at, 1)
-    picture = data[at : at + size]
-    if not picture.startswith(_JPEG):
-        raise ValueError(f"a picture of format {form[:20]!r} is no JPEG")
-    return picture, at + size
+    image = read_image(COMPRESSED_TYPE, data)
+    if image.data[:2] != JPEG_START:
+        raise ValueError(f"a picture of format {image.format[:20]!r} is no JPEG")
+    return bytes(image.data)
 
 
 def source_of(data: bytes) -> str:

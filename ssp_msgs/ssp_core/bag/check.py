@@ -4,26 +4,31 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.opcode import Opcode
 from mcap.records import Channel
 from mcap.writer import MCAP0_MAGIC
 
-from ssp_core.bag.bounds import UnpackBudget, chunk_parts, unpack_chunk
 from ssp_core.bag.mcap_file import (
     BoundedFile,
+    RecordFrame,
+    UnpackBudget,
+    chunk_parts,
     damage_of,
+    data_crc,
     inner_records,
     open_bounded,
-    parse_attachment_body,
-    parse_channel,
+    parse_attachment,
     parse_message,
+    parse_record,
+    read_body,
+    read_frame,
+    unpack_chunk,
 )
 from ssp_core.bag.metadata import read_metadata
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.scanner import RecordFrame, data_crc, read_body, read_frame
 from ssp_core.bag.split import REPEATED_KEY
 from ssp_core.errors import InputError
 
@@ -49,26 +54,10 @@ class CheckReport:
         return sum(self.messages.values())
 
 
-@dataclass(slots=True)
-class _Stored:
-    """What one pass through the files found, by topic.
-
-    Args:
-        messages: all of them.
-        repeated: those of them with which a later file repeats what an earlier one holds.
-        attachments: names.
-    """
-
-    messages: Counter[str] = field(default_factory=Counter)
-    repeated: Counter[str] = field(default_factory=Counter)
-    attachments: list[str] = field(default_factory=list)
-
-
 def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> CheckReport:
     """Checks CRCs, indexes, counts and types of a bag directory or one .mcap file.
 
     Args:
-        path: the bag.
         advance: called with the number of messages decoded since the last call.
 
     Raises:
@@ -77,12 +66,12 @@ def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> Ch
     if not path.exists():
         raise InputError("is not there", file=path, remedy="name a bag directory or a .mcap file")
     problems: list[str] = []
-    stored = _Stored()
+    stored = _Pass()
     messages: Counter[str] = Counter()
     try:
         with BagReader(path) as reader:
             for number, file in enumerate(reader.files):
-                _Pass(stored, later=number > 0).file(file)
+                stored.file(file, later=number > 0)
             messages = _decode_all(reader, problems, advance)
             index_counts = {name: info.count for name, info in reader.topics.items()}
             attachments = list(reader.attachments)
@@ -110,24 +99,30 @@ def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> Ch
 
 
 class _Pass:
-    """One pass through a file from its first byte, with every CRC checked.
+    """What one pass through the files finds, from their first bytes on and with every CRC checked.
 
     Args:
-        stored: where to count.
-        later: the file is not the bag's first one.
+        messages: all of them, by topic.
+        repeated: those of them with which a later file repeats what an earlier one holds.
+        attachments: names.
     """
 
-    def __init__(self, stored: _Stored, *, later: bool) -> None:
-        self._stored = stored
-        self._later = later
-        self._channels: dict[int, Channel] = {}
+    def __init__(self) -> None:
+        self.messages: Counter[str] = Counter()
+        self.repeated: Counter[str] = Counter()
+        self.attachments: list[str] = []
 
-    def file(self, path: Path) -> None:
+    def file(self, path: Path, *, later: bool) -> None:
         """Counts what a file holds.
+
+        Args:
+            later: it is not the bag's first one.
 
         Raises:
             InputError: the file is damaged or not closed; the message names the record.
         """
+        self._later = later
+        self._channels: dict[int, Channel] = {}
         with open_bounded(path) as stream, damage_of(path):
             budget = UnpackBudget(stream.size)
             offset = len(MCAP0_MAGIC)
@@ -151,13 +146,13 @@ class _Pass:
             for record in inner_records(unpack_chunk(parts)):
                 self._record(record.opcode, record.body)
         elif frame.opcode == Opcode.ATTACHMENT:
-            self._stored.attachments.append(parse_attachment_body(read_body(stream, frame)).name)
+            self.attachments.append(parse_attachment(read_body(stream, frame)).name)
         elif frame.opcode in (Opcode.CHANNEL, Opcode.MESSAGE):
             self._record(frame.opcode, read_body(stream, frame))
 
     def _record(self, opcode: int, body: memoryview) -> None:
         if opcode == Opcode.CHANNEL:
-            channel = parse_channel(body)
+            channel = parse_record(Channel, body)
             if self._channels.setdefault(channel.id, channel) != channel:
                 raise ValueError(f"two topics have number {channel.id}")
         elif opcode == Opcode.MESSAGE:
@@ -165,9 +160,9 @@ class _Pass:
             known = self._channels.get(number)
             if known is None:
                 raise ValueError(f"a message of topic number {number}, which is not known")
-            self._stored.messages[known.topic] += 1
+            self.messages[known.topic] += 1
             if self._later and REPEATED_KEY in known.metadata:
-                self._stored.repeated[known.topic] += 1
+                self.repeated[known.topic] += 1
 
 
 def _decode_all(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -11,14 +10,13 @@ from pathlib import Path
 
 from ssp_core.bag.frames import keyframe_before
 from ssp_core.bag.mcap_file import McapFile
-from ssp_core.bag.metadata import is_latched, parse_offered_qos
+from ssp_core.bag.metadata import is_latched, usable_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.split import Kept, LatchedTopic
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import VIDEO_TYPE
-from ssp_core.errors import InputError
-from ssp_core.files import make_folder
+from ssp_core.files import new_folder
 from ssp_core.names import SESSION_STATE, absolute
 from ssp_core.run_file.verdict import VERDICT_FILE
 
@@ -33,9 +31,7 @@ class CutReport:
         messages: written, by topic.
         repeated: of these, latched ones from before the span, by topic.
         led_in: of these, frames of video from the keyframe before the span on, by topic.
-        attachments: names.
         start_ns: first log time in the new bag, None when it is empty.
-        end_ns: last log time.
     """
 
     messages: dict[str, int]
@@ -79,22 +75,14 @@ def cut_bag(
         InputError: the source is no closed bag or damaged, or the target exists.
         HostError: the disk doesn't take it.
     """
-    if target.exists() or target.is_symlink():
-        raise InputError("exists already", file=target, remedy="name a new directory")
-    with BagReader(source) as bag:
+    with BagReader(source) as bag, new_folder(target) as folder:
         wanted = [name for name in bag.topics if name in frozenset(topics)]
-        make_folder(target.absolute().parent)
-        scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
-        try:
-            with BagWriter(scratch / "bag", name=f"{target.name}_0") as writer:
-                cut = _Cut(bag, writer, wanted, advance)
-                cut.copy(start_ns, stop_ns)
-            told = (source if source.is_dir() else source.parent) / VERDICT_FILE
-            if told.is_file():
-                shutil.copyfile(told, scratch / "bag" / VERDICT_FILE)
-            (scratch / "bag").rename(target)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+        with BagWriter(folder, name=f"{target.name}_0") as writer:
+            cut = _Cut(bag, writer, wanted, advance)
+            cut.copy(start_ns, stop_ns)
+        told = (source if source.is_dir() else source.parent) / VERDICT_FILE
+        if told.is_file():
+            shutil.copyfile(told, folder / VERDICT_FILE)
     return cut.report()
 
 
@@ -119,7 +107,7 @@ class _Cut:
             self._writer.add_topic(
                 name,
                 info.msgtype,
-                _usable(info.offered_qos),
+                usable_qos(info.offered_qos),
                 written=self._bag.definition(name),
                 latched=is_latched(info.offered_qos),
             )
@@ -204,11 +192,3 @@ class _Cut:
             start_ns=self._first_ns,
             end_ns=self._last_ns,
         )
-
-
-def _usable(offered_qos: str) -> str:
-    try:
-        parse_offered_qos(offered_qos)
-    except ValueError:
-        return ""  # the messages matter more than what their publisher once offered
-    return offered_qos

@@ -12,10 +12,10 @@ import av
 import numpy as np
 from av.video.reformatter import ColorRange, Colorspace
 
-from ssp_core.bag.images import JPEG_START, MAX_PIXELS, Bgr, decode_still, encode_jpeg
+from ssp_core.bag.images import MAX_PIXELS, Bgr, decode_still, encode_jpeg
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import BagMessage
-from ssp_core.cdr.images import IMAGE_TYPES, VIDEO_TYPE, ImageMessage, read_image
+from ssp_core.cdr.images import IMAGE_TYPES, JPEG_START, VIDEO_TYPE, ImageMessage, read_image
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 
@@ -343,7 +343,6 @@ class VideoFile:
     """An MP4 (H.264) whose frames are shown at the times at which they were taken.
 
     Args:
-        path: of the file.
         width_px: even.
         height_px: even.
     """

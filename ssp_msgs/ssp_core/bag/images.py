@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.cdr.images import ImageMessage, RawLayout
+from ssp_core.cdr.images import JPEG_START, ImageMessage, RawLayout
 
 # More than any camera; a header of ten bytes can claim four thousand million.
 MAX_PIXELS = 1 << 26
-JPEG_START = b"\xff\xd8"
 JPEG_END = b"\xff\xd9"
 PNG_START = b"\x89PNG\r\n\x1a\n"
 JPEG_QUALITY = 95

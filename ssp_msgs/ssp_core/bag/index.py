@@ -12,28 +12,31 @@ from pathlib import Path
 from typing import Protocol, TypeAlias
 
 import numpy as np
-from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 from mcap.writer import MCAP0_MAGIC
 
-from ssp_core.bag.bounds import MAX_RECORD_BYTES, UnpackBudget, chunk_parts, unpack
 from ssp_core.bag.mcap_file import (
     DAMAGE,
     HEAD,
-    RECORD_HEAD_BYTES,
+    MAX_RECORD_BYTES,
     BoundedFile,
     McapFile,
+    UnpackBudget,
+    chunk_parts,
     damaged,
-    framed_records,
+    data_crc,
     inner_records,
     open_bounded,
     parse_message,
+    read_frame,
+    unpack_chunk,
 )
 from ssp_core.bag.mcap_output import INDEX_ENTRY_BYTES, INDEX_HEAD, MESSAGE_BODY_BYTES, MESSAGE_HEAD
 from ssp_core.bag.types import BagMessage
 
 _ENTRY = struct.Struct("<QQ")
+_CHUNK_BEGIN = struct.Struct("<QQQ")  # of its body: earliest and latest log time, unpacked bytes
 
 # A message's log time, and where it begins in what its chunk holds.
 Entry: TypeAlias = tuple[int, int]
@@ -41,9 +44,6 @@ Entry: TypeAlias = tuple[int, int]
 
 def chunk_content(record: memoryview) -> memoryview:
     """What a chunk holds, with its CRC checked.
-
-    Args:
-        record: the Chunk record with opcode and length.
 
     Raises:
         ValueError: it is damaged, too large, or compressed in a way that is not read here.
@@ -53,20 +53,11 @@ def chunk_content(record: memoryview) -> memoryview:
         len(record) - HEAD.size,
     ):
         raise ValueError("no chunk where the index has one")
-    parts = chunk_parts(record[HEAD.size :])
-    content = unpack(parts.compression, parts.data, parts.unpacked_bytes)
-    if parts.crc and crc32(content) != parts.crc:
-        raise ValueError("crc validation failed in a chunk")
-    return content
+    return unpack_chunk(chunk_parts(record[HEAD.size :]))
 
 
 def indexed_entries(region: bytes, index: ChunkIndex, channels: Collection[int]) -> list[Entry]:
     """Messages of some channels in a chunk, from the MessageIndex records behind it.
-
-    Args:
-        region: these records, all of them.
-        index: of the chunk.
-        channels: the channels wanted.
 
     Raises:
         ValueError: a record is damaged or missing.
@@ -145,36 +136,25 @@ def scan(stream: BoundedFile) -> Scan:
         ValueError: the file is cut off, or the CRC of its data is wrong.
         struct.error: a record is shorter than its kind.
     """
+    if data_crc(stream) is False:
+        raise ValueError("the CRC of the data is wrong")
     found = Scan()
-    crc = crc32(MCAP0_MAGIC)
-    for offset, raw in framed_records(stream):
-        if raw[0] == Opcode.DATA_END:
-            (expected,) = struct.unpack_from("<I", raw, RECORD_HEAD_BYTES)
-            if expected and expected != crc:
-                raise ValueError("the CRC of the data is wrong")
-            return found
-        crc = crc32(raw, crc)
-        if raw[0] == Opcode.MESSAGE:
-            _, _, channel, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(raw)
-            found.times_ns.append(log_time_ns)
-            found.offsets.append(offset)
-            found.channels.append(channel)
-        elif raw[0] == Opcode.CHUNK:
-            start_ns, end_ns, size = struct.unpack_from("<QQQ", raw, RECORD_HEAD_BYTES)
+    frame = read_frame(stream, len(MCAP0_MAGIC))
+    while frame.opcode != Opcode.DATA_END:
+        if frame.opcode == Opcode.MESSAGE:
+            stream.seek(frame.offset)
+            head = MESSAGE_HEAD.unpack(stream.read(MESSAGE_HEAD.size))
+            found.times_ns.append(head[4])
+            found.offsets.append(frame.offset)
+            found.channels.append(head[2])
+        elif frame.opcode == Opcode.CHUNK:
+            start_ns, end_ns, size = _CHUNK_BEGIN.unpack(stream.read(_CHUNK_BEGIN.size))
+            length = HEAD.size + frame.length
             found.chunks.append(
-                ChunkIndex(
-                    chunk_length=len(raw),
-                    chunk_start_offset=offset,
-                    compression="",
-                    compressed_size=0,
-                    message_end_time=end_ns,
-                    message_index_length=0,
-                    message_index_offsets={},
-                    message_start_time=start_ns,
-                    uncompressed_size=size,
-                )
+                ChunkIndex(length, frame.offset, "", 0, end_ns, 0, {}, start_ns, size)
             )
-    raise ValueError("the data has no end")
+        frame = read_frame(stream, frame.end)
+    return found
 
 
 # Content of chunks that is kept while their times overlap; the rest is read again.
@@ -294,10 +274,7 @@ class ChunkRun:
     def entries(self) -> Iterator[Entry]:
         index = self._index
         if index.message_index_offsets:
-            region = self._file.read_at(
-                index.chunk_start_offset + index.chunk_length,
-                bounded(index.message_index_length),
-            )
+            region = self._file.message_index(index)
             entries = indexed_entries(region, index, self._wanted.topics)
         else:
             entries = scanned_entries(self._cache.content(self), self._wanted.topics)
@@ -374,9 +351,6 @@ def merged(runs: Iterable[Run]) -> Iterator[BagMessage]:
     """Messages of all runs by log time; of equal times, in the order of the runs and of the file.
 
     A run is read when its time comes, so only those that overlap are held.
-
-    Args:
-        runs: in the order of the file.
 
     Raises:
         InputError: a run is damaged.

@@ -1,14 +1,15 @@
-"""One MCAP file being read: bounded records, a checked summary, errors that name the file."""
+"""One MCAP file being read within bounds: records, chunks, a checked summary, named errors."""
 
 from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
+import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from isal.isal_zlib import crc32
 from mcap.data_stream import ReadDataStream
@@ -29,14 +30,245 @@ from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from ssp_core.bag.bounds import MAX_CHUNK_RECORDS, MAX_SUMMARY_BYTES, check_summary
 from ssp_core.errors import InputError
 
-HEAD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
-_U16 = struct.Struct("<H")
-_U32 = struct.Struct("<I")
+# A chunk holds a message at the least, and ROS carries no message beyond 4 GiB; images and point
+# clouds of 100 MB are usual, of 1 GB aren't known.
+MAX_CHUNK_BYTES = 1 << 30
+# zstd makes 30,000 zeros one byte, so a black image of 100 MB may be packed as well as a bomb is.
+# What unpacks to less than this may have any ratio, beyond it a ratio that real data reach.
+ANY_RATIO_BYTES = 256 << 20
+MAX_RATIO = 1000
+# How often chunks that overlap in time are unpacked again where they don't fit into memory.
+MAX_REREADS = 16
+# Messages in a chunk are held as objects while they are put in order; writers end a chunk at some
+# MB, which are 100,000 messages of the smallest kind.
+MAX_CHUNK_RECORDS = 4_000_000
+# All chunks of a file together: what its size allows at that ratio, and a few of any ratio.
+ANY_TOTAL_BYTES = 4 << 30
+# Read as a whole: indexes of 500,000 chunks with ten channels each, which are a day at 6 MB/s.
+MAX_SUMMARY_BYTES = 128 << 20
+# Read as a whole.
+MAX_ATTACHMENT_BYTES = 1 << 30
+# Any other record: a schema, a channel, an index of a chunk's messages, a message outside chunks.
+MAX_RECORD_BYTES = MAX_CHUNK_BYTES + (64 << 10)
+# Message definitions of one file: 200 types of 20 kB are 4 MB. Parsing takes 10 us per byte.
+MAX_SCHEMAS_BYTES = 16 << 20
+
+_CHUNK_HEAD = struct.Struct("<QQQII")
+_INDEX_ENTRY_BYTES = 16
 _U64 = struct.Struct("<Q")
+_PIECE = 1 << 20
+
+
+class UnpackBudget:
+    """How much the chunks of one file may unpack to, all together.
+
+    Args:
+        file_bytes: size of the file.
+        ratio: how many times as much they may unpack to.
+    """
+
+    def __init__(self, file_bytes: int, *, ratio: int = MAX_RATIO) -> None:
+        self._most = self._left = ANY_TOTAL_BYTES + ratio * file_bytes
+
+    def take(self, unpacked_bytes: int) -> None:
+        """Raises ValueError when the file's chunks unpack to more than is believed."""
+        self._left -= unpacked_bytes
+        if self._left < 0:
+            raise ValueError(f"its chunks unpack to more than {self._most} bytes")
+
+
+class ChunkParts(NamedTuple):
+    """The fields of a Chunk record; data is a view of the record's bytes."""
+
+    start_ns: int
+    end_ns: int
+    unpacked_bytes: int
+    crc: int
+    compression: str
+    data: memoryview
+
+
+def chunk_parts(body: bytes | memoryview) -> ChunkParts:
+    """The fields of a Chunk record, from its bytes after opcode and length.
+
+    Raises:
+        ValueError: the lengths in it don't fit, or claim more than is believed.
+    """
+    view = memoryview(body)
+    if len(view) < _CHUNK_HEAD.size:
+        raise ValueError("a chunk is cut off")
+    start_ns, end_ns, unpacked, crc, name_bytes = _CHUNK_HEAD.unpack_from(view)
+    data_at = _CHUNK_HEAD.size + name_bytes + _U64.size
+    if data_at > len(view):
+        raise ValueError("a chunk is cut off")
+    name = bytes(view[_CHUNK_HEAD.size : _CHUNK_HEAD.size + name_bytes])
+    (data_bytes,) = _U64.unpack_from(view, data_at - _U64.size)
+    if data_bytes != len(view) - data_at:
+        raise ValueError(f"a chunk claims {data_bytes} bytes and has {len(view) - data_at}")
+    compression = name.decode("ascii", "backslashreplace")
+    check_claim(compression, unpacked, data_bytes)
+    return ChunkParts(start_ns, end_ns, unpacked, crc, compression, view[data_at:])
+
+
+def chunk_length(head: bytes) -> int | None:
+    """How long a chunk's body is by the first bytes of it, None when they are too few."""
+    if len(head) < _CHUNK_HEAD.size:
+        return None
+    *_, name_bytes = _CHUNK_HEAD.unpack_from(head)
+    data_at = _CHUNK_HEAD.size + name_bytes + _U64.size
+    if data_at > len(head):
+        return None
+    return int(data_at + _U64.unpack_from(head, data_at - _U64.size)[0])
+
+
+def check_claim(compression: str, unpacked_bytes: int, packed_bytes: int) -> None:
+    """Refuses a chunk by what it claims, before anything of it is unpacked.
+
+    Raises:
+        ValueError: the claim is beyond belief, or the compression is unknown.
+    """
+    if compression not in ("", "zstd", "lz4"):
+        raise ValueError(f"compression {compression[:40]!r} is unknown (zstd and lz4 are read)")
+    if unpacked_bytes > MAX_CHUNK_BYTES:
+        raise ValueError(
+            f"a chunk of {unpacked_bytes} bytes, more than {MAX_CHUNK_BYTES} are not read"
+        )
+    if not compression and unpacked_bytes != packed_bytes:
+        raise ValueError(f"a chunk claims {unpacked_bytes} bytes and has {packed_bytes}")
+    if unpacked_bytes > max(ANY_RATIO_BYTES, MAX_RATIO * packed_bytes):
+        raise ValueError(
+            f"a chunk claims to unpack from {packed_bytes} to {unpacked_bytes} bytes, "
+            f"more than {MAX_RATIO} times as many"
+        )
+
+
+def unpack_chunk(parts: ChunkParts) -> memoryview:
+    """What a chunk holds, with its CRC checked.
+
+    Raises:
+        ValueError: it doesn't unpack to what it claims, or its CRC is wrong.
+    """
+    data = unpack(parts.compression, parts.data, parts.unpacked_bytes)
+    if parts.crc and crc32(data) != parts.crc:
+        raise ValueError("crc validation failed in a chunk")
+    return data
+
+
+def unpack(compression: str, data: memoryview, unpacked_bytes: int) -> memoryview:
+    """Compressed bytes unpacked; never more than was claimed, nor more at once than is there.
+
+    Raises:
+        ValueError: they don't unpack, or to another number of bytes.
+    """
+    check_claim(compression, unpacked_bytes, len(data))
+    if not compression:
+        return data
+    try:
+        unpacked = (_unzstd if compression == "zstd" else _unlz4)(data, unpacked_bytes)
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        raise ValueError(f"a chunk doesn't unpack: {error}") from error
+    if len(unpacked) != unpacked_bytes:
+        what = "more" if len(unpacked) > unpacked_bytes else "less"
+        raise ValueError(f"a chunk unpacks to {what} than the {unpacked_bytes} bytes it claims")
+    return memoryview(unpacked)
+
+
+def _unzstd(data: memoryview, most: int) -> bytearray:
+    """At most one piece more than ``most``; the frame's own claims are not looked at."""
+    unpacked = bytearray()
+    # A frame asks for a window of its own choice: zstd's own limit, or all that it unpacks to.
+    window = 1 << max(27, (most - 1).bit_length())
+    decompressor = zstandard.ZstdDecompressor(max_window_size=window)
+    with decompressor.stream_reader(data, read_across_frames=True) as stream:
+        while len(unpacked) <= most:
+            piece = stream.read(min(_PIECE, most + 1 - len(unpacked)))
+            if not piece:
+                break
+            unpacked += piece
+    return unpacked
+
+
+def _unlz4(data: memoryview, most: int) -> bytearray:
+    unpacked = bytearray()
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    piece = decompressor.decompress(data, max_length=min(_PIECE, most + 1))
+    while True:
+        unpacked += piece
+        if len(unpacked) > most or decompressor.eof or decompressor.needs_input:
+            break
+        piece = decompressor.decompress(b"", max_length=min(_PIECE, most + 1 - len(unpacked)))
+    if len(unpacked) <= most and not decompressor.eof:
+        raise ValueError("a chunk ends within its compressed data")
+    if decompressor.unused_data:
+        raise ValueError("a chunk goes on after its compressed data")
+    return unpacked
+
+
+def check_summary(summary: Summary, data_end: int, file_bytes: int) -> None:
+    """Refuses indexes that would make a reader read a place twice, or beyond the data.
+
+    Args:
+        data_end: where the data section ends and the summary begins.
+
+    Raises:
+        ValueError: which index, and what is wrong with it.
+    """
+    chunks = summary.chunk_indexes
+    _check_places(
+        "chunk",
+        ((c.chunk_start_offset, c.chunk_length + c.message_index_length) for c in chunks),
+        data_end,
+    )
+    budget = UnpackBudget(file_bytes)
+    for chunk in chunks:
+        budget.take(chunk.uncompressed_size)
+        check_claim(chunk.compression, chunk.uncompressed_size, chunk.compressed_size)
+        if chunk.compressed_size > chunk.chunk_length:
+            raise ValueError(f"the chunk at byte {chunk.chunk_start_offset} has no such length")
+        if chunk.message_index_length > _INDEX_ENTRY_BYTES * MAX_CHUNK_RECORDS:
+            raise ValueError(
+                f"the chunk at byte {chunk.chunk_start_offset} has more than {MAX_CHUNK_RECORDS} "
+                "messages"
+            )
+    _check_places(
+        "attachment", ((a.offset, a.length) for a in summary.attachment_indexes), data_end
+    )
+    for index in summary.attachment_indexes:
+        if index.length > MAX_ATTACHMENT_BYTES:
+            raise ValueError(
+                f"attachment {index.name[:80]!r} has {index.length} bytes, "
+                f"more than {MAX_ATTACHMENT_BYTES} are not read"
+            )
+    size = sum(len(schema.data) for schema in summary.schemas.values())
+    if size > MAX_SCHEMAS_BYTES:
+        raise ValueError(
+            f"{size} bytes of message definitions, more than {MAX_SCHEMAS_BYTES} are not read"
+        )
+
+
+def _check_places(kind: str, places: Iterable[tuple[int, int]], data_end: int) -> None:
+    before = 0
+    for offset, length in sorted(places):
+        if offset < before:
+            raise ValueError(f"two {kind} indexes for the bytes from {offset} on")
+        before = offset + length
+        if not length or before > data_end:
+            raise ValueError(f"the {kind} index for byte {offset} points beyond the data")
+
+
+HEAD = struct.Struct("<BQ")
+FOOTER = struct.Struct("<BQQQI")
+_DATA_END = struct.Struct("<BQI")
+_MESSAGE = struct.Struct("<HIQQ")
+_PRIVATE = 0x80  # opcodes from here on are anybody's
+
+
+Record = TypeVar("Record", Schema, Channel, Attachment)
+
+
+NAMED = (Opcode.SCHEMA, Opcode.CHANNEL)
 
 
 class RawRecord(NamedTuple):
@@ -68,58 +300,28 @@ def inner_records(data: memoryview) -> Iterator[RawRecord]:
         offset = begin + length
 
 
-class _Fields:
-    """The fields of one record, one after the other."""
+class _Fields(ReadDataStream):
+    """The fields of one record; one that is cut off is an error."""
 
-    __slots__ = ("_body", "at")
-
-    def __init__(self, body: memoryview) -> None:
-        self._body = body
-        self.at = 0
-
-    def number(self, layout: struct.Struct) -> int:
-        data = self.blob(layout.size)
-        return int(layout.unpack(data)[0])
-
-    def blob(self, size: int) -> memoryview:
-        end = self.at + size
-        if end > len(self._body):
-            raise ValueError(
-                f"a field of {size} bytes in a record that has {len(self._body) - self.at} left"
-            )
-        data = self._body[self.at : end]
-        self.at = end
+    def read(self, length: int) -> bytes:
+        data = bytes(self._stream.read(length))
+        if len(data) < length:
+            raise ValueError(f"a field of {length} bytes in a record that has {len(data)} left")
+        self._count += length
         return data
 
-    def text(self) -> str:
-        return str(self.blob(self.number(_U32)), "utf-8")
 
-    def texts(self) -> dict[str, str]:
-        inner = _Fields(self.blob(self.number(_U32)))
-        found: dict[str, str] = {}
-        while inner.at < len(inner._body):
-            key = inner.text()
-            if key in found:
-                raise ValueError(f"key {key[:40]!r} stands twice")
-            found[key] = inner.text()
-        return found
+def parse_record(kind: type[Record], body: memoryview) -> Record:
+    """A schema or channel. Raises ValueError when a length doesn't fit or a text is no UTF-8."""
+    found: Record = kind.read(_Fields(io.BytesIO(body)))
+    return found
 
 
-def parse_schema(body: memoryview) -> Schema:
-    """Raises ValueError when the lengths in it don't fit or a name is no UTF-8."""
-    fields = _Fields(body)
-    number = fields.number(_U16)
-    name, encoding = fields.text(), fields.text()
-    data = bytes(fields.blob(fields.number(_U32)))
-    return Schema(id=number, name=name, encoding=encoding, data=data)
-
-
-def parse_channel(body: memoryview) -> Channel:
-    """Raises ValueError when the lengths in it don't fit or a text is no UTF-8."""
-    fields = _Fields(body)
-    number, schema_id = fields.number(_U16), fields.number(_U16)
-    topic, encoding = fields.text(), fields.text()
-    return Channel(number, topic, encoding, fields.texts(), schema_id)
+def parse_named(opcode: int, body: memoryview) -> Schema | Channel:
+    """The record of one of NAMED; raises as ``parse_record``."""
+    if opcode == Opcode.SCHEMA:
+        return parse_record(Schema, body)
+    return parse_record(Channel, body)
 
 
 def parse_message(body: memoryview) -> Message:
@@ -130,26 +332,24 @@ def parse_message(body: memoryview) -> Message:
     return Message(channel_id, log_time, bytes(body[_MESSAGE.size :]), publish_time, sequence)
 
 
-def parse_attachment_body(body: memoryview) -> Attachment:
+def parse_attachment(body: memoryview) -> Attachment:
     """An attachment with its CRC checked; raises ValueError when that or a length is wrong."""
-    fields = _Fields(body)
-    log_time, create_time = fields.number(_U64), fields.number(_U64)
-    name, media_type = fields.text(), fields.text()
-    data = fields.blob(fields.number(_U64))
-    crc = fields.number(_U32)
-    if crc and crc32(body[: len(body) - _U32.size]) != crc:
+    if len(body) < 4:
+        raise ValueError("an attachment is cut off")
+    crc = int.from_bytes(body[-4:], "little")
+    if crc and crc32(body[:-4]) != crc:
         raise ValueError("an attachment's CRC is wrong")
-    return Attachment(create_time, log_time, name, media_type, bytes(data))
+    return parse_record(Attachment, body)
 
 
 def attachment_fits(head: bytes, length: int) -> bool:
     """Whether the first bytes of a record's body could be those of an attachment that long."""
-    fields = _Fields(memoryview(head))
+    fields = _Fields(io.BytesIO(head))
     try:
-        fields.blob(2 * _U64.size)
-        for _ in range(2):
-            fields.text()
-        return fields.number(_U64) + _U32.size == length - fields.at
+        fields.read(16)
+        fields.read_prefixed_string()
+        fields.read_prefixed_string()
+        return bool(fields.read8() + 4 == length - fields.count)
     except ValueError:
         return False
 
@@ -157,8 +357,6 @@ def attachment_fits(head: bytes, length: int) -> bool:
 KNOWN = frozenset(int(opcode) for opcode in Opcode)
 
 
-FOOTER_BYTES = 1 + 8 + 8 + 8 + 4
-RECORD_HEAD_BYTES = 1 + 8
 REPAIR = "`ssp bag recover` keeps what can be read"
 
 # What the mcap package and its decompressors raise on bytes that are no MCAP; lz4 raises a plain
@@ -220,6 +418,73 @@ def open_bounded(path: Path) -> BoundedFile:
         raise InputError(f"can't be read: {error.strerror}", file=path) from error
 
 
+class RecordFrame(NamedTuple):
+    """Where a record stands: kind, offset of its first byte, bytes after opcode and length."""
+
+    opcode: int
+    offset: int
+    length: int
+
+    @property
+    def end(self) -> int:
+        return self.offset + HEAD.size + self.length
+
+
+def read_frame(stream: BoundedFile, offset: int) -> RecordFrame:
+    """The record that begins at an offset.
+
+    Raises:
+        ValueError: none does, or it is longer than the file or than is believed.
+    """
+    stream.seek(offset)
+    head = stream.read(HEAD.size)
+    if len(head) < HEAD.size:
+        raise ValueError("the file ends within a record")
+    opcode, length = HEAD.unpack(head)
+    if opcode not in KNOWN and opcode < _PRIVATE:
+        raise ValueError(f"no record begins with byte {opcode}")
+    if length > stream.size - offset - HEAD.size:
+        raise ValueError("the file ends within a record")
+    limit = MAX_RECORD_BYTES if opcode != Opcode.ATTACHMENT else MAX_ATTACHMENT_BYTES
+    # What isn't known is passed over and never read.
+    if length > limit and opcode in KNOWN:
+        raise ValueError(f"a record of {length} bytes, more than {limit} are not read")
+    return RecordFrame(opcode, offset, length)
+
+
+def read_body(stream: BoundedFile, frame: RecordFrame) -> memoryview:
+    """The bytes of a record after opcode and length."""
+    stream.seek(frame.offset + HEAD.size)
+    return memoryview(stream.read(frame.length))
+
+
+def data_crc(stream: BoundedFile) -> bool | None:
+    """Whether the CRC over all data of a closed file is right; None: there is none."""
+    tail_at = stream.size - FOOTER.size - len(MCAP0_MAGIC)
+    if tail_at < len(MCAP0_MAGIC) + _DATA_END.size:
+        return None
+    stream.seek(tail_at)
+    opcode, _, summary_start, _, _ = FOOTER.unpack(stream.read(FOOTER.size))
+    if opcode != Opcode.FOOTER or stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+        return None
+    data_end = (summary_start or tail_at) - _DATA_END.size
+    if not len(MCAP0_MAGIC) <= data_end <= tail_at - _DATA_END.size:
+        return None
+    stream.seek(data_end)
+    opcode, length, stated = _DATA_END.unpack(stream.read(_DATA_END.size))
+    if opcode != Opcode.DATA_END or length != 4 or not stated:
+        return None
+    stream.seek(0)
+    crc, left = 0, data_end
+    while left:
+        piece = stream.read(min(_PIECE, left))
+        if not piece:  # it became shorter meanwhile
+            return False
+        crc = crc32(piece, crc)
+        left -= len(piece)
+    return bool(crc == stated)
+
+
 def read_summary(stream: BoundedFile, path: Path) -> Summary:
     """The summary section of a closed MCAP file, with its CRC checked.
 
@@ -229,12 +494,12 @@ def read_summary(stream: BoundedFile, path: Path) -> Summary:
     head = stream.read(len(MCAP0_MAGIC))
     if head != MCAP0_MAGIC:
         raise InputError("is no MCAP file", file=path)
-    tail_bytes = FOOTER_BYTES + len(MCAP0_MAGIC)
+    tail_bytes = FOOTER.size + len(MCAP0_MAGIC)
     stream.seek(max(0, stream.size - tail_bytes))
     tail = stream.read(tail_bytes)
     if len(tail) < tail_bytes or not tail.endswith(MCAP0_MAGIC) or tail[0] != Opcode.FOOTER:
         raise InputError("was not closed by its recorder, or is cut off", file=path, remedy=REPAIR)
-    summary_start, _, crc = struct.unpack_from("<QQI", tail, RECORD_HEAD_BYTES)
+    _, _, summary_start, _, crc = FOOTER.unpack_from(tail)
     if not len(MCAP0_MAGIC) <= summary_start <= stream.size - tail_bytes:
         raise InputError("has no summary section", file=path, remedy=REPAIR)
     if stream.size - summary_start > MAX_SUMMARY_BYTES:
@@ -273,9 +538,6 @@ def _collect(summary: Summary, record: McapRecord) -> None:
 class McapFile:
     """A closed MCAP file. It is opened for each read, so that a bag of many files holds none open.
 
-    Args:
-        path: the file.
-
     Raises:
         InputError: it can't be opened, is no closed MCAP file or its summary is damaged.
     """
@@ -298,6 +560,12 @@ class McapFile:
             stream.seek(offset)
             return stream.read(length)
 
+    def message_index(self, chunk: ChunkIndex) -> bytes:
+        """The MessageIndex records behind a chunk; raises as ``read_at``."""
+        return self.read_at(
+            chunk.chunk_start_offset + chunk.chunk_length, chunk.message_index_length
+        )
+
     def attachment(self, name: str) -> bytes | None:
         """The data of the first attachment of that name, with its CRC checked.
 
@@ -307,40 +575,8 @@ class McapFile:
         for index in self.summary.attachment_indexes:
             if index.name == name:
                 with damage_of(self.path):
-                    return parse_attachment(self.read_at(index.offset, index.length)).data
+                    record = memoryview(self.read_at(index.offset, index.length))
+                    if record[:1] != bytes([Opcode.ATTACHMENT]):
+                        raise ValueError("no attachment where one should be")
+                    return bytes(parse_attachment(record[HEAD.size :]).data)
         return None
-
-
-def framed_records(stream: BoundedFile) -> Iterator[tuple[int, bytes]]:
-    """Offset and bytes of each record from the beginning of a file, whole ones only.
-
-    Raises:
-        ValueError: the file ends within a record, after the whole ones were given.
-    """
-    offset = stream.seek(len(MCAP0_MAGIC))
-    while offset < stream.size:
-        head = stream.read(RECORD_HEAD_BYTES)
-        if len(head) < RECORD_HEAD_BYTES:
-            raise ValueError("the file ends within a record")
-        length = struct.unpack_from("<Q", head, 1)[0]
-        if offset + RECORD_HEAD_BYTES + length > stream.size:
-            raise ValueError("the file ends within a record")
-        yield offset, head + stream.read(length)
-        offset += RECORD_HEAD_BYTES + length
-        stream.seek(offset)
-
-
-def parse_attachment(raw: bytes) -> Attachment:
-    """An attachment from its framed record.
-
-    Raises:
-        ValueError: it is none, or its CRC is wrong.
-    """
-    if raw[:1] != bytes([Opcode.ATTACHMENT]):
-        raise ValueError("no attachment where one should be")
-    body = raw[RECORD_HEAD_BYTES:]
-    crc = struct.unpack("<I", body[-4:])[0]
-    if crc and crc32(body[:-4]) != crc:
-        raise ValueError("an attachment's CRC is wrong")
-    attachment: Attachment = Attachment.read(ReadDataStream(io.BytesIO(body)))
-    return attachment

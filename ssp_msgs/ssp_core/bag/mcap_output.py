@@ -357,7 +357,6 @@ class McapOutput:
 
     Args:
         path: the file; it must not exist.
-        library: what the header names as the writer.
 
     Raises:
         OSError: the file can't be made or written.

@@ -82,6 +82,15 @@ def is_latched(offered_qos: str) -> bool:
     return any(profile.get("durability") in _LATCHED for profile in profiles)
 
 
+def usable_qos(offered_qos: str) -> str:
+    """The same YAML, empty where it is none: messages matter more than what was once offered."""
+    try:
+        parse_offered_qos(offered_qos)
+    except ValueError:
+        return ""
+    return offered_qos
+
+
 def stated_depth(offered_qos: str, most: int) -> int | None:
     """How many messages a topic's publishers offer together to one who joins late.
 

@@ -13,9 +13,15 @@ from mcap.records import Channel, ChunkIndex, Schema
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from ssp_core.bag.bounds import MAX_REREADS, UnpackBudget
 from ssp_core.bag.index import ChunkRun, ContentCache, LooseRun, Run, Scan, Selection, merged, scan
-from ssp_core.bag.mcap_file import DAMAGE, McapFile, damage_of, open_bounded
+from ssp_core.bag.mcap_file import (
+    DAMAGE,
+    MAX_REREADS,
+    McapFile,
+    UnpackBudget,
+    damage_of,
+    open_bounded,
+)
 from ssp_core.bag.metadata import read_metadata
 from ssp_core.bag.split import REPEATED_KEY
 from ssp_core.bag.types import BagMessage, TopicTypestores, TypeDefinition
@@ -30,7 +36,6 @@ class Part(McapFile):
     """A closed MCAP file that is the first or a later one of a bag.
 
     Args:
-        path: the file.
         later: files before it are read too, so its repeated messages are left out.
 
     Raises:
@@ -161,6 +166,24 @@ def bag_files(path: Path) -> tuple[Path, ...]:
     if not path.is_file():  # opening a pipe would wait for somebody to write into it
         raise InputError("is no file", file=path, remedy="name a bag directory or a .mcap file")
     return (path,)
+
+
+def mcap_files(folder: Path) -> tuple[Path, ...]:
+    """The MCAP files in a directory, ``bag_10`` behind ``bag_9``.
+
+    Raises:
+        InputError: there are none.
+    """
+
+    def place(file: Path) -> tuple[str, int, str]:
+        stem, _, number = file.stem.rpartition("_")
+        whole = number.isascii() and number.isdigit() and len(number) < 10
+        return (stem, int(number), file.name) if whole else (file.stem, -1, file.name)
+
+    files = tuple(sorted(folder.glob("*.mcap"), key=place))
+    if not files:
+        raise InputError("has no .mcap file", file=folder)
+    return files
 
 
 class BagReader(Closing):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -13,33 +11,34 @@ from pathlib import Path
 from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
+from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from ssp_core.bag.bounds import UnpackBudget, chunk_parts, unpack_chunk
 from ssp_core.bag.mcap_file import (
+    NAMED,
     BoundedFile,
+    RecordFrame,
+    UnpackBudget,
+    chunk_parts,
+    data_crc,
     inner_records,
     open_bounded,
-    parse_attachment_body,
-    parse_channel,
+    parse_attachment,
     parse_message,
-    parse_schema,
-    read_summary,
-)
-from ssp_core.bag.metadata import is_latched, parse_offered_qos
-from ssp_core.bag.scanner import (
-    DamagedSpan,
-    RecordFrame,
-    RecordScanner,
-    data_crc,
+    parse_named,
     read_body,
     read_frame,
+    read_summary,
+    unpack_chunk,
 )
+from ssp_core.bag.metadata import is_latched, usable_qos
+from ssp_core.bag.reader import bag_files, mcap_files, type_definition
+from ssp_core.bag.scanner import DamagedSpan, RecordScanner
 from ssp_core.bag.split import MOST_KEPT, REPEATED_KEY
 from ssp_core.bag.types import TypeDefinition
 from ssp_core.bag.writer import BagWriter
-from ssp_core.errors import HostError, InputError
-from ssp_core.files import make_folder
+from ssp_core.errors import InputError
+from ssp_core.files import new_folder
 
 # rosbag2 keeps times as int64.
 _MAX_TIME_NS = (1 << 63) - 1
@@ -47,37 +46,31 @@ _MAX_TIME_NS = (1 << 63) - 1
 MAX_DAMAGE = 1000
 
 
-@dataclass(slots=True)
 class Names:
     """Schemas and channels of one file, by number.
 
     Args:
-        schemas, channels: from the file's summary, whose CRC was right; else empty.
+        summary: of the file, whose CRC was right; else an empty one.
     """
 
-    schemas: dict[int, Schema | None] = field(default_factory=dict)
-    channels: dict[int, Channel | None] = field(default_factory=dict)
+    def __init__(self, summary: Summary) -> None:
+        self.schemas: dict[int, Schema | None] = dict(summary.schemas)
+        self.channels: dict[int, Channel | None] = dict(summary.channels)
 
-    def schema(self, new: Schema) -> None:
+    def add(self, new: Schema | Channel) -> None:
         """Raises ValueError for another one of the same number; none of both is used then."""
-        if self.schemas.setdefault(new.id, new) != new:
-            self.schemas[new.id] = None
-            raise ValueError(f"two types have number {new.id}")
-
-    def channel(self, new: Channel) -> None:
-        """Raises ValueError for another one of the same number; none of both is used then."""
-        if self.channels.setdefault(new.id, new) != new:
+        if isinstance(new, Schema):
+            if self.schemas.setdefault(new.id, new) != new:
+                self.schemas[new.id] = None
+                raise ValueError(f"two types have number {new.id}")
+        elif self.channels.setdefault(new.id, new) != new:
             self.channels[new.id] = None
             raise ValueError(f"two topics have number {new.id}")
 
 
 @dataclass(slots=True)
 class Salvage:
-    """Copies the records of one file after the other into a new bag.
-
-    Args:
-        writer: of the new bag.
-    """
+    """Copies the records of one file after the other into a new bag."""
 
     writer: BagWriter
     messages: Counter[str] = field(default_factory=Counter)
@@ -146,26 +139,13 @@ class Salvage:
             raise ValueError(f"{channel.topic} has messages of two definitions of {schema.name}")
         if known is not None:
             raise ValueError(f"{channel.topic} has messages of two types")
-        offered = _usable_qos(channel.metadata.get("offered_qos_profiles", ""))
-        written = TypeDefinition(
-            schema.name,
-            schema.encoding,
-            schema.data.decode("utf-8"),
-            channel.metadata.get("topic_type_hash", ""),
-        )
+        offered = usable_qos(channel.metadata.get("offered_qos_profiles", ""))
+        written = type_definition(schema, channel)
         latched = is_latched(offered) or REPEATED_KEY in channel.metadata
         self.writer.add_topic(channel.topic, schema.name, offered, written=written, latched=latched)
         self._types[channel.topic] = written
         if latched:
             self._latched[channel.topic] = deque(maxlen=MOST_KEPT)
-
-
-def _usable_qos(text: str) -> str:
-    try:
-        parse_offered_qos(text)
-    except ValueError:
-        return ""  # the messages matter more than what their publisher once offered
-    return text
 
 
 class _FileSalvage:
@@ -179,7 +159,7 @@ class _FileSalvage:
         crc_right = data_crc(stream)
         self._whole = crc_right is True
         self._wrong = crc_right is False
-        self._names = Names()
+        self._names = Names(Summary())
         self._known: list[int] = []
         self._end = len(MCAP0_MAGIC)
         self._budget = UnpackBudget(stream.size)
@@ -190,7 +170,7 @@ class _FileSalvage:
             summary = read_summary(stream, path)
         except InputError:
             return
-        self._names = Names(dict(summary.schemas), dict(summary.channels))
+        self._names = Names(summary)
         self._known = [index.chunk_start_offset for index in summary.chunk_indexes]
         self._known += [index.offset for index in summary.attachment_indexes]
 
@@ -237,12 +217,12 @@ class _FileSalvage:
         if frame.opcode == Opcode.CHUNK:
             self._chunk(frame)
         elif frame.opcode == Opcode.ATTACHMENT:
-            attachment = parse_attachment_body(read_body(self._stream, frame))
+            attachment = parse_attachment(read_body(self._stream, frame))
             self._once(crc32(attachment.name.encode()), crc32(attachment.data))
             self._into.writer.attach(attachment.name, attachment.data, attachment.media_type)
             self._into.attachments.append(attachment.name)
-        elif frame.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            self._named(frame.opcode, read_body(self._stream, frame))
+        elif frame.opcode in NAMED:
+            self._names.add(parse_named(frame.opcode, read_body(self._stream, frame)))
         elif frame.opcode == Opcode.MESSAGE:
             # No CRC says that it is one. In a damaged file with chunks it is a damaged record.
             if not self._whole and (Opcode.CHUNK in self._kinds or self._known):
@@ -263,18 +243,12 @@ class _FileSalvage:
             try:
                 if record.opcode == Opcode.MESSAGE:
                     self._into.message(parse_message(record.body), self._names)
-                elif record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._named(record.opcode, record.body)
+                elif record.opcode in NAMED:
+                    self._names.add(parse_named(record.opcode, record.body))
             except ValueError as error:
                 left_out[str(error)] += 1
         if left_out:
             raise ValueError(_reasons(left_out.most_common(3)))
-
-    def _named(self, opcode: int, body: memoryview) -> None:
-        if opcode == Opcode.SCHEMA:
-            self._names.schema(parse_schema(body))
-        else:
-            self._names.channel(parse_channel(body))
 
     def _once(self, *key: int) -> None:
         """Raises ValueError for what a damaged file holds a second time."""
@@ -318,31 +292,6 @@ class RecoverReport:
         return sum(self.messages.values())
 
 
-def source_files(source: Path) -> tuple[Path, ...]:
-    """The MCAP files below a directory by name and number, or the file itself.
-
-    Raises:
-        InputError: there are none.
-    """
-    if source.is_dir():
-        files = tuple(sorted(source.glob("*.mcap"), key=_place))
-        if not files:
-            raise InputError("has no .mcap file", file=source)
-        return files
-    if not source.exists():
-        raise InputError("is not there", file=source)
-    if not source.is_file():  # opening a pipe would wait for somebody to write into it
-        raise InputError("is no file", file=source)
-    return (source,)
-
-
-def _place(file: Path) -> tuple[str, int, str]:
-    """Where a file of a split bag stands: ``bag_10`` comes behind ``bag_9``."""
-    stem, _, number = file.stem.rpartition("_")
-    whole = number.isascii() and number.isdigit() and len(number) < 10
-    return (stem, int(number), file.name) if whole else (file.stem, -1, file.name)
-
-
 def recover(source: str | Path, target: str | Path) -> RecoverReport:
     """Copies every message that can be read into a new bag; the source stays as it is.
 
@@ -359,28 +308,18 @@ def recover(source: str | Path, target: str | Path) -> RecoverReport:
         HostError: the disk doesn't take it.
     """
     source, target = Path(source), Path(target)
-    files = source_files(source)
+    files = mcap_files(source) if source.is_dir() else bag_files(source)
     if len(os.fsencode(target.name)) > _MAX_NAME_BYTES:
         raise InputError(
             f"has a name of more than {_MAX_NAME_BYTES} bytes", file=target, remedy="shorten it"
         )
-    if os.path.lexists(target):
-        raise InputError("exists already", file=target, remedy="name a new directory")
-    make_folder(target.parent)
-    try:
-        scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name[:100]}."))
-    except OSError as error:
-        raise InputError(f"can't be made: {error.strerror or error}", file=target) from error
-    try:
-        with BagWriter(scratch / "bag", name=f"{target.name}_0") as writer:
-            salvage = Salvage(writer)
-            for file in files:
-                salvage.file(file)
-        (scratch / "bag").rename(target)
-    except OSError as error:
-        raise HostError(f"{target}: can't be written: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+    with (
+        new_folder(target) as folder,
+        BagWriter(folder, name=f"{target.name}_0") as writer,
+    ):
+        salvage = Salvage(writer)
+        for file in files:
+            salvage.file(file)
     more = salvage.places - MAX_DAMAGE
     return RecoverReport(
         messages=dict(salvage.messages),

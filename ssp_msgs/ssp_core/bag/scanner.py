@@ -12,18 +12,19 @@ from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
-from ssp_core.bag.bounds import (
-    MAX_ATTACHMENT_BYTES,
-    MAX_RECORD_BYTES,
+from ssp_core.bag.mcap_file import (
+    HEAD,
+    KNOWN,
+    BoundedFile,
+    RecordFrame,
+    attachment_fits,
     chunk_length,
     chunk_parts,
-    head_fits,
+    inner_records,
+    read_body,
+    read_frame,
 )
-from ssp_core.bag.mcap_file import HEAD, KNOWN, BoundedFile, attachment_fits, inner_records
 
-_PRIVATE = 0x80  # opcodes from here on are anybody's
-_DATA_END = struct.Struct("<BQI")
-_FOOTER = struct.Struct("<BQQQI")
 _INDEX = struct.Struct("<HI")  # a MessageIndex: channel, and bytes of the entries that follow
 _U16 = struct.Struct("<H")
 _PIECE = 1 << 20
@@ -37,83 +38,12 @@ _ATTACHMENT_HEAD_BYTES = 4096  # its names stand in these
 _CHUNK_HEAD_BYTES = 44  # fields before the data, with the longest name of a compression
 
 
-class RecordFrame(NamedTuple):
-    """Where a record stands: kind, offset of its first byte, bytes after opcode and length."""
-
-    opcode: int
-    offset: int
-    length: int
-
-    @property
-    def end(self) -> int:
-        return self.offset + HEAD.size + self.length
-
-
 class DamagedSpan(NamedTuple):
     """A place where no record begins, and where the next one was found (None: nowhere)."""
 
     offset: int
     why: str
     next_offset: int | None
-
-
-def read_frame(stream: BoundedFile, offset: int) -> RecordFrame:
-    """The record that begins at an offset.
-
-    Raises:
-        ValueError: none does, or it is longer than the file or than is believed.
-    """
-    stream.seek(offset)
-    head = stream.read(HEAD.size)
-    if len(head) < HEAD.size:
-        raise ValueError("the file ends within a record")
-    opcode, length = HEAD.unpack(head)
-    if opcode not in KNOWN and opcode < _PRIVATE:
-        raise ValueError(f"no record begins with byte {opcode}")
-    if length > stream.size - offset - HEAD.size:
-        raise ValueError("the file ends within a record")
-    limit = MAX_RECORD_BYTES if opcode != Opcode.ATTACHMENT else MAX_ATTACHMENT_BYTES
-    # What isn't known is passed over and never read.
-    if length > limit and opcode in KNOWN:
-        raise ValueError(f"a record of {length} bytes, more than {limit} are not read")
-    return RecordFrame(opcode, offset, length)
-
-
-def read_body(stream: BoundedFile, frame: RecordFrame) -> memoryview:
-    """The bytes of a record after opcode and length."""
-    stream.seek(frame.offset + HEAD.size)
-    return memoryview(stream.read(frame.length))
-
-
-def data_crc(stream: BoundedFile) -> bool | None:
-    """Whether the CRC over all data of a closed file is right.
-
-    Returns:
-        None: the file has none, or was not closed.
-    """
-    tail_at = stream.size - _FOOTER.size - len(MCAP0_MAGIC)
-    if tail_at < len(MCAP0_MAGIC) + _DATA_END.size:
-        return None
-    stream.seek(tail_at)
-    opcode, _, summary_start, _, _ = _FOOTER.unpack(stream.read(_FOOTER.size))
-    if opcode != Opcode.FOOTER or stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-        return None
-    data_end = (summary_start or tail_at) - _DATA_END.size
-    if not len(MCAP0_MAGIC) <= data_end <= tail_at - _DATA_END.size:
-        return None
-    stream.seek(data_end)
-    opcode, length, stated = _DATA_END.unpack(stream.read(_DATA_END.size))
-    if opcode != Opcode.DATA_END or length != 4 or not stated:
-        return None
-    stream.seek(0)
-    crc, left = 0, data_end
-    while left:
-        piece = stream.read(min(_PIECE, left))
-        if not piece:  # it became shorter meanwhile
-            return False
-        crc = crc32(piece, crc)
-        left -= len(piece)
-    return bool(crc == stated)
 
 
 class RecordScanner:
@@ -123,7 +53,6 @@ class RecordScanner:
     no file takes more time than in proportion to its size.
 
     Args:
-        stream: the file.
         known: offsets at which records begin, from the file's own index; empty without one.
         knows: whether a channel of that number was seen.
     """
@@ -206,7 +135,7 @@ class RecordScanner:
             return False
         opcode, length, body = found
         if opcode == Opcode.CHUNK:
-            return head_fits(body, length)
+            return chunk_length(body) == length
         if opcode == Opcode.MESSAGE_INDEX:
             return len(body) >= _INDEX.size and _INDEX.unpack_from(body)[1] == length - _INDEX.size
         if opcode == Opcode.ATTACHMENT:
@@ -255,7 +184,7 @@ class RecordScanner:
         try:
             frame = read_frame(self._stream, offset)
             self._stream.seek(offset + HEAD.size)
-            if not head_fits(self._stream.read(_CHUNK_HEAD_BYTES), frame.length):
+            if chunk_length(self._stream.read(_CHUNK_HEAD_BYTES)) != frame.length:
                 return False
             if frame.length > self._budget:
                 return False

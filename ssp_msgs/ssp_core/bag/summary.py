@@ -6,27 +6,19 @@ metadata.yaml is missing or some file was not closed.
 
 from __future__ import annotations
 
-import re
-import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mcap.records import ChunkIndex
+from mcap.records import AttachmentIndex
 
+from ssp_core.bag.index import indexed_entries
 from ssp_core.bag.mcap_file import McapFile, damage_of
 from ssp_core.bag.metadata import FILE_NAME, parse_offered_qos
-from ssp_core.bag.reader import bag_files
+from ssp_core.bag.reader import bag_files, mcap_files
 from ssp_core.bag.split import REPEATED_KEY
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-
-# Of the index of one chunk; one with 100,000 messages has 1.6 MB.
-_MOST_INDEX_BYTES = 64 << 20
-_INDEX_HEAD = struct.Struct("<BQHI")
-_INDEX_ENTRY = struct.Struct("<QQ")
-_MESSAGE_INDEX = 7
-_DIGITS = re.compile(r"(\d+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +30,7 @@ class FileSummary:
         bytes: on the disk.
         problem: why it can't be read, empty when it can; then nothing below is known.
         count: messages, those included that repeat an earlier file's latched ones.
-        repeated: of these.
         start_ns: earliest log time, None without messages.
-        end_ns: latest log time.
-        chunks: number of them.
         compressions: of its chunks, by name; ``none`` is one.
     """
 
@@ -66,9 +55,7 @@ class TopicSummary:
         encodings: of messages and of definitions, such as ``cdr`` and ``ros2msg``.
         type_hash: RIHS01, empty when the bag doesn't say.
         qos: the profiles that publishers offered; None: what stands there can't be read.
-        count: messages.
         first_ns: earliest log time, None when no index tells it.
-        last_ns: latest log time.
     """
 
     name: str
@@ -90,30 +77,18 @@ class TopicSummary:
 
 
 @dataclass(frozen=True, slots=True)
-class AttachmentSummary:
-    """One attachment: its name, media type and size."""
-
-    name: str
-    media_type: str
-    bytes: int
-
-
-@dataclass(frozen=True, slots=True)
 class BagSummary:
     """What stands in a bag.
 
     Args:
-        path: of the bag.
-        files: in order.
         topics: by name.
-        attachments: in order.
         notes: what a person should know about it, as sentences.
     """
 
     path: Path
     files: tuple[FileSummary, ...]
     topics: dict[str, TopicSummary]
-    attachments: tuple[AttachmentSummary, ...]
+    attachments: tuple[AttachmentIndex, ...]
     notes: tuple[str, ...]
 
     @property
@@ -133,12 +108,6 @@ class BagSummary:
         return max((f.end_ns for f in self.files if f.end_ns is not None), default=None)
 
 
-def _natural(path: Path) -> list[tuple[bool, int, str]]:
-    """Sorts bag_10 behind bag_2."""
-    parts = _DIGITS.split(path.name)
-    return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
-
-
 def _files(path: Path) -> tuple[tuple[Path, ...], list[str]]:
     """The files to look at, and what is to be said about that.
 
@@ -147,7 +116,7 @@ def _files(path: Path) -> tuple[tuple[Path, ...], list[str]]:
     """
     if not path.is_dir():
         return bag_files(path), []
-    plain = sorted(path.glob("*.mcap"), key=_natural)
+    plain = any(path.glob("*.mcap"))
     packed = sorted(p.name for p in path.glob("*.mcap.*") if p.suffix in (".zstd", ".zst"))
     if packed and not plain:
         raise InputError(
@@ -161,7 +130,7 @@ def _files(path: Path) -> tuple[tuple[Path, ...], list[str]]:
         return bag_files(path), []
     if not plain:
         raise InputError(f"has neither {FILE_NAME} nor an .mcap file", file=path)
-    return tuple(plain), [
+    return mcap_files(path), [
         f"there is no {FILE_NAME}, so the recording was not closed; what follows is what its "
         "files say (`ssp bag recover` makes a closed bag of it)"
     ]
@@ -175,7 +144,7 @@ def summarise_bag(path: Path) -> BagSummary:
     """
     paths, notes = _files(path)
     topics: dict[str, TopicSummary] = {}
-    attachments: list[AttachmentSummary] = []
+    attachments: list[AttachmentIndex] = []
     files = []
     for number, file in enumerate(paths):
         try:
@@ -188,10 +157,7 @@ def summarise_bag(path: Path) -> BagSummary:
             continue
         files.append(_file(part, first=number == 0))
         _add_topics(part, topics, first=number == 0)
-        attachments += [
-            AttachmentSummary(i.name, i.media_type, i.data_size)
-            for i in part.summary.attachment_indexes
-        ]
+        attachments += part.summary.attachment_indexes
     if all(file.problem for file in files):
         raise InputError(f"has no file that can be read: {files[0].problem}", file=path)
     for topic in topics.values():
@@ -266,35 +232,13 @@ def _add_times(part: McapFile, wanted: dict[int, str], topics: dict[str, TopicSu
                 if not missing:
                     break
                 continue
-            spans = _spans(part, chunk)
-            for channel_id in here & spans.keys():
-                missing.discard(channel_id)
-                _widen(topics[wanted[channel_id]], *spans[channel_id])
+            region = part.message_index(chunk)
+            for channel_id in here:
+                if times_ns := [at_ns for at_ns, _ in indexed_entries(region, chunk, {channel_id})]:
+                    missing.discard(channel_id)
+                    _widen(topics[wanted[channel_id]], min(times_ns), max(times_ns))
 
 
 def _widen(topic: TopicSummary, first_ns: int, last_ns: int) -> None:
     topic.first_ns = first_ns if topic.first_ns is None else min(topic.first_ns, first_ns)
     topic.last_ns = last_ns if topic.last_ns is None else max(topic.last_ns, last_ns)
-
-
-def _spans(part: McapFile, chunk: ChunkIndex) -> dict[int, tuple[int, int]]:
-    """Earliest and latest log time in a chunk, by channel.
-
-    Raises:
-        one of DAMAGE: the index is none.
-    """
-    if chunk.message_index_length > _MOST_INDEX_BYTES:
-        raise ValueError(f"a chunk's index claims {chunk.message_index_length} bytes")
-    block = part.read_at(chunk.chunk_start_offset + chunk.chunk_length, chunk.message_index_length)
-    found: dict[int, tuple[int, int]] = {}
-    at = 0
-    while at < len(block):
-        opcode, length, channel_id, size = _INDEX_HEAD.unpack_from(block, at)
-        begin = at + _INDEX_HEAD.size
-        if opcode != _MESSAGE_INDEX or size % _INDEX_ENTRY.size or begin + size > len(block):
-            raise ValueError("a chunk's index is none")
-        times = [time_ns for time_ns, _ in _INDEX_ENTRY.iter_unpack(block[begin : begin + size])]
-        if times:
-            found[channel_id] = (min(times), max(times))
-        at += 9 + length
-    return found

@@ -305,7 +305,6 @@ def installed_types(msgtype: str, known: Container[str]) -> Typesdict:
     """A type and all that it uses, read from their .msg files.
 
     Args:
-        msgtype: full name.
         known: types that need no look.
 
     Raises:
@@ -515,9 +514,6 @@ class TopicTypestores:
 
     A definition takes time in proportion to its length, so it is parsed once: topics that share
     it share the store, and one that can't be used isn't tried again with each message.
-
-    Args:
-        path: the bag, for messages.
     """
 
     def __init__(self, path: Path) -> None:

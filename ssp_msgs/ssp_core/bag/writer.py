@@ -36,8 +36,6 @@ class WrittenTopic:
     """One topic.
 
     Args:
-        channel: of its messages.
-        schema: of its type.
         latched: what later files repeat, None where nothing is.
         repeats: where later files put the repeated messages; made with the first of them.
     """
@@ -69,12 +67,9 @@ class WrittenTopics:
         """Takes a topic up.
 
         Args:
-            topic: absolute name.
-            msgtype: full type name.
             offered_qos: YAML, or empty.
             written: the definition that the file gets.
             latched: later files repeat its newest messages.
-            file: that is being written, for messages.
 
         Returns:
             What a file has to be told: the schema, None where it knows it, and the channel.
@@ -221,7 +216,6 @@ class BagWriter(Closing):
         """Announces a topic; needed before its first message.
 
         Args:
-            topic: absolute name.
             msgtype: full type name, ``package/msg/Name``.
             offered_qos: YAML from ``qos.offered_qos``, or empty.
             written: the definition to put into the file; by default the one that this project
@@ -248,7 +242,6 @@ class BagWriter(Closing):
         """Appends one serialised message.
 
         Args:
-            topic: as in add_topic.
             cdr: the message with its encapsulation; it must not change afterwards.
             log_time_ns: when it was received; readers order by it.
             publish_time_ns: when it was sent.

@@ -162,8 +162,6 @@ def read_count(data: bytes, at: int, least: int) -> tuple[int, int]:
     """The length of an array at the next aligned offset, and the offset behind it.
 
     Args:
-        data: the message.
-        at: offset.
         least: bytes that an item takes at the least; a length that can't fit isn't believed.
     """
     count, at = read_u32(data, at)

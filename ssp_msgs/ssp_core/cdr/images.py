@@ -38,6 +38,7 @@ string format                       # h264, h265, vp9 or av1
 
 COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
 RAW_TYPE = "sensor_msgs/msg/Image"
+JPEG_START = b"\xff\xd8"
 IMAGE_TYPES = (COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE)
 
 
@@ -110,10 +111,6 @@ _READERS: dict[str, Callable[[bytes], ImageMessage]] = {
 
 def read_image(msgtype: str, cdr: bytes) -> ImageMessage:
     """The image in a serialised message; fields behind those that are known are passed over.
-
-    Args:
-        msgtype: one of IMAGE_TYPES.
-        cdr: the message with its encapsulation.
 
     Raises:
         ValueError: the bytes are no such message.

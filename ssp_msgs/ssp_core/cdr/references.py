@@ -36,8 +36,6 @@ class Acknowledgement:
 
     Args:
         stamp_ns: when the object dealt with it, session time.
-        reference_id: which reference.
-        object_id: who answers.
         accepted: False: refused.
         error_code: 0, or a REFUSED_* of ReferenceAck.msg.
         error_msg: measured value and limit.

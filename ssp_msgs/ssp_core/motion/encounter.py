@@ -127,7 +127,6 @@ def encounter(vut: ObjectState, other: ObjectState, path: Polyline) -> Encounter
     reaches the corridor: for a cut-in it moves on with it.
 
     Args:
-        vut: state of the VUT.
         other: state of the object at the same stamp.
         path: the VUT's path, frame map.
     """
@@ -210,7 +209,6 @@ def is_observable(kind: Observable, meeting: Encounter, other: ObjectState) -> b
     Args:
         kind: ``lateral``: lateral speed towards the VUT's corridor above 0.2 m/s, or the first step
             off the kerb; ``braking``: deceleration above 1 m/s^2 ahead of the VUT in its corridor.
-        meeting: the object relative to the VUT.
         other: the object's state.
     """
     if kind == "lateral":

@@ -66,7 +66,6 @@ def drive_along(
         cruise_mps: speed to hold; not reached where the path is too short for it.
         acceleration_mps2: largest acceleration, > 0.
         deceleration_mps2: largest deceleration, > 0.
-        dt_s: time between points.
         ramp_s: time over which acceleration builds up.
 
     Raises:
@@ -104,7 +103,6 @@ def brake_along(
         deceleration_mps2: of the braking and of the stop at the path's end, > 0.
         start_offset_m: lateral position, kept all the while, m left of the path.
         end_station_m: where to stand; the path's end when None.
-        dt_s: time between points.
         ramp_s: time over which deceleration builds up.
 
     Raises:
@@ -184,7 +182,6 @@ def _driven(
         end_station_m: beside which it stands at the end.
         shift: its lateral position, m left of the path.
         speed_over: u over time, for the room in m that there is to drive.
-        dt_s: time between points.
 
     Raises:
         ValueError: no such speed, or the path bends too tightly for the offset.
@@ -273,7 +270,6 @@ def lane_change(
         acceleration_mps2: largest acceleration, > 0.
         start_offset_m: lateral position at t = 0, m left of the path.
         end_station_m: where to stand; the path's end when None.
-        dt_s: time between points.
         ramp_s: time over which acceleration builds up.
 
     Raises:

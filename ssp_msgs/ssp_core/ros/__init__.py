@@ -132,12 +132,9 @@ def subscribe_raw(
     logged, because more of the same would tell nothing new and cost time.
 
     Args:
-        node: owns the subscription.
-        kind: message class.
         topic: relative to the node's namespace.
         decode: raises ValueError for bytes that are no such message.
         callback: takes what ``decode`` gives.
-        qos: one of the profiles above.
         raw: False: ``decode`` takes what rclpy has decoded.
     """
     decode_or_tell = tolerant(node, topic, decode)
@@ -204,8 +201,6 @@ def run_node(
     stops, so signals only set a flag; ``shutdown(node)`` then runs with the context still valid.
 
     Args:
-        make: the node.
-        shutdown: closes it.
         args: for ROS to read; None: those of this process, in which it finds remap rules also
             before ``--ros-args``. A command that reads its own gives an empty list.
 

@@ -90,7 +90,6 @@ class WantedPassing(Strict):
         A gap is asked for only where K* bounds it; one that never came is a miss then too.
 
         Args:
-            initiator: its id.
             initiator_first: it arrived before the VUT; None: it never arrived.
             gap_s: time gap at the conflict point; None: one of them never arrived or never left.
         """

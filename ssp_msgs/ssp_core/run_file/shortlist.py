@@ -73,8 +73,6 @@ def load_candidate(path: Path, name: str, version: str) -> Listed:
     """The entry of an event that a shortlist holds as a candidate.
 
     Args:
-        path: of the shortlist.
-        name: of the event.
         version: content hash of its K*.
 
     Raises:

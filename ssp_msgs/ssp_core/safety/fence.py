@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ssp_core.geometry import Box, FloatArray
+from ssp_core.geometry import Box, FloatArray, Point, point_in_polygon, points_in_polygon
 from ssp_core.motion.state import Size
 
 # A corner that touches the fence is inside, however its coordinates were rounded.
@@ -25,47 +24,26 @@ def corners_of(x_m: FloatArray, y_m: FloatArray, yaw_rad: FloatArray, size: Size
     return np.stack((x, y), axis=-1)
 
 
-def _inside(points: FloatArray, polygon: FloatArray) -> NDArray[np.bool_]:
-    """Even-odd rule for points of shape (k, 2)."""
-    a, b = polygon, np.roll(polygon, -1, axis=0)
-    px, py = points[:, None, 0], points[:, None, 1]
-    spans = (a[:, 1] > py) != (b[:, 1] > py)
-    rise = np.where(a[:, 1] == b[:, 1], 1.0, b[:, 1] - a[:, 1])
-    left = px < a[:, 0] + (py - a[:, 1]) * (b[:, 0] - a[:, 0]) / rise
-    inside: NDArray[np.bool_] = (spans & left).sum(axis=1) % 2 == 1
-    return inside
-
-
-def _distance_to_edges(points: FloatArray, polygon: FloatArray) -> FloatArray:
-    """Smallest distance of points (k, 2) to the outline of a polygon, shape (k,)."""
-    a, d = polygon, np.roll(polygon, -1, axis=0) - polygon
-    rel = points[:, None, :] - a
-    norm = np.maximum((d**2).sum(axis=-1), 1e-300)
-    t = np.clip((rel * d).sum(axis=-1) / norm, 0.0, 1.0)
-    distance: FloatArray = np.linalg.norm(rel - t[..., None] * d, axis=-1).min(axis=1)
-    return distance
-
-
-def rooms_m(x_m: FloatArray, y_m: FloatArray, fence: Sequence[tuple[float, float]]) -> FloatArray:
-    """As ``room_m`` for n points, shape (n,)."""
-    inside = np.zeros(len(x_m), dtype=np.bool_)
+def _to_outline_m(x_m: FloatArray, y_m: FloatArray, polygon: Sequence[Point]) -> FloatArray:
+    """Smallest distance of n points to the outline of a polygon, shape (n,)."""
     nearest = np.full(len(x_m), np.inf)
-    xa, ya = fence[-1]
-    for xb, yb in fence:
+    xa, ya = polygon[-1]
+    for xb, yb in polygon:
         dx, dy = xb - xa, yb - ya
         px, py = x_m - xa, y_m - ya
-        if dy != 0.0:
-            spans = (y_m < yb) != (y_m < ya)
-            inside ^= spans & (px < py * (dx / dy))
         norm = dx * dx + dy * dy
         t = np.clip((px * dx + py * dy) / norm, 0.0, 1.0) if norm > 0.0 else 0.0
         ex, ey = px - t * dx, py - t * dy
         # minimum, other than fmin, keeps what is no number.
         nearest = np.minimum(nearest, ex * ex + ey * ey)
         xa, ya = xb, yb
-    distance = np.sqrt(nearest)
-    rooms: FloatArray = np.where(inside, distance, -distance)
-    return rooms
+    return np.asarray(np.sqrt(nearest))
+
+
+def rooms_m(x_m: FloatArray, y_m: FloatArray, fence: Sequence[Point]) -> FloatArray:
+    """As ``room_m`` for n points, shape (n,)."""
+    distance = _to_outline_m(x_m, y_m, fence)
+    return np.where(points_in_polygon(x_m, y_m, fence), distance, -distance)
 
 
 def row_excess_m(
@@ -73,7 +51,7 @@ def row_excess_m(
     y_m: FloatArray,
     yaw_rad: FloatArray,
     size: Size,
-    fence: Sequence[tuple[float, float]],
+    fence: Sequence[Point],
 ) -> FloatArray:
     """As ``excess_m`` for an object at n poses of its reference point, shape (n,)."""
     reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m)
@@ -85,7 +63,7 @@ def row_excess_m(
     return excess
 
 
-def excess_m(corners: FloatArray, fence: Sequence[tuple[float, float]]) -> FloatArray:
+def excess_m(corners: FloatArray, fence: Sequence[Point]) -> FloatArray:
     """How far each box sticks out of the fence in m; 0 for a box that is inside.
 
     Counted are corners outside the fence and, for a fence with a notch, fence corners inside the
@@ -95,43 +73,41 @@ def excess_m(corners: FloatArray, fence: Sequence[tuple[float, float]]) -> Float
         corners: shape (n, 4, 2), m, frame of the fence.
         fence: simple polygon, m.
     """
-    polygon = np.asarray(fence, dtype=np.float64)
     finite = np.isfinite(corners).all(axis=(1, 2))
     excess = np.where(finite, 0.0, np.inf)
     good = np.flatnonzero(finite)
-    flat = corners[good].reshape(-1, 2)
-    out = ~_inside(flat, polygon)
-    depth = np.zeros(len(flat))
+    x, y = corners[good].reshape(-1, 2).T
+    depth = np.zeros(len(x))
+    out = ~points_in_polygon(x, y, fence)
     if out.any():
-        depth[out] = _distance_to_edges(flat[out], polygon)
+        depth[out] = _to_outline_m(x[out], y[out], fence)
         depth[depth < _ROUNDING_M] = 0.0
     excess[good] = depth.reshape(-1, 4).max(axis=1)
     # Only a fence corner within a box's circumcircle can be inside that box.
+    fx, fy = np.array(fence, dtype=np.float64).T
     centres = corners[good].mean(axis=1)
     radii = np.linalg.norm(corners[good] - centres[:, None, :], axis=-1).max(axis=1)
-    reach = np.linalg.norm(centres[:, None, :] - polygon, axis=-1).min(axis=1)
+    reach = np.hypot(centres[:, :1] - fx, centres[:, 1:] - fy).min(axis=1)
     for i in good[(excess[good] == 0.0) & (reach < radii)]:
-        notch = polygon[_inside(polygon, corners[i])]
-        if len(notch):
-            excess[i] = float(_distance_to_edges(notch, corners[i]).max())
+        box: list[Point] = [(x, y) for x, y in corners[i].tolist()]
+        notch = points_in_polygon(fx, fy, box)
+        if notch.any():
+            excess[i] = float(_to_outline_m(fx[notch], fy[notch], box).max())
     return excess
 
 
-def room_m(x_m: float, y_m: float, fence: Sequence[tuple[float, float]]) -> float:
+def room_m(x_m: float, y_m: float, fence: Sequence[Point]) -> float:
     """Distance of a point inside a fence to its outline in m; negative for a point outside.
 
     Args:
         x_m: of the point, frame of the fence; NaN gives NaN.
-        y_m: of the point.
         fence: simple polygon, m.
     """
-    inside, nearest = False, math.inf
+    nearest = math.inf
     xa, ya = fence[-1]
     for xb, yb in fence:
         dx, dy = xb - xa, yb - ya
         px, py = x_m - xa, y_m - ya
-        if (yb > y_m) != (ya > y_m) and px < dx * py / dy:
-            inside = not inside
         norm = dx * dx + dy * dy
         t = (px * dx + py * dy) / norm if norm > 0.0 else 0.0
         t = 0.0 if t < 0.0 else min(t, 1.0)
@@ -140,10 +116,11 @@ def room_m(x_m: float, y_m: float, fence: Sequence[tuple[float, float]]) -> floa
         if not square >= nearest:
             nearest = square
         xa, ya = xb, yb
-    return math.sqrt(nearest) if inside else -math.sqrt(nearest)
+    distance_m = math.sqrt(nearest)
+    return distance_m if point_in_polygon(x_m, y_m, fence) else -distance_m
 
 
-def box_excess_m(box: Box, fence: Sequence[tuple[float, float]]) -> float:
+def box_excess_m(box: Box, fence: Sequence[Point]) -> float:
     """As ``excess_m`` for one box."""
     # Most boxes are far from the outline; what follows is for the few that aren't.
     reach_m = math.hypot(max(box.front_m, box.rear_m), 0.5 * box.width_m)

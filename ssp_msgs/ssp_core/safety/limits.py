@@ -26,7 +26,6 @@ class LimitViolation:
     """A limit that was passed; units as in safety_codes.MEANINGS.
 
     Args:
-        code: which limit.
         measured: with its sign where it has one.
         limit: that its amount may be at most.
     """
@@ -94,7 +93,6 @@ def near_pairs(states: Sequence[ObjectState], within_m: float) -> list[tuple[int
 
     Args:
         states: with finite poses, at one instant.
-        within_m: distance.
 
     Returns:
         Indexes of the two, the lower one first, in rising order; no pair that is as near is left
@@ -170,8 +168,6 @@ def position_jump(before: ObjectState, state: ObjectState, limits: Limits) -> Li
 
     Args:
         before: an earlier state of the same object.
-        state: the newer one.
-        limits: of the site.
     """
     x_m, y_m, _ = before.place_at(state.stamp_ns)
     away_m = math.hypot(state.x_m - x_m, state.y_m - y_m)
@@ -195,7 +191,6 @@ def stamp_ahead(age_s: float, limits: Limits, allowance_s: float = 0.0) -> Limit
 
     Args:
         age_s: of the state; below zero for a stamp ahead of time.
-        limits: of the site.
         allowance_s: how far the clock of ``age_s`` may lag behind by itself.
     """
     return clock_offset(max(-age_s - allowance_s, 0.0), limits)
@@ -240,9 +235,6 @@ def follow(
     older than the newest. After a jump the new position is believed, so that it is told once.
 
     Args:
-        memory: of the states so far.
-        state: the next state of the same object.
-        limits: of the site.
         asked_mps: speed that an object which isn't ahead of its reference is asked for, 0 for
             none. A state that froze while the object stood says that it stands for ever.
 

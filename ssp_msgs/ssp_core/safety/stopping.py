@@ -146,8 +146,6 @@ def blind_excess_m(
     Args:
         columns: reference points, shape (7, n) with n >= 1.
         cls: of the object; walkers stop straight on.
-        size: of the object.
-        limits: of the site.
         fence: polygon, m, frame map.
         step_s: how often the object judges its state.
     """

@@ -119,7 +119,6 @@ class View:
     Args:
         position_m: shape (3,), camera centre in the parent frame.
         rotation: shape (3, 3), rows are the optical x, y and z axes in the parent frame.
-        intrinsics: pinhole numbers.
     """
 
     position_m: FloatArray
@@ -176,8 +175,6 @@ def mounted_view(pose: Pose2, lens: Intrinsics, mounting: Mounting) -> View:
 
     Args:
         pose: of the VUT's reference point.
-        lens: pinhole numbers.
-        mounting: on the VUT.
     """
     c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     parent_from_base = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -213,22 +210,6 @@ def object_corners(state: ObjectState) -> FloatArray:
     ground = state.box.corners()
     return np.array(
         [[x, y, 0.0] for x, y in ground] + [[x, y, state.size.height_m] for x, y in ground]
-    )
-
-
-def image_box(view: View, state: ObjectState) -> tuple[float, float, float, float] | None:
-    """Rectangle (left, top, right, bottom) in px around an object's bounding box, unclipped.
-
-    None when a corner is not in front of the camera.
-    """
-    seen = project(view, object_corners(state))
-    if not seen.in_front.all():
-        return None
-    return (
-        float(seen.u_px.min()),
-        float(seen.v_px.min()),
-        float(seen.u_px.max()),
-        float(seen.v_px.max()),
     )
 
 

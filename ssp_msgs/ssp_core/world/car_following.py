@@ -37,7 +37,6 @@ def following_acceleration(
         gap_m: bumper gap, > 0.
         ahead_mps: speed of the one ahead along the same path.
         ahead_acceleration_mps2: its acceleration along the path.
-        driver: of the run.
     """
     a, b = driver.acceleration_mps2, driver.comfortable_deceleration_mps2
     v = speed_mps

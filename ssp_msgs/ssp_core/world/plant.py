@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, cast
 
+from ssp_core.cdr.references import Acknowledgement
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
@@ -25,7 +26,6 @@ class ManagerUpdate:
     """What the manager has to say after a step: one heartbeat, and the references before it.
 
     Args:
-        session: state of the session.
         stamp_ns: session time.
         references: new ones, in the order of dispatch.
     """
@@ -33,18 +33,6 @@ class ManagerUpdate:
     session: SessionPhase
     stamp_ns: int
     references: tuple[Reference, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class AckFact:
-    """An object's answer to a reference (ReferenceAck.msg)."""
-
-    reference_id: str
-    object_id: str
-    accepted: bool
-    error_code: int
-    error_msg: str
-    stamp_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +82,6 @@ class StepReport:
         target_states: of the object targets, in the order of ids and of arrival.
         acks: answers to references.
         limits: that were seen passed.
-        faults: that begin or end.
         links: what a measurement of the links would find now.
     """
 
@@ -104,7 +91,7 @@ class StepReport:
     truths: tuple[ObjectState, ...]
     vut_states: tuple[ObjectState, ...]
     target_states: tuple[ObjectState, ...]
-    acks: tuple[AckFact, ...] = ()
+    acks: tuple[Acknowledgement, ...] = ()
     limits: tuple[LimitFact, ...] = ()
     faults: tuple[FaultFact, ...] = ()
     links: tuple[LinkFact, ...] = ()

@@ -43,7 +43,6 @@ class Panels:
     """The chain.
 
     Args:
-        origin: pose of its start.
         lengths_m: of the pieces, each > 0.
         starts_1pm: curvature at each piece's start, + turns left.
         ends_1pm: curvature at each piece's end.
@@ -260,7 +259,6 @@ class ReferenceLine:
     """A reference line in frame map; its ends are extended straight.
 
     Args:
-        origin: pose of its start.
         pieces: at least one.
 
     Raises:

@@ -110,12 +110,10 @@ class Drawing:
             a tight bend, is left out.
         crossing: outline of the zebra crossing, None where there is none.
         routes: of the VUT and the targets, in the run file's order.
-        starts: of the VUT and the targets, in that order.
         conflict_zones: parts of the VUT's corridor that manoeuvres on paths of their own will
             sweep across (METHOD 1). A lane change or a braking begins where the trigger fires, so
             that it has none beforehand.
         anchors: of adaptations and of conditions on time to arrival.
-        regions: polygons of conditions.
     """
 
     fence: tuple[Point, ...]

@@ -38,7 +38,6 @@ def item_pose(item: SceneryItem, line: ReferenceLine) -> Pose2:
     """Pose of an item in the line's parent frame; its x axis is along its length, or its traffic's.
 
     Args:
-        item: of the road.
         line: the road's.
 
     Raises:
@@ -57,7 +56,6 @@ class Clearance:
     """Says of items whether they stand clear of a road's lanes.
 
     Args:
-        line: of the road.
         lanes: offset of the centre and width of each, m.
     """
 

@@ -41,7 +41,6 @@ class LanePlace:
     """Where a lane of the run file is in the network.
 
     Args:
-        edge: id of the edge.
         index: of the lane in the edge, 0 is the rightmost.
         start_x_m: block x at which the lane begins; a backward lane begins at the far end.
         backward: it leads towards smaller block x.
@@ -194,10 +193,6 @@ def write_network(road: Road, folder: Path) -> Network:
     """Writes ``road.net.xml`` and the plain files that it is made from into a folder.
 
     A network that lies there already and was made from the same files is left as it is.
-
-    Args:
-        road: block of the run.
-        folder: is made when it isn't there.
 
     Raises:
         HostError: netconvert isn't installed or fails; the message holds what it said.

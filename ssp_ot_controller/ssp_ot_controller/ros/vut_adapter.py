@@ -9,8 +9,8 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
 from ssp_core import names, ros
+from ssp_core.cdr.states import encode_state
 from ssp_core.errors import InputError
-from ssp_core.ros.conversions import state_to_msg
 from ssp_core.run_file.model import load_run
 from ssp_msgs.msg import ObjectState
 from ssp_ot_controller.bodies.odometry import Fix, LeverArm, Unusable, VutStates
@@ -50,7 +50,7 @@ class VutAdapter(Node):
                 throttle_duration_sec=_TELL_EVERY_S,
             )
             return
-        self._pub.publish(state_to_msg(state))
+        self._pub.publish(encode_state(state))
 
 
 def _fix(message: Odometry) -> Fix:

@@ -9,10 +9,10 @@ from rclpy.node import Node
 
 from ssp_core import names, ros
 from ssp_core.cdr.messages import peek_stamp_ns
+from ssp_core.cdr.references import decode_reference, encode_reference
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.motion.reference import Reference
-from ssp_core.ros.conversions import reference_from_msg, reference_to_msg
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Role, SessionPhase
 from ssp_msgs.msg import FaultEvent, SafetyEvent, SessionState, WorldTick
@@ -61,7 +61,8 @@ class FaultEndpoints:
         sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety, ros.LATCHED)
         sub(FaultEvent, names.FAULT_EVENT, self._on_fault, ros.LATCHED)
         for object_id in self._strange:
-            sub(ReferenceMsg, names.reference_topic(object_id), self._on_reference, ros.COMMAND)
+            topic, take = names.reference_topic(object_id), self._on_reference
+            ros.subscribe_raw(node, ReferenceMsg, topic, decode_reference, take, ros.COMMAND)
 
     def ready(self) -> bool:
         """Everything that a fault may need is connected; what isn't yet would strike too late."""
@@ -147,7 +148,7 @@ class FaultEndpoints:
             made = invalid_references.out_of_fence(
                 name, state, current, version, now_ns, self._run.geofence
             )
-        self._strange[object_id].publish(reference_to_msg(made))
+        self._strange[object_id].publish(encode_reference(made))
 
     # -- what is heard ---------------------------------------------------------------------------
 
@@ -158,9 +159,9 @@ class FaultEndpoints:
         self._now_ns = peek_stamp_ns(raw)
         self._ticks.append((self.wall_s, raw))
 
-    def _on_reference(self, message: ReferenceMsg) -> None:
-        if "-strange-" not in message.reference_id:
-            self._references[message.object_id] = reference_from_msg(message)
+    def _on_reference(self, reference: Reference) -> None:
+        if "-strange-" not in reference.reference_id:
+            self._references[reference.object_id] = reference
 
     def _on_session(self, message: SessionState) -> None:
         if message.state == SessionState.STATE_RUNNING:

@@ -26,11 +26,11 @@ from ssp_core.processes import (
     remove_stale_shared_memory,
     session_environment,
 )
-from ssp_core.ros.conversions import state_to_msg
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
+from tests.support.messages import state_to_msg
 
 DEADLINE_S = 120.0
 DISARMED, ARMED = ControlState.DISARMED, ControlState.ARMED

@@ -1,11 +1,11 @@
-"""Messages that several packages send or receive, to and from the dataclasses of the cores."""
+"""Messages as rclpy has them: a second way beside the codecs that the nodes use."""
 
 from __future__ import annotations
 
-from ssp_core.motion.reference import Reference, ReferencePoint
+from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import MAP_FRAME
-from ssp_core.ros import ns_from_stamp, stamp_from_ns
+from ssp_core.ros import stamp_from_ns
 from ssp_msgs.msg import ObjectState as ObjectStateMsg
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.msg import ReferencePoint as ReferencePointMsg
@@ -40,6 +40,7 @@ def state_to_msg(state: ObjectState) -> ObjectStateMsg:
 
 
 def reference_to_msg(reference: Reference) -> ReferenceMsg:
+    """Reference.msg of a reference."""
     message = ReferenceMsg()
     message.header.stamp = stamp_from_ns(reference.dispatched_ns)
     message.header.frame_id = MAP_FRAME
@@ -62,19 +63,3 @@ def reference_to_msg(reference: Reference) -> ReferenceMsg:
         for p in reference.points
     ]
     return message
-
-
-def reference_from_msg(message: ReferenceMsg) -> Reference:
-    return Reference(
-        reference_id=message.reference_id,
-        object_id=message.object_id,
-        event_version=message.event_version,
-        purpose=message.purpose,
-        dispatched_ns=ns_from_stamp(message.header.stamp),
-        execute_at_ns=ns_from_stamp(message.execute_at),
-        expires_at_ns=ns_from_stamp(message.expires_at),
-        points=tuple(
-            ReferencePoint(p.t, p.x, p.y, p.yaw, p.speed, p.acceleration, p.curvature)
-            for p in message.points
-        ),
-    )
