@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-
 import pytest
 
 from ssp_monitor.recorder.report import MOST, RepeatedWarnings
 from ssp_monitor.recorder.topics import Pattern, Profile, Selection, TopicDiscovery
 
-INSTALLED: defaultdict[str, str | None] = defaultdict(lambda: None)
 STRING = "std_msgs/msg/String"
+
+
+def installed_type(_: str) -> None:
+    """Every type is."""
 
 
 def patterns(*texts: str) -> tuple[Pattern, ...]:
@@ -37,7 +38,7 @@ def test_what_is_asked_for_is_recorded(selection: Selection, wanted: str) -> Non
              "/x/_hidden", "/_all/hidden"]  # fmt: skip
     assert [name for name in graph if selection.wants(name)] == wanted.split()
     assert selection.looks == (selection != Selection())
-    found = TopicDiscovery(selection).look([(name, [STRING]) for name in graph], INSTALLED)
+    found = TopicDiscovery(selection).look([(name, [STRING]) for name in graph], installed_type)
     assert sorted(topic.name for topic in found) == sorted(wanted.split())
     for topic in found:
         assert topic.profile is Profile.ADAPTED
@@ -46,25 +47,25 @@ def test_what_is_asked_for_is_recorded(selection: Selection, wanted: str) -> Non
 
 def test_late_topics_are_found_once() -> None:
     survey = TopicDiscovery(Selection(everything=True))
-    assert [t.name for t in survey.look([("/a", [STRING])], INSTALLED)] == ["/a"]
+    assert [t.name for t in survey.look([("/a", [STRING])], installed_type)] == ["/a"]
     # No publisher yet.
-    assert survey.look([("/a", [STRING]), ("/b", [])], INSTALLED) == []
-    found = survey.look([("/a", [STRING]), ("/b", [STRING])], INSTALLED)
+    assert survey.look([("/a", [STRING]), ("/b", [])], installed_type) == []
+    found = survey.look([("/a", [STRING]), ("/b", [STRING])], installed_type)
     assert [t.name for t in found] == ["/b"]
     # A topic that goes away and comes back is the same.
-    assert survey.look([], INSTALLED) == survey.look([("/a", [STRING])], INSTALLED) == []
+    assert survey.look([], installed_type) == survey.look([("/a", [STRING])], installed_type) == []
     assert survey.all_warnings() == []
 
 
 def test_two_types_at_once_are_refused_with_a_word() -> None:
     survey = TopicDiscovery(Selection(everything=True))
     for _ in range(3):
-        assert survey.look([("/a", ["x/msg/X", STRING])], INSTALLED) == []
+        assert survey.look([("/a", ["x/msg/X", STRING])], installed_type) == []
     warning = f"/a has several types and is not recorded: x/msg/X, {STRING}"
     assert survey.all_warnings() == [warning]
     assert survey.ambiguous == {"/a"}
     # Once one of them is gone, the other is recorded.
-    assert [t.msgtype for t in survey.look([("/a", [STRING])], INSTALLED)] == [STRING]
+    assert [t.msgtype for t in survey.look([("/a", [STRING])], installed_type)] == [STRING]
     assert survey.ambiguous == set()
     settled = "/a had several types at first and is recorded since it has one"
     assert survey.all_warnings() == [settled]
@@ -74,7 +75,7 @@ def test_a_type_that_is_not_installed_is_refused_with_a_word() -> None:
     survey = TopicDiscovery(Selection(everything=True))
     installed = {"x/msg/X": "message type x/msg/X is not installed", STRING: None}
     for _ in range(2):
-        found = survey.look([("/a", ["x/msg/X"]), ("/b", [STRING])], installed)
+        found = survey.look([("/a", ["x/msg/X"]), ("/b", [STRING])], installed.__getitem__)
     assert found == []
     assert set(survey.recorded) == {"/b"}
     assert survey.all_warnings() == ["/a is not recorded: message type x/msg/X is not installed"]
@@ -82,9 +83,9 @@ def test_a_type_that_is_not_installed_is_refused_with_a_word() -> None:
 
 def test_a_topic_that_changes_its_type_is_said_once_and_remembered() -> None:
     survey = TopicDiscovery(Selection(everything=True))
-    survey.look([("/a", [STRING])], INSTALLED)
+    survey.look([("/a", [STRING])], installed_type)
     for _ in range(2):
-        assert survey.look([("/a", [STRING, "x/msg/X"])], INSTALLED) == []
+        assert survey.look([("/a", [STRING, "x/msg/X"])], installed_type) == []
     assert survey.changed == {"/a"}
     assert survey.all_warnings() == [
         f"/a is also of type x/msg/X now: only {STRING} is recorded, the rest is lost"
@@ -94,8 +95,8 @@ def test_a_topic_that_changes_its_type_is_said_once_and_remembered() -> None:
 def test_beyond_the_limit_named_topics_come_first_and_the_rest_is_said() -> None:
     survey = TopicDiscovery(Selection(everything=True, named=frozenset(["/z"]), most=3))
     graph = [(f"/t{k}", [STRING]) for k in range(9)] + [("/z", [STRING])]
-    assert [t.name for t in survey.look(graph, INSTALLED)] == ["/z", "/t0", "/t1"]
-    assert survey.look(graph, INSTALLED) == []
+    assert [t.name for t in survey.look(graph, installed_type)] == ["/z", "/t0", "/t1"]
+    assert survey.look(graph, installed_type) == []
     assert survey.all_warnings() == [
         "7 topics are not recorded, the limit is 3: /t2, /t3, /t4, /t5, /t6, ..."
     ]

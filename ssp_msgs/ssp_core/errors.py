@@ -66,15 +66,20 @@ class InputError(SspError):
         Args:
             errors: at least one; their own files aren't named.
         """
-        told = [cls(e.problem, field=e.field, value=e.value, remedy=e.remedy) for e in errors]
-        if len(told) == 1:
-            one = told[0]
-            return cls(one.problem, file=file, field=one.field, value=one.value, remedy=one.remedy)
+        if len(errors) == 1:
+            return errors[0].in_file(file)
+        told = [error.in_file(None) for error in errors]
         lines = "".join(f"\n  {one}" for one in told[:_MOST_TOLD])
         more = len(told) - _MOST_TOLD
         return cls(
             f"has {len(told)} errors:{lines}" + (f"\n  and {more} more" if more > 0 else ""),
             file=file,
+        )
+
+    def in_file(self, file: str | Path | None) -> InputError:
+        """The same error, which stands in that file."""
+        return InputError(
+            self.problem, file=file, field=self.field, value=self.value, remedy=self.remedy
         )
 
     def _message(self) -> str:

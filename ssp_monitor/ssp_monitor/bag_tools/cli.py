@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import click
 
-from ssp_core.bag.check import CheckReport, check_bag
+from ssp_core.bag.check import check_bag
 from ssp_core.bag.cut import CutReport, cut_bag
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import RecoverReport, recover
+from ssp_core.bag.repair import recover
 from ssp_core.clock import ns_to_seconds
 from ssp_core.console import note, out, progress
 from ssp_monitor.bag_tools.export import export_command
@@ -34,7 +33,7 @@ def check_command(ctx: click.Context, path: Path, json_: bool) -> None:
         task = bar.task_ids[0]
         report = check_bag(path, lambda count: bar.advance(task, count))
     if json_:
-        click.echo(json.dumps(_check_json(path, report), indent=1))
+        click.echo(json.dumps({"path": str(path), "ok": report.ok, **asdict(report)}, indent=1))
     else:
         for problem in report.problems:
             out.print(problem, markup=False)
@@ -42,15 +41,6 @@ def check_command(ctx: click.Context, path: Path, json_: bool) -> None:
         out.print(f"{path}: {verdict}, {report.count} messages decoded", markup=False)
     if not report.ok:
         ctx.exit(1)
-
-
-def _check_json(path: Path, report: CheckReport) -> dict[str, Any]:
-    return {
-        "path": str(path),
-        "ok": report.ok,
-        "messages": report.messages,
-        "problems": list(report.problems),
-    }
 
 
 @click.command("recover")
@@ -66,7 +56,7 @@ def recover_command(source: Path, target: Path | None, json_: bool) -> None:
         target = source.resolve().with_name(f"{source.resolve().stem}_recovered")
     report = recover(source, target)
     if json_:
-        click.echo(json.dumps(_recover_json(target, report), indent=1))
+        click.echo(json.dumps({"path": str(target), **asdict(report)}, indent=1))
         return
     for damage in report.damage:
         note(damage)
@@ -76,18 +66,6 @@ def recover_command(source: Path, target: Path | None, json_: bool) -> None:
         f"{report.bytes_total} bytes",
         markup=False,
     )
-
-
-def _recover_json(target: Path, report: RecoverReport) -> dict[str, Any]:
-    return {
-        "path": str(target),
-        "complete": report.complete,
-        "messages": report.messages,
-        "attachments": list(report.attachments),
-        "bytes_read": report.bytes_read,
-        "bytes_total": report.bytes_total,
-        "damage": list(report.damage),
-    }
 
 
 @click.command("cut")

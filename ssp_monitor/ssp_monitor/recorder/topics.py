@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
 
@@ -207,13 +207,13 @@ class TopicDiscovery:
     _refused: list[str] = field(default_factory=list)
 
     def look(
-        self, graph: Iterable[tuple[str, Sequence[str]]], installed: Mapping[str, str | None]
+        self, graph: Iterable[tuple[str, Sequence[str]]], why_not: Callable[[str], str | None]
     ) -> list[TopicSpec]:
         """The topics to record from now on.
 
         Args:
             graph: names with the types that their publishers and subscribers have.
-            installed: asked by type: why a message type can't be recorded, or None.
+            why_not: says why a message type can't be recorded, None when it can.
 
         Returns:
             Those that are new, named ones first, then by name.
@@ -224,7 +224,7 @@ class TopicDiscovery:
                 self._look_again(name, types)
             elif not types or not self.wants(name):
                 continue
-            elif (spec := self._new(name, types, installed)) is not None:
+            elif (spec := self._new(name, types, why_not)) is not None:
                 self.recorded[name] = spec.msgtype
                 found.append(spec)
         return found
@@ -253,13 +253,13 @@ class TopicDiscovery:
         return judged
 
     def _new(
-        self, name: str, types: Sequence[str], installed: Mapping[str, str | None]
+        self, name: str, types: Sequence[str], why_not: Callable[[str], str | None]
     ) -> TopicSpec | None:
         if len(types) > 1:
             self.ambiguous.add(name)
             self._warn(name, f"{_not_recorded(name)}: {', '.join(types)}")
             return None
-        if (why := installed[types[0]]) is not None:
+        if (why := why_not(types[0])) is not None:
             self._warn(name, f"{name} is not recorded: {why}")
             return None
         if len(self.recorded) >= self.selection.most:

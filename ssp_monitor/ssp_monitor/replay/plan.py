@@ -26,56 +26,27 @@ COMMAND_TYPES = frozenset(
 )
 _OWN_PACKAGE = "ssp_msgs"
 # Packages whose messages go to vehicles and machines; some report too, and are left out with them.
-_COMMAND_PACKAGES = frozenset(
-    (
-        "ackermann_msgs",
-        "autoware_auto_control_msgs",
-        "autoware_auto_planning_msgs",
-        "autoware_auto_vehicle_msgs",
-        "autoware_control_msgs",
-        "autoware_planning_msgs",
-        "autoware_vehicle_msgs",
-        "can_msgs",
-        "carla_msgs",
-        "control_msgs",
-        "mavros_msgs",
-        "pacmod_msgs",
-        "pacmod3_msgs",
-        "px4_msgs",
-        "tier4_control_msgs",
-        "tier4_planning_msgs",
-        "tier4_vehicle_msgs",
-        "trajectory_msgs",
-    )
-)
+_PACKAGES = """
+    ackermann_msgs autoware_auto_control_msgs autoware_auto_planning_msgs
+    autoware_auto_vehicle_msgs autoware_control_msgs autoware_planning_msgs
+    autoware_vehicle_msgs can_msgs carla_msgs control_msgs mavros_msgs pacmod_msgs pacmod3_msgs
+    px4_msgs tier4_control_msgs tier4_planning_msgs tier4_vehicle_msgs trajectory_msgs
+"""
+_COMMAND_PACKAGES = frozenset(_PACKAGES.split())
 _DRIVE_BY_WIRE = "dbw"
 # In a name, of a topic or of a type: as a word of its own ...
-_COMMAND_WORDS = frozenset(
-    (
-        *("accelerator", "actuation", "actuator", "actuators", "autopilot", "command", "commands"),
-        *("commanded", "control", "controls", "ctrl", "demand", "desired", "drive", "emergency"),
-        *(
-            "engage",
-            "engaged",
-            "estop",
-            "gear",
-            "goal",
-            "goals",
-            "jog",
-            "joy",
-            "mission",
-            "pedal",
-            "ref",
-        ),
-        *("reference", "references", "request", "set", "stop", "target", "targets", "torque"),
-        *("twist", "vel", "waypoint", "waypoints"),
-    )
-)
+_WORDS = """
+    accelerator actuation actuator actuators autopilot command commands commanded control
+    controls ctrl demand desired drive emergency engage engaged estop gear goal goals jog joy
+    mission pedal ref reference references request set stop target targets torque twist vel
+    waypoint waypoints
+"""
+_COMMAND_WORDS = frozenset(_WORDS.split())
 # ... or anywhere in one, as in "cmdvel" or "handbrake".
-_COMMAND_STEMS = (
-    *("brake", "braking", "cmd", "joystick", "setpoint", "setspeed", "steer", "teleop"),
-    *("throttle", "trajector"),
-)
+_STEMS = """
+    brake braking cmd joystick setpoint setspeed steer teleop throttle trajector
+"""
+_COMMAND_STEMS = tuple(_STEMS.split())
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 
 # Nodes and services that only a session has: those that move objects, and the one that tells them.

@@ -6,6 +6,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 
 import rclpy
 from rclpy.node import Node
@@ -50,14 +51,6 @@ MOST_WARNINGS = 50
 MOST_LISTED = 500
 
 
-class _RecordedTopic(dict[str, str | None]):
-    """Why a type can't be recorded, asked for once."""
-
-    def __missing__(self, msgtype: str) -> str | None:
-        found = self[msgtype] = why_not_recordable(msgtype)
-        return found
-
-
 class Recording:
     """A bag, the reception for it, and what is known about both.
 
@@ -75,7 +68,7 @@ class Recording:
         self._node = node
         self._plan = plan
         self._survey = TopicDiscovery(plan.selection)
-        self._types = _RecordedTopic()
+        self._why_not = cache(why_not_recordable)
         self._missing: list[str] = []
         self._publishers: dict[str, int] = {}
         self._profiles: dict[str, QoSProfile] = {}
@@ -138,7 +131,7 @@ class Recording:
             self._to_judge.extend(self._survey.in_order(graph))
         until_s = time.monotonic() + ADDING_S
         while self._to_judge and time.monotonic() < until_s:
-            for topic in self._survey.look([self._to_judge.popleft()], self._types):
+            for topic in self._survey.look([self._to_judge.popleft()], self._why_not):
                 self._add(topic)
         self._rate_bps = self._rate.note(now_s, self.recorder.state().bytes)
         self._free = free_bytes(self.recorder.path)

@@ -24,7 +24,7 @@ from ssp_core.bag.mcap_file import (
 )
 from ssp_core.bag.metadata import read_metadata
 from ssp_core.bag.split import REPEATED_KEY
-from ssp_core.bag.types import BagMessage, TopicTypestores, TypeDefinition
+from ssp_core.bag.types import BagMessage, TypeDefinition, store_from
 from ssp_core.cdr.messages import object_state
 from ssp_core.errors import InputError
 from ssp_core.files import Closing
@@ -200,7 +200,6 @@ class BagReader(Closing):
         self.path = Path(path)
         self.topics: dict[str, TopicInfo] = {}
         self._definitions: dict[str, TypeDefinition] = {}
-        self._stores = TopicTypestores(self.path)
         self.files = bag_files(self.path)
         self._parts = [Part(file, later=k > 0) for k, file in enumerate(self.files)]
         for part in self._parts:
@@ -295,7 +294,10 @@ class BagReader(Closing):
         Raises:
             InputError: the definition can't be used.
         """
-        return self._stores.of(topic, self._definitions[topic])
+        try:
+            return store_from(self._definitions[topic])
+        except InputError as error:
+            raise error.in_file(self.path) from None
 
     def decode(self, message: BagMessage) -> Any:
         """The message as an object with the type's fields, numeric arrays as numpy arrays.

@@ -280,9 +280,9 @@ class RecoverReport:
             ones, and how many more there were.
     """
 
+    complete: bool
     messages: dict[str, int]
     attachments: tuple[str, ...]
-    complete: bool
     bytes_read: int
     bytes_total: int
     damage: tuple[str, ...]

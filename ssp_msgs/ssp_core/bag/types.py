@@ -470,16 +470,24 @@ def serialize(message: object) -> bytes:
     return bytes(typestore().serialize_cdr(message, msgtype, little_endian=True))
 
 
-@lru_cache(maxsize=_KEPT_STORES)
 def store_from(written: TypeDefinition) -> Typestore:
     """A store that knows exactly the types of one definition, as it stands in a bag.
 
-    Bags of one recorder share their definitions, and so the stores: whoever has one only reads it.
+    A definition takes time in proportion to its length, so it is parsed once, whoever uses it, also
+    when it is of no use. Whoever has a store only reads it.
 
     Raises:
         InputError: the definition can't be parsed, asks for too much, or lacks the type that it is
             for.
     """
+    found = _parsed(written)
+    if isinstance(found, InputError):
+        raise found.in_file(None)
+    return found
+
+
+@lru_cache(maxsize=_KEPT_STORES)
+def _parsed(written: TypeDefinition) -> Typestore | InputError:
     store = BoundedStore()
     try:
         check_text(written.text, idl=written.encoding == IDL_ENCODING)
@@ -488,7 +496,7 @@ def store_from(written: TypeDefinition) -> Typestore:
         elif written.encoding == IDL_ENCODING:
             types = get_types_from_idl(written.text)
         else:
-            raise InputError(
+            return InputError(
                 "has a definition in an unknown encoding",
                 field=written.msgtype,
                 value=written.encoding,
@@ -503,43 +511,6 @@ def store_from(written: TypeDefinition) -> Typestore:
         for whole in (f"MSG: {written.msgtype}\n{written.text}", written.text):
             text = text.replace(repr(whole), "")
         text = " ".join(text.split()) or type(error).__name__
-        raise InputError(
-            f"has a definition that can't be used: {text[:_SHOWN]}", field=written.msgtype
-        ) from error
+        problem = f"has a definition that can't be used: {text[:_SHOWN]}"
+        return InputError(problem, field=written.msgtype)
     return store
-
-
-class TopicTypestores:
-    """The store of each topic's type.
-
-    A definition takes time in proportion to its length, so it is parsed once: topics that share
-    it share the store, and one that can't be used isn't tried again with each message.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._by_topic: dict[str, Typestore] = {}
-        self._by_definition: dict[TypeDefinition, Typestore | InputError] = {}
-
-    def of(self, topic: str, written: TypeDefinition) -> Typestore:
-        """Raises InputError when the definition can't be used."""
-        store = self._by_topic.get(topic)
-        if store is not None:
-            return store
-        found = self._by_definition.get(written)
-        if found is None:
-            try:
-                found = store_from(written)
-            except InputError as error:
-                found = error
-            self._by_definition[written] = found
-        if isinstance(found, InputError):
-            raise InputError(
-                found.problem,
-                file=self._path,
-                field=found.field,
-                value=found.value,
-                remedy=found.remedy,
-            )
-        self._by_topic[topic] = found
-        return found

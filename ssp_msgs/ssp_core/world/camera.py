@@ -36,20 +36,8 @@ class Intrinsics:
 
     def p(self) -> list[float]:
         """The 3x4 projection matrix, row by row, as CameraInfo wants it."""
-        return [
-            self.fx_px,
-            0.0,
-            self.cx_px,
-            0.0,
-            0.0,
-            self.fy_px,
-            self.cy_px,
-            0.0,
-            0.0,
-            0.0,
-            1.0,
-            0.0,
-        ]
+        k = self.k()
+        return [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0]
 
 
 @dataclass(frozen=True, slots=True)
