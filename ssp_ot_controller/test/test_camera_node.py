@@ -22,8 +22,8 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_msgs.msg import StepDone, WorldTick
+from support.messages import state_to_msg
 from support.runs import small_run
-from tests.support.messages import state_to_msg
 
 pytestmark = pytest.mark.ros
 START_DEADLINE_S = 90.0  # the first start on a machine compiles the kernels

@@ -23,7 +23,7 @@ from ssp_core.processes import session_environment
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
-from tests.support.messages import reference_to_msg, state_to_msg
+from support.messages import reference_to_msg, state_to_msg
 
 pytestmark = pytest.mark.ros
 # A reader may be found by this side before it has found this side.

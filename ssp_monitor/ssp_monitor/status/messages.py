@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import Any
+from dataclasses import fields
+from typing import Any, TypeVar
 
 from ssp_core.cdr.codec import START, check_start, read_header, read_text
 from ssp_core.cdr.images import COMPRESSED_TYPE, JPEG_START, read_image
@@ -16,23 +17,39 @@ from ssp_monitor.status.board import Answer, Event, LinkFact, RecorderFact, Sess
 
 # What people read; anybody may send more, and a page shows it ten times a second.
 _MOST_TEXT = 2000
+Fact = TypeVar("Fact", SessionFact, RecorderFact, TopicFact)
 
 
 def _short(text: str) -> str:
     return text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}…"
 
 
+def _read(kind: type[Fact], message: Any, **known: Any) -> Fact:
+    """What a message says under the names that the fact has, its texts shortened.
+
+    Args:
+        kind: of the fact.
+        message: decoded.
+        known: fields that are not read by their names.
+    """
+    for name in (field.name for field in fields(kind) if field.name not in known):
+        value = getattr(message, name)
+        if isinstance(value, str):
+            value = _short(value)
+        elif isinstance(value, list):
+            value = tuple(map(_short, value))
+        known[name] = value
+    return kind(**known)
+
+
 def session_fact(message: Any) -> SessionFact:
     """A SessionState. Raises ValueError for a state or verdict that is none."""
-    return SessionFact(
-        stamp_ns(message.header.stamp),
-        SessionPhase(message.state),
-        _short(message.event),
-        _short(message.reason),
-        _short(message.run_id),
-        _short(message.scenario),
-        Verdict(message.verdict),
-        tuple(map(_short, message.reasons)),
+    return _read(
+        SessionFact,
+        message,
+        stamp_ns=stamp_ns(message.header.stamp),
+        state=SessionPhase(message.state),
+        verdict=Verdict(message.verdict),
     )
 
 
@@ -116,26 +133,11 @@ def link_facts(message: Any) -> dict[str, LinkFact]:
 
 def recorder_fact(message: Any) -> RecorderFact:
     """A RecorderStatus."""
-    return RecorderFact(
-        ready=message.ready,
-        bag=message.bag,
-        failure=_short(message.failure),
-        messages=message.messages,
-        bytes=message.bytes,
-        lost=message.lost,
-        dropped=message.dropped,
+    return _read(
+        RecorderFact,
+        message,
         missing=tuple(map(_short, message.missing_topics)),
-        files=message.files,
-        queue_bytes=message.queue_bytes,
-        queue_limit_bytes=message.queue_limit_bytes,
-        free_bytes=message.free_bytes,
-        write_bytes_per_s=message.write_bytes_per_s,
-        disk_left_s=message.disk_left_s,
-        flush_age_s=message.flush_age_s,
-        warnings=tuple(map(_short, message.warnings)),
-        topics=tuple(
-            TopicFact(t.name, t.messages, t.lost, t.dropped, t.rate_hz) for t in message.topics
-        ),
+        topics=tuple(_read(TopicFact, topic) for topic in message.topics),
     )
 
 

@@ -30,7 +30,7 @@ from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
-from tests.support.messages import state_to_msg
+from support.messages import state_to_msg
 
 DEADLINE_S = 120.0
 DISARMED, ARMED = ControlState.DISARMED, ControlState.ARMED

@@ -16,7 +16,7 @@ from ssp_core import names, ros
 from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
-from tests.support.messages import state_to_msg
+from support.messages import state_to_msg
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 120.0
