@@ -17,7 +17,7 @@ from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.frames import Frames
 from ssp_core.bag.metadata import is_latched, offered_qos
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.types import BagMessage, definition, serialize, typestore
+from ssp_core.bag.types import BagMessage, definition
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, VIDEO_TYPE
 from ssp_core.cli import main
@@ -25,6 +25,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_monitor.bag_tools.selection import parse_time
 from ssp_monitor.recorder.video_encoder import VideoEncoder
+from support.bags import picture, text
 
 CLOCK = "rosgraph_msgs/msg/Clock"
 STRING = "std_msgs/msg/String"
@@ -37,25 +38,14 @@ def at(seconds: float) -> int:
     return START_NS + round(seconds * NS_PER_S)
 
 
-def text(value: str) -> bytes:
-    return serialize(typestore().types[STRING](data=value))
-
-
 def video_messages(count: int) -> list[BagMessage]:
     """Frames at 10 Hz, a keyframe each second."""
     encoder = VideoEncoder(COMPRESSED_TYPE)
-    types = typestore().types
     found = []
     for k in range(count):
-        stamp = types["builtin_interfaces/msg/Time"](at(k / 10) // NS_PER_S, at(k / 10) % NS_PER_S)
         image = np.full((48, 64, 3), 60, np.uint8)
         cv2.rectangle(image, (k % 50, 10), (k % 50 + 12, 40), (0, 0, 250), -1)
-        message = types[COMPRESSED_TYPE](
-            header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="cam"),
-            format="jpeg",
-            data=np.frombuffer(cv2.imencode(".jpg", image)[1].tobytes(), np.uint8),
-        )
-        data = serialize(message)
+        data = picture(cv2.imencode(".jpg", image)[1].tobytes(), at(k / 10))
         found += encoder.encode(BagMessage(IMAGE, at(k / 10), at(k / 10), data, k + 1))
     return found + encoder.finish()
 

@@ -22,13 +22,14 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.types import BagMessage, TypeDefinition, serialize, store_from, typestore
+from ssp_core.bag.types import BagMessage, TypeDefinition, serialize, store_from
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_monitor.bag_tools.export import FileNames
 from ssp_monitor.recorder.video_encoder import VideoEncoder
+from support.bags import header, message, picture
 
 START_NS = 1_700_000_000 * NS_PER_S
 IMAGE = "/ssp/cam/image"
@@ -49,17 +50,6 @@ def table(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def message(msgtype: str, **fields: Any) -> Any:
-    return typestore().types[msgtype](**fields)
-
-
-def header(stamp_ns: int) -> Any:
-    stamp = message(
-        "builtin_interfaces/msg/Time", sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S
-    )
-    return message("std_msgs/msg/Header", stamp=stamp, frame_id="map")
-
-
 def scene(number: int, width: int = 64, height: int = 48) -> np.ndarray[Any, np.dtype[np.uint8]]:
     image = np.full((height, width, 3), (180, 140, 90), np.uint8)
     cv2.rectangle(image, (number * 6, 8), (number * 6 + 14, 40), (10, 40, 220), -1)
@@ -78,8 +68,7 @@ def jpeg_of(number: int, **size: int) -> bytes:
 
 
 def image_message(stamp_ns: int, data: bytes, form: str = "jpeg") -> bytes:
-    pixels = np.frombuffer(data, np.uint8)
-    return serialize(message(COMPRESSED_TYPE, header=header(stamp_ns), format=form, data=pixels))
+    return picture(data, stamp_ns, "map", form)
 
 
 @pytest.fixture

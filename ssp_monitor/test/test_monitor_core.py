@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -30,16 +29,9 @@ from ssp_monitor.recorder.topics import (
     uses_simulated_time,
 )
 from ssp_monitor.ros.parameters import topic_rules
+from support.waiting import until
 
 CLOCK = TopicSpec("/clock", CLOCK_TYPE, Profile.STATE)
-DEADLINE_S = 120.0
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, "nothing happened in time"
-        time.sleep(0.005)
 
 
 def test_a_bag_holds_every_topic_of_every_object(run_mapping: dict[str, Any]) -> None:
@@ -166,7 +158,7 @@ def test_a_slow_bag_is_on_disk_soon_after_each_message(
         file = tmp_path / "bag" / "bag_0.mcap"
         before = file.stat().st_size
         recorder.put(BagMessage("/clock", 1, 1, clock_cdr(1)))
-        wait_for(lambda: file.stat().st_size > before)
+        until(lambda: file.stat().st_size > before)
     finally:
         recorder.stop()
 
@@ -184,7 +176,7 @@ def test_a_removed_bag_is_a_failure_that_counts_what_is_lost(
 ) -> None:
     recorder = Recorder(tmp_path / "bag", [CLOCK])
     (tmp_path / "bag" / "bag_0.mcap").unlink()
-    wait_for(lambda: recorder.state().failure is not None)
+    until(lambda: recorder.state().failure is not None)
     for k in range(5):
         recorder.put(BagMessage("/clock", k, k, clock_cdr(k)))
     state = recorder.stop()

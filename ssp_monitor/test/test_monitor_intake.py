@@ -25,7 +25,6 @@ from std_msgs.msg import String
 from ssp_core import names, ros
 from ssp_core.bag.metadata import offered_qos, parse_offered_qos
 from ssp_core.bag.reader import BagReader
-from ssp_core.cdr.codec import ENCAPSULATION, text_bytes
 from ssp_core.cdr.steps import Heartbeat, encode_heartbeat
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import HostError
@@ -45,9 +44,10 @@ from ssp_monitor.ros.recording_subscriptions import (
     SerializedTaker,
 )
 from ssp_msgs import msg
+from support.bags import text
+from support.waiting import DEADLINE_S, until
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 120.0
 STRING = "std_msgs/msg/String"
 BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
 
@@ -70,18 +70,6 @@ while not over.is_set():
     over.wait(0.002)
 print(sent)
 """
-
-
-def text(words: str) -> bytes:
-    """A serialised std_msgs/String."""
-    return ENCAPSULATION + text_bytes(words)
-
-
-def until(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, f"no {what} in time"
-        time.sleep(0.005)
 
 
 def topic(name: str, profile: Profile = Profile.STATE, msgtype: str = STRING) -> TopicSpec:

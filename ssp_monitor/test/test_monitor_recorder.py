@@ -6,7 +6,6 @@ import hashlib
 import json
 import struct
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,20 +26,11 @@ from ssp_monitor.recorder.report import (
     seals,
 )
 from ssp_monitor.recorder.topics import CLOCK_TYPE, Profile, TopicSpec
+from support.waiting import DEADLINE_S, until
 
 CLOCK = TopicSpec("/clock", CLOCK_TYPE, Profile.STATE)
 IMAGE = TopicSpec("/camera", "sensor_msgs/msg/CompressedImage", Profile.ADAPTED)
 VIDEO = "foxglove_msgs/msg/CompressedVideo"
-
-
-DEADLINE_S = 120.0
-
-
-def until(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, f"no {what} in time"
-        time.sleep(0.005)
 
 
 class FakeEncoder:

@@ -5,27 +5,24 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.types import typestore
 from ssp_core.cdr.states import StateArray, encode_states
+from ssp_core.clock import NS_PER_S
 from ssp_core.safety.codes import SafetyCode
 from ssp_monitor.status import messages
 from ssp_monitor.status.board import Newest
+from support.bags import picture
 
 JPEG = b"\xff\xd8 and the rest"
 types = typestore().types
 
 
 def image(data: bytes, form: str = "jpeg") -> bytes:
-    stamp = types["builtin_interfaces/msg/Time"](sec=1, nanosec=2)
-    header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera")
-    picture = np.frombuffer(data, dtype=np.uint8)
-    kind = types["sensor_msgs/msg/CompressedImage"]
-    return serialize(kind(header=header, format=form, data=picture))
+    return picture(data, NS_PER_S + 2, form=form)
 
 
 def test_the_picture_is_passed_on_as_it_is() -> None:

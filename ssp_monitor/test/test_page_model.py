@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
-from ssp_core.vocabulary import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
+from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase, Verdict
 from ssp_monitor.page.snapshot import (
     COMMANDS,
     MOST_POINTS,
@@ -33,14 +33,14 @@ from ssp_monitor.status.board import (
     SessionFact,
 )
 from ssp_monitor.status.health import standing_in_the_way
+from support.states import object_state
 
 S = 1_000_000_000
 
 
 def state(name: str, role: Role = Role.OT, **changes: Any) -> ObjectState:
-    car = DEFAULT_SIZES[ObjectClass.CAR]
-    made = ObjectState(name, ObjectClass.CAR, role, 5 * S, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, car)
-    return replace(made, control_state=ControlState.DISARMED, **changes)
+    disarmed = {"stamp_ns": 5 * S, "control_state": ControlState.DISARMED}
+    return object_state(name, role=role, **disarmed | changes)
 
 
 @pytest.fixture

@@ -12,12 +12,13 @@ import pytest
 from ssp_core.bag.frames import Frames, Picture, image_topics, is_keyframe, keyframe_before
 from ssp_core.bag.images import Bgr
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.types import BagMessage, serialize, typestore
+from ssp_core.bag.types import BagMessage, serialize
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE, read_image
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_monitor.recorder.video_encoder import Codec, VideoEncoder
+from support.bags import header, message, picture
 
 TOPIC = "/ssp/vut/front_camera/image/compressed"
 FRAME_NS = NS_PER_S // 25
@@ -34,22 +35,12 @@ def scene(number: int, width: int = 320, height: int = 180) -> Bgr:
     return image
 
 
-def header(stamp_ns: int) -> object:
-    types = typestore().types
-    stamp = types["builtin_interfaces/msg/Time"](
-        sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S
-    )
-    return types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera_optical")
-
-
 def jpeg_message(number: int, image: Bgr | None = None, data: bytes | None = None) -> BagMessage:
     stamp_ns = START_NS + number * FRAME_NS
     if data is None:
         data = cv2.imencode(".jpg", scene(number) if image is None else image)[1].tobytes()
-    message = typestore().types[COMPRESSED_TYPE](
-        header=header(stamp_ns), format="jpeg", data=np.frombuffer(data, np.uint8)
-    )
-    return BagMessage(TOPIC, stamp_ns + 4_000_000, stamp_ns + 900, serialize(message), number + 7)
+    cdr = picture(data, stamp_ns, "camera_optical")
+    return BagMessage(TOPIC, stamp_ns + 4_000_000, stamp_ns + 900, cdr, number + 7)
 
 
 def raw_message(number: int, encoding: str) -> BagMessage:
@@ -59,11 +50,14 @@ def raw_message(number: int, encoding: str) -> BagMessage:
         image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
     if encoding == "mono8":
         image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    message = typestore().types[RAW_TYPE](
-        header=header(stamp_ns), height=image.shape[0], width=image.shape[1], encoding=encoding,
-        is_bigendian=0, step=image.strides[0], data=image.reshape(-1),
+    height, width = image.shape[:2]
+    cdr = serialize(
+        message(
+            RAW_TYPE, header=header(stamp_ns, "camera_optical"), height=height, width=width,
+            encoding=encoding, is_bigendian=0, step=image.strides[0], data=image.reshape(-1),
+        )
     )  # fmt: skip
-    return BagMessage(TOPIC, stamp_ns, stamp_ns, serialize(message), number)
+    return BagMessage(TOPIC, stamp_ns, stamp_ns, cdr, number)
 
 
 def encoded(encoder: VideoEncoder, messages: Sequence[BagMessage]) -> list[BagMessage]:
@@ -104,8 +98,8 @@ def test_frames_keep_their_times_and_look_alike(tmp_path: Path, codec: Codec) ->
         assert first.timestamp.sec == 1_700_000_000
     pictures = shown(path)
     assert [p.stamp_ns for p in pictures] == [START_NS + i * FRAME_NS for i in range(70)]
-    for i, picture in enumerate(pictures):
-        assert cv2.PSNR(picture.image, scene(i)) > 32.0
+    for i, shown_one in enumerate(pictures):
+        assert cv2.PSNR(shown_one.image, scene(i)) > 32.0
 
 
 def test_reading_begins_at_any_frame(tmp_path: Path) -> None:

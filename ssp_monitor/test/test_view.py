@@ -14,7 +14,7 @@ from ssp_core.geometry import Polyline, Pose2
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.node_interface import Level, Status
 from ssp_core.run_file.model import RunSpec
-from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase, Verdict
+from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_core.world.road_drawing import drawing_of
 from ssp_monitor.status.board import Board, LinkFact, Received, RecorderFact, SessionFact
 from ssp_monitor.status.health import ClockWatch, health
@@ -32,27 +32,14 @@ from ssp_monitor.status.markers import (
     colour_of,
     standing_marks,
 )
+from support.states import object_state
 
 NOW_NS = 100 * NS_PER_S
 
 
 def _state(object_id: str = "vut", x_m: float = 0.0, **changes: Any) -> ObjectState:
-    role = Role.VUT if object_id == "vut" else Role.OT
-    state = ObjectState(
-        object_id,
-        ObjectClass.CAR,
-        role,
-        NS_PER_S,
-        x_m,
-        0.0,
-        0.0,
-        10.0,
-        0.0,
-        0.0,
-        DEFAULT_SIZES[ObjectClass.CAR],
-        control_state=ControlState.RUNNING,
-    )
-    return dataclasses.replace(state, **changes)
+    runs = {"stamp_ns": NS_PER_S, "speed_mps": 10.0, "control_state": ControlState.RUNNING}
+    return object_state(object_id, x_m=x_m, **runs | changes)
 
 
 def _moving(*states: ObjectState, age_s: float = 0.0, over: Moving | None = None) -> Any:

@@ -14,12 +14,17 @@ from rosbags.highlevel import AnyReader
 
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
-from ssp_core.bag.types import serialize, typestore
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
+from support.bags import clock
 
 CLOCK = "rosgraph_msgs/msg/Clock"
 CHUNKS, PER_CHUNK = 4, 5
+
+
+def at_second(k: int) -> bytes:
+    return clock(k * 10**9)
+
 
 # Writes two flushed chunks and a third that was not, then is killed the hard way.
 KILLED = """
@@ -40,11 +45,6 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-def clock(k: int) -> bytes:
-    stamp = typestore().types["builtin_interfaces/msg/Time"](sec=k, nanosec=0)
-    return serialize(typestore().types[CLOCK](clock=stamp))
-
-
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four chunks of five messages each, and an attachment."""
@@ -53,7 +53,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
         writer.add_topic("/clock", CLOCK)
         writer.attach("run.yaml", b"seed: 1\n" * 20, "application/yaml")
         for k in range(CHUNKS * PER_CHUNK):
-            writer.write("/clock", clock(k), k, k)
+            writer.write("/clock", at_second(k), k, k)
             if k % PER_CHUNK == PER_CHUNK - 1:
                 writer.flush()
     return path
@@ -97,7 +97,7 @@ def test_recovering_a_whole_bag_keeps_everything(bag: Path, tmp_path: Path) -> N
 
 def test_a_damaged_chunk_is_left_out_and_the_rest_kept(bag: Path, tmp_path: Path) -> None:
     data = bytearray((bag / "bag_0.mcap").read_bytes())
-    second = data.index(clock(PER_CHUNK))
+    second = data.index(at_second(PER_CHUNK))
     data[second + 5] ^= 0x10
     damaged = tmp_path / "damaged.mcap"
     damaged.write_bytes(data)
@@ -212,7 +212,7 @@ def test_any_cut_is_an_input_error_and_recovers_whole_chunks(
     seconds = read_everything(folder / "out")
     assert seconds == list(range(report.count))
     assert report.count % PER_CHUNK == 0
-    ends = [data.index(clock(k)) + len(clock(k)) for k in range(4, 20, 5)]
+    ends = [data.index(at_second(k)) + len(at_second(k)) for k in range(4, 20, 5)]
     assert report.count == PER_CHUNK * sum(end <= cut for end in ends)
 
 

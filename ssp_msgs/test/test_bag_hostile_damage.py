@@ -21,15 +21,12 @@ from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
 from ssp_core.bag.split import Split
-from ssp_core.bag.types import BagMessage, serialize, typestore
+from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
+from support.bags import text
 
 STRING = "std_msgs/msg/String"
-
-
-def text(value: str) -> bytes:
-    return serialize(typestore().types[STRING](data=value))
 
 
 def write_bag(path: Path, split: Split | None = None) -> None:

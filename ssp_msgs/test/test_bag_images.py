@@ -29,25 +29,19 @@ from ssp_core.cdr.images import (
     encode_video_message,
     read_image,
 )
+from support.bags import header, picture
 
 PICTURE = np.arange(30 * 20 * 3, dtype=np.uint8).reshape(20, 30, 3)
-
-
-def header(frame: str) -> object:
-    types = typestore().types
-    return types["std_msgs/msg/Header"](
-        stamp=types["builtin_interfaces/msg/Time"](sec=7, nanosec=8), frame_id=frame
-    )
 
 
 def example(msgtype: str, frame: str = "cam", data: bytes = b"\xff\xd8abc") -> bytes:
     types, pixels = typestore().types, np.frombuffer(data, np.uint8)
     if msgtype == COMPRESSED_TYPE:
-        return serialize(types[msgtype](header=header(frame), format="jpeg", data=pixels))
+        return picture(data, 7 * 10**9 + 8, frame)
     if msgtype == RAW_TYPE:
         return serialize(
             types[msgtype](
-                header=header(frame),
+                header=header(7 * 10**9 + 8, frame),
                 height=2,
                 width=3,
                 encoding="mono8",

@@ -14,17 +14,13 @@ from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
 from ssp_core.bag.split import KEPT_BYTES, MOST_KEPT, UNTOLD_DEPTH, Split
-from ssp_core.bag.types import serialize, typestore
 from ssp_core.bag.writer import BagWriter
+from support.bags import text
 
 STRING = "std_msgs/msg/String"
 ENTRY_BYTES = 73 + 10  # of a chunk with one channel
 # As a graph tells it of another process's publisher.
 UNTOLD = "- {durability: transient_local, history: unknown, depth: 0}"
-
-
-def text(value: str) -> bytes:
-    return serialize(typestore().types[STRING](data=value))
 
 
 @pytest.fixture

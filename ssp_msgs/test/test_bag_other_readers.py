@@ -17,17 +17,14 @@ from rosbags.highlevel import AnyReader
 from ssp_core.bag.metadata import MANY_TOPICS, ROOT_KEY, bag_information, offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.split import Split
-from ssp_core.bag.types import BagMessage, serialize, typestore
+from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
+from support.bags import text
 
 STRING = "std_msgs/msg/String"
 TOPICS = ("/a", "/b", "/c")
 # Nothing, what is copied into the chunk, what is not, and more than a chunk's target.
 SIZES = (0, 1, 400, 8192, 8193, 300_000, 1_200_000)
-
-
-def text(value: str) -> bytes:
-    return serialize(typestore().types[STRING](data=value))
 
 
 @pytest.fixture(scope="module")

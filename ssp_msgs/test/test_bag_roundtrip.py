@@ -15,17 +15,12 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import definition, serialize, typestore
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import HostError, InputError
+from support.bags import header
 
 STATE = "ssp_msgs/msg/ObjectState"
 TICK = "ssp_msgs/msg/WorldTick"
 IMAGE = "sensor_msgs/msg/CompressedImage"
 STEP_NS = 10_000_000
-
-
-def header(stamp_ns: int, frame_id: str = "map") -> object:
-    types = typestore().types
-    stamp = types["builtin_interfaces/msg/Time"](sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
-    return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
 
 
 def state(stamp_ns: int, sequence: int) -> object:

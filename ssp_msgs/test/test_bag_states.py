@@ -11,18 +11,16 @@ from ssp_core.bag.reader import BagReader, object_states
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.states import StateArray, encode_state, encode_states
 from ssp_core.errors import InputError
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.motion.state import ObjectState
+from support.states import object_state
 
 STATE, ARRAY = "ssp_msgs/msg/ObjectState", "ssp_msgs/msg/ObjectStates"
 TEN_MS = 10_000_000
 
 
 def state(name: str, sequence: int) -> ObjectState:
-    return ObjectState(
-        name, ObjectClass.CAR, Role.OT, sequence * TEN_MS, 1.5 * sequence, 0.0, 0.0, 3.0, 0.0, 0.0,
-        DEFAULT_SIZES[ObjectClass.CAR], sequence,
-    )  # fmt: skip
+    moved = {"x_m": 1.5 * sequence, "speed_mps": 3.0}
+    return object_state(name, stamp_ns=sequence * TEN_MS, sequence=sequence, **moved)
 
 
 def write(folder: Path, messages: list[tuple[str, str, bytes]]) -> Path:

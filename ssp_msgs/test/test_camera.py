@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from ssp_core.geometry import Pose2
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Camera
-from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import (
     Mounting,
     intrinsics,
@@ -20,6 +19,7 @@ from ssp_core.world.camera import (
     shown_box,
     view_from,
 )
+from support.states import object_state
 
 # 90 degrees over 640 px: focal length 320 px, principal point (319.5, 239.5).
 LEVEL = Camera(
@@ -28,8 +28,7 @@ LEVEL = Camera(
 
 
 def car(x_m: float, y_m: float) -> ObjectState:
-    size = DEFAULT_SIZES[ObjectClass.CAR]
-    return ObjectState("a", ObjectClass.CAR, Role.OT, 0, x_m, y_m, 0.0, 0.0, 0.0, 0.0, size)
+    return object_state(x_m=x_m, y_m=y_m)
 
 
 def test_points_straight_ahead_beside_and_on_the_ground() -> None:

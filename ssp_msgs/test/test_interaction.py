@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from ssp_core.geometry import Polyline, Pose2
 from ssp_core.motion.encounter import Encounter, encounter, is_conflict, is_crossing, swept_stations
 from ssp_core.motion.state import ObjectState, Size
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import Role
+from support.states import object_state
 
 # Round numbers: 3 m ahead of and 1 m behind the reference point, 2 m wide.
 SIZE = Size(3.0, 1.0, 2.0, 1.5)
@@ -24,10 +25,7 @@ HALF_CORRIDOR_M = 1.3
 
 
 def state(object_id: str = "vut", size: Size = SIZE, **given_values: Any) -> ObjectState:
-    made = ObjectState(
-        object_id, ObjectClass.CAR, Role.OT, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, size
-    )  # fmt: skip
-    return replace(made, **given_values)
+    return object_state(object_id, size=size, role=Role.OT, **given_values)
 
 
 def meet(vut_mps: float, other: ObjectState, vut_x_m: float = 10.0) -> Encounter:

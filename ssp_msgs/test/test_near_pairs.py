@@ -11,17 +11,14 @@ from hypothesis import strategies as st
 from ssp_core.geometry import box_distance
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.safety.limits import near_pairs
-from ssp_core.vocabulary import ObjectClass, Role
+from support.states import object_state
 
 PLACES = st.floats(-30.0, 30.0)
 LENGTHS = st.floats(0.0, 6.0)
 
 
 def state(x_m: float, y_m: float, yaw_rad: float, *extents_m: float) -> ObjectState:
-    size = Size(*extents_m, 1.5)
-    return ObjectState(
-        "a", ObjectClass.CAR, Role.OT, 0, x_m, y_m, yaw_rad, 0.0, 0.0, 0.0, size
-    )  # fmt: skip
+    return object_state("a", x_m=x_m, y_m=y_m, yaw_rad=yaw_rad, size=Size(*extents_m, 1.5))
 
 
 STATES = st.builds(state, PLACES, PLACES, st.floats(-4.0, 4.0), LENGTHS, LENGTHS, LENGTHS)

@@ -14,13 +14,15 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 import ssp_msgs.msg as msg
 from ssp_core.bag.types import definition, store_from
 from ssp_core.cdr import references, states, steps
-from ssp_core.cdr.messages import object_state, stamp_ns
+from ssp_core.cdr.messages import object_state as decoded_state
+from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import LATEST_S
 from ssp_core.motion.reference import Points, Reference
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.ros import stamp_from_ns
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
 from support.messages import reference_to_msg, state_to_msg
+from support.states import object_state
 
 TEXTS = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=40)
 FLOATS = st.floats(width=64)
@@ -231,7 +233,7 @@ def test_rosbags_reads_what_is_encoded(kind):
 @calm
 @given(STATES)
 def test_a_state_is_the_one_that_the_slow_way_gives(state):
-    slow = object_state(deserialize_message(states.encode_state(state), msg.ObjectState))
+    slow = decoded_state(deserialize_message(states.encode_state(state), msg.ObjectState))
     assert repr(states.decode_state(states.encode_state(state))) == repr(slow)
 
 
@@ -341,15 +343,9 @@ def test_a_false_length_takes_neither_time_nor_memory(kind):
         tracemalloc.stop()
 
 
-def a_state(**changes):
-    car = Size(3.6, 0.9, 1.8, 1.5)
-    state = ObjectState("ot1", ObjectClass.CAR, Role.OT, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, car)
-    return replace(state, **changes)
-
-
 @pytest.mark.parametrize(("offset", "value"), [(0, 7), (1, 4), (2, 10)])
 def test_an_unknown_class_role_or_control_state_is_refused(offset, value):
-    data = bytearray(states.encode_state(a_state()))
+    data = bytearray(states.encode_state(object_state()))
     at = data.index(b"ot1\0") + 4 + offset
     data[at] = value
     with pytest.raises(ValueError, match=f"ot1: .*{value}.* is unknown"):
@@ -369,12 +365,12 @@ def test_an_unknown_class_role_or_control_state_is_refused(offset, value):
 )
 def test_a_state_that_no_message_can_carry_is_refused(broken):
     with pytest.raises(ValueError, match=r"."):
-        states.encode_state(a_state(**broken))
+        states.encode_state(object_state(**broken))
 
 
 def test_big_endian_messages_are_refused():
     with pytest.raises(ValueError, match="encapsulation '0000'"):
-        states.decode_state(b"\0\0" + states.encode_state(a_state())[2:])
+        states.decode_state(b"\0\0" + states.encode_state(object_state())[2:])
 
 
 def test_an_object_named_twice_in_a_heartbeat_is_refused():
@@ -402,7 +398,7 @@ def test_a_command_by_itself(commands):
 
 def test_texts_of_all_lengths():
     for size in range(20):
-        state = a_state(object_id="o" * size, reference_id="é" * size)
+        state = object_state(object_id="o" * size, reference_id="é" * size)
         array = states.StateArray(1, "s" * size, (state, state))
         for value, codec in ((state, "state"), (array, "states")):
             _, encode, decode, to_msg = CODECS[codec]

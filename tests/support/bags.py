@@ -1,0 +1,47 @@
+"""Messages made without ROS, as they stand serialised in bags."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ssp_core.bag.types import serialize, typestore
+from ssp_core.cdr.images import COMPRESSED_TYPE
+from ssp_core.clock import NS_PER_S
+
+STRING = "std_msgs/msg/String"
+CLOCK = "rosgraph_msgs/msg/Clock"
+
+
+def message(msgtype: str, **fields: Any) -> Any:
+    """A message of the typestore."""
+    return typestore().types[msgtype](**fields)
+
+
+def stamp(stamp_ns: int) -> Any:
+    """A Time."""
+    seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
+    return message("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+
+
+def header(stamp_ns: int, frame_id: str = "map") -> Any:
+    """A Header."""
+    return message("std_msgs/msg/Header", stamp=stamp(stamp_ns), frame_id=frame_id)
+
+
+def text(value: str) -> bytes:
+    """A serialised String."""
+    return serialize(message(STRING, data=value))
+
+
+def clock(stamp_ns: int) -> bytes:
+    """A serialised /clock."""
+    return serialize(message(CLOCK, clock=stamp(stamp_ns)))
+
+
+def picture(data: bytes, stamp_ns: int, frame_id: str = "camera", form: str = "jpeg") -> bytes:
+    """A serialised CompressedImage."""
+    pixels = np.frombuffer(data, np.uint8)
+    head = header(stamp_ns, frame_id)
+    return serialize(message(COMPRESSED_TYPE, header=head, format=form, data=pixels))
