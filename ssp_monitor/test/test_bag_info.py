@@ -14,12 +14,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.split import Split
-from ssp_core.bag.summary import summarise_bag
 from ssp_core.bag.types import definition
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
-from ssp_monitor.bag_tools.info import qos_text, size_text, span_text, survey_lines
+from ssp_monitor.bag_tools.info import qos_text, size_text, span_text, summarise_bag, survey_lines
 
 START_NS = 1_700_000_000 * NS_PER_S
 CLOCK = "rosgraph_msgs/msg/Clock"

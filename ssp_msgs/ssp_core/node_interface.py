@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 from ssp_core.errors import InputError
 
@@ -88,6 +89,24 @@ class Parameter:
 
 
 RUN_FILE = Parameter("run_file", "", "the run", text="path of an ssp.run/1 file", required=True)
+
+
+class Qos(NamedTuple):
+    """What reliable publishers offer: messages kept, and whether late joiners get them."""
+
+    depth: int
+    latched: bool = False
+
+
+QOS = {
+    "STATE": Qos(50),  # periodic states, ticks, heartbeats
+    "COMMAND": Qos(50),  # references, acknowledgements, actuator commands
+    "SENSOR": Qos(20),  # camera frames: none may be lost, they are what is scored
+    "LATCHED": Qos(20, latched=True),  # session state, events, camera info
+    "TF": Qos(100),  # as tf2_ros
+    "TF_STATIC": Qos(1, latched=True),  # as tf2_ros
+    "VLA": Qos(4),  # requests and responses
+}
 
 
 class Level(IntEnum):

@@ -21,7 +21,6 @@ from ssp_core.bag.mcap_file import DAMAGE
 from ssp_core.bag.metadata import offered_qos, parse_offered_qos, read_metadata
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
-from ssp_core.bag.summary import summarise_bag
 from ssp_core.bag.types import TypeDefinition, definition, store_from, typestore
 from ssp_core.cdr.messages import leading_stamp_ns, peek_stamp_ns
 from ssp_core.cdr.references import decode_ack, decode_reference
@@ -38,6 +37,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.run_file.faults import load_faults
 from ssp_core.run_file.model import RunSpec
+from ssp_monitor.bag_tools.info import summarise_bag
 
 _MESSAGES = 300  # of a bag; a short file may repeat a message often, but not without end
 # In memory where there is such a folder: a target writes a file for each input.

@@ -15,6 +15,7 @@ from ssp_core.bag.split import Split
 from ssp_core.bag.types import BagMessage, definition
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError, SspError
+from ssp_core.node_interface import QOS
 from ssp_monitor.recorder.encoding import ORIGINAL, Encoder, Encoding
 from ssp_monitor.recorder.plan import Attachment
 from ssp_monitor.recorder.topics import Importance, Profile, TopicSpec, importance
@@ -185,15 +186,11 @@ QUEUE_BYTES = 256 << 20
 # Taken out of the queue at once; what is still in it can be dropped for something important.
 BATCH_BYTES = 8 << 20
 
-# Depth and durability that publishers offer, as in ssp_core.ros; that module needs rclpy, and a
-# test compares the two.
-OFFERED = {
-    Profile.STATE: offered_qos(50),
-    Profile.COMMAND: offered_qos(50),
-    Profile.SENSOR: offered_qos(20),
-    Profile.LATCHED: offered_qos(20, transient_local=True),
-    Profile.TF: offered_qos(100),
-    Profile.TF_STATIC: offered_qos(1, transient_local=True),
+# Of the run's own topics.
+OFFERED: dict[Profile, str] = {
+    profile: offered_qos(QOS[profile.name].depth, transient_local=QOS[profile.name].latched)
+    for profile in Profile
+    if profile is not Profile.ADAPTED
 }
 LATCHED = (Profile.LATCHED, Profile.TF_STATIC)
 

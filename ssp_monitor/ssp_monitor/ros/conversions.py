@@ -29,12 +29,7 @@ from ssp_monitor.replay.plan import PublisherQos
 from ssp_msgs.msg import TopicStatus
 
 PUBLISHED: dict[Profile, QoSProfile] = {
-    Profile.STATE: ros.STATE,
-    Profile.COMMAND: ros.COMMAND,
-    Profile.SENSOR: ros.SENSOR,
-    Profile.LATCHED: ros.LATCHED,
-    Profile.TF: ros.TF,
-    Profile.TF_STATIC: ros.TF_STATIC,
+    profile: getattr(ros, profile.name) for profile in Profile if profile is not Profile.ADAPTED
 }
 
 # RELIABLE doesn't protect a KEEP_LAST reader that stalls, so there is room for two seconds of a

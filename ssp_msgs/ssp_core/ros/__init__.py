@@ -27,29 +27,26 @@ from ssp_core.clock import NS_PER_S, time_ns
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
 from ssp_core.names import NAMESPACE
-from ssp_core.node_interface import Parameter, Status
+from ssp_core.node_interface import QOS, Parameter, Status
 from ssp_core.terminal import catch_stop_signals, survive_lost_output
 
 T = TypeVar("T")
 
 
-def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
+def _profile(name: str) -> QoSProfile:
+    qos = QOS[name]
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
+        depth=qos.depth,
         reliability=ReliabilityPolicy.RELIABLE,
-        durability=durability,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if qos.latched else DurabilityPolicy.VOLATILE,
     )
 
 
 # A publisher and its subscribers take the same profile, by name.
-STATE = _profile(50)  # periodic states, ticks, heartbeats
-COMMAND = _profile(50)  # references, acknowledgements, actuator commands
-SENSOR = _profile(20)  # camera frames: none may be lost, they are what is scored
-LATCHED = _profile(20, DurabilityPolicy.TRANSIENT_LOCAL)  # session state, events, camera info
-TF = _profile(100)  # as tf2_ros
-TF_STATIC = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2_ros
-VLA = _profile(4, DurabilityPolicy.VOLATILE)  # requests and responses
+STATE, COMMAND, SENSOR = _profile("STATE"), _profile("COMMAND"), _profile("SENSOR")
+LATCHED, TF, TF_STATIC = _profile("LATCHED"), _profile("TF"), _profile("TF_STATIC")
+VLA = _profile("VLA")
 # Subscriptions to drivers that aren't ours: a best-effort reader hears either kind of writer.
 DRIVER = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=50, reliability=ReliabilityPolicy.BEST_EFFORT
