@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # scipy has no types
 
-from ssp_core.bag.images import JPEG_START, decode_still, size_px
+from ssp_core.bag.images import decode_still, size_px
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.writer import BagWriter
-from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, ImageMessage, read_image
+from ssp_core.cdr.images import COMPRESSED_TYPE, JPEG_START, RAW_TYPE, ImageMessage, read_image
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.names import VUT_ID
