@@ -49,7 +49,8 @@ def test_a_run_from_load_to_reset(driver: Any, tools: Any) -> None:
     assert [s.value for s in fired.samples] == pytest.approx([12.5, 11.5])
     assert fired.crossing_ns == 5030 * MS
     assert fired.stamp_ns == 5040 * MS
-    assert fired.references == (dispatched.reference,)
+    assert fired.reference_ids == (dispatched.reference.reference_id,)
+    assert fired.dispatched_ns == dispatched.reference.dispatched_ns
     assert dispatched.reference.purpose == "manoeuvre"
     assert dispatched.reference.dispatched_ns == 5040 * MS
     assert dispatched.reference.execute_at_ns == 5140 * MS

@@ -282,7 +282,7 @@ def session_state_to_msg(change: outbox.StateChanged, spec: RunSpec | None) -> S
     return message
 
 
-def trigger_to_msg(fired: outbox.Triggered, dispatch_ns: int, processing_s: float) -> TriggerEvent:
+def trigger_to_msg(fired: outbox.Triggered, processing_s: float) -> TriggerEvent:
     message = TriggerEvent()
     message.header.stamp = stamp_from_ns(fired.stamp_ns)
     message.header.frame_id = MAP_FRAME
@@ -292,10 +292,10 @@ def trigger_to_msg(fired: outbox.Triggered, dispatch_ns: int, processing_s: floa
     message.sample_stamps = [stamp_from_ns(s.stamp_ns) for s in fired.samples]
     message.sample_values = [s.value for s in fired.samples]
     message.crossing_time = stamp_from_ns(fired.crossing_ns)
-    message.dispatch_time = stamp_from_ns(dispatch_ns)
+    message.dispatch_time = stamp_from_ns(fired.dispatched_ns)
     message.processing = processing_s
-    message.object_ids = [r.object_id for r in fired.references]
-    message.reference_ids = [r.reference_id for r in fired.references]
+    message.object_ids = list(fired.object_ids)
+    message.reference_ids = list(fired.reference_ids)
     return message
 
 
@@ -374,18 +374,16 @@ class Publications:
     def send(
         self,
         fact: outbox.Triggered | PhaseBegan | outbox.LimitPassed | outbox.Note,
-        now_ns: int,
         arrival_ns: int,
     ) -> None:
         """A decision record, a phase, an event, or a word for people.
 
         Args:
-            now_ns: session time, that at which a trigger's references go out.
             arrival_ns: when the deciding state arrived, on the steady clock.
         """
         if isinstance(fact, outbox.Triggered):
             processing_s = (time.monotonic_ns() - arrival_ns) / NS_PER_S
-            self._trigger.publish(trigger_to_msg(fact, now_ns, processing_s))
+            self._trigger.publish(trigger_to_msg(fact, processing_s))
         elif isinstance(fact, PhaseBegan):
             self._phase.publish(phase_to_msg(fact))
         elif isinstance(fact, outbox.Note):

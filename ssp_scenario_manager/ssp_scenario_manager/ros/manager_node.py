@@ -245,7 +245,7 @@ class ScenarioManager(Node):
             if self._session.spec is not None:
                 self._links.command(self._session.spec, fact)
         else:
-            self._publications.send(fact, self._now_ns, self._arrival_ns)
+            self._publications.send(fact, self._arrival_ns)
 
     def _flush(self) -> None:
         """Sends what the session decided, in its order."""

@@ -24,7 +24,7 @@ from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_core.world.plant import FaultFact, LimitFact, ManagerUpdate, Plant, StepReport, make_plant
-from ssp_scenario_manager.run.result import Fired, Happened, misses, result_keys, rounded
+from ssp_scenario_manager.run.result import Happened, misses, result_keys, rounded
 from ssp_scenario_manager.session import limits, outbox
 from ssp_scenario_manager.session.link_quality import LinkEstimate
 from ssp_scenario_manager.session.preconditions import Facts
@@ -55,7 +55,7 @@ class Account:
     """What a session sent that belongs to its record, in its order."""
 
     changes: list[outbox.StateChanged] = field(default_factory=list)
-    triggers: list[Fired] = field(default_factory=list)
+    triggers: list[outbox.Triggered] = field(default_factory=list)
     phases: list[PhaseBegan] = field(default_factory=list)
     violations: list[limits.Violation] = field(default_factory=list)
     references: list[Reference] = field(default_factory=list)
@@ -249,7 +249,7 @@ class InProcessSession:
             elif isinstance(fact, outbox.StateChanged):
                 account.changes.append(fact)
             elif isinstance(fact, outbox.Triggered):
-                account.triggers.append(_fired(fact, self._now_ns))
+                account.triggers.append(fact)
             elif isinstance(fact, PhaseBegan):
                 account.phases.append(fact)
             elif isinstance(fact, outbox.LimitPassed):
@@ -268,19 +268,6 @@ class InProcessSession:
                 reason = f"{target.id} refused: {refusal}"
                 self._script.on_setback(reason)
                 self.session.arming_failed(self._now_ns, reason)
-
-
-def _fired(triggered: outbox.Triggered, now_ns: int) -> Fired:
-    """A state that comes late brings about what it does at its arrival, not at its stamp."""
-    return Fired(
-        trigger_id=triggered.trigger_id,
-        condition=triggered.condition,
-        threshold=triggered.threshold,
-        samples=triggered.samples,
-        crossing_ns=triggered.crossing_ns,
-        dispatched_ns=now_ns,
-        reference_ids=tuple(reference.reference_id for reference in triggered.references),
-    )
 
 
 def _operator_aborts(spec: RunSpec) -> list[Fault]:
@@ -346,7 +333,7 @@ class InProcessResult:
         return self.happened.final_phases
 
     @property
-    def triggers(self) -> tuple[Fired, ...]:
+    def triggers(self) -> tuple[outbox.Triggered, ...]:
         return self.happened.triggers
 
     @property

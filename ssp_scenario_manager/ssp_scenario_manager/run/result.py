@@ -30,23 +30,11 @@ from ssp_core.names import absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Phase, SessionPhase
 from ssp_core.world.plant import FaultFact
+from ssp_scenario_manager.session.outbox import Triggered
 from ssp_scenario_manager.triggers.conditions import Sample
 
 RESULT_SCHEMA = "ssp.result/1"
 _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
-
-
-@dataclass(frozen=True, slots=True)
-class Fired:
-    """Decision record of a trigger (TriggerEvent.msg); times are session times, ns."""
-
-    trigger_id: str
-    condition: str
-    threshold: float
-    samples: tuple[Sample, ...]
-    crossing_ns: int
-    dispatched_ns: int
-    reference_ids: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +55,7 @@ class Happened:
     began_ns: int | None
     phases: tuple[PhaseBegan, ...]
     resolution_ns: int | None
-    triggers: tuple[Fired, ...]
+    triggers: tuple[Triggered, ...]
     faults: tuple[FaultFact, ...]
     passing: Passing
     min_distance_m: float
@@ -94,7 +82,7 @@ class Happened:
         spec: RunSpec,
         began_ns: int | None,
         phases: Iterable[PhaseBegan],
-        triggers: Iterable[Fired],
+        triggers: Iterable[Triggered],
         faults: Iterable[FaultFact],
         truths: Mapping[str, Sequence[ObjectState]],
     ) -> Happened:
@@ -260,7 +248,7 @@ def _phase(happened: Happened, phase: PhaseBegan) -> dict[str, Any]:
     }
 
 
-def _trigger(happened: Happened, fired: Fired) -> dict[str, Any]:
+def _trigger(happened: Happened, fired: Triggered) -> dict[str, Any]:
     return {
         "trigger_id": fired.trigger_id,
         "condition": fired.condition,
@@ -285,15 +273,17 @@ def _fault(happened: Happened, fault: FaultFact) -> dict[str, Any]:
     }
 
 
-def _fired(message: Any) -> Fired:
+def _fired(message: Any) -> Triggered:
     pairs = zip(message.sample_stamps, message.sample_values, strict=True)
-    return Fired(
+    return Triggered(
+        stamp_ns=stamp_ns(message.header.stamp),
         trigger_id=str(message.trigger_id),
         condition=str(message.condition),
         threshold=float(message.threshold),
         samples=tuple(Sample(stamp_ns(stamp), float(value)) for stamp, value in pairs),
         crossing_ns=stamp_ns(message.crossing_time),
         dispatched_ns=stamp_ns(message.dispatch_time),
+        object_ids=tuple(map(str, message.object_ids)),
         reference_ids=tuple(map(str, message.reference_ids)),
     )
 

@@ -41,7 +41,9 @@ class Triggered:
     threshold: float
     samples: tuple[Sample, ...]
     crossing_ns: int
-    references: tuple[Reference, ...]
+    dispatched_ns: int
+    object_ids: tuple[str, ...]
+    reference_ids: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
