@@ -353,96 +353,78 @@ MOST_REFUSED = 3
 MOST_LEAD_S = 0.4
 
 
-@dataclass(frozen=True, slots=True)
-class Fired:
-    """A trigger whose manoeuvre is to be adapted.
+@dataclass(slots=True)
+class _Fired:
+    """A trigger whose manoeuvre is adapted.
 
     Args:
-        trigger: with an adaptation.
         before: the reference that the object drove then; None: it stood.
+        adapting: None until the manoeuvre is on its way.
     """
 
     trigger: TriggerSpec
+    wish: Adaptation
     manoeuvre: Reference
     before: Reference | None
-
-
-@dataclass(frozen=True, slots=True)
-class Wish:
-    """A decision about one manoeuvre."""
-
-    fired: Fired
-    adaptation: Adaptation
-    decision: Decision
+    adapting: Adapting | None = None
 
 
 class Adaptations:
-    """What is remembered of them; the deciding is in ``adapt``."""
+    """The manoeuvres of a run that are adapted, and the references that adapted them."""
 
     def __init__(self) -> None:
-        self._fired: dict[str, Fired] = {}
-        self._going_on: dict[str, Adapting] = {}
+        self._fired: dict[str, _Fired] = {}
         self._sent: dict[str, tuple[str, Pace]] = {}
         self._notes: list[str] = []
 
     def fire(self, trigger: TriggerSpec, manoeuvre: Reference, before: Reference | None) -> None:
         """A manoeuvre is dispatched; one without an adaptation is let be."""
         if trigger.adaptation is not None:
-            self._fired[trigger.id] = Fired(trigger, manoeuvre, before)
+            self._fired[trigger.id] = _Fired(trigger, trigger.adaptation, manoeuvre, before)
 
-    def judge(self, spec: RunSpec, path: Polyline, vut: ObjectState, now_ns: int) -> list[Wish]:
+    def judge(
+        self, spec: RunSpec, path: Polyline, vut: ObjectState, now_ns: int
+    ) -> list[tuple[TriggerSpec, Decision]]:
         """Judges every manoeuvre on a state of the VUT, in the order in which they fired."""
-        wishes = []
+        decisions = []
         for fired in list(self._fired.values()):
-            wish = fired.trigger.adaptation
-            if fired.manoeuvre.dispatched_ns == now_ns:
+            trigger, manoeuvre = fired.trigger, fired.manoeuvre
+            if manoeuvre.dispatched_ns == now_ns:
                 continue  # It is on its way out; nothing may hold it up.
-            known = self._known(fired, spec, path, vut.stamp_ns)
-            if wish is None or known is None:
-                continue
-            decision = decide(known, wish, self._bounds(fired, spec), vut, path, now_ns)
-            self._going_on[fired.trigger.id] = decision.adapting
-            wishes.append(Wish(fired, wish, decision))
-        return wishes
+            target = next(t for t in spec.targets if t.id == trigger.object_id)
+            if fired.adapting is None:
+                planned_motion = planned_motion_of(
+                    fired.before, manoeuvre, manoeuvre.dispatched_ns, target, spec.vut, path
+                )
+                if planned_motion is None:
+                    del self._fired[trigger.id]
+                    why = "doesn't come into the VUT's corridor: no adaptation"
+                    self._notes.append(f"{target.id} {why}")
+                    continue
+                lead_s = fired.wish.lead_time_s
+                fired.adapting = begin(planned_motion, manoeuvre.dispatched_ns, lead_s)
+            bounds = Bounds(spec.limits, spec.geofence, target, spec.step_s)
+            decision = decide(fired.adapting, fired.wish, bounds, vut, path, now_ns)
+            fired.adapting = decision.adapting
+            decisions.append((trigger, decision))
+        return decisions
 
-    @staticmethod
-    def _bounds(fired: Fired, spec: RunSpec) -> Bounds:
-        target = next(t for t in spec.targets if t.id == fired.trigger.object_id)
-        return Bounds(spec.limits, spec.geofence, target, spec.step_s)
-
-    def _known(self, fired: Fired, spec: RunSpec, path: Polyline, now_ns: int) -> Adapting | None:
-        trigger, wish = fired.trigger, fired.trigger.adaptation
-        if trigger.id in self._going_on or wish is None:
-            return self._going_on.get(trigger.id)
-        target = next(t for t in spec.targets if t.id == trigger.object_id)
-        manoeuvre = fired.manoeuvre
-        planned_motion = planned_motion_of(
-            fired.before, manoeuvre, manoeuvre.dispatched_ns, target, spec.vut, path
-        )
-        if planned_motion is None:
-            del self._fired[trigger.id]
-            self._notes.append(f"{target.id} doesn't come into the VUT's corridor: no adaptation")
-            return None
-        return begin(planned_motion, manoeuvre.dispatched_ns, wish.lead_time_s)
-
-    def send(self, reference_id: str, wish: Wish) -> None:
+    def send(self, reference_id: str, trigger_id: str, pace: Pace) -> None:
         """An adapted reference is dispatched, at the pace of a decision."""
-        if wish.decision.pace is not None:
-            self._sent[reference_id] = (wish.fired.trigger.id, wish.decision.pace)
+        self._sent[reference_id] = (trigger_id, pace)
 
     def answer(self, reference_id: str, *, accepted: bool, message: str) -> None:
         """An object's answer to an adapted reference that doesn't end the run."""
         trigger_id, pace = self._sent.pop(reference_id)
-        known = answered(
-            self._going_on[trigger_id],
-            pace,
-            accepted=accepted,
-            most_lead_ns=seconds_to_ns(MOST_LEAD_S),
-        )
+        fired = self._fired[trigger_id]
+        if fired.adapting is None:
+            raise ValueError(f"{reference_id} is of a manoeuvre that nobody adapts")
+        most_ns = seconds_to_ns(MOST_LEAD_S)
+        known = answered(fired.adapting, pace, accepted=accepted, most_lead_ns=most_ns)
         if not accepted and not known.over and known.refused >= MOST_REFUSED:
             known = known.ended(f"{reference_id} was refused: {message}")
             self._notes.append(f"adaptation ends: {known.over}")
-        self._going_on[trigger_id] = known
+        fired.adapting = known
 
     def take_notes(self) -> list[str]:
         """Takes out what people should know."""

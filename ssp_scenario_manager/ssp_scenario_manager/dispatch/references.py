@@ -41,7 +41,7 @@ class Address:
     execute_at_ns: int
 
 
-def _reference(address: Address, points: Points) -> Reference:
+def reference(address: Address, points: Points) -> Reference:
     return Reference(
         reference_id=address.reference_id,
         object_id=address.object_id,
@@ -90,7 +90,7 @@ def _points_along(motion: Motion) -> Points:
 
 def approach_reference(address: Address, motion: Motion) -> Reference:
     """From standstill along the path to its end, where it stands again."""
-    return _reference(address, _points_along(motion))
+    return reference(address, _points_along(motion))
 
 
 def manoeuvre_reference(
@@ -118,7 +118,7 @@ def manoeuvre_reference(
     path = _path(tuple(approach.path))
     place = _place(path, address.execute_at_ns, state, current)
     if isinstance(manoeuvre, Brake):
-        return _reference(address, _brake(path, place, manoeuvre))
+        return reference(address, _brake(path, place, manoeuvre))
     points = lane_change(
         path,
         place.station_m,
@@ -129,7 +129,7 @@ def manoeuvre_reference(
         manoeuvre.deceleration_mps2,
         end_station_m=run_out_end_m(path, place.station_m, place.speed_mps, manoeuvre),
     )
-    return _reference(address, points)
+    return reference(address, points)
 
 
 def run_out_end_m(

@@ -7,16 +7,14 @@ from dataclasses import replace
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.motion.event import PhaseBegan, next_phase
-from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.participants import TriggerSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, Phase
 from ssp_scenario_manager.dispatch import references
-from ssp_scenario_manager.dispatch.adaptation import Wish
-from ssp_scenario_manager.dispatch.planned_motion import Pace, play
-from ssp_scenario_manager.dispatch.references import ADAPTED, EXPIRY_S
+from ssp_scenario_manager.dispatch.planned_motion import play
+from ssp_scenario_manager.dispatch.references import ADAPTED
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import (
     Violation,
@@ -288,32 +286,17 @@ def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Out
         now_ns: session time, that of a dispatch.
     """
     facts: list[outbox.Outgoing | Violation] = []
-    for wish in run.adaptations.judge(run.spec, run.path, vut, now_ns):
-        decision, trigger = wish.decision, wish.fired.trigger
+    for trigger, decision in run.adaptations.judge(run.spec, run.path, vut, now_ns):
         if decision.wrong_order:
             facts.append(_missing(run, trigger.object_id, now_ns, decision.wrong_order))
             continue
-        if decision.pace is not None:
-            facts.append(_dispatch(run, wish, decision.pace, now_ns))
+        if (pace := decision.pace) is not None:
+            lead_s = ns_to_seconds(pace.start_ns - now_ns)
+            address = run.address(trigger.object_id, ADAPTED, now_ns, lead_s)
+            points = play(decision.adapting.planned_motion.columns, pace)
+            run.adaptations.send(address.reference_id, trigger.id, pace)
+            facts.append(run.send(references.reference(address, points)))
         if decision.note:
             facts.append(outbox.Note(now_ns, f"{trigger.object_id}: {decision.note}"))
     facts += [outbox.Note(now_ns, text) for text in run.adaptations.take_notes()]
     return facts
-
-
-def _dispatch(run: Run, wish: Wish, pace: Pace, now_ns: int) -> outbox.Dispatch:
-    lead_s = ns_to_seconds(pace.start_ns - now_ns)
-    address = run.address(wish.fired.trigger.object_id, ADAPTED, now_ns, lead_s)
-    run.adaptations.send(address.reference_id, wish)
-    return run.send(
-        Reference(
-            reference_id=address.reference_id,
-            object_id=address.object_id,
-            event_version=address.event_version,
-            purpose=address.purpose,
-            dispatched_ns=now_ns,
-            execute_at_ns=pace.start_ns,
-            expires_at_ns=pace.start_ns + seconds_to_ns(EXPIRY_S),
-            points=play(wish.decision.adapting.planned_motion.columns, pace),
-        )
-    )
