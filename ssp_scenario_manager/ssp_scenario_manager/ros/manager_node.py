@@ -18,7 +18,7 @@ from ssp_core.run_file.model import load_run
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.ros.endpoints import ObjectEndpoints, Publications, Subscriptions
-from ssp_scenario_manager.ros.services import CommandServices, RunScenarioServer
+from ssp_scenario_manager.ros.services import SessionServices
 from ssp_scenario_manager.session import limits, outbox
 from ssp_scenario_manager.session.inputs import StateInput, StepInputs
 from ssp_scenario_manager.session.session import WATCHED, Session
@@ -56,8 +56,7 @@ class ScenarioManager(Node):
         self._links = ObjectEndpoints(
             self, self._on_target_state, self._on_array, self._on_ack, self._on_object_refusal
         )
-        self._goal = RunScenarioServer(self, self._session, self._load, self._command)
-        CommandServices(self, self._session, self._load, self._command)
+        self._commands = SessionServices(self, self._session, self._load, self._command)
         self._publications = Publications(self)
         self._subscribers = Subscriptions(self, self._liveness, self)
         # The watchdog must go on when simulated time stands still.
@@ -223,11 +222,11 @@ class ScenarioManager(Node):
                 self._answer_world()
         self._subscribers.look_for_others(self._links.references_sent)
         if self._supervisor.look(time.monotonic_ns(), self._now_ns):
-            self._goal.on_standstill_unconfirmed()
+            self._commands.on_standstill_unconfirmed()
         holding = not self._in_lockstep and self._session.state in _JUDGED_WHILE_HOLDING
         if self._live or holding:
             self._session.step(self._now_ns)
-        self._goal.drive(self._now_ns)
+        self._commands.drive(self._now_ns)
         self._flush()
 
     def _report_links(self) -> None:
@@ -260,7 +259,7 @@ class ScenarioManager(Node):
     def _announce(self, change: outbox.StateChanged) -> None:
         self._publications.state_changed(change, self._session.spec)
         if change.event == SessionEvent.ARM_FAILED.value:
-            self._goal.on_setback(change.reason)
+            self._commands.on_setback(change.reason)
         if change.state is SessionPhase.ARMED:
             # A simulated world holds: until it runs, this is where they stand.
             self._send_poses()

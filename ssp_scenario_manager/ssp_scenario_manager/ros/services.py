@@ -20,61 +20,16 @@ from ssp_scenario_manager.session.run_script import RunScript
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import Answer, SessionEvent
 
-
-class CommandServices:
-    """The services.
-
-    Args:
-        command: gives the session a command (event, who asks, reason).
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        session: Session,
-        load: Callable[[str], Answer],
-        command: Callable[[SessionEvent, str, str], Answer],
-    ) -> None:
-        self._session = session
-        self._load = load
-        self._command = command
-        node.create_service(LoadScenario, names.LOAD_SCENARIO, self._on_load)
-        for word in names.SESSION_COMMANDS:
-            node.create_service(SessionCommand, word, partial(self._on_command, SessionEvent(word)))
-
-    def _on_load(
-        self, request: LoadScenario.Request, response: LoadScenario.Response
-    ) -> LoadScenario.Response:
-        answer = self._load(request.run_file)
-        response.accepted = answer.accepted
-        response.error_code = answer.error_code
-        response.error_msg = answer.error_msg
-        spec = self._session.spec
-        response.event_version = spec.event_version if answer.accepted and spec else ""
-        return response
-
-    def _on_command(
-        self,
-        event: SessionEvent,
-        request: SessionCommand.Request,
-        response: SessionCommand.Response,
-    ) -> SessionCommand.Response:
-        answer = self._command(event, request.requested_by or "unknown", request.reason)
-        response.accepted = answer.accepted
-        response.error_code = answer.error_code
-        response.error_msg = answer.error_msg
-        response.missing = list(answer.missing)
-        response.session_state = int(self._session.state)
-        return response
-
-
 WHO = "run_scenario"
 
 
-class RunScenarioServer:
-    """At most one goal at a time.
+class SessionServices:
+    """Answers commands, and has at most one goal of ``run_scenario`` done at a time.
 
     Args:
+        node: owns services and action.
+        session: that they command.
+        load: loads a run file into the session.
         command: gives the session a command (event, who asks, reason).
     """
 
@@ -90,6 +45,9 @@ class RunScenarioServer:
         self._command = command
         self._goal: Any = None
         self._script: RunScript | None = None
+        node.create_service(LoadScenario, names.LOAD_SCENARIO, self._on_load)
+        for word in names.SESSION_COMMANDS:
+            node.create_service(SessionCommand, word, partial(self._on_command, SessionEvent(word)))
         self._server = ActionServer(
             node,
             RunScenario,
@@ -166,3 +124,28 @@ class RunScenarioServer:
         else:
             goal.succeed()
         return result
+
+    def _on_load(
+        self, request: LoadScenario.Request, response: LoadScenario.Response
+    ) -> LoadScenario.Response:
+        answer = self._load(request.run_file)
+        response.accepted = answer.accepted
+        response.error_code = answer.error_code
+        response.error_msg = answer.error_msg
+        spec = self._session.spec
+        response.event_version = spec.event_version if answer.accepted and spec else ""
+        return response
+
+    def _on_command(
+        self,
+        event: SessionEvent,
+        request: SessionCommand.Request,
+        response: SessionCommand.Response,
+    ) -> SessionCommand.Response:
+        answer = self._command(event, request.requested_by or "unknown", request.reason)
+        response.accepted = answer.accepted
+        response.error_code = answer.error_code
+        response.error_msg = answer.error_msg
+        response.missing = list(answer.missing)
+        response.session_state = int(self._session.state)
+        return response

@@ -132,12 +132,8 @@ class _Following:
         parts = [part for part in (self._client, self._hands, self._by_hand) if part is not None]
         while not all(part.ready() for part in parts):
             self._client.spin(0.05)
-            ended = self._group.ended()
-            if ended:
-                reason = f"did not come up: {obituary(ended[0])}"
-                return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
-            if self._interrupt.count:
-                return RunOutcome(Verdict.ABORTED, ("interrupted before the start",))
+            if (failure := self._failed_before("did not come up: ")) is not None:
+                return failure
             if time.monotonic() > deadline:
                 reason = (
                     f"the scenario manager did not answer within {START_TIMEOUT_S:g} s; "
@@ -145,6 +141,17 @@ class _Following:
                 )
                 return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
         self._client.hear_manager()
+        return None
+
+    def _failed_before(self, word: str = "") -> RunOutcome | None:
+        """Why there will be no run: a dead process, a hung manager, a person; None: nothing."""
+        if ended := self._group.ended():
+            return RunOutcome(Verdict.INVALID_HARNESS, (word + obituary(ended[0]),))
+        # A manager that comes up isn't heard yet.
+        if not word and (silent := self._silent_manager()):
+            return RunOutcome(Verdict.INVALID_HARNESS, (silent,))
+        if self._interrupt.count:
+            return RunOutcome(Verdict.ABORTED, ("interrupted before the start",))
         return None
 
     def _silent_manager(self) -> str:
@@ -160,10 +167,10 @@ class _Following:
     def _wait_for_go(self, run_file: Path, go: Go) -> RunOutcome | None:
         """None once somebody says that the run may begin; otherwise why there is none."""
         self._client.load(str(run_file))
-        while self._client.loaded is None and not self._group.ended() and not self._interrupt.count:
+        while self._client.loaded is None:
             self._client.spin(0.05)
-            if silent := self._silent_manager():
-                return RunOutcome(Verdict.INVALID_HARNESS, (silent,))
+            if (failure := self._failed_before()) is not None:
+                return failure
         if self._client.loaded:
             return RunOutcome(Verdict.INVALID_HARNESS, self._client.loaded)
         self._say(
@@ -175,13 +182,8 @@ class _Following:
             if self._client.under_way:
                 self._say("begun or aborted from elsewhere; following it")
                 return None
-            ended = self._group.ended()
-            if ended:
-                return RunOutcome(Verdict.INVALID_HARNESS, (obituary(ended[0]),))
-            if silent := self._silent_manager():
-                return RunOutcome(Verdict.INVALID_HARNESS, (silent,))
-            if self._interrupt.count:
-                return RunOutcome(Verdict.ABORTED, ("interrupted before the start",))
+            if (failure := self._failed_before()) is not None:
+                return failure
         return None if word else RunOutcome(Verdict.ABORTED, ("nobody began the run",))
 
     def _wait(self) -> RunOutcome:
