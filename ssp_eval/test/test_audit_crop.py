@@ -13,7 +13,6 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import ControlState, Verdict
-from ssp_eval.audit.evidence import phase_starts
 from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import read_recording
@@ -24,7 +23,7 @@ from ssp_eval.data.audit import (
     phase_fraction,
     property_retention,
 )
-from ssp_eval.recordings.event import Window, crop_of, event_thresholds, source_times, window_of
+from ssp_eval.recordings.event import Window, crop_of, phase_starts, rules_of
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 
@@ -97,7 +96,7 @@ def test_kpr_weighs_what_is_equal() -> None:
 
 
 def test_the_window_of_a_k_star_is_that_of_its_source() -> None:
-    window = window_of(load_event("cut_in")[0])
+    window = rules_of(load_event("cut_in")[0]).window
     assert window is not None
     assert (window.before_s, window.after_s) == (pytest.approx(3.208), pytest.approx(3.5))
 
@@ -112,8 +111,8 @@ def test_times_and_thresholds_of_a_k_star_in_ms_are_those_in_s() -> None:
                 quantity |= {"unit": "ms", "min": _thousandfold(quantity["min"])}
                 quantity["max"] = _thousandfold(quantity["max"])
     in_ms = Event.model_validate(value)
-    assert phase_starts(source_times(in_ms)) == pytest.approx(phase_starts(source_times(event)))
-    limits, same = event_thresholds(in_ms), event_thresholds(event)
+    assert phase_starts(in_ms) == pytest.approx(phase_starts(event))
+    limits, same = rules_of(in_ms).thresholds, rules_of(event).thresholds
     assert limits.ttc_s == pytest.approx(same.ttc_s)
     assert limits.arrival_gap_s == pytest.approx(same.arrival_gap_s)
 
@@ -123,7 +122,7 @@ def test_a_threshold_that_is_no_time_is_refused() -> None:
     value = event.model_dump(mode="json", by_alias=True)
     value["constraints"]["thresholds"]["ttc"]["unit"] = "m"
     with pytest.raises(InputError, match=r"is no unit of time.*s or ms"):
-        event_thresholds(Event.model_validate(value))
+        rules_of(Event.model_validate(value))
 
 
 def _thousandfold(value: float | None) -> float | None:

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Pose2, wrap_angle
+from ssp_core.motion.encounter import Observable
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.road import CurvePiece, Lane, Road
@@ -23,6 +24,7 @@ from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
 from ssp_eval.audit.paths import Lanes
 from ssp_eval.audit.reasons import explain
 from ssp_eval.data.audit import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY, Property, is_equal
+from ssp_eval.recordings.event import NO_RULES
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 
@@ -68,6 +70,8 @@ def scene(
     cls: ObjectClass = ObjectClass.CAR,
     *,
     length_s: float = 14.0,
+    thresholds: ConflictThresholds = TTC_ONLY,
+    observable: Observable = "lateral",
     **more: Any,
 ) -> Scene:
     series = []
@@ -77,7 +81,8 @@ def scene(
         series.append((t_s, {o.object_id: o for o in objects}))
     given = {
         "series": series, "vut_id": "vut", "target_ids": ("ot1",), "road": road(),
-        "start_s": 0.0, "end_s": series[-1][0], "thresholds": TTC_ONLY, "observable": "lateral",
+        "start_s": 0.0, "end_s": series[-1][0],
+        "rules": replace(NO_RULES, thresholds=thresholds, observable=observable),
     }  # fmt: skip
     return Scene(**{**given, **more})
 

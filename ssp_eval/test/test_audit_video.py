@@ -90,9 +90,8 @@ def test_the_source_clip_has_what_was_reviewed_of_it(
     assert one.phases is not None
     assert one.crop is not None
     assert (one.crop.start_s, one.crop.end_s) == (0.0, 9.0)
-    assert TIMES.trigger is not None
-    assert one.phases.trigger_s == TIMES.trigger.middle_s
-    assert one.phi["trigger"] == pytest.approx(TIMES.trigger.middle_s / 9.0)
+    assert one.phases.trigger_s == TIMES["trigger"].mid
+    assert one.phi["trigger"] == pytest.approx(TIMES["trigger"].mid / 9.0)
     assert one.coverage.participants["ot1"].fraction == 1.0
     assert one.coverage.source == "reviewed"
     assert one.log_said_by == "the source gate of the K*"

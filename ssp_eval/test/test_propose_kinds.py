@@ -19,7 +19,7 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.labels.check import response_problems
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.truth import Truth
-from ssp_eval.recordings.event import event_observable, event_thresholds
+from ssp_eval.recordings.event import NO_RULES, rules_of
 from ssp_eval.recordings.sight import blocked, clear_share, surface_points
 from ssp_scenario_manager.event_spec.load import load_event
 
@@ -43,13 +43,23 @@ def state(
     )
 
 
-def truth(series: list[tuple[float, list[ObjectState]]], **more: object) -> Truth:
+def truth(
+    series: list[tuple[float, list[ObjectState]]],
+    thresholds: ConflictThresholds = NO_RULES.thresholds,
+    observable: Observable | None = None,
+    **more: object,
+) -> Truth:
+    rules = replace(NO_RULES, thresholds=thresholds, observable=observable)
     given = {
         "scenario": "made_up", "domain": "simulation", "event_version": "sha256:0",
         "start_s": 0.0, "end_s": series[-1][0], "vut_id": "vut", "target_ids": ("ot1",),
-        "series": series, "source": "made up",
+        "series": series, "source": "made up", "rules": rules,
     }  # fmt: skip
     return Truth(**{**given, **more})  # type: ignore[arg-type]  # a dictionary of fields
+
+
+def seen_by(source: Truth, observable: Observable | None) -> Truth:
+    return replace(source, rules=replace(source.rules, observable=observable))
 
 
 def lead_braking(touch_s: float = 0.0) -> Truth:
@@ -100,7 +110,7 @@ def occluded(trigger_s: float = 4.0, truck: bool = True) -> Truth:
 
 @pytest.mark.parametrize("observable", ["braking", None])
 def test_a_lead_vehicle_that_brakes(observable: Observable | None) -> None:
-    proposal = propose(replace(lead_braking(), observable=observable))
+    proposal = propose(seen_by(lead_braking(), observable))
     event = proposal.event
     assert event.trigger_s == pytest.approx(4.0, abs=STEP_S)
     assert event.arrival_s == event.trigger_s
@@ -121,9 +131,9 @@ def test_a_touch_of_the_brake_is_no_manoeuvre(touch_s: float, trigger_s: float) 
 
 def test_braking_is_looked_for_only_where_it_is_the_event() -> None:
     with pytest.raises(InputError, match="from the side"):
-        propose(replace(lead_braking(), observable="lateral"))
+        propose(seen_by(lead_braking(), "lateral"))
     with pytest.raises(InputError, match="brakes ahead"):
-        propose(replace(occluded(), observable="braking"))
+        propose(seen_by(occluded(), "braking"))
 
 
 def test_braking_behind_the_vut_is_none() -> None:
@@ -159,8 +169,8 @@ def test_who_is_hidden_has_no_position_and_no_risk_yet() -> None:
 
 def test_thresholds_and_observable_of_a_shipped_event() -> None:
     event, _ = load_event("lead_braking")
-    assert event_observable(event) == "braking"
-    assert event_thresholds(event) == TTC_ONLY
+    rules = rules_of(event)
+    assert (rules.observable, rules.thresholds) == ("braking", TTC_ONLY)
 
 
 EYE = np.array([0.0, 0.0, 1.4])

@@ -285,7 +285,7 @@ def test_who_only_passes_behind_makes_no_event() -> None:
     series = [(t_s, {x.object_id: x for x in states}) for t_s, states in ahead]
     corridor = Corridor.of([states["vut"] for _, states in series])
     samples = instants_of(series, "vut", "ot1")
-    assert find_event(samples, corridor.path, source.thresholds) is None
+    assert find_event(samples, corridor.path, source.rules.thresholds) is None
 
 
 def made(labels: Labels, spacing_s: float) -> Labels:

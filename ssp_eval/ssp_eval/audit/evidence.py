@@ -11,7 +11,6 @@ from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.data.audit import (
     CONFLICT,
-    EVENT_PHASES,
     FIELDS,
     MOTION,
     ORDER,
@@ -21,7 +20,7 @@ from ssp_eval.data.audit import (
     differences,
 )
 from ssp_eval.observations.agreement import Agreement
-from ssp_eval.recordings.event import SourceTimes, source_times
+from ssp_eval.recordings.event import phase_starts, source_times
 from ssp_scenario_manager.event_spec.fields import owner
 from ssp_scenario_manager.event_spec.load import seals
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Count, CountField, Event, WordField
@@ -340,7 +339,7 @@ def reviewed(recording: Recording, event: Event) -> tuple[Evidence, list[Finding
         recording: the source clip (is_source_clip).
         event: the K* that was taken from it.
     """
-    findings = _other_crop(recording, source_times(event))
+    findings = _other_crop(recording, event)
     review, wanted = review_of(event), expected_properties(event)
     properties = {}
     for name in FIELDS:
@@ -355,25 +354,8 @@ def reviewed(recording: Recording, event: Event) -> tuple[Evidence, list[Finding
     if review.gaps[PHASES_FIELD]:
         findings.append(Finding("unverified", f"phases: {'; '.join(review.gaps[PHASES_FIELD])}"))
     else:
-        starts = phase_starts(source_times(event))
+        starts = phase_starts(event)
     return Evidence("reviewed", f"reviewed in K* {event.name}", properties, starts), findings
-
-
-def phase_starts(times: SourceTimes) -> dict[str, float]:
-    """Starts of the phases in the source's clip time: intervals enter with their middle."""
-    if times.start is None:
-        return {}
-    zero_s = times.start.middle_s
-    found = {name: getattr(times, name) for name in EVENT_PHASES}
-    return {name: when.middle_s - zero_s for name, when in found.items() if when is not None}
-
-
-def half_widths(times: SourceTimes) -> dict[str, float]:
-    """Half the width of the phases' times, s, where they are intervals."""
-    found = {name: getattr(times, name) for name in EVENT_PHASES}
-    return {
-        name: when.half_s for name, when in found.items() if when is not None and when.half_s > 0.0
-    }
 
 
 def unknown_source(recording: Recording, event: Event | None) -> str | None:
@@ -391,27 +373,25 @@ def unknown_source(recording: Recording, event: Event | None) -> str | None:
     return f"the K*'s source clip is synthetic, and this is declared {imported.domain}"
 
 
-def _other_crop(recording: Recording, times: SourceTimes) -> list[Finding]:
-    imported = recording.provenance.imported
+def _other_crop(recording: Recording, event: Event) -> list[Finding]:
+    """Where the recording isn't the K*'s crop of its source."""
+    imported, at = recording.provenance.imported, source_times(event)
     found = []
-    for name, when in (("start", times.start), ("end", times.end)):
+    for name in ("start", "end"):
         given = None if imported is None else imported.crop.get(f"{name}_s")
-        if when is None or not isinstance(given, int | float) or not math.isfinite(given):
+        if name not in at or not isinstance(given, int | float) or not math.isfinite(given):
             continue
-        if not when.low_s - CROP_TOLERANCE_S <= given <= when.high_s + CROP_TOLERANCE_S:
-            found.append(
-                Finding(
-                    "other_source",
-                    f"the crop's {name} is {given:g} s, the K*'s clip's is {when.middle_s:g} s",
-                )
-            )
+        when = at[name]
+        if not when.low - CROP_TOLERANCE_S <= given <= when.high + CROP_TOLERANCE_S:
+            text = f"the crop's {name} is {given:g} s, the K*'s clip's is {when.mid:g} s"
+            found.append(Finding("other_source", text))
     last_s = recording.end_s
-    if times.start is None or times.end is None or last_s is None or found:
+    if not {"start", "end"} <= set(at) or last_s is None or found:
         return found
     # The last frame lies a period before the end.
     period_s = last_s / max(1, len(recording.frames_s) - 1)
-    if last_s < times.end.low_s - times.start.high_s - CROP_TOLERANCE_S - period_s:
-        length_s = times.end.middle_s - times.start.middle_s
+    if last_s < at["end"].low - at["start"].high - CROP_TOLERANCE_S - period_s:
+        length_s = at["end"].mid - at["start"].mid
         text = f"{last_s:.2f} s of it are left, the K*'s clip is {length_s:g} s long"
         found.append(Finding("other_source", text))
     return found

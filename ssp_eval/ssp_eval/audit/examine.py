@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ssp_core.errors import InputError
-from ssp_core.motion.encounter import Observable
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.audit.evidence import (
     Evidence,
@@ -15,7 +14,6 @@ from ssp_eval.audit.evidence import (
     Value,
     combined,
     contradictions,
-    half_widths,
     is_source_clip,
     observed,
     reviewed,
@@ -41,16 +39,7 @@ from ssp_eval.data.audit import (
     phase_fraction,
 )
 from ssp_eval.observations.agreement import Agreement
-from ssp_eval.recordings.event import (
-    LOCATED_S,
-    Crop,
-    Window,
-    crop_of,
-    event_observable,
-    event_thresholds,
-    source_times,
-    window_of,
-)
+from ssp_eval.recordings.event import LOCATED_S, Crop, crop_of, rules_of, source_times
 from ssp_eval.recordings.sight import Moment
 from ssp_eval.recordings.states import STATE_AGE_S
 from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
@@ -291,9 +280,13 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
     phases = None
     if crop is not None and located is not None:
         phases = Phases(crop.start_s, crop.end_s, *(starts.get(name) for name in EVENT_PHASES))
-        closest = "" if measured is None else _closest(measured, _thresholds(recording, event))
+        closest = (
+            ""
+            if measured is None
+            else _closest(measured, rules_of(event, recording.provenance.run).thresholds)
+        )
         findings += phase_findings(phases, closest)
-    is_cropped = event is not None and window_of(event) is not None
+    is_cropped = event is not None and rules_of(event).window is not None
     if crop is None:
         findings.append(Finding("epd_missing", "the recording has no clip", math.inf))
     elif event is not None and not is_cropped:
@@ -367,31 +360,6 @@ def version_findings(
 # -- measured -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Rules:
-    """What decides when a phase begins."""
-
-    thresholds: ConflictThresholds
-    observable: Observable
-    window: Window | None
-
-
-def _thresholds(recording: Recording, event: Event | None) -> ConflictThresholds:
-    run = recording.provenance.run
-    if event is not None:
-        return event_thresholds(event)
-    return ConflictThresholds() if run is None else run.thresholds
-
-
-def _rules(recording: Recording, event: Event | None) -> _Rules:
-    run = recording.provenance.run
-    observable = None if event is None else event_observable(event)
-    if observable is None:
-        observable = "lateral" if run is None else run.observable
-    window = None if event is None else window_of(event)
-    return _Rules(_thresholds(recording, event), observable, window)
-
-
 def _measured(
     recording: Recording, event: Event | None, is_source: bool
 ) -> tuple[Crop | None, Measured | None]:
@@ -399,20 +367,10 @@ def _measured(
     who, (start_s, end_s) = recording.provenance.participants, _covered(recording)
     if who is None or start_s is None or end_s is None or end_s <= start_s or not recording.series:
         return None, None
-    rules = _rules(recording, event)
+    rules = rules_of(event, recording.provenance.run)
 
     def scene(part: Recording, first_s: float, last_s: float) -> Scene:
-        return Scene(
-            part.series,
-            who.vut,
-            tuple(who.targets),
-            part.road,
-            first_s,
-            last_s,
-            rules.thresholds,
-            rules.observable,
-            None if rules.window is None else rules.window.after_s,
-        )
+        return Scene(part.series, who.vut, tuple(who.targets), part.road, first_s, last_s, rules)
 
     try:
         whole = measure(scene(recording, start_s, end_s))
@@ -444,9 +402,9 @@ def _covered(recording: Recording) -> tuple[float | None, float | None]:
 
 def _source_crop(recording: Recording, event: Event | None) -> Crop:
     """The source clip was cropped when its K* was made; the import holds that crop."""
-    times = None if event is None else source_times(event)
-    if times is not None and times.start is not None and times.end is not None:
-        length_s = times.end.middle_s - times.start.middle_s
+    at = {} if event is None else source_times(event)
+    if {"start", "end"} <= set(at):
+        length_s = at["end"].mid - at["start"].mid
         return Crop(0.0, length_s, "the K*'s crop of its source (events.clip)")
     return Crop(
         recording.start_s or 0.0, recording.end_s or 0.0, "the whole clip: the K* names no crop"
@@ -462,7 +420,7 @@ def _crop(
         return None
     if is_source:
         return _source_crop(recording, event)
-    window = None if event is None else window_of(event)
+    window = rules_of(event).window
     return crop_of(first_s, last_s, starts.get("trigger"), starts.get("resolution"), window)
 
 
@@ -550,11 +508,9 @@ def _phi(phases: Phases) -> dict[str, float]:
 def _half_phi(event: Event | None, phases: Phases | None) -> dict[str, float]:
     if event is None or phases is None:
         return {}
-    length_s = phases.end_s - phases.start_s
-    return {
-        name: min(1.0, half_s / length_s)
-        for name, half_s in half_widths(source_times(event)).items()
-    }
+    length_s, at = phases.end_s - phases.start_s, source_times(event)
+    halves_s = {name: (at[name].high - at[name].low) / 2.0 for name in EVENT_PHASES if name in at}
+    return {name: min(1.0, half_s / length_s) for name, half_s in halves_s.items() if half_s > 0.0}
 
 
 def _announced(recording: Recording, phases: Phases | None) -> tuple[str, ...]:

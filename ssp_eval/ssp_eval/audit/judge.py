@@ -36,7 +36,7 @@ from ssp_eval.data.audit import (
 )
 from ssp_eval.data.labels import compare_labels, phase_counts
 from ssp_eval.data.provenance import Provenance, bag_folder
-from ssp_eval.recordings.event import event_thresholds
+from ssp_eval.recordings.event import rules_of
 from ssp_scenario_manager.compile.compiler import LOGGED_AS
 from ssp_scenario_manager.event_spec.load import event_version
 from ssp_scenario_manager.event_spec.log import Record
@@ -242,7 +242,7 @@ def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged
         for entry, others in zip(entries, shared, strict=True)
     ]
     labelled = {r.provenance.domain: r.labels for r in recordings if r.labels is not None}
-    thresholds = None if event is None else event_thresholds(event)
+    thresholds = None if event is None else rules_of(event).thresholds
     audit = Audit(
         software=f"ssp {__version__}",
         scenario=_scenario(recordings, event),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from ssp_core.geometry import box_distance
-from ssp_core.motion.encounter import Observable, encounter
+from ssp_core.motion.encounter import encounter
 from ssp_core.motion.event import (
     TOLERANCE_S,
     Corridor,
@@ -25,12 +25,11 @@ from ssp_core.motion.event import (
     passing_of,
 )
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import MOTIONS
 from ssp_eval.audit.paths import Lanes, Spot
 from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
-from ssp_eval.recordings.event import LOCATED_S
+from ssp_eval.recordings.event import LOCATED_S, EventRules
 from ssp_eval.recordings.geometry import motion_word
 from ssp_eval.recordings.states import Series
 
@@ -59,9 +58,7 @@ class Scene:
         road: that they drive on; None: nobody bound one, and there is no topology.
         start_s: clip time of the clip's start.
         end_s: clip time of its end.
-        thresholds: of the K*.
-        observable: what the K*'s kind of interaction makes observable.
-        for_good_s: what lasts so long is for good (METHOD 4.1); None: to the last state.
+        rules: of the K*, else of the run.
     """
 
     series: Series
@@ -70,9 +67,7 @@ class Scene:
     road: RoadFacts | None
     start_s: float
     end_s: float
-    thresholds: ConflictThresholds
-    observable: Observable
-    for_good_s: float | None = None
+    rules: EventRules
 
 
 @dataclass(frozen=True)
@@ -238,10 +233,10 @@ def _pair(
     event = find_event(
         samples,
         corridor.path,
-        scene.thresholds,
-        scene.observable,
+        scene.rules.thresholds,
+        scene.rules.observable or "lateral",
         harmless=True,
-        for_good_s=scene.for_good_s,
+        for_good_s=scene.rules.for_good_s,
     )
     return _Pair(observer, other, samples, corridor, event)
 

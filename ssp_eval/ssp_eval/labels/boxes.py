@@ -22,8 +22,7 @@ from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.run_file.model import Camera
 from ssp_core.world.camera import Intrinsics, View, mounted_view, shown_box, view_from
 from ssp_eval.data.provenance import read_provenance
-from ssp_eval.labels.sheet import is_bag
-from ssp_eval.labels.truth import truth_from_file
+from ssp_eval.labels.truth import is_bag, truth_from_file
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.recordings.sight import clear_share
 

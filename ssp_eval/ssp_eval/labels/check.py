@@ -88,8 +88,8 @@ def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
     if labels.event_version != version:
         problems.append(f"event_version: {labels.event_version} is not the event's, {version}")
     starts: dict[str, Any] = {p: getattr(event.events, p).start for p in PHASES}
-    clip = source_times(event).start
-    zero_s = 0.0 if clip is None else clip.middle_s
+    clip = source_times(event).get("start")
+    zero_s = 0.0 if clip is None else clip.mid
     for i, label in enumerate(labels.labels):
         index = PHASES.index(label.phase)
         begins = _span(starts[label.phase], zero_s)

@@ -34,8 +34,14 @@ from ssp_eval.labels.planned import (
 )
 from ssp_eval.labels.propose import Proposal, grid_times, propose
 from ssp_eval.labels.review import NewFile, proposed_file, write_files
-from ssp_eval.labels.sheet import FootageFacts, footage_facts, is_bag
-from ssp_eval.labels.truth import DEFAULT_RULES, UNKNOWN_VERSION, ProposalRules, Truth, given_event
+from ssp_eval.labels.truth import (
+    DEFAULT_RULES,
+    UNKNOWN_VERSION,
+    ProposalRules,
+    Truth,
+    given_event,
+    is_bag,
+)
 
 _PATH = click.Path(path_type=Path)
 _MOST = 3
@@ -118,11 +124,11 @@ def new(
     given = Given(
         domain, scenario, event_version, None if event is None else given_event(event), truth, start
     )
-    paths = [find_bag(path) if path.is_dir() or is_bag(path) else path for path in sources]
+    paths = [find_bag(path) if is_bag(path) else path for path in sources]
     recordings = read_recordings(paths, given)
     targets = _targets(sources, recordings, out)
     _check_free(targets, force)
-    _say_another_video(paths, given)
+    _say_another_video(recordings, given)
     first = recordings[0]
     if first.event_version == UNKNOWN_VERSION:
         console.note(
@@ -138,9 +144,7 @@ def new(
         count=count or DEFAULT_RULES.count, spacing_s=spacing or DEFAULT_RULES.spacing_s
     )
     if first.truth is None or template:
-        _grid_template(
-            targets[0], first, footage_facts(first.path, start), rules, trigger, conflict
-        )
+        _grid_template(targets[0], first, rules, trigger, conflict)
         return
     if told := _given(centre):
         raise click.UsageError(
@@ -216,14 +220,14 @@ def _write(files: Sequence[NewFile]) -> None:
     write_files(files)
 
 
-def _say_another_video(paths: Sequence[Path], given: Given) -> None:
+def _say_another_video(recordings: Sequence[Recording], given: Given) -> None:
     event = None if given.event is None else given.event.event
-    if event is None or event.source.sha256 is None:
-        return
-    for path in paths:
-        facts = footage_facts(path, given.start_s)
-        if not facts.has_states and facts.video_sha256 not in (None, event.source.sha256):
-            console.note(f"note: the times of {event.name} are those of another video than {path}")
+    for one in recordings:
+        video = None if one.source is None or one.truth is not None else one.source.video_sha256
+        if event is not None and video != event.source.sha256 and video and event.source.sha256:
+            console.note(
+                f"note: the times of {event.name} are those of another video than {one.path}"
+            )
 
 
 def _say_plan(
@@ -261,7 +265,8 @@ def _say_proposal(out: Path, proposal: Proposal, truth: Truth) -> None:
         f"{crop.start_s:.2f} to {crop.end_s:.2f} s, {crop.chosen_by}"
         f"{', ' + crop.shortfall if crop.shortfall else ''}. Look them over: they are a proposal."
     )
-    console.note(f"conflict where {_conflict_rule(truth.thresholds)} ({truth.rules_of})")
+    rule = _conflict_rule(truth.rules.thresholds)
+    console.note(f"conflict where {rule} ({truth.rules.said_by})")
     for problem in response_problems(proposal.labels):
         console.note(f"warning: no model can get a risk response: {problem}")
 
@@ -279,13 +284,15 @@ def _sheet_hint(source: Path, labels: Path) -> str:
 def _grid_template(
     out: Path,
     one: Recording,
-    facts: FootageFacts,
     rules: ProposalRules,
     trigger_s: float | None,
     conflict_s: float | None,
 ) -> None:
     """A template on a clock grid, around the times that are given or the middle of the clip."""
-    if not facts.has_states:
+    facts = one.source
+    if facts is None:
+        raise ValueError(f"{one.path} has no frames to write a template for")
+    if not facts.states.series:
         console.note(f"note: {one.path} holds no states to propose labels from: a template")
     known = [t_s for t_s in (trigger_s, conflict_s) if t_s is not None]
     for t_s in known:

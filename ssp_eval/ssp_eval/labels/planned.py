@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
@@ -20,19 +19,19 @@ from ssp_eval.data.labels import template_json
 from ssp_eval.labels.plan import Plan, Timeline
 from ssp_eval.labels.propose import Proposal, propose_planned
 from ssp_eval.labels.review import NewFile, proposed_file
-from ssp_eval.labels.sheet import FootageFacts, footage_facts, is_bag
 from ssp_eval.labels.truth import (
     UNKNOWN_VERSION,
     KStar,
+    Source,
     Truth,
-    attached_event,
+    read_source,
     shipped_event,
-    truth_from_bag,
     truth_from_file,
+    truth_of,
 )
 from ssp_eval.observations.agreement import agree
 from ssp_eval.observations.files import Footage, load_observations
-from ssp_eval.recordings.event import crop_of, source_times, window_of
+from ssp_eval.recordings.event import crop_of, rules_of, source_times
 from ssp_eval.score.thresholds import DEFAULT
 
 
@@ -70,6 +69,7 @@ class Recording:
         truth: its states; None: it has none.
         timeline: its phases as persons observed them, or reviewed them in K*, where it has no
             states; None: nobody knows them.
+        source: what it says of itself; None: it is a truth file alone.
     """
 
     path: Path
@@ -79,6 +79,7 @@ class Recording:
     origin: str
     truth: Truth | None
     timeline: Timeline | None = None
+    source: Source | None = None
 
 
 @dataclass(frozen=True)
@@ -107,25 +108,15 @@ def read_recordings(paths: Sequence[Path], given: Given) -> list[Recording]:
     """
     if not paths:
         return [_of_truth_file(given)]
-    event = given.event or _event_in(paths)
-    told = [footage_facts(path, given.start_s) for path in paths]
-    bare = [path for path, facts in zip(paths, told, strict=True) if not facts.has_states]
+    sources = [read_source(path, given.start_s) for path in paths]
+    event = given.event or next((one.event for one in sources if one.event is not None), None)
+    bare = [one for one in sources if not one.states.series]
     if given.truth is not None and len(bare) != 1:
         what = "all recordings hold states" if not bare else "several recordings hold no states"
         raise InputError(f"can't be used: {what}", file=given.truth, field="--truth")
-    found = [_read(p, facts, event, given) for p, facts in zip(paths, told, strict=True)]
+    found = [_of_source(one, event, given) for one in sources]
     _check_same_event(found)
     return found
-
-
-def _event_in(paths: Sequence[Path]) -> KStar | None:
-    """The K* that one of several recordings carries."""
-    for path in paths:
-        if is_bag(path):
-            with BagReader(path) as bag:
-                if (found := attached_event(bag)) is not None:
-                    return found
-    return None
 
 
 def _of_truth_file(given: Given) -> Recording:
@@ -139,74 +130,59 @@ def _of_truth_file(given: Given) -> Recording:
     )  # fmt: skip
 
 
-def _read(path: Path, facts: FootageFacts, event: KStar | None, given: Given) -> Recording:
-    origin = facts.bag_sha256 or facts.video_sha256 or str(path)
-    truth_file = None if facts.has_states else given.truth
-    if facts.has_states or (truth_file is not None and is_bag(path)):
-        truth = truth_from_bag(path, event, truth_file, given.event_version)
-        return Recording(path, truth.scenario, truth.domain, truth.event_version, origin, truth)
-    if truth_file is not None:
-        raise InputError(
-            "is a video file and no recording", file=path,
-            remedy="import it (ssp import-video), or give its --truth file alone",
-        )  # fmt: skip
-    version = facts.event_version or given.event_version
-    known = event or shipped_event(facts.scenario or given.scenario, version)
-    scenario = facts.scenario or given.scenario or (None if known is None else known.event.name)
+def _of_source(source: Source, event: KStar | None, given: Given) -> Recording:
+    path, facts = source.path, source.provenance
+    origin = source.origin or str(path)
+    truth_file = None if source.states.series else given.truth
+    if source.states.series or truth_file is not None:
+        truth = truth_of(source, event, truth_file, given.event_version)
+        return Recording(
+            path, truth.scenario, truth.domain, truth.event_version, origin, truth, source=source
+        )
+    scenario, domain, version = given.scenario, given.domain or "synthetic", given.event_version
+    if facts is not None:
+        scenario, domain = facts.scenario or scenario, facts.domain
+        version = facts.event_version or version
+    known = event or shipped_event(scenario, version)
+    if scenario is None and known is not None:
+        scenario = known.event.name
     if scenario is None:
         raise InputError(
             "doesn't say which scenario it shows", file=path, remedy="give --scenario or --event"
         )
-    domain = facts.domain or given.domain or "synthetic"
     if known is not None and given.event is None and version != known.version:
         known = None
-    timeline = _phases(path, known, facts, domain, named=given.event is not None)
-    version = version or (None if known is None else known.version)
-    return Recording(path, scenario, domain, version or UNKNOWN_VERSION, origin, None, timeline)
+    timeline = _phases(source, known, domain, named=given.event is not None)
+    version = version or (None if known is None else known.version) or UNKNOWN_VERSION
+    return Recording(path, scenario, domain, version, origin, None, timeline, source)
 
 
-def _phases(
-    path: Path, k_star: KStar | None, facts: FootageFacts, domain: str, named: bool
-) -> Timeline | None:
+def _phases(source: Source, k_star: KStar | None, domain: str, named: bool) -> Timeline | None:
     """The phases of a recording without states, by whoever may say so (METHOD 4.3).
 
     K* tells of its source clip alone. A synthetic video that nobody observed is taken for that clip
-    where a person says so: who names K* for it, or who imported it as one of K*'s where K* knows of
-    no other file.
-
-    Args:
-        path: of the recording.
-        k_star: that it realises; None: nobody says.
-        facts: of it.
-        domain: of METHOD 5.2.
-        named: a person named the K* for it.
+    where a person says so: who names K* for it (``named``), or who imported it as one of K*'s where
+    K* knows of no other file.
     """
-    source = None if k_star is None else k_star.event.source.sha256
-    is_source = domain == "synthetic" and source is not None and source == facts.video_sha256
-    starts = None if is_source or not is_bag(path) else _observed(path, facts)
-    is_taken_for_it = is_source or (domain == "synthetic" and (named or source is None))
-    if starts is None and k_star is not None and is_taken_for_it:
-        starts = _reviewed(k_star, facts)
+    digest = None if k_star is None else k_star.event.source.sha256
+    is_synthetic = domain == "synthetic"
+    is_source = is_synthetic and digest is not None and digest == source.video_sha256
+    starts: Mapping[str, float] | None = None
+    if not is_source and source.provenance is not None:
+        footage = Footage(source.provenance.bag_sha256, source.frames_s)
+        if told := [one for _, one in load_observations(source.path, footage)]:
+            starts = agree(told, footage.period_s).answers.phase_starts()
+    may_be_it = is_source or (is_synthetic and (named or digest is None))
+    if starts is None and k_star is not None and may_be_it:
+        # K* has them on the source's clock.
+        at = source_times(k_star.event)
+        starts = {name: at[name].mid - source.zero_s for name in EVENT_PHASES if name in at}
     if starts is None or len(starts) < len(EVENT_PHASES):
         return None
     trigger_s, conflict_s, resolution_s = (starts[name] for name in EVENT_PHASES)
-    window = None if k_star is None else window_of(k_star.event)
-    crop = crop_of(facts.first_s, facts.last_s, trigger_s, resolution_s, window)
-    return Timeline(domain, trigger_s, conflict_s, resolution_s, crop, facts.frames_s)
-
-
-def _observed(path: Path, facts: FootageFacts) -> Mapping[str, float] | None:
-    """The phases that persons located in a bag, clip times; None: nobody looked at it."""
-    footage = Footage(facts.bag_sha256 or "", facts.frames_s)
-    told = [observation for _, observation in load_observations(path, footage)]
-    return agree(told, footage.period_s).answers.phase_starts() if told else None
-
-
-def _reviewed(k_star: KStar, facts: FootageFacts) -> Mapping[str, float]:
-    """The phases of K*'s source clip that K* knows, clip times: K* has them on the source's."""
-    at = source_times(k_star.event)
-    found = {name: getattr(at, name) for name in EVENT_PHASES}
-    return {name: w.middle_s - facts.zero_s for name, w in found.items() if w is not None}
+    window = None if k_star is None else rules_of(k_star.event).window
+    crop = crop_of(source.first_s, source.last_s, trigger_s, resolution_s, window)
+    return Timeline(domain, trigger_s, conflict_s, resolution_s, crop, source.frames_s)
 
 
 def _check_same_event(recordings: Sequence[Recording]) -> None:

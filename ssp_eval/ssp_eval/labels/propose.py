@@ -7,18 +7,20 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
 from ssp_core.motion.event import TOLERANCE_S, Corridor, RecordedEvent, find_event, instants_of
 from ssp_core.motion.state import ObjectState
-from ssp_core.vocabulary import LON_ACTIONS
+from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.data.labels import BY_CLOCK, BY_PHASE, Label, Labels, PhasePosition
 from ssp_eval.labels.plan import NoPlan, Plan, Timeline, plan_labels
 from ssp_eval.labels.truth import DEFAULT_RULES, ProposalRules, Truth
 from ssp_eval.recordings.event import Crop, crop_of
 from ssp_eval.recordings.geometry import in_view, is_hidden, motion_word, position_word
-from ssp_eval.score.thresholds import DEFAULT
+from ssp_eval.score.motion import Motion, lat_action, lon_action
 
 
 @dataclass(frozen=True)
@@ -64,48 +66,38 @@ class ClipScene:
         return self.event.trigger_s
 
 
-@dataclass(frozen=True)
-class OwnMotion:
-    """The VUT's motion over the next second, read as METHOD 6.6 reads a trajectory."""
-
-    stands: bool = False
-    speeds_up: bool = False
-    sideways: str | None = None
-
-
 def own_motion(
     series: Sequence[tuple[float, dict[str, ObjectState]]],
     ticks_s: Sequence[float],
     vut_id: str,
     t_s: float,
-) -> OwnMotion:
-    """What the VUT does from a label time on; nothing where the clip ends before that is known.
+) -> tuple[str, str]:
+    """What the VUT does in the second from a label time on, read as METHOD 6.6 reads a trajectory.
 
     Args:
         series: (clip time in s, states by object id), times rising.
         ticks_s: its times.
         vut_id: object id of the VUT.
         t_s: the label's time.
+
+    Returns:
+        Longitudinal and lateral action; it goes on straight where the clip ends before that is
+        known.
     """
     states = []
     for ahead_s in (0.0, 0.5, 1.0):
         i = bisect_right(ticks_s, t_s + ahead_s + TOLERANCE_S) - 1
         state = series[i][1].get(vut_id) if i >= 0 else None
         if state is None or ticks_s[-1] < t_s + ahead_s - TOLERANCE_S:
-            return OwnMotion()
+            return "maintain", "straight"
         # Clips have frames 40 ms apart: without this, their jitter would look like acceleration.
         rest_ns = seconds_to_ns(t_s + ahead_s - ticks_s[i])
         states.append(state.extrapolated(state.stamp_ns + rest_ns))
-    points = [states[0].pose.to_local(state.x_m, state.y_m) for state in states]
-    v1_mps = (points[1][0] - points[0][0]) / 0.5
-    v2_mps = (points[2][0] - points[1][0]) / 0.5
-    shift_m = points[2][1]
-    sideways = None
-    if DEFAULT.at_least(abs(shift_m), DEFAULT.lateral_shift_m):
-        sideways = "left" if shift_m > 0 else "right"
-    stands = DEFAULT.at_most(v2_mps, DEFAULT.stop_speed_mps)
-    speeds_up = DEFAULT.at_least((v2_mps - v1_mps) / 0.5, DEFAULT.accel_mps2)
-    return OwnMotion(stands, not stands and speeds_up, sideways)
+    points = np.array([states[0].pose.to_local(state.x_m, state.y_m) for state in states])
+    (s0, l0), (s1, l1), (s2, l2) = points[:, :, None]
+    motion = Motion((s0, s1, s2), (l0, l1, l2), 0.5)
+    lon, lat = int(lon_action(motion)[0]), int(lat_action(motion)[0])
+    return LON_ACTIONS[lon], LAT_ACTIONS[lat]
 
 
 _TIME_GRID_S = 0.1
@@ -116,12 +108,14 @@ _CONFLICT_OF_PHASE = {
     "conflict": "active",
     "resolution": "resolved",
 }
-_ACTIONS_OF_CONFLICT = {
-    "no_conflict": {"maintain"},
-    "potential": {"maintain", "decelerate"},
-    "active": {"decelerate", "stop"},
-    "resolved": {"maintain", "accelerate", "decelerate"},
+_ACTIONS_OF_PHASE = {
+    "approach": {"maintain"},
+    "trigger": {"maintain", "decelerate"},
+    "conflict": {"decelerate", "stop"},
+    "resolution": {"maintain", "accelerate", "decelerate"},
 }
+# What the VUT itself does is right, too, while there is no conflict.
+_OWN_ACTIONS_OF_PHASE = {"approach": {"accelerate", "stop"}, "resolution": {"stop"}}
 
 
 @dataclass(frozen=True)
@@ -225,7 +219,9 @@ def _locate(truth: Truth) -> _Located:
         raise InputError("has no states of the VUT", file=truth.source, value=truth.vut_id)
     corridor = Corridor.of(vut)
     event = _critical_event(truth, series, corridor)
-    crop = crop_of(truth.start_s, truth.end_s, event.trigger_s, event.resolution_s, truth.window)
+    crop = crop_of(
+        truth.start_s, truth.end_s, event.trigger_s, event.resolution_s, truth.rules.window
+    )
     return _Located(truth, series, corridor, event, crop)
 
 
@@ -271,26 +267,23 @@ def _critical_event(
     corridor: Corridor,
 ) -> RecordedEvent:
     """Of all OTs' events the one whose conflict starts first."""
+    rules, events = truth.rules, list[RecordedEvent]()
     kinds: tuple[Observable, ...] = ("lateral", "braking")
-    if truth.observable is not None:
-        kinds = (truth.observable,)
-    for_good_s = None if truth.window is None else truth.window.after_s
-    events: list[RecordedEvent] = []
-    for kind in kinds:
+    for kind in kinds if rules.observable is None else (rules.observable,):
         for object_id in truth.target_ids:
-            samples = instants_of(series, truth.vut_id, object_id)
-            if not samples:
-                continue
-            event = find_event(
-                samples, corridor.path, truth.thresholds, kind, for_good_s=for_good_s
-            )
+            instants = instants_of(series, truth.vut_id, object_id)
+            event = None
+            if instants:
+                event = find_event(
+                    instants, corridor.path, rules.thresholds, kind, for_good_s=rules.for_good_s
+                )
             if event is not None:
                 events.append(event)
         if any(event.conflict_s is not None for event in events):
             break
     if not events:
         side, lead = "enters the VUT's corridor from the side", "brakes ahead of it in its corridor"
-        what = {"lateral": side, "braking": lead}.get(truth.observable or "", f"{side}, or {lead}")
+        what = {"lateral": side, "braking": lead}.get(rules.observable or "", f"{side}, or {lead}")
         raise InputError(
             f"no object target ({', '.join(truth.target_ids) or 'none given'}) {what}",
             file=truth.source,
@@ -299,8 +292,8 @@ def _critical_event(
     critical = [event for event in events if event.conflict_s is not None]
     if not critical:
         raise InputError(
-            f"neither TTC falls under {truth.thresholds.ttc_s} s nor the arrival gap under "
-            f"{truth.thresholds.arrival_gap_s} s: there is no conflict to label",
+            f"neither TTC falls under {rules.thresholds.ttc_s} s nor the arrival gap under "
+            f"{rules.thresholds.arrival_gap_s} s: there is no conflict to label",
             file=truth.source,
             remedy="give other thresholds, or write its labels by hand",
         )
@@ -355,7 +348,7 @@ def _label(
     now: dict[str, ObjectState],
     scene: ClipScene,
     visible_s: float,
-    own: OwnMotion,
+    own: tuple[str, str],
 ) -> Label:
     vut, event = now[scene.truth.vut_id], scene.event
     seen = [
@@ -367,7 +360,7 @@ def _label(
     critical = next((state for state in seen if state.object_id == event.object_id), None)
     phase = event.phase_at(t_s) if at is None else at.phase
     conflict: str | None = _CONFLICT_OF_PHASE[phase]
-    actions = _lon_actions(_CONFLICT_OF_PHASE[phase], own)
+    actions = _ACTIONS_OF_PHASE[phase] | ({own[0]} & _OWN_ACTIONS_OF_PHASE.get(phase, set()))
     if phase in ("trigger", "conflict") and scene.hides(now):
         conflict = None
     motion = scene.rules.motion
@@ -379,16 +372,7 @@ def _label(
         position=None if critical is None else position_word(scene.corridor, vut, critical),
         motion=None if critical is None else motion_word(scene.corridor, vut, critical, motion),
         conflict=conflict,
-        lon_actions=actions,
-        lat_actions=("straight",) if own.sideways is None else ("straight", own.sideways),
+        lon_actions=tuple(action for action in LON_ACTIONS if action in actions),
+        lat_actions=tuple(dict.fromkeys(("straight", own[1]))),
         at=at,
     )
-
-
-def _lon_actions(conflict: str, own: OwnMotion) -> tuple[str, ...]:
-    actions = set(_ACTIONS_OF_CONFLICT[conflict])
-    if conflict == "no_conflict" and own.speeds_up:
-        actions.add("accelerate")
-    if conflict in ("no_conflict", "resolved") and own.stands:
-        actions.add("stop")
-    return tuple(action for action in LON_ACTIONS if action in actions)

@@ -14,59 +14,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.bag.reader import BagReader
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
-from ssp_core.hashing import sha256_file
-from ssp_core.names import WORLD_TICK, absolute, state_topic
 from ssp_core.templates import templates
 from ssp_core.video import Tile, Video, contact_sheet, encode
 from ssp_eval.data import json_fields
 from ssp_eval.data.json_fields import Location
 from ssp_eval.data.labels import LABEL_KEYS
-from ssp_eval.data.provenance import ImportRecord, read_provenance
+from ssp_eval.labels.truth import is_bag, video_times
 from ssp_eval.recordings.clip import Clip, NoQuestion
-from ssp_eval.recordings.states import frame_times
 from ssp_eval.score.thresholds import DEFAULT
 from ssp_vla_bridge.window import Preprocessing
 
 _TOLERANCE_S = 1e-6
-
-
-@dataclass(frozen=True)
-class FootageFacts:
-    """What a recording says about itself; None where it doesn't.
-
-    Args:
-        scenario: name.
-        domain: of METHOD 5.2.
-        event_version: K* version.
-        video_sha256: of the source video.
-        bag_sha256: of the bag.
-        has_states: whether it holds states that labels can be proposed from.
-        frames_s: clip times of its frames, rising.
-        zero_s: time of its source at clip time 0; 0 for what has no source.
-    """
-
-    scenario: str | None
-    domain: str | None
-    event_version: str | None
-    video_sha256: str | None
-    bag_sha256: str | None
-    has_states: bool
-    frames_s: tuple[float, ...]
-    zero_s: float = 0.0
-
-    @property
-    def first_s(self) -> float:
-        """Clip time from which labels are possible."""
-        return max(0.0, self.frames_s[0])
-
-    @property
-    def last_s(self) -> float:
-        """Clip time of the last frame."""
-        return self.frames_s[-1]
 
 
 @dataclass(frozen=True)
@@ -75,49 +36,6 @@ class Picture:
 
     t_s: float
     image: NDArray[np.uint8]
-
-
-def is_bag(path: Path) -> bool:
-    """Whether a path names a bag rather than a video file."""
-    return path.is_dir() or path.suffix == ".mcap"
-
-
-def footage_facts(path: Path, start_s: float = 0.0) -> FootageFacts:
-    """What a recording says about itself.
-
-    Args:
-        path: bag or video file.
-        start_s: of a video, where its clip begins.
-
-    Raises:
-        InputError: it is neither.
-    """
-    if is_bag(path):
-        with BagReader(path) as bag:
-            provenance = read_provenance(bag)
-            imported, who = provenance.imported, provenance.participants
-            topics = [WORLD_TICK, *(() if who is None else map(state_topic, who.ids))]
-            infos = [bag.topics.get(absolute(topic)) for topic in topics]
-            frames_s, _ = frame_times(bag, provenance)
-        return FootageFacts(
-            scenario=provenance.scenario,
-            domain=provenance.domain,
-            event_version=provenance.event_version,
-            video_sha256=None if imported is None else imported.source_sha256,
-            bag_sha256=provenance.bag_sha256,
-            has_states=who is not None and any(info is not None and info.count for info in infos),
-            frames_s=frames_s,
-            zero_s=0.0 if imported is None else _crop_start_s(imported),
-        )
-    times_s = _times_s(path, start_s)
-    frames_s = tuple(t_s - times_s[0] for t_s in times_s)
-    return FootageFacts(None, None, None, sha256_file(path), None, False, frames_s, times_s[0])
-
-
-def _crop_start_s(imported: ImportRecord) -> float:
-    """Where an imported recording begins on its source's clock, s."""
-    start_s = imported.crop.get("start_s")
-    return float(start_s) if isinstance(start_s, int | float) else 0.0
 
 
 def pictures(path: Path, times_s: Sequence[float], start_s: float = 0.0) -> list[Picture | None]:
@@ -154,7 +72,7 @@ def _of_bag(path: Path, times_s: Sequence[float]) -> list[Picture | None]:
 
 
 def _of_video(path: Path, times_s: Sequence[float], start_s: float) -> list[Picture | None]:
-    frames_s = _times_s(path, start_s)
+    frames_s = video_times(path, start_s)
     first_s = frames_s[0]
     # Which of the clip's frames is wanted for each time, -1: none is recent enough.
     newest = [bisect_right(frames_s, first_s + t_s + _TOLERANCE_S) - 1 for t_s in times_s]
@@ -168,14 +86,6 @@ def _of_video(path: Path, times_s: Sequence[float], start_s: float) -> list[Pict
             if i in wanted:
                 images[i] = Picture(frame.time_s - first_s, frame.image.copy())
     return [images.get(i) for i in wanted]
-
-
-def _times_s(path: Path, start_s: float) -> list[float]:
-    with Video(path) as video:
-        times_s = [frame.time_s for frame in video.frames(start_s, None, 1)]
-    if not times_s:
-        raise InputError(f"has no frame from {start_s:g} s on", file=path, field="--start")
-    return times_s
 
 
 LEAST_WIDTH_PX = 640

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from enum import IntEnum
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -17,16 +16,17 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model, read_text
-from ssp_core.motion.encounter import Observable
+from ssp_core.hashing import sha256_file
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.names import VUT_ID
-from ssp_core.run_file.model import ConflictThresholds
+from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.values import Strict
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.video import Video
+from ssp_core.vocabulary import ObjectClass, ObjectWord, Role
 from ssp_eval.data.provenance import Provenance, read_provenance
-from ssp_eval.recordings.event import Window, event_observable, event_thresholds, window_of
+from ssp_eval.recordings.event import NO_RULES, EventRules, rules_of
 from ssp_eval.recordings.geometry import DEFAULT_MOTION, MotionThresholds
-from ssp_eval.recordings.states import frame_times, read_states
+from ssp_eval.recordings.states import NO_STATES, RecordedStates, frame_times, read_states
 from ssp_scenario_manager.compile.task import EVENT_FILE
 from ssp_scenario_manager.event_spec.load import event_version, load_event
 from ssp_scenario_manager.event_spec.model import Event
@@ -51,6 +51,11 @@ class ProposalRules:
     motion: MotionThresholds = DEFAULT_MOTION
 
 
+# A labels file must name a version; this one says that nobody knows it.
+UNKNOWN_VERSION = "unknown"
+DEFAULT_RULES = ProposalRules()
+
+
 @dataclass(frozen=True)
 class Truth:
     """Ground truth of one clip.
@@ -66,11 +71,8 @@ class Truth:
         series: (clip time in s, states of all objects), times rising.
         source: the file, for messages.
         hfov_rad: of the forward camera, None: not known.
-        thresholds: the event's own, where its K* or its run gives them.
-        observable: what makes the manoeuvre observable, None: not known.
-        rules_of: whose thresholds and observable these are, for people.
+        rules: of its event.
         frames_s: clip times of the frames, rising.
-        window: of the source's crop (METHOD 4.1), None: nobody knows it.
     """
 
     scenario: str
@@ -83,18 +85,8 @@ class Truth:
     series: Sequence[tuple[float, Sequence[ObjectState]]]
     source: str
     hfov_rad: float | None = None
-    thresholds: ConflictThresholds = field(default_factory=ConflictThresholds)
-    observable: Observable | None = None
-    rules_of: str = "no K*, the defaults"
+    rules: EventRules = NO_RULES
     frames_s: Sequence[float] = ()
-    window: Window | None = None
-
-
-DEFAULT_RULES = ProposalRules()
-
-
-# A labels file must name a version; this one says that nobody knows it.
-UNKNOWN_VERSION = "unknown"
 
 
 @dataclass(frozen=True)
@@ -106,23 +98,6 @@ class KStar:
     said_by: str
 
 
-@dataclass(frozen=True)
-class EventRules:
-    """What labels take from a K*, or from the run; None: nobody says.
-
-    Args:
-        thresholds: of the conflict.
-        observable: what makes the manoeuvre observable.
-        window: of the source's crop (METHOD 4.1).
-        said_by: who says so, for people.
-    """
-
-    thresholds: ConflictThresholds | None
-    observable: Observable | None
-    window: Window | None
-    said_by: str
-
-
 def given_event(name_or_path: str) -> KStar:
     """The K* that a user names.
 
@@ -131,20 +106,6 @@ def given_event(name_or_path: str) -> KStar:
     """
     event, version = load_event(name_or_path)
     return KStar(event, version, f"K* {event.name}")
-
-
-def attached_event(bag: BagReader) -> KStar | None:
-    """The K* in a bag, None: it holds none.
-
-    Raises:
-        InputError: it isn't valid.
-    """
-    data = bag.attachment(EVENT_FILE)
-    if data is None:
-        return None
-    place = f"{bag.path}:{EVENT_FILE}"
-    event = parse_model(Event, parse_mapping(data, place), place)
-    return KStar(event, event_version(event), f"the K* {event.name} in the recording")
 
 
 def shipped_event(scenario: str | None, version: str | None) -> KStar | None:
@@ -165,32 +126,116 @@ def shipped_event(scenario: str | None, version: str | None) -> KStar | None:
     return KStar(event, found, f"the shipped K* {event.name}")
 
 
-def rules_of(
-    k_star: KStar | None, provenance: Provenance | None, scenario: str | None, version: str | None
+def _rules(
+    k_star: KStar | None, run: RunSpec | None, scenario: str | None, version: str | None
 ) -> EventRules:
-    """The rules for a recording: the K*'s, else the run's, else none.
-
-    Args:
-        k_star: that was given or lies in the bag.
-        provenance: of the bag; None: it is a clip's truth file.
-        scenario: name.
-        version: K* version that the recording or the user names.
-    """
-    run = None if provenance is None else provenance.run
+    """The rules for a recording: those of its K* or the shipped one, else the run's, else none."""
     found = k_star or shipped_event(scenario, version)
     if found is not None:
-        event = found.event
-        observable = event_observable(event) or (None if run is None else run.observable)
-        return EventRules(event_thresholds(event), observable, window_of(event), found.said_by)
+        return replace(rules_of(found.event, run), said_by=found.said_by)
+    rules = rules_of(None, run)
     if run is not None:
-        return EventRules(run.thresholds, run.observable, None, "the recorded run")
+        return rules
     why = f"none is shipped for {scenario}"
     if scenario is not None and shipped_event(scenario, None) is not None:
         why = f"the shipped {scenario} is not {version}"
-    return EventRules(None, None, None, f"no K*, the defaults: {why}")
+    return replace(rules, said_by=f"{rules.said_by}: {why}")
 
 
-Word = TypeVar("Word", bound=IntEnum)
+@dataclass(frozen=True)
+class Source:
+    """A bag or a video file that is to be labelled, and what it says of itself.
+
+    Args:
+        path: of it.
+        frames_s: clip times of its frames, rising.
+        states: that labels can be proposed from.
+        provenance: of a bag; None: it is a video file.
+        video_sha256: of the source video; None: there is none.
+        zero_s: time of its source at clip time 0; 0 for what has no source.
+        event: the K* in it; None: it holds none.
+    """
+
+    path: Path
+    frames_s: tuple[float, ...]
+    states: RecordedStates
+    provenance: Provenance | None = None
+    video_sha256: str | None = None
+    zero_s: float = 0.0
+    event: KStar | None = None
+
+    @property
+    def first_s(self) -> float:
+        """Clip time from which labels are possible."""
+        return max(0.0, self.frames_s[0])
+
+    @property
+    def last_s(self) -> float:
+        """Clip time of the last frame."""
+        return self.frames_s[-1]
+
+    @property
+    def origin(self) -> str | None:
+        """Hash of what it is labelled from."""
+        return self.video_sha256 if self.provenance is None else self.provenance.bag_sha256
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path names a bag rather than a video file."""
+    return path.is_dir() or path.suffix == ".mcap"
+
+
+def read_source(path: Path, start_s: float = 0.0) -> Source:
+    """Reads a recording.
+
+    Args:
+        path: bag or video file.
+        start_s: of a video, where its clip begins.
+
+    Raises:
+        InputError: it is neither, has no frames, or is of a session that never ran.
+    """
+    if not is_bag(path):
+        times_s = video_times(path, start_s)
+        frames_s = tuple(t_s - times_s[0] for t_s in times_s)
+        digest = sha256_file(path)
+        return Source(path, frames_s, NO_STATES, video_sha256=digest, zero_s=times_s[0])
+    with BagReader(path) as bag:
+        provenance = read_provenance(bag)
+        frames_s, zero_ns = frame_times(bag, provenance)
+        states = read_states(bag, provenance, zero_ns)
+        data, k_star = bag.attachment(EVENT_FILE), None
+        if data is not None:
+            place = f"{bag.path}:{EVENT_FILE}"
+            event = parse_model(Event, parse_mapping(data, place), place)
+            said_by = f"the K* {event.name} in the recording"
+            k_star = KStar(event, event_version(event), said_by)
+    imported = provenance.imported
+    crop_s = None if imported is None else imported.crop.get("start_s")
+    return Source(
+        path,
+        frames_s,
+        states,
+        provenance,
+        None if imported is None else imported.source_sha256,
+        float(crop_s) if isinstance(crop_s, int | float) else 0.0,
+        k_star,
+    )
+
+
+def video_times(path: Path, start_s: float) -> list[float]:
+    """Times of a video's frames from a time on, s; InputError where there are none."""
+    with Video(path) as video:
+        times_s = [frame.time_s for frame in video.frames(start_s, None, 1)]
+    if not times_s:
+        raise InputError(f"has no frame from {start_s:g} s on", file=path, field="--start")
+    return times_s
+
+
+class _Known(Strict):
+    """What a truth file says, as far as labels need it: a clip's maker knows more."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
 
 
 class TruthSize(Strict):
@@ -202,14 +247,12 @@ class TruthSize(Strict):
     height_m: float
 
 
-class TruthObject(Strict):
+class TruthObject(_Known):
     """One object of a truth file, fields as in ssp_core.motion.state.ObjectState."""
 
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
     object_id: str
-    object_class: int | str
-    role: int | str = int(Role.UNKNOWN)
+    object_class: ObjectWord
+    role: Literal["unknown", "vut", "ot", "traffic"] = "unknown"
     x_m: float
     y_m: float
     yaw_rad: float
@@ -218,28 +261,32 @@ class TruthObject(Strict):
     yaw_rate_radps: float = 0.0
     size: TruthSize
 
+    def state(self, t_s: float) -> ObjectState:
+        """Its state at a clip time."""
+        return ObjectState(
+            object_class=ObjectClass.from_word(self.object_class),
+            role=Role[self.role.upper()],
+            stamp_ns=seconds_to_ns(t_s),
+            size=Size(**self.size.model_dump()),
+            **self.model_dump(exclude={"object_class", "role", "size"}),
+        )
 
-class TruthFrame(Strict):
+
+class TruthFrame(_Known):
     """All objects at one clip time."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True)
 
     t_s: float
     objects: list[TruthObject]
 
 
-class TruthCamera(Strict):
-    """The clip's camera, as far as labels need it."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True)
+class TruthCamera(_Known):
+    """The clip's camera."""
 
     hfov_deg: Annotated[float, Field(gt=1, lt=180)] | None = None
 
 
-class TruthFile(Strict):
+class TruthFile(_Known):
     """``ssp.truth/1``: what the maker of a clip knows about it."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True)
 
     schema_: Literal["ssp.truth/1"] = Field(alias="schema")
     scenario: str
@@ -276,11 +323,10 @@ def truth_from_file(
     for before, after in pairwise(found.frames):
         if after.t_s <= before.t_s:
             raise InputError("must rise strictly", file=path, field="frames.t_s", value=after.t_s)
-    series = [(f.t_s, [_object(o, f.t_s, path) for o in f.objects]) for f in found.frames]
+    series = [(f.t_s, [one.state(f.t_s) for one in f.objects]) for f in found.frames]
     first = series[0][1]
     targets = tuple(state.object_id for state in first if state.role is Role.OT)
     version = found.event_version or event_version or UNKNOWN_VERSION
-    rules = rules_of(given, None, found.scenario, version)
     return Truth(
         scenario=found.scenario,
         domain=domain or found.domain,
@@ -292,72 +338,67 @@ def truth_from_file(
         series=series,
         source=str(path),
         hfov_rad=None if found.camera.hfov_deg is None else math.radians(found.camera.hfov_deg),
-        thresholds=rules.thresholds or ConflictThresholds(),
-        observable=rules.observable,
-        rules_of=rules.said_by,
+        rules=_rules(given, None, found.scenario, version),
         frames_s=tuple(t_s for t_s, _ in series),
-        window=rules.window,
     )
 
 
-def _object(found: TruthObject, t_s: float, path: str | Path) -> ObjectState:
-    return ObjectState(
-        object_id=found.object_id,
-        object_class=_member(ObjectClass, found.object_class, "object_class", path),
-        role=_member(Role, found.role, "role", path),
-        stamp_ns=seconds_to_ns(t_s),
-        x_m=found.x_m,
-        y_m=found.y_m,
-        yaw_rad=found.yaw_rad,
-        speed_mps=found.speed_mps,
-        acceleration_mps2=found.acceleration_mps2,
-        yaw_rate_radps=found.yaw_rate_radps,
-        size=Size(**found.size.model_dump()),
-    )
+def truth_from_bag(path: str | Path) -> Truth:
+    """Ground truth of a recording, in clip time: simulated, live, or another's with states."""
+    return truth_of(read_source(Path(path)))
 
 
-def _member(enum: type[Word], given: int | str, field: str, path: str | Path) -> Word:
-    """The member of an enumeration by its number or its word."""
-    try:
-        return enum[given.upper()] if isinstance(given, str) else enum(given)
-    except (KeyError, ValueError):
-        words = ", ".join(member.name.lower() for member in enum)
-        raise InputError(
-            "is not known", file=path, field=field, value=given, remedy=f"known are {words}"
-        ) from None
-
-
-def truth_from_bag(
-    path: str | Path,
+def truth_of(
+    source: Source,
     given: KStar | None = None,
     truth_file: Path | None = None,
     version: str | None = None,
 ) -> Truth:
-    """Ground truth of a recording, in clip time: simulated, live, or another's with states.
+    """Ground truth of a bag, in clip time.
 
     Args:
-        path: of the bag.
+        source: a bag.
         given: the K*, where the bag holds none.
         truth_file: that its clip's maker wrote, for a bag of a video without states.
         version: K* version, where the recording names none.
 
     Raises:
-        InputError: it is no recording, never ran, holds no states or frames, or realises another
-            K* than the one that is given.
+        InputError: it holds no states, or realises another K* than the one that is given.
     """
-    with BagReader(path) as bag:
-        provenance = read_provenance(bag)
-        k_star = attached_event(bag) or given
-        frames_s, zero_ns = frame_times(bag, provenance)
-        states = read_states(bag, provenance, zero_ns)
-    version = _version(path, provenance, given, version)
-    rules = rules_of(k_star, provenance, provenance.scenario, version)
+    facts, path = source.provenance, source.path
+    if facts is None:
+        raise InputError(
+            "is a video file and no recording", file=path,
+            remedy="import it (ssp import-video), or give its --truth file alone",
+        )  # fmt: skip
+    version = _version(path, facts, given, version)
+    k_star = source.event or given
+    start_s, end_s = source.first_s, source.last_s
+    about: dict[str, Any] = {
+        "domain": facts.domain,
+        "event_version": version,
+        "start_s": start_s,
+        "end_s": end_s,
+        "frames_s": source.frames_s,
+    }
     if truth_file is not None:
-        return _of_clip(path, provenance, rules, frames_s, truth_file, version)
-    who = provenance.participants
-    start_s, end_s = max(0.0, frames_s[0]), frames_s[-1]
+        found = truth_from_file(truth_file, event_version=version)
+        shifted = [(t_s - source.zero_s, states) for t_s, states in found.series]
+        series = [(t_s, states) for t_s, states in shifted if start_s <= t_s <= end_s]
+        if not series:
+            raise InputError(
+                f"has no states within the clip, {start_s:.2f} to {end_s:.2f} s",
+                file=truth_file,
+                remedy=f"it must be of the video in {path}",
+            )
+        about["scenario"] = facts.scenario or found.scenario
+        rules = _rules(k_star, facts.run, about["scenario"], version)
+        return replace(found, series=series, rules=rules, **about)
+    who = facts.participants
     series = [
-        (t_s, list(now.values())) for t_s, now in states.series if start_s <= t_s <= end_s
+        (t_s, list(now.values()))
+        for t_s, now in source.states.series
+        if start_s <= t_s <= end_s
     ]  # fmt: skip
     if who is None or not series:
         raise InputError(
@@ -365,59 +406,20 @@ def truth_from_bag(
             file=path,
             remedy="give the clip's own --truth file, or write labels by hand (--template)",
         )
+    scenario = facts.scenario or (None if k_star is None else k_star.event.name)
+    if scenario is None:
+        raise InputError(
+            "doesn't say which scenario it shows", file=path, remedy="give its K* with --event"
+        )
     return Truth(
-        scenario=_scenario(path, provenance, k_star),
-        domain=provenance.domain,
-        event_version=version,
-        start_s=start_s,
-        end_s=end_s,
+        scenario=scenario,
         vut_id=who.vut,
         target_ids=tuple(who.targets),
         series=series,
         source=str(path),
-        hfov_rad=_hfov_rad(provenance),
-        thresholds=rules.thresholds or ConflictThresholds(),
-        observable=rules.observable,
-        rules_of=rules.said_by,
-        frames_s=frames_s,
-        window=rules.window,
-    )
-
-
-def _of_clip(
-    path: str | Path,
-    provenance: Provenance,
-    rules: EventRules,
-    frames_s: tuple[float, ...],
-    truth_file: Path,
-    version: str,
-) -> Truth:
-    """A video's frames with the states of its truth file, on the video's clock."""
-    found = truth_from_file(truth_file, provenance.domain, version)
-    crop = None if provenance.imported is None else provenance.imported.crop.get("start_s")
-    shift_s = float(crop) if isinstance(crop, int | float) else 0.0
-    start_s, end_s = max(0.0, frames_s[0]), frames_s[-1]
-    series = [
-        (t_s - shift_s, states) for t_s, states in found.series if start_s <= t_s - shift_s <= end_s
-    ]
-    if not series:
-        raise InputError(
-            f"has no states within the clip, {start_s:.2f} to {end_s:.2f} s",
-            file=truth_file,
-            remedy=f"it must be of the video in {path}",
-        )
-    return replace(
-        found,
-        scenario=provenance.scenario or found.scenario,
-        event_version=version,
-        start_s=start_s,
-        end_s=end_s,
-        series=series,
-        thresholds=rules.thresholds or found.thresholds,
-        observable=rules.observable or found.observable,
-        rules_of=rules.said_by,
-        frames_s=frames_s,
-        window=rules.window or found.window,
+        hfov_rad=_hfov_rad(facts),
+        rules=_rules(k_star, facts.run, facts.scenario, version),
+        **about,
     )
 
 
@@ -433,15 +435,6 @@ def _version(
                 remedy="give the K* that the recording was made from",
             )
     return told or named or (None if given is None else given.version) or UNKNOWN_VERSION
-
-
-def _scenario(path: str | Path, provenance: Provenance, k_star: KStar | None) -> str:
-    found = provenance.scenario or (None if k_star is None else k_star.event.name)
-    if found is None:
-        raise InputError(
-            "doesn't say which scenario it shows", file=path, remedy="give its K* with --event"
-        )
-    return found
 
 
 def _hfov_rad(provenance: Provenance) -> float | None:

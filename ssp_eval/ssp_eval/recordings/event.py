@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
 from ssp_core.motion.event import TOLERANCE_S
-from ssp_core.run_file.model import ConflictThresholds
-from ssp_scenario_manager.event_spec.model import Event, Interval, Quantity, Unresolved
+from ssp_core.run_file.model import ConflictThresholds, RunSpec
+from ssp_eval.data.audit import EVENT_PHASES
+from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.event_spec.units import Span, units_of
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
@@ -101,54 +102,29 @@ def crop_of(
     )
 
 
-@dataclass(frozen=True)
-class When:
-    """A time of the source clip: between two instants, which are the same where it is exact."""
-
-    low_s: float
-    high_s: float
-
-    @property
-    def middle_s(self) -> float:
-        return (self.low_s + self.high_s) / 2.0
-
-    @property
-    def half_s(self) -> float:
-        return (self.high_s - self.low_s) / 2.0
-
-
-@dataclass(frozen=True)
-class SourceTimes:
-    """Part E in s of the source; None where a time is unresolved or open to one side."""
-
-    start: When | None
-    end: When | None
-    trigger: When | None
-    conflict: When | None
-    resolution: When | None
-
-
-def source_times(event: Event) -> SourceTimes:
-    """When the source clip and its phases start, and when it ends.
+def source_times(event: Event) -> dict[str, Span]:
+    """When the source clip starts and ends and its phases start, s of the source; without the times
+    that are unresolved or open to one side.
 
     Raises:
         InputError: a time has no unit of time.
     """
     parts = event.events
-    return SourceTimes(
-        _when(parts.clip.start),
-        _when(parts.clip.end),
-        _when(parts.trigger.start),
-        _when(parts.conflict.start),
-        _when(parts.resolution.start),
-    )
+    given = {"start": parts.clip.start, "end": parts.clip.end}
+    given |= {name: getattr(parts, name).start for name in EVENT_PHASES}
+    found = {}
+    for name, quantity in given.items():
+        if not isinstance(quantity, str) and None not in (quantity.min, quantity.max):
+            found[name] = _span(quantity)
+    return found
 
 
-def _when(quantity: Quantity | Unresolved) -> When | None:
-    if isinstance(quantity, str) or quantity.min is None or quantity.max is None:
-        return None
-    span = _span(quantity)
-    return When(span.low, span.high)
+def phase_starts(event: Event) -> dict[str, float]:
+    """Starts of the phases in the source's clip time, s: intervals enter with their middle."""
+    at = source_times(event)
+    if "start" not in at:
+        return {}
+    return {name: at[name].mid - at["start"].mid for name in EVENT_PHASES if name in at}
 
 
 def _span(interval: Interval) -> Span:
@@ -160,36 +136,60 @@ def _span(interval: Interval) -> Span:
     return interval.si
 
 
-def window_of(event: Event) -> Window | None:
-    """a and r of METHOD 4.1: how much of the source clip lies before its trigger and from its
-    resolution on; None where K* doesn't say."""
-    at = source_times(event)
-    if at.start is None or at.trigger is None or at.resolution is None or at.end is None:
-        return None
-    return Window(
-        at.trigger.middle_s - at.start.middle_s,
-        at.end.middle_s - at.resolution.middle_s,
-        f"K* {event.name}",
-    )
+@dataclass(frozen=True)
+class EventRules:
+    """What decides when an event's phases begin, and what its clip is (METHOD 1, 4.1).
+
+    Args:
+        thresholds: of the conflict, s; an interval of K* counts with its middle.
+        observable: what makes the manoeuvre observable; None: nobody says.
+        window: of the source's crop; None: nobody knows it.
+        said_by: whose rules these are, for people.
+    """
+
+    thresholds: ConflictThresholds
+    observable: Observable | None
+    window: Window | None
+    said_by: str
+
+    @property
+    def for_good_s(self) -> float | None:
+        """What lasts so long is for good; None: to the recording's end."""
+        return None if self.window is None else self.window.after_s
 
 
-def event_thresholds(event: Event) -> ConflictThresholds:
-    """A K*'s thresholds of the conflict (METHOD 1), in s; an interval counts with its middle.
+NO_RULES = EventRules(ConflictThresholds(), None, None, "no K*, the defaults")
+
+
+def rules_of(event: Event | None, run: RunSpec | None = None) -> EventRules:
+    """The rules of a K*, else those of the run, else none.
 
     Raises:
-        InputError: a threshold has no unit of time.
+        InputError: a time or a threshold of the K* has no unit of time.
     """
+    if event is None:
+        if run is None:
+            return NO_RULES
+        return EventRules(run.thresholds, run.observable, None, "the recorded run")
     limits = event.constraints.thresholds
-    return ConflictThresholds(ttc_s=_middle(limits.ttc), arrival_gap_s=_middle(limits.arrival_gap))
+    kind = KINDS.get(event.interaction.type)
+    observable = None if run is None else run.observable
+    at, window = source_times(event), None
+    if {"start", "end", "trigger", "resolution"} <= set(at):
+        window = Window(
+            at["trigger"].mid - at["start"].mid,
+            at["end"].mid - at["resolution"].mid,
+            f"K* {event.name}",
+        )
+    return EventRules(
+        ConflictThresholds(ttc_s=_middle(limits.ttc), arrival_gap_s=_middle(limits.arrival_gap)),
+        observable if kind is None else kind.observable,
+        window,
+        f"K* {event.name}",
+    )
 
 
 def _middle(interval: Interval | None) -> float | None:
     if interval is None or (interval.min is None and interval.max is None):
         return None
     return _span(interval).mid
-
-
-def event_observable(event: Event) -> Observable | None:
-    """What makes the manoeuvre of a K*'s kind of interaction observable, None: no such kind."""
-    kind = KINDS.get(event.interaction.type)
-    return None if kind is None else kind.observable

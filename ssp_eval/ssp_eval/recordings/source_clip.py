@@ -24,7 +24,7 @@ from ssp_core.hashing import sha256_file
 from ssp_core.motion.event import find_event, instants_of
 from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_core.world.source_clip import ClipBoard, clip_maker
-from ssp_eval.recordings.event import event_thresholds
+from ssp_eval.recordings.event import rules_of
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, seal_event, seals, write_event
@@ -101,7 +101,7 @@ def measure_clip(event: Event, board: ClipBoard) -> Drawn:
     times = board.times()
     series = [(t_s, {s.object_id: s for s in board.states(t_s)}) for t_s in times]
     samples = instants_of(series, event.vut_id, event.interaction.initiator)
-    thresholds = event_thresholds(event)
+    thresholds = rules_of(event).thresholds
     road = Polyline([(0.0, 0.0), (board.road.length_m, 0.0)])
     kind = KINDS[event.interaction.type]
     found = find_event(samples, road, thresholds, observable=kind.observable) if samples else None

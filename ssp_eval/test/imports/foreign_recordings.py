@@ -25,7 +25,7 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.data.provenance import Provenance, read_provenance
-from ssp_eval.recordings.event import event_thresholds
+from ssp_eval.recordings.event import rules_of
 from ssp_eval.recordings.states import RecordedStates, Series, clip_zero_ns, read_states
 from ssp_scenario_manager.event_spec.load import load_event
 
@@ -252,7 +252,7 @@ def event_of(series: Series) -> RecordedEvent:
     """The cut-in that states show."""
     samples = instants_of(series, "vut", "ot1")
     path = Corridor.of([s.vut for s in samples]).path
-    found = find_event(samples, path, event_thresholds(CUT_IN))
+    found = find_event(samples, path, rules_of(CUT_IN).thresholds)
     assert found is not None
     return found
 

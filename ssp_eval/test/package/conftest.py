@@ -48,11 +48,11 @@ def write_video(path: Path) -> None:
 def clip_labels(event: Event, version: str) -> dict[str, Any]:
     """Labels of the made-up clip, with the phases that the K* has at these times."""
     times = source_times(event)
-    starts = (times.trigger, times.conflict, times.resolution)
+    starts = [times[name].mid for name in ("trigger", "conflict", "resolution")]
     labels = []
     for k in range(9):
         t_s = 1.3 + 0.5 * k
-        passed = sum(when is not None and t_s >= when.middle_s for when in starts)
+        passed = sum(t_s >= start_s for start_s in starts)
         labels.append(
             {
                 "t_s": t_s, "phase": PHASES[passed], "risk_visible": t_s > 3.2,
