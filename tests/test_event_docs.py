@@ -19,13 +19,9 @@ TEXT = (DOCS / "event-specification.md").read_text()
 EXAMPLES = re.findall(r"```yaml\n(.*?)```", TEXT, re.S)
 
 
-def test_the_table_of_checks_is_the_codes() -> None:
-    wanted = [
-        f"| {check} | {(predicate.__doc__ or '').partition(chr(10))[0]} |"
-        for check, predicates in PREDICATES.items()
-        for predicate in predicates
-    ]
-    assert [line for line in TEXT.splitlines() if re.match(r"\| (C\d|review) \|", line)] == wanted
+def test_every_check_is_named() -> None:
+    named = re.findall(r"^\| (C\d|review) \|", TEXT, re.M)
+    assert named == list(PREDICATES)
 
 
 def test_every_unit_is_named() -> None:

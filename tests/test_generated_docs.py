@@ -76,7 +76,10 @@ def judged_in(*files: str) -> set[SafetyCode]:
             found |= MORE.get(predicate, set())
             if predicate in BY_NAME:
                 found.add(BY_NAME[predicate])
-        made = re.findall(r"(?:Passed|Violation|silent)\(\s*SafetyCode\.(\w+)", source)
+        made = re.findall(
+            r"(?:(?:Passed|Violation|silent|unheard|too_many)\(\s*|late = )SafetyCode\.(\w+)",
+            source,
+        )
         made += re.findall(r"\(SafetyCode\.(\w+), (?:names|t\.id)", source)
         found |= {SafetyCode[word] for word in made}
     return found

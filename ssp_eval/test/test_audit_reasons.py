@@ -120,6 +120,6 @@ def test_an_unknown_code_is_a_bug() -> None:
         explain([Finding("made_up", "")])
 
 
-def test_the_documentation_has_the_table() -> None:
-    rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \|$", DOCS.read_text(), re.MULTILINE)
-    assert rows == [(code, m.text, m.check) for code, m in TABLE.items()]
+def test_the_documentation_names_every_code_in_order() -> None:
+    rows = re.findall(r"^\| [^|]+ \| ((?:`\w+`(?:, )?)+) \|", DOCS.read_text(), re.MULTILINE)
+    assert re.findall(r"`(\w+)`", " ".join(rows)) == CODES
