@@ -185,108 +185,71 @@ def declared_options(clip: Path) -> tuple[str, ...]:
     )
 
 
-def plan_steps(out: Path, scenarios: Sequence[str]) -> list[Step]:
-    """All steps; each needs only ones before it."""
-    plan = [_clip(out, scenario) for scenario in scenarios]
-    plan += [step for scenario in scenarios for step in _simulation(out, scenario)]
-    plan += [step for scenario in scenarios for step in _synthetic(out, scenario)]
-    plan += [step for scenario in scenarios for step in _physical(out, scenario)]
-    plan += [_labels(out, scenario) for scenario in scenarios]
-    plan += [_audit(out, scenario) for scenario in scenarios]
-    return [*plan, *_evaluation(out, scenarios)]
-
-
-def _simulation(out: Path, scenario: str) -> list[Step]:
-    folder = run_folder(out, scenario, "simulation")
-    return [
-        Step(
-            f"{scenario}/simulation",
-            f"{scenario}: compile and run the simulation",
-            (
-                *("run", str(event_path(out, scenario)), "--site", SIMULATION_SITE),
-                *("--seed", str(SIMULATION_SEED), "--out", str(folder)),
-            ),
-            needs=(f"{scenario}/clip",),
-            session=True,
-        ),
-    ]
-
-
-def _clip(out: Path, scenario: str) -> Step:
-    folder = clip_path(out, scenario).parent
-    return Step(
-        f"{scenario}/clip",
-        f"{scenario}: make a synthetic clip and the K* bound to it",
-        ("spec", "clip", scenario, "--seed", str(CLIP_SEED), "--out", str(folder)),
-    )
-
-
-def _synthetic(out: Path, scenario: str) -> list[Step]:
-    clip = clip_path(out, scenario)
-    folder = run_folder(out, scenario, "synthetic")
-    return [
-        Step(
-            f"{scenario}/synthetic",
-            f"{scenario}: import the clip as a bag",
-            (
-                *("import-video", str(clip), "--scenario", scenario),
-                *("--generator", GENERATOR, "--out", str(folder / "bag")),
-            ),
-            needs=(f"{scenario}/clip",),
-            more=lambda: (*_version(out, scenario), *declared_options(clip)),
-        ),
-    ]
-
-
-def _physical(out: Path, scenario: str) -> list[Step]:
-    task = out / "tasks" / f"{scenario}-track"
-    folder = run_folder(out, scenario, "physical")
-    simulation = run_folder(out, scenario, "simulation")
-    return [
-        Step(
-            f"{scenario}/task",
-            f"{scenario}: compile for the track",
-            (
-                *("compile", str(event_path(out, scenario)), "--target", "track"),
-                *("--site", TRACK_SITE),
-                *("--seed", str(TRACK_SEED), "--validated-by", str(simulation)),
-                *("--out", str(task)),
-            ),
-            needs=(f"{scenario}/simulation",),
-        ),
-        Step(
-            f"{scenario}/physical",
-            f"{scenario}: run the compiled task on the track",
-            ("run", str(task), "--out", str(folder)),
-            needs=(f"{scenario}/task",),
-            session=True,
-        ),
-    ]
-
-
 _DOMAINS = ("synthetic", "simulation", "physical")
 
 
-def _labels(out: Path, scenario: str) -> Step:
-    """One plan for the three recordings, so that each has as many labels in every phase."""
-    recordings = (str(run_folder(out, scenario, domain)) for domain in _DOMAINS)
-    truth = clip_path(out, scenario).with_suffix(".truth.json")
-    return Step(
-        f"{scenario}/labels",
-        f"{scenario}: label the three recordings by one plan",
-        ("labels", "new", *recordings, "--truth", str(truth)),
-        needs=tuple(f"{scenario}/{domain}" for domain in _DOMAINS),
-    )
+def plan_steps(out: Path, scenarios: Sequence[str]) -> list[Step]:
+    """All steps; each needs only ones before it."""
+    of_each = [_of_scenario(out, scenario) for scenario in scenarios]
+    # All clips first, then all simulations and so on: what takes longest begins early.
+    return [*(step for steps in zip(*of_each, strict=True) for step in steps),
+            *_evaluation(out, scenarios)]  # fmt: skip
 
 
-def _audit(out: Path, scenario: str) -> Step:
-    recordings = (str(run_folder(out, scenario, domain)) for domain in _DOMAINS)
-    return Step(
-        f"{scenario}/audit",
-        f"{scenario}: audit the three recordings",
-        ("audit", *recordings, "--out", str(audit_folder(out, scenario))),
-        needs=(f"{scenario}/labels",),
-    )
+def _of_scenario(out: Path, scenario: str) -> list[Step]:
+    """The clip, the recordings of the three domains, their labels and their audit."""
+    clip, event = clip_path(out, scenario), str(event_path(out, scenario))
+    task = str(out / "tasks" / f"{scenario}-track")
+    synthetic, simulation, physical = (str(run_folder(out, scenario, d)) for d in _DOMAINS)
+    recordings = (synthetic, simulation, physical)
+
+    def step(
+        name: str,
+        title: str,
+        *arguments: str,
+        needs: tuple[str, ...] = (),
+        session: bool = False,
+        more: Callable[[], tuple[str, ...]] = _nothing,
+    ) -> Step:
+        before = tuple(f"{scenario}/{one}" for one in needs)
+        return Step(f"{scenario}/{name}", f"{scenario}: {title}", arguments, before, session, more)
+
+    return [
+        step(
+            "clip", "make a synthetic clip and the K* bound to it",
+            "spec", "clip", scenario, "--seed", str(CLIP_SEED), "--out", str(clip.parent),
+        ),
+        step(
+            "simulation", "compile and run the simulation",
+            "run", event, "--site", SIMULATION_SITE, "--seed", str(SIMULATION_SEED),
+            "--out", simulation, needs=("clip",), session=True,
+        ),
+        step(
+            "synthetic", "import the clip as a bag",
+            "import-video", str(clip), "--scenario", scenario, "--generator", GENERATOR,
+            "--out", f"{synthetic}/bag", needs=("clip",),
+            more=lambda: (*_version(out, scenario), *declared_options(clip)),
+        ),
+        step(
+            "task", "compile for the track",
+            "compile", event, "--target", "track", "--site", TRACK_SITE, "--seed", str(TRACK_SEED),
+            "--validated-by", simulation, "--out", task, needs=("simulation",),
+        ),
+        step(
+            "physical", "run the compiled task on the track",
+            "run", task, "--out", physical, needs=("task",), session=True,
+        ),
+        # One plan for the three recordings, so that each has as many labels in every phase.
+        step(
+            "labels", "label the three recordings by one plan",
+            "labels", "new", *recordings, "--truth", str(clip.with_suffix(".truth.json")),
+            needs=_DOMAINS,
+        ),
+        step(
+            "audit", "audit the three recordings",
+            "audit", *recordings, "--out", str(audit_folder(out, scenario)), needs=("labels",),
+        ),
+    ]  # fmt: skip
 
 
 def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:

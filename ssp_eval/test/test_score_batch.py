@@ -122,32 +122,9 @@ def test_permuting_cells_permutes_their_scores(order):
     assert score_cells([cells[i] for i in order]) == [scores[i] for i in order]
 
 
-def test_cells_that_share_their_labels():
-    (labels, records), (other, answers) = golden_cells()[:2]
-    cells = [(labels, records), (other, answers), (labels, ()), (labels, records), (other, ())]
-    assert score_cells(cells) == [score_cells([item])[0] for item in cells]
-
-
 def test_more_cells_than_a_block_of_the_encoder_holds():
     cells = golden_cells()
     assert score_cells(cells * 3) == score_cells(cells) * 3
-
-
-def test_columns_are_made_once_for_any_thresholds():
-    columns = encode(golden_cells())
-    for thresholds in OTHERS:
-        assert score_columns(columns, thresholds).cells() == score_cells(golden_cells(), thresholds)
-
-
-@pytest.mark.parametrize("thresholds", OTHERS)
-def test_golden_cells_under_other_thresholds(thresholds):
-    cells = golden_cells()
-    terms = batch_terms(encode(cells), thresholds)
-    batch = score_cells(cells, thresholds)
-    for number, (labels, records) in enumerate(cells):
-        alone = score_cell(labels, records, thresholds)
-        same(batch[number].to_json(), alone.to_json())
-        same_terms(terms.cell(number), cell_terms(labels, records, thresholds))
 
 
 def test_a_path_is_read_between_its_samples():

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
-from typing import TypedDict
 
 import click
-from rich.progress import Progress
+from rich.progress import Progress as RichProgress
 
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_eval.package.log import Change, Logged, log_change
-from ssp_eval.package.model import Package, load_table
+from ssp_eval.package.model import Package, Progress, load_table
 from ssp_scenario_manager.compile.task import RUN_FILE
 from ssp_scenario_manager.event_spec.log import check_not_ahead, utc_now
 
@@ -45,7 +44,9 @@ def make_command(
     from ssp_eval.package.make import make_package
 
     with console.progress("package (MiB)", None) as bar:
-        table, findings = make_package(folders, out, force=force, copy=copy, **_bytes_on(bar))
+        table, findings = make_package(
+            folders, out, force=force, copy=copy, progress=_shown_on(bar)
+        )
     if as_json:
         summary = {
             "package": str(out),
@@ -81,11 +82,9 @@ def verify_command(folder: Path, expected_id: str | None, as_json: bool) -> int:
     from ssp_eval.package.verify import verify_package
 
     with console.progress("verify (MiB)", None) as bar:
-        verdict = verify_package(folder, expected_id=expected_id, **_bytes_on(bar))
+        verdict = verify_package(folder, expected_id=expected_id, progress=_shown_on(bar))
     if as_json:
-        value = asdict(verdict)
-        value["findings"] = [finding.as_dict() for finding in verdict.findings]
-        click.echo(json.dumps({"ok": verdict.ok, **value}, sort_keys=True))
+        click.echo(json.dumps({"ok": verdict.ok, **asdict(verdict)}, sort_keys=True))
         return 0 if verdict.ok else 1
     for finding in verdict.findings:
         place = f" ({finding.object})" if finding.object not in ("", finding.file) else ""
@@ -134,7 +133,7 @@ def show_command(folder: Path, scores: tuple[str, ...], as_json: bool) -> int:
         for label in labels:
             steps = walker.walk(cell, label)
             if as_json:
-                value = {"score": f"{name or score}:{label}", "steps": [s.as_dict() for s in steps]}
+                value = {"score": f"{name or score}:{label}", "steps": [asdict(s) for s in steps]}
                 click.echo(json.dumps(value, sort_keys=True, ensure_ascii=False))
                 continue
             for step in steps:
@@ -166,31 +165,22 @@ def _notes(missing: Iterable[str], notes: Iterable[str]) -> None:
         console.note(f"note: {text}")
 
 
-class _BytesOn(TypedDict):
-    on_total: Callable[[int], None]
-    on_bytes: Callable[[int], None]
-    on_step: Callable[[str], None]
-
-
-def _bytes_on(bar: Progress) -> _BytesOn:
+def _shown_on(bar: RichProgress) -> Progress:
     """Shows a count of bytes in whole MiB, and what is done with them afterwards."""
     task = bar.task_ids[0]
     done = 0
 
-    def on_bytes(more: int) -> None:
+    def more(count: int) -> None:
         nonlocal done
-        done += more
+        done += count
         bar.update(task, completed=done >> 20)
 
-    def on_step(text: str) -> None:
-        """Reading and judging take longer than hashing, and nobody knows how long."""
-        bar.update(task, description=text, total=None)
-
-    return {
-        "on_total": lambda total: bar.update(task, total=total >> 20),
-        "on_bytes": on_bytes,
-        "on_step": on_step,
-    }
+    return Progress(
+        lambda total: bar.update(task, total=total >> 20),
+        more,
+        # Reading and judging take longer than hashing, and nobody knows how long.
+        lambda text: bar.update(task, description=text, total=None),
+    )
 
 
 @package.command("log-change")

@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -29,8 +29,10 @@ from ssp_eval.package.model import (
     OBJECTS,
     SCHEMA,
     TABLE_FILE,
+    UNSEEN,
     FileEntry,
     Package,
+    Progress,
     Role,
     sealed,
     table_bytes,
@@ -245,18 +247,13 @@ def make_package(
     *,
     force: bool = False,
     copy: bool = False,
-    on_total: Callable[[int], None] = lambda _: None,
-    on_bytes: Callable[[int], None] = lambda _: None,
-    on_step: Callable[[str], None] = lambda _: None,
+    progress: Progress = UNSEEN,
 ) -> tuple[Package, Findings]:
     """Takes everything in some folders into a package.
 
     Args:
         folders: with recordings, compiled tasks, labels, audits, cells, logs, source videos.
         force: an earlier package there is replaced, once the new one is whole.
-        on_total: told once how many bytes there are.
-        on_bytes: told how many more bytes were taken in.
-        on_step: told afterwards what is done next, where it takes some seconds.
 
     Returns:
         The table of contents, and what was found.
@@ -268,15 +265,15 @@ def make_package(
     """
     _check_out(out, force)
     sources = collect(folders, out)
-    on_total(sum(source.bytes for source in sources))
+    progress.total(sum(source.bytes for source in sources))
     parent = make_folder(out.absolute().parent)
     scratch = Path(tempfile.mkdtemp(dir=parent, prefix=f".{out.name}."))
     try:
         (scratch / OBJECTS).mkdir()
-        files = _store_all(sources, scratch, copy, on_bytes)
+        files = _store_all(sources, scratch, copy, progress)
         files.append(_store_log(files, scratch))
         contents = Contents(scratch, files)
-        findings = work_out(contents, on_step)
+        findings = work_out(contents, progress.step)
         if findings.problems:
             raise _broken(findings.problems, out)
         if not contents.of("recording"):
@@ -329,7 +326,7 @@ def _put(scratch: Path, out: Path) -> None:
 
 
 def _store_all(
-    sources: Sequence[Source], scratch: Path, copy: bool, on_bytes: Callable[[int], None]
+    sources: Sequence[Source], scratch: Path, copy: bool, progress: Progress
 ) -> list[FileEntry]:
     names: dict[str, set[str]] = {}
     for source in sources:
@@ -339,13 +336,11 @@ def _store_all(
     for source in sources:
         parent = str(PurePosixPath(source.path).parent)
         role = role_of(source.path, source.file, is_cell_folder(frozenset(names[parent])))
-        entries.append(_store(source, role, scratch, copy, on_bytes))
+        entries.append(_store(source, role, scratch, copy, progress))
     return entries
 
 
-def _store(
-    source: Source, role: Role, scratch: Path, copy: bool, on_bytes: Callable[[int], None]
-) -> FileEntry:
+def _store(source: Source, role: Role, scratch: Path, copy: bool, progress: Progress) -> FileEntry:
     """One file under its hash; the hash is of the bytes that are stored, whatever happens since."""
     handle, name = tempfile.mkstemp(dir=scratch, prefix="incoming.")
     os.close(handle)
@@ -362,7 +357,7 @@ def _store(
                 size += len(block)
                 if stream is not None:
                     stream.write(block)
-                on_bytes(len(block))
+                progress.bytes(len(block))
         if not linked:
             incoming.chmod(0o644)
         incoming.replace(scratch / OBJECTS / digest.hexdigest())

@@ -9,6 +9,8 @@ as surely as a changed file.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -148,6 +150,24 @@ class Package(Strict):
     missing: list[str] = Field(description="what a whole package of METHOD 4 would also hold")
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Is told how far the making or verifying of a package has come.
+
+    Args:
+        total: once, how many bytes there are.
+        bytes: how many more of them were read.
+        step: what is done afterwards, where it takes some seconds.
+    """
+
+    total: Callable[[int], None] = lambda _: None
+    bytes: Callable[[int], None] = lambda _: None
+    step: Callable[[str], None] = lambda _: None
+
+
+UNSEEN = Progress()
 
 
 def content_id(package: Package) -> str:

@@ -34,14 +34,6 @@ class Step:
     sha256: str
     says: tuple[str, ...] = field(default=())
 
-    def as_dict(self) -> dict[str, Any]:
-        return {
-            "what": self.what,
-            "path": self.path,
-            "sha256": self.sha256,
-            "says": list(self.says),
-        }
-
 
 def find_cell(package: Package, name: str) -> FileEntry:
     """The cell of a folder name, such as ``cut_in__simulation__my_model``, or of a path to it.

@@ -9,7 +9,7 @@ import os
 import stat
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,12 @@ from ssp_eval.package.log import merged_log
 from ssp_eval.package.model import (
     OBJECTS,
     TABLE_FILE,
+    UNSEEN,
     Chain,
     FileEntry,
     Link,
     Package,
+    Progress,
     load_table,
     object_path,
 )
@@ -253,9 +255,6 @@ class Finding:
     text: str
     breaks: tuple[str, ...] = ()
 
-    def as_dict(self) -> dict[str, Any]:
-        return {**asdict(self), "breaks": list(self.breaks)}
-
 
 @dataclass
 class Verdict:
@@ -288,9 +287,7 @@ def verify_package(
     folder: Path,
     *,
     expected_id: str | None = None,
-    on_total: Callable[[int], None] = lambda _: None,
-    on_bytes: Callable[[int], None] = lambda _: None,
-    on_step: Callable[[str], None] = lambda _: None,
+    progress: Progress = UNSEEN,
 ) -> Verdict:
     """Checks the bytes first, then what they say of each other.
 
@@ -299,9 +296,6 @@ def verify_package(
 
     Args:
         expected_id: id that it must have, as somebody wrote it down when it was made.
-        on_total: told once how many bytes there are.
-        on_bytes: told how many more bytes were hashed.
-        on_step: told afterwards what is done next, where it takes some seconds.
 
     Raises:
         InputError: there is no such folder.
@@ -319,17 +313,17 @@ def verify_package(
     if expected_id is not None and package.id != expected_id:
         text = f"is package {package.id}, expected was {expected_id}"
         verdict.findings.append(Finding("table", TABLE_FILE, TABLE_FILE, text))
-    on_total(sum(entry.bytes for entry in package.files))
-    verdict.findings += _bytes(folder, package, on_bytes)
+    progress.total(sum(entry.bytes for entry in package.files))
+    verdict.findings += _bytes(folder, package, progress)
     verdict.files = len(package.files)
     if any(finding.kind in _DAMAGE for finding in verdict.findings):
         verdict.notes.append("links were not followed, since files are not as they were")
         return verdict
-    _follow(folder, package, verdict, on_step)
+    _follow(folder, package, verdict, progress.step)
     return verdict
 
 
-def _bytes(folder: Path, package: Package, on_bytes: Callable[[int], None]) -> Iterable[Finding]:
+def _bytes(folder: Path, package: Package, progress: Progress) -> Iterable[Finding]:
     by_hash: dict[str, list[FileEntry]] = {}
     paths: set[str] = set()
     for entry in package.files:
@@ -339,7 +333,7 @@ def _bytes(folder: Path, package: Package, on_bytes: Callable[[int], None]) -> I
         paths.add(entry.path)
     for sha256, entries in sorted(by_hash.items(), key=lambda item: item[1][0].path):
         name = str(object_path(folder, sha256).relative_to(folder))
-        problem = _problem(folder / name, sha256, entries[0].bytes, on_bytes)
+        problem = _problem(folder / name, sha256, entries[0].bytes, progress)
         if problem is None:
             continue
         kind, text = problem
@@ -354,9 +348,7 @@ def _bytes(folder: Path, package: Package, on_bytes: Callable[[int], None]) -> I
         yield from _superfluous(folder / OBJECTS, known, f"{OBJECTS}/")
 
 
-def _problem(
-    path: Path, sha256: str, size: int, on_bytes: Callable[[int], None]
-) -> tuple[str, str] | None:
+def _problem(path: Path, sha256: str, size: int, progress: Progress) -> tuple[str, str] | None:
     """What is wrong with an object, None where it is as it was."""
     digest, found = hashlib.sha256(), 0
     try:
@@ -366,7 +358,7 @@ def _problem(
             while block := stream.read(_BLOCK_BYTES):
                 digest.update(block)
                 found += len(block)
-                on_bytes(len(block))
+                progress.bytes(len(block))
     except FileNotFoundError:
         return "missing", "is not there any more"
     except OSError as error:

@@ -80,16 +80,6 @@ def _windows(labels_s: Sequence[float], records_s: Sequence[float], limit_s: flo
     return found
 
 
-def _apart(windows: Sequence[Window]) -> bool:
-    """Whether no window holds two records and no record lies in two windows."""
-    taken = 0
-    for first, end in windows:
-        if end - first > 1 or (end > first and first < taken):
-            return False
-        taken = end
-    return True
-
-
 def match(
     labels_s: Sequence[float], records_s: Sequence[float], thresholds: Thresholds = DEFAULT
 ) -> tuple[int | None, ...]:
@@ -105,9 +95,6 @@ def match(
         records_s: clip times, s, rising strictly.
     """
     windows = _windows(labels_s, records_s, thresholds.match_window_s + thresholds.tolerance)
-    if _apart(windows):
-        # Every pair there can be belongs to the one solution.
-        return tuple([first if end > first else None for first, end in windows])
     optima = _Optima(labels_s, records_s, windows)
     result: list[int | None] = []
     start, spare_s = 0, thresholds.tolerance

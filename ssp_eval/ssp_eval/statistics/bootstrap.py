@@ -17,6 +17,7 @@ from ssp_eval.statistics.comparisons import Clip, LabelDifferences, Pair, compar
 from ssp_eval.statistics.resampling import (
     NO_INTERVAL,
     Interval,
+    NanMean,
     Numbers,
     bca_interval,
     block_draws,
@@ -149,11 +150,9 @@ def estimated(
     """
     if value is None or n < 2:
         return Estimate(value, n, unit=unit)
-    null_share = float(np.isnan(samples).mean())
     ends = reach(items)
     bca = bca_interval(samples, value, jackknife, ends, items)
-    bias = float(np.nanmean(samples) - value) if null_share < 1.0 else None
-    return Estimate(value, n, percentile_interval(samples, ends), bca, bias, null_share, unit)
+    return _estimate(samples, Mean(value, n), ends, unit, bca)
 
 
 Group = tuple[str, ...]
@@ -245,10 +244,10 @@ def _over_runs(
         return runs[0][0], values
     averaged = {}
     for metric in METRIC_NAMES:
-        stacked = np.stack([samples[metric] for samples, _ in runs])
-        there = (~np.isnan(stacked)).sum(0)
-        averaged[metric] = np.full(stacked.shape[1], np.nan)
-        np.divide(np.nansum(stacked, 0), there, out=averaged[metric], where=there > 0)
+        over = NanMean.of(len(runs[0][0][metric]))
+        for samples, _ in runs:
+            over.add(samples[metric])
+        averaged[metric] = over.mean
     return averaged, values
 
 
@@ -257,8 +256,7 @@ class _GroupSums:
 
     def __init__(self, by: Group, resamples: int) -> None:
         self._by, self._resamples = by, resamples
-        self._sums: dict[Group, Numbers] = {}
-        self._counts: dict[Group, Numbers] = {}
+        self._sums: dict[Group, list[NanMean]] = {}
         self._values: dict[Group, list[list[float]]] = {}
         self._clips: dict[Group, dict[Clip, int]] = {}
         self._ended: dict[Group, dict[str, Estimate]] = {}
@@ -267,7 +265,7 @@ class _GroupSums:
         """Gives up the sums of a scenario's own groups: cells of a scenario come together."""
         if "scenario" in self._by:
             self._ended |= self._estimates()
-            for kept in (self._sums, self._counts, self._values, self._clips):
+            for kept in (self._sums, self._values, self._clips):
                 kept.clear()
 
     def add(
@@ -281,14 +279,11 @@ class _GroupSums:
             return
         key = tuple(getattr(runs[0], name) for name in self._by)
         self._clips.setdefault(key, {}).update(clips)
-        shape = (len(METRIC_NAMES), self._resamples)
-        total = self._sums.setdefault(key, np.zeros(shape))
-        count = self._counts.setdefault(key, np.zeros(shape))
+        if key not in self._sums:
+            self._sums[key] = [NanMean.of(self._resamples) for _ in METRIC_NAMES]
         values = self._values.setdefault(key, [[] for _ in METRIC_NAMES])
         for i, metric in enumerate(METRIC_NAMES):
-            there = ~np.isnan(samples[metric])
-            total[i] += np.where(there, samples[metric], 0.0)
-            count[i] += there
+            self._sums[key][i].add(samples[metric])
             if (value := scores[metric]) is not None:
                 values[i].append(value)
 
@@ -298,25 +293,26 @@ class _GroupSums:
     def _estimates(self) -> dict[Group, dict[str, Estimate]]:
         found: dict[Group, dict[str, Estimate]] = {}
         for key in sorted(self._sums):
-            means = np.full_like(self._sums[key], np.nan)
-            np.divide(self._sums[key], self._counts[key], out=means, where=self._counts[key] > 0)
             clips = self._clips[key]
             items = sum(count / block for (*_, count), block in clips.items())
             ends, unit = reach(items, len(clips)), label_unit(clips.values())
             found[key] = {}
             for i, metric in enumerate(METRIC_NAMES):
                 over = mean(self._values[key][i])
-                found[key][metric] = _group_estimate(means[i], over, ends, unit)
+                found[key][metric] = _estimate(self._sums[key][i].mean, over, ends, unit)
         return found
 
 
-def _group_estimate(samples: Numbers, over: Mean, ends: float | None, unit: str) -> Estimate:
+def _estimate(
+    samples: Numbers, over: Mean, ends: float | None, unit: str, bca: Interval = NO_INTERVAL
+) -> Estimate:
+    """A score with what resamples say of it."""
     if over.value is None:
         return Estimate(None, over.n, unit=unit)
     null_share = float(np.isnan(samples).mean())
     bias = float(np.nanmean(samples) - over.value) if null_share < 1.0 else None
     interval = percentile_interval(samples, ends)
-    return Estimate(over.value, over.n, interval, NO_INTERVAL, bias, null_share, unit)
+    return Estimate(over.value, over.n, interval, bca, bias, null_share, unit)
 
 
 def bootstrap_mean(

@@ -15,6 +15,7 @@ from ssp_eval.statistics.resampling import (
     LEVEL,
     NO_INTERVAL,
     Interval,
+    NanMean,
     Numbers,
     generator,
     percentile_interval,
@@ -221,16 +222,10 @@ def compared_metrics(models: Collection[str]) -> tuple[str, ...]:
 
 
 @dataclass
-class _Sum:
-    """Over clips, resample by resample.
+class _OverClips:
+    """Differences over clips, with the blocks of labels that were drawn from in all of them."""
 
-    Args:
-        blocks: of labels that were drawn from, in all clips.
-        clips: how many.
-    """
-
-    total: Numbers
-    count: Numbers
+    differences: NanMean
     blocks: float = 0.0
     clips: int = 0
 
@@ -246,7 +241,7 @@ class LabelDifferences:
         self._metrics, self._resamples = tuple(metrics), resamples
         self._clip: tuple[Clip, int] | None = None
         self._models: dict[str, Mapping[str, Numbers]] = {}
-        self._sums: dict[tuple[Pair, str], _Sum] = {}
+        self._sums: dict[tuple[Pair, str], _OverClips] = {}
 
     def add(self, model: str, clips: Mapping[Clip, int], samples: Mapping[str, Numbers]) -> None:
         """A model's resampled scores on a clip; all models of a clip come together.
@@ -275,15 +270,12 @@ class LabelDifferences:
         self._models = {}
 
     def _add_pair(self, pair: Pair, metric: str, difference: Numbers, blocks: float) -> None:
-        there = ~np.isnan(difference)
-        if not there.any():
+        if np.isnan(difference).all():
             return
-        found = self._sums.get((pair, metric))
-        if found is None:
-            found = _Sum(np.zeros(self._resamples), np.zeros(self._resamples))
-            self._sums[pair, metric] = found
-        found.total += np.where(there, difference, 0.0)
-        found.count += there
+        if (pair, metric) not in self._sums:
+            self._sums[pair, metric] = _OverClips(NanMean.of(self._resamples))
+        found = self._sums[pair, metric]
+        found.differences.add(difference)
         found.blocks += blocks
         found.clips += 1
 
@@ -294,9 +286,5 @@ class LabelDifferences:
         return {key: _interval(self._sums[key]) for key in sorted(self._sums)}
 
 
-def _interval(found: _Sum) -> Interval:
-    if found.blocks <= found.clips:
-        return NO_INTERVAL
-    samples = np.full_like(found.total, np.nan)
-    np.divide(found.total, found.count, out=samples, where=found.count > 0)
-    return percentile_interval(samples, reach(found.blocks, found.clips))
+def _interval(found: _OverClips) -> Interval:
+    return percentile_interval(found.differences.mean, reach(found.blocks, found.clips))

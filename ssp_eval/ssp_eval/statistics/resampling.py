@@ -65,6 +65,36 @@ def counted(picked: NDArray[np.int64], count: int) -> Numbers:
     return times.reshape(rows, count).astype(np.float64)
 
 
+@dataclass
+class NanMean:
+    """Means of samples that are added one after the other, resample by resample, without NaN ones.
+
+    Args:
+        total: (B,) of the samples that aren't NaN.
+        count: (B,) of these.
+    """
+
+    total: Numbers
+    count: Numbers
+
+    @classmethod
+    def of(cls, resamples: int) -> NanMean:
+        """Of nothing yet."""
+        return cls(np.zeros(resamples), np.zeros(resamples))
+
+    def add(self, samples: Numbers) -> None:
+        there = ~np.isnan(samples)
+        self.total += np.where(there, samples, 0.0)
+        self.count += there
+
+    @property
+    def mean(self) -> Numbers:
+        """(B,) NaN where all samples were."""
+        found = np.full_like(self.total, np.nan)
+        np.divide(self.total, self.count, out=found, where=self.count > 0)
+        return found
+
+
 def weighted_sums(weights: Numbers, values: Numbers) -> Numbers:
     """Σ_i w_bi v_i for each b, added in the order of i.
 
