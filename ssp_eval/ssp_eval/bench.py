@@ -29,11 +29,7 @@ NAME_COLUMNS, WIDTH = 31, 80
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of a benchmark, as measured in each of its runs.
-
-    Args:
-        runs: what tests/bench/measure.py printed, one object per run.
-    """
+    """One figure of a benchmark, as measured in each of its runs."""
 
     runs: tuple[dict[str, Any], ...]
 

@@ -124,9 +124,7 @@ class Step:
     """One command of the demonstration.
 
     Args:
-        name: what others know it by.
         arguments: of ``ssp``.
-        needs: names of the steps that must be done before.
         session: it runs a session; one at a time does.
         more: arguments that are known only when the steps before are done.
     """
@@ -318,7 +316,6 @@ def follow(
     Args:
         steps: each needs only ones before it.
         logs: folder that gets command and output of each step.
-        on_start: told each step and its number, from 1, when it starts.
 
     Raises:
         PeerError: a step failed or was interrupted; the message ends with the last lines of its

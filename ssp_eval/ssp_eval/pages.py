@@ -67,9 +67,6 @@ def data_uri(path: Path) -> str:
 def jpeg_uri(data: bytes, place: str | Path, max_width_px: int = MAX_WIDTH_PX) -> str:
     """As data_uri, of a picture's bytes.
 
-    Args:
-        place: where it comes from, for messages.
-
     Raises:
         InputError: it is no picture.
     """

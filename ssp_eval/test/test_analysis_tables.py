@@ -14,8 +14,12 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_eval.score.aggregate import Mean
-from ssp_eval.statistics.formats import (
+from ssp_eval.statistics.rows import CellRow
+from ssp_eval.statistics.table import (
     FORMATS,
+    Column,
+    Outcome,
+    Table,
     latex_text,
     to_csv,
     to_html,
@@ -23,8 +27,6 @@ from ssp_eval.statistics.formats import (
     to_latex,
     to_notes,
 )
-from ssp_eval.statistics.rows import CellRow
-from ssp_eval.statistics.table import Column, Outcome, Table
 from ssp_eval.statistics.tables import all_tables, sd
 from ssp_eval.statistics.write import MOST_ROWS, page_parts
 

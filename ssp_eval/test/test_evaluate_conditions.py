@@ -15,9 +15,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.asking import blackened, derangement, other_label_time, shuffled, under
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.cell import (
+    CellOptions,
+    blackened,
+    derangement,
+    other_label_time,
+    shuffled,
+    under,
+)
 from ssp_eval.evaluate.model_client import IgnoredAnswers, InProcessClients, ModelClient, ModelReply
 from ssp_eval.evaluate.models import (
     ANSWERERS,

@@ -11,9 +11,8 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.vocabulary import Verdict
-from ssp_eval.evaluate.asking import other_label_time
 from ssp_eval.evaluate.campaign import Plan, run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.cell import CellOptions, other_label_time
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.cli import driving_before
 from ssp_eval.evaluate.model_client import InProcessClients, Loss

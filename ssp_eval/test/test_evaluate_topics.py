@@ -16,17 +16,21 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.processes import ProcessGroup, free_domain, session_environment
-from ssp_eval.evaluate.bridges import BRIDGE_MODULE, PROFILE, TopicClient, TopicClients, _in_time
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import evaluate as evaluate_command
 from ssp_eval.evaluate.cli import model_specs
 from ssp_eval.evaluate.model_client import (
+    BRIDGE_MODULE,
+    PROFILE,
     IgnoredAnswers,
     ModelClient,
     ModelReply,
     ModelSpec,
     Timeouts,
+    TopicClient,
+    TopicClients,
+    _in_time,
 )
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.labels.propose import propose

@@ -8,9 +8,8 @@ from ssp_eval.data.labels import Label, Labels
 from ssp_eval.data.records import BehaviourRecord, Slot, Slots
 from ssp_eval.score.cell import score_cell
 from ssp_eval.score.columns import NOTHING, Codes
-from ssp_eval.score.engine import allowed, risky, score_cells, slows_down
+from ssp_eval.score.engine import allowed, risky, score_cells, score_tables, slows_down
 from ssp_eval.score.metrics import ivcs, ivcs_terms
-from ssp_eval.score.semantics import score_tables
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 
 

@@ -8,7 +8,7 @@ from ssp_core.vocabulary import CONFLICTS, MOTIONS, POSITIONS
 from ssp_eval.data.labels import Label, Labels
 from ssp_eval.data.records import BehaviourRecord, Slot, Slots
 from ssp_eval.score.cell import SlotScore, score_cell
-from ssp_eval.score.semantics import hard_score, object_f1, soft_score
+from ssp_eval.score.engine import hard_score, object_f1, soft_score
 
 LABEL = Label(
     t_s=1.0,

@@ -33,7 +33,6 @@ class Property:
         words: per part of the field, the words that hold of it; None: it could not be determined.
             A recording has one word for a part as a rule, a specification any number of them: each
             is as good as the other (2 to 4 lanes).
-        how: how it was determined, for people.
     """
 
     words: Mapping[str, tuple[str, ...]] | None

@@ -266,9 +266,6 @@ def parse_labels_text(text: str, path: str | Path) -> Labels:
 def parse_labels(value: object, file: str | Path) -> Labels:
     """Labels from the parsed content of a labels file.
 
-    Args:
-        value: what the JSON or YAML text holds.
-
     Raises:
         InputError: something is wrong (METHOD 5.6), with its field path: unknown schema, missing
             or unknown keys, a value outside its vocabulary or of the wrong type, times that don't

@@ -155,11 +155,7 @@ def load_admissions(files: Iterable[Path]) -> dict[str, Admission]:
 
 
 def admission_of(entry: RecordingEntry, audit_sha256: str) -> Admission:
-    """What an audit says of one recording.
-
-    Args:
-        audit_sha256: hash of its file.
-    """
+    """What an audit says of one recording."""
     return Admission(
         status=entry.status,
         audit_sha256=audit_sha256,
@@ -171,11 +167,7 @@ def admission_of(entry: RecordingEntry, audit_sha256: str) -> Admission:
 
 
 def said_of(audit: Audit, bag: str | None, verdict_sha256: str | None) -> set[str]:
-    """What an audit says of a recording: one status, none where it doesn't know it.
-
-    Args:
-        bag: hash of the bag.
-    """
+    """What an audit says of a recording: one status, none where it doesn't know it."""
     return {
         admission_of(entry, "").held_against(verdict_sha256).status
         for entry in audit.recordings

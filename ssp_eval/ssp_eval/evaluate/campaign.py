@@ -54,11 +54,7 @@ class Plan:
     label_lines: tuple[str, ...] = field(default=(), compare=False)
 
     def line(self, leave_out: str = NO_CONTROLS) -> str:
-        """The plan for people.
-
-        Args:
-            leave_out: what leaves the controls out.
-        """
+        """The plan for people."""
         text = f"{_count(self.cells, 'cell')}, {_count(self.questions, 'question')}"
         if self.goes_on:
             text += " (those with a stored answer are counted and not asked again)"
@@ -80,7 +76,6 @@ def plan_of(
     """What a campaign will ask.
 
     Args:
-        models: who is asked, controls included.
         goes_on: the campaign has answers already, and they count.
     """
     compared = compare_by_scenario(
@@ -110,10 +105,6 @@ def labelled_clip(
     admission: Admission = NO_AUDIT,
 ) -> LabelledClip:
     """A clip with the labels that belong to it.
-
-    Args:
-        labels_path: given by the user; None looks beside the bag.
-        admission: what the audit says of the recording.
 
     Raises:
         InputError: there are none, or they belong to another clip.
@@ -330,11 +321,8 @@ def run_campaign(
 
     Args:
         bags: bag and its labels file (None: look beside it).
-        models: who is asked.
-        propose_labels: where there are no labels, propose them.
         admissions: what audits say, by hash of the bag; a bag that isn't there is unaudited.
         on_plan: told once how much there is to ask, before anything is asked.
-        on_record: called once per label time and model.
 
     Raises:
         InputError: a bag, its labels or an option is wrong; nothing was asked then.

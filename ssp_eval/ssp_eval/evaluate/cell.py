@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import random
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
-from ssp_core.files import make_folder, write_json, write_text
-from ssp_core.hashing import sha256_file
+import cv2
+import numpy as np
+
+from ssp_core.errors import InputError, PeerError
+from ssp_core.files import make_folder, write_bytes, write_json, write_text
+from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.data.labels import Labels, labels_to_json
 from ssp_eval.data.records import BehaviourRecord, record_to_json
-from ssp_eval.evaluate.asking import Repeats, ask_all
 from ssp_eval.evaluate.cell_file import (
     CELL_FILE,
     CELLS,
@@ -20,18 +26,273 @@ from ssp_eval.evaluate.cell_file import (
     CellPlace,
     CellResult,
     LabelledClip,
+    frame_path,
     write_cell,
 )
-from ssp_eval.evaluate.model_client import ModelClients
-from ssp_eval.evaluate.models import ModelSpec
-from ssp_eval.evaluate.raw_store import check_unchanged
-from ssp_eval.evaluate.requests import Asked
+from ssp_eval.evaluate.model_client import (
+    PASSING,
+    IgnoredAnswers,
+    Loss,
+    ModelClient,
+    ModelClients,
+    loss_of,
+)
+from ssp_eval.evaluate.models import BLACK, CONDITION_SEED, SHUFFLED, ModelSpec
+from ssp_eval.evaluate.raw_store import RawStore, check_unchanged
+from ssp_eval.evaluate.requests import AnswerKeys, Asked, new_request_id
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.extract.llm import Extracted, Extractor, make_extractor
+from ssp_eval.recordings.clip import NoQuestion, Question
 from ssp_eval.score.cell import score_cell
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 from ssp_vla_bridge.adapters.registry import adapt
-from ssp_vla_bridge.messages import Request, Response
+from ssp_vla_bridge.messages import Frame, Request, Response
+
+
+def blackened(request: Request) -> Request:
+    """The request with black frames of the same sizes and stamps.
+
+    Raises:
+        InputError: a frame is no picture.
+    """
+    frames = tuple(Frame(frame.stamp_ns, _black(*_size(frame.jpeg))) for frame in request.frames)
+    return replace(request, frames=frames)
+
+
+def shuffled(request: Request, seed: int = CONDITION_SEED) -> Request:
+    """The request with its pictures in another order, so that none keeps its time.
+
+    Args:
+        request: with two frames or more.
+
+    Raises:
+        ValueError: a single frame has no order.
+    """
+    if len(request.frames) < 2:
+        raise ValueError("a single frame can't change its place")
+    order = derangement(len(request.frames), seed, request.stamp_ns)
+    frames = tuple(
+        Frame(frame.stamp_ns, request.frames[other].jpeg)
+        for frame, other in zip(request.frames, order, strict=True)
+    )
+    return replace(request, frames=frames)
+
+
+def shown_another(request: Request, other: Frame) -> Request:
+    """The request with its newest picture replaced by that of another time; its stamp stays."""
+    newest = replace(request.frames[-1], jpeg=other.jpeg)
+    return replace(request, frames=(*request.frames[:-1], newest))
+
+
+def derangement(count: int, seed: int, salt: int = 0) -> list[int]:
+    """A random order in which nothing keeps its place: one cycle (Sattolo's algorithm).
+
+    Args:
+        count: of the things, 2 or more.
+    """
+    rng = random.Random(sha256_json([seed, salt]))
+    order = list(range(count))
+    for k in range(count - 1, 0, -1):
+        j = rng.randrange(k)
+        order[k], order[j] = order[j], order[k]
+    return order
+
+
+def other_label_time(
+    times_s: Sequence[float], index: int, seed: int = CONDITION_SEED
+) -> float | None:
+    """The label time whose picture is shown at another one; None where there is only one."""
+    return None if len(times_s) < 2 else times_s[derangement(len(times_s), seed)[index]]
+
+
+def under(
+    condition: str, question: Question, another: Question | NoQuestion | None
+) -> Question | NoQuestion:
+    """A question under a condition.
+
+    Args:
+        condition: one of controls.CONDITIONS; empty: the question itself.
+        another: what would be asked at other_label_time; None where there is none. It is used
+            where a request holds a single frame.
+    """
+    if not condition:
+        return question
+    if condition == BLACK:
+        try:
+            return replace(question, request=blackened(question.request))
+        except InputError as error:  # the model itself is told so; a control must end nothing
+            return NoQuestion(question.label_t_s, f"there is no size to make black: {error}")
+    if len(question.request.frames) > 1:
+        return replace(question, request=shuffled(question.request))
+    if not isinstance(another, Question):
+        why = "there is no frame of another label time to show instead"
+        return NoQuestion(question.label_t_s, why)
+    frame = another.request.frames[-1]
+    return replace(question, request=shown_another(question.request, frame))
+
+
+@lru_cache(maxsize=8)
+def _black(width_px: int, height_px: int) -> bytes:
+    done, jpeg = cv2.imencode(".jpg", np.zeros((height_px, width_px, 3), np.uint8))
+    if not done:
+        raise ValueError(f"OpenCV can't encode a picture of {width_px} × {height_px} px")
+    return jpeg.tobytes()
+
+
+def _size(jpeg: bytes) -> tuple[int, int]:
+    # Of no bytes at all OpenCV raises an error of its own.
+    data = np.frombuffer(jpeg, np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if jpeg else None
+    if image is None:
+        raise InputError("is no picture", field="frame")
+    return image.shape[1], image.shape[0]
+
+
+Progress = Callable[[], None]
+_LONGEST_PAUSE_S = 30.0
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """When a question is asked once more.
+
+    Args:
+        fresh: also where an answer is stored.
+        errors: at most this often after an error that may pass (client.PASSING).
+        pause_s: before the first repetition; doubled from each to the next, to 30 s at most.
+    """
+
+    fresh: bool = False
+    errors: int = 0
+    pause_s: float = 1.0
+
+
+def ask_all(
+    place: CellPlace, clients: ModelClients, out: Path, repeats: Repeats, on_record: Progress
+) -> tuple[list[Asked], IgnoredAnswers]:
+    """Asks about every label time that isn't answered in the cell's folder already.
+
+    Args:
+        clients: gives the way to the model; not touched when every answer is stored already.
+        out: campaign folder, which keeps the newest frame of each request.
+    """
+    cell = _Conversation(place, clients, repeats)
+    for label in place.labelled.labels.labels:
+        question = cell.question(label.t_s)
+        if isinstance(question, Question):
+            _keep_frame(out, question.request.frames[-1])
+        cell.about(question)
+        on_record()
+    return cell.finish()
+
+
+class _Conversation:
+    """What one model was asked so far; its own last answer goes into the next request."""
+
+    def __init__(self, place: CellPlace, clients: ModelClients, repeats: Repeats) -> None:
+        self._place, self._clients, self._repeats = place, clients, repeats
+        self._store = RawStore(place.folder)
+        if repeats.fresh:
+            self._store.forget()
+        labels = place.labelled.labels
+        labels_sha256 = sha256_json(labels_to_json(labels))
+        self._keys = AnswerKeys(place.model, labels_sha256, place.labelled.clip.start_ns)
+        self._carries = place.model.spoken.carries_previous
+        self._client: ModelClient | None = None
+        self._unreachable = ""
+        self._asked: list[Asked] = []
+
+    def question(self, label_t_s: float) -> Question | NoQuestion:
+        """What is asked about a label time, with the model's previous answer if it takes one."""
+        question = self._put(label_t_s)
+        if isinstance(question, NoQuestion):
+            return question
+        if any(one.t_s == question.t_s for one in self._asked):
+            reason = f"the newest frame, at {question.t_s:.3f} s, was asked about before"
+            return NoQuestion(label_t_s, reason)
+        previous, _ = self._previous()
+        return replace(question, request=replace(question.request, previous=previous))
+
+    def _put(self, label_t_s: float) -> Question | NoQuestion:
+        """What the clip gives to ask, under the model's condition."""
+        clip, model = self._place.labelled.clip, self._place.model
+        question = clip.question(label_t_s, model.rules)
+        if not model.condition or isinstance(question, NoQuestion):
+            return question
+        another = None
+        if model.condition == SHUFFLED and len(question.request.frames) == 1:
+            times = [label.t_s for label in self._place.labelled.labels.labels]
+            other_t_s = other_label_time(times, times.index(label_t_s))
+            another = None if other_t_s is None else clip.question(other_t_s, model.rules)
+        return under(model.condition, question, another)
+
+    def _previous(self) -> tuple[Response | None, str]:
+        """The last answer, or why there is none although something was asked."""
+        last = next((one for one in reversed(self._asked) if one.request is not None), None)
+        if not self._carries or last is None:
+            return None, ""
+        if last.record_from is None:
+            return None, f"the one before is missing: {last.loss}"
+        return last.record_from, ""
+
+    def about(self, question: Question | NoQuestion) -> None:
+        """Asks the question, unless its answer is stored."""
+        if isinstance(question, NoQuestion):
+            nothing = Asked(question.label_t_s, None, None, None, question.reason, Loss.NO_QUESTION)
+            self._asked.append(nothing)
+            return
+        _, no_previous = self._previous()
+        key = self._keys.of(question.request)
+        stored = self._store.find(key)
+        if stored is not None:
+            asked = Asked(question.label_t_s, question.t_s, question.request, stored, reused=True)
+        else:
+            asked = self._ask(question, key)
+            while (
+                asked.loss in PASSING
+                and self._client is not None
+                and asked.again < self._repeats.errors
+            ):
+                time.sleep(min(self._repeats.pause_s * 2**asked.again, _LONGEST_PAUSE_S))
+                asked = replace(self._ask(question, key), again=asked.again + 1)
+        self._asked.append(replace(asked, no_previous=no_previous))
+
+    def _ask(self, question: Question, key: str) -> Asked:
+        request = replace(question.request, request_id=new_request_id(key))
+        asked = Asked(question.label_t_s, question.t_s, request, None)
+        client = self._reached()
+        if client is None:
+            return replace(asked, missing=self._unreachable, loss=Loss.UNREACHABLE)
+        reply = client.ask(request)
+        if reply.response is None:
+            return replace(asked, missing=reply.reason, loss=reply.loss)
+        self._store.append(reply.response)
+        loss, why = loss_of(reply.response)
+        return replace(asked, response=reply.response, missing=why, loss=loss)
+
+    def _reached(self) -> ModelClient | None:
+        """The way to the model; what can't be reached once is not tried again in this cell."""
+        if self._client is None and not self._unreachable:
+            labels_file = str(self._place.folder / LABELS_FILE)
+            options = self._place.model.options_for(labels_file, self._place.labelled.clip.start_ns)
+            try:
+                self._client = self._clients.client(self._place.model, options)
+            except PeerError as error:
+                self._unreachable = str(error)
+        return self._client
+
+    def finish(self) -> tuple[list[Asked], IgnoredAnswers]:
+        """Leaves the stored answers and questions in order."""
+        self._store.finish(self._asked)
+        return self._asked, IgnoredAnswers() if self._client is None else self._client.ignored
+
+
+def _keep_frame(out: Path, frame: Frame) -> None:
+    """Keeps the newest frame of a request for the report, once for all models."""
+    path = frame_path(out, frame.sha256)
+    if not path.exists():
+        write_bytes(path, frame.jpeg)
+
 
 LLM_MISSING = "slots of the LLM are missing"
 
@@ -44,7 +305,6 @@ def records_of(
     A label time without an answer leaves no record, which scoring counts as a missing output.
 
     Args:
-        asked: in label order.
         extractor: of the slots; None: the rules alone.
 
     Raises:
@@ -69,7 +329,6 @@ def record_of(
 
     Args:
         t_s: clip time of the newest frame that was sent.
-        adapter: name of the adapter, with its mode.
         request: that it answers; an adapter knows an echo of the prompt by it.
         no_previous: why the request held no previous answer though its interface carries one.
         extractor: of the slots; None: the rules alone.
@@ -134,11 +393,7 @@ class CellOptions:
 def fail_cell(
     labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOptions, reason: str
 ) -> CellResult:
-    """Leaves the folder of a cell whose worker died; answers that are stored there stay.
-
-    Args:
-        reason: how it died.
-    """
+    """Leaves the folder of a cell whose worker died; answers that are stored there stay."""
     place = _place(labelled, model, out, options)
     for stale in (SCORE_FILE, RECORDS_FILE):
         (place.folder / stale).unlink(missing_ok=True)
@@ -181,10 +436,7 @@ def evaluate_cell(
     """Evaluates one model on one clip and leaves the cell's folder.
 
     Args:
-        model: who is asked.
         clients: gives the way to the model; not touched when every answer is stored already.
-        options: adapter, reuse and repetition.
-        on_record: called once per label time.
 
     Raises:
         InputError: the adapter or the model's options are wrong, or stored answers were changed.

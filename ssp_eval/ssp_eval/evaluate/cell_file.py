@@ -58,7 +58,6 @@ class LabelledClip:
     Args:
         labels_source: where they come from, for people.
         proposed: made from privileged states and not reviewed since.
-        admission: what the audit says of the recording.
     """
 
     clip: Clip
@@ -114,7 +113,6 @@ class CellResult:
     """What became of one cell.
 
     Args:
-        status: ok, refused or failed.
         reasons: of a refusal or failure, the primary one first.
         score: METHOD 6.14, None unless ok.
         losses: label times without an answer, counted by kind (client.Loss).
@@ -122,7 +120,6 @@ class CellResult:
         admission_reasons: of a refusal, or why an audit of the recording doesn't hold any more.
         condition: under which the model was asked; empty: none.
         first_missing: why the first answer is missing; empty where none is.
-        labels_per_phase: how many labels each phase has.
     """
 
     folder: Path
@@ -220,8 +217,6 @@ class CellPlace:
     """What a cell is of, and where it lies.
 
     Args:
-        model: who is asked.
-        adapter: that reads the answers, with its mode.
         extractor: of the slots; its counts are of this cell.
     """
 
@@ -244,10 +239,7 @@ def write_cell(
     """Writes cell.json, the last of a cell's files.
 
     Args:
-        place: what the cell is of.
-        status: ok, refused or failed.
         reasons: of a refusal or failure, the primary one first.
-        asked: in label order.
         score: METHOD 6.14, None unless ok.
     """
     facts = _facts(place, status, reasons, asked, ignored)

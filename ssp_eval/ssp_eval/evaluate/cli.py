@@ -45,10 +45,6 @@ def model_specs(
 ) -> list[ModelSpec]:
     """The models of a campaign, without controls.
 
-    Args:
-        bridges: as ``--bridge`` takes them.
-        attached: as ``--attach`` takes them.
-
     Raises:
         click.UsageError: there are none, one stands twice, or some are attached and others not.
         InputError: there is no such bridge, or its options are wrong.

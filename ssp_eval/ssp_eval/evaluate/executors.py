@@ -24,11 +24,10 @@ from ssp_core.processes import die_with_parent
 from ssp_core.terminal import ignore_stop_signals
 from ssp_eval.data.labels import labels_version
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
-from ssp_eval.evaluate.bridges import TopicClients
 from ssp_eval.evaluate.campaign import labelled_clip
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip
-from ssp_eval.evaluate.model_client import ClientsWithAnswerers, ModelClients
+from ssp_eval.evaluate.model_client import ClientsWithAnswerers, ModelClients, TopicClients
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.extract.llm import Extractor
 from ssp_eval.recordings.clip import Clip
@@ -65,9 +64,7 @@ class Job:
     """One cell.
 
     Args:
-        model: who is asked.
         bag_sha256, labels_sha256: of the recording, and of what its labels say (labels_version).
-        admission: what the audit says of the recording.
     """
 
     number: int
@@ -81,9 +78,6 @@ class Job:
 
 class JobRunner(Closing):
     """Does jobs one after the other; bridges are kept until the block ends.
-
-    Args:
-        name: of the worker, for its bridges' output.
 
     Raises:
         HostError: the worker has another version of the software.
@@ -115,9 +109,6 @@ class JobRunner(Closing):
 
     def run(self, job: Job, on_record: Callable[[], None] = lambda: None) -> CellResult:
         """Evaluates a cell as a campaign of one process does.
-
-        Args:
-            on_record: called once per label time.
 
         Raises:
             InputError: the recording or its labels aren't those that the campaign began with.
@@ -216,10 +207,7 @@ def run_pool(
     """Evaluates cells in several processes.
 
     Args:
-        settings: what they have in common.
         workers: how many processes; not more are started than there are cells.
-        on_dead: writes a failed cell, given how its worker died.
-        on_record: called once per label time.
 
     Returns:
         One result per job, in their order.
@@ -340,9 +328,6 @@ def import_ray() -> Any:
 def joined(ray: Any, workers: int) -> Iterator[None]:
     """Within the block this process is in the cluster that RAY_ADDRESS names, or in one of its own.
 
-    Args:
-        workers: processors of a cluster that is started here.
-
     Raises:
         HostError: there is no cluster, or it fails while it is used.
     """
@@ -378,7 +363,6 @@ def look_for(address: str, own_ip: Callable[[], str] = lambda: "") -> None:
     """Looks in a few seconds whether somebody listens at an address.
 
     Args:
-        address: ``host:port``, or ``ray://host:port``.
         own_ip: this machine's address, as the head of a cluster on it may have bound that alone.
 
     Raises:
@@ -448,9 +432,7 @@ def run_ray(
     """As pool.run_pool, on the cluster that RAY_ADDRESS names, or on one that is started here.
 
     Args:
-        settings: what they have in common.
         workers: how many actors, one processor each; a cluster with fewer has fewer at a time.
-        on_dead: writes a failed cell, given how its worker died.
         on_record: called once per label time, when its cell is done.
 
     Raises:

@@ -159,9 +159,6 @@ _REMEDY = "put it into an environment variable and name that with the option api
 def refuse_secrets(value: Any, file: str | None = None, field: str = "") -> None:
     """Refuses what is or looks like a key, wherever it stands; the message doesn't repeat it.
 
-    Args:
-        value: options, or a whole models file, as parsed.
-
     Raises:
         InputError: with the field, and where a key may stand instead.
     """

@@ -55,9 +55,6 @@ def check_unchanged(cell: Path) -> None:
 class RawStore:
     """The raw answers of one cell, appended one by one and safe against a kill at any time.
 
-    Args:
-        cell: the cell's folder.
-
     Raises:
         InputError: the stored answers can't be read.
     """

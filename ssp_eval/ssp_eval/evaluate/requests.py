@@ -131,7 +131,6 @@ class AnswerKeys:
     """The keys of one cell.
 
     Args:
-        model: who is asked.
         labels_sha256: hash of what the labels say, which only the control that answers from them
             depends on.
         clip_start_ns: stamp of the clip's time 0, which only that control is told.

@@ -195,7 +195,6 @@ class CellData:
         records: empty unless the cell has answers.
         asked: the lines of requests.jsonl, checked; see requests.
         score: scored again from records and labels, None unless the cell is ok.
-        notes: what a reader must know, one sentence each.
         changed: what of it isn't as `ssp evaluate` left it, for which it is refused; or empty.
     """
 
@@ -260,9 +259,6 @@ class CellData:
 
 def load_cells(out: Path, on_cell: Callable[[], None] = lambda: None) -> list[CellData]:
     """All cells of a campaign, by scenario, domain and model.
-
-    Args:
-        on_cell: called once for each cell.
 
     Raises:
         InputError: it is no campaign folder, or a file in it is damaged.

@@ -16,7 +16,6 @@ from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import labels_version
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.admission import ADMITTED, REFUSED, UNAUDITED, Admission, keep_audits
-from ssp_eval.evaluate.bridges import TopicClients
 from ssp_eval.evaluate.campaign import (
     NO_CONTROLS,
     Plan,
@@ -28,7 +27,7 @@ from ssp_eval.evaluate.campaign import (
 from ssp_eval.evaluate.cell import CellOptions, fail_cell
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers, losses_text
 from ssp_eval.evaluate.executors import Job, Settings, import_ray, run_pool, run_ray
-from ssp_eval.evaluate.model_client import CONNECT_S, ClientsWithAnswerers
+from ssp_eval.evaluate.model_client import CONNECT_S, ClientsWithAnswerers, TopicClients
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.score.cli import format_response
 from ssp_eval.score.metrics import COMPONENTS, METRIC_LABELS
@@ -156,9 +155,6 @@ def evaluate_bags(
 
     Args:
         bags: bag and its labels file (None: look beside it).
-        models: who is asked, controls included.
-        options: adapter, reuse and repetition.
-        propose_labels: where there are no labels, propose them.
         admissions: what audits say, by hash of the bag.
         no_controls: what leaves the controls out, for the line that tells what is asked.
 
@@ -211,10 +207,6 @@ def run_parallel(
     on_record: Callable[[], None] = lambda: None,
 ) -> list[CellResult]:
     """Evaluates every bag with every model, several cells at a time.
-
-    Args:
-        settings: what all cells have in common.
-        workers: how many processes.
 
     Raises:
         InputError: a bag, its labels or an option is wrong, or a bridge is attached.

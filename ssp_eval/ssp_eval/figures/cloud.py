@@ -296,11 +296,7 @@ def share_limits(values: Sequence[float]) -> tuple[float, float]:
 def share_axis_near(
     axes: Axes, side: Literal["x", "y"], name: str, values: Sequence[float]
 ) -> None:
-    """An axis of a score, on the part of 0 to 1 where the values lie.
-
-    Args:
-        name: what it says.
-    """
+    """An axis of a score, on the part of 0 to 1 where the values lie."""
     low, high = share_limits(values)
     step = 0.1 if high - low <= 0.6 + 1e-9 else 0.2
     ticks = [round(low + step * k, 1) for k in range(int((high - low) / step + 1e-9) + 1)]

@@ -61,7 +61,6 @@ def matrix(scores: Scores, whole: bool = False) -> Iterator[Drawing | LeftOut]:
     """The matrix of the models, and that of the controls, on as many pages as their cells need.
 
     Args:
-        scores: what is shown.
         whole: draw it also where it has more than MOST_PAGES pages.
     """
     if not scores.shown:

@@ -53,7 +53,6 @@ def differences(scores: Scores, reference: str | None) -> Iterator[Drawing | Lef
     """Mean scores of each model less those of a reference, over the cells that both have.
 
     Args:
-        scores: what is shown.
         reference: the model that others are compared to; None: the best by IVCS.
     """
     name = "models_difference"
@@ -164,7 +163,6 @@ def models(scores: Scores, reference: str | None) -> Iterator[Drawing | LeftOut]
     """The figures about models.
 
     Args:
-        scores: what is shown.
         reference: the model that others are compared to; None: the best by IVCS.
     """
     yield from _range(scores)

@@ -157,7 +157,6 @@ class Moment:
     """One label time of a cell.
 
     Args:
-        label: what is true.
         stamp_ns: of the request, None where nothing was asked.
         frames: stamp and hash of each frame sent, oldest first.
         record: the answer, None where there is none.

@@ -337,8 +337,6 @@ def write_overlays(
     Overlays that an earlier run made of the same cell and recording are left as they are.
 
     Args:
-        out: folder, made where it isn't there.
-        progress: called with a name once it is written.
         cells: of the campaign, where they were loaded already.
 
     Raises:

@@ -33,11 +33,7 @@ _DPI = 300
 
 
 def phase_frames(scenario: str, model: str, stories: Sequence[CellOverlay]) -> Drawing:
-    """The frames of one scenario and model: a row per domain, a column per phase.
-
-    Args:
-        stories: of its cells with scores, at most one per domain.
-    """
+    """The frames of one scenario and model: a row per domain, a column per phase."""
     by_domain = {story.cell.domain: story for story in stories}
     width_in = (PAGE_IN - _LEFT_IN - 0.05 - _GAP_IN * (len(PHASES) - 1)) / len(PHASES)
     shape = max((_aspect(story) for story in stories), default=9 / 16)

@@ -40,13 +40,7 @@ _UP, _DOWN, _OTHER, _SAME = ("-", BLUE), ("--", RED), ("-.", INK), (":", GREY)
 
 
 def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
-    """IVCS of every model or domain per scenario, with the macro average in the middle.
-
-    Args:
-        scores: what is shown.
-        subject: ``model`` or ``domain``.
-        name: of the figure's files.
-    """
+    """IVCS of every model or domain per scenario, with the macro average in the middle."""
     found = ranking(scores.cells, subject)
     groups = scores.by_domain if subject == "domain" else scores.by_model
     per_scenario = scores.by_scenario_domain if subject == "domain" else scores.by_scenario_model

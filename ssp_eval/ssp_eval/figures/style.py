@@ -122,11 +122,7 @@ def drawing() -> Iterator[None]:
 
 
 class Sheet:
-    """A figure that is laid out in inches from its upper left corner.
-
-    Args:
-        width_in, height_in: of the whole figure.
-    """
+    """A figure that is laid out in inches from its upper left corner."""
 
     def __init__(self, width_in: float, height_in: float) -> None:
         self.width_in, self.height_in = width_in, height_in
@@ -304,7 +300,6 @@ class Drawing:
     """One figure, made and not yet written.
 
     Args:
-        figure: what is drawn.
         caption: what is shown, over what, and what it doesn't say.
     """
 
@@ -379,7 +374,6 @@ def named_rows(
     """A sheet with a row per label under a legend.
 
     Args:
-        legend: marks by name; empty: there is none.
         right_in: room at the right of the rows.
 
     Returns:

@@ -32,7 +32,6 @@ class Written:
     """What became of the figures.
 
     Args:
-        files: written, in order.
         left_out: name of a figure, and why these rows don't give it.
     """
 
@@ -51,7 +50,6 @@ def write_figures(
 
     Args:
         rows: of a campaign or a file of component scores; their order doesn't matter.
-        out: folder, made where it isn't there.
         reference: the model that others are compared to; None: the best by IVCS.
         only: groups (GROUPS) that are wanted; empty: all.
         progress: called with a figure's name once it is written.
@@ -103,7 +101,6 @@ def written_drawings(
 
     Args:
         drawings: and what can't be drawn.
-        progress: called with a name once it is written.
     """
     from ssp_eval.figures.style import LeftOut, drawing
 

@@ -34,11 +34,7 @@ MAX_READ_BYTES = 256 << 20
 
 
 class Contents:
-    """What is stored, by path; the same for a package that is being made and one that is read.
-
-    Args:
-        folder: of the package, with its objects.
-    """
+    """What is stored, by path; the same for a package that is being made and one that is read."""
 
     def __init__(self, folder: Path, files: Sequence[FileEntry]) -> None:
         self.folder = folder
@@ -188,8 +184,6 @@ class Problem:
 
     Args:
         file: path of the file that names something, or that is wrong.
-        field: where it does.
-        text: what is wrong, one clause.
     """
 
     file: str
@@ -237,11 +231,7 @@ class Recording:
 
 
 class Index:
-    """Events, sites, tasks and recordings of a package, each by what others name it by.
-
-    Args:
-        on_step: told which recording is read next.
-    """
+    """Events, sites, tasks and recordings of a package, each by what others name it by."""
 
     def __init__(self, contents: Contents, on_step: Callable[[str], None] = lambda _: None) -> None:
         self.contents = contents

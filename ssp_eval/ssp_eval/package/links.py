@@ -334,11 +334,7 @@ class Chains:
         self.notes: list[str] = []
 
     def add(self, cell: str, facts: Mapping[str, Any]) -> None:
-        """The chains of one cell; a refused or failed one has none.
-
-        Args:
-            facts: what stands there.
-        """
+        """The chains of one cell; a refused or failed one has none."""
         if facts.get("status") != "ok":
             return
         try:

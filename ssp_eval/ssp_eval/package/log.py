@@ -106,7 +106,6 @@ class Change:
     Args:
         field: path in run.yaml, ``limits.speed_mps``.
         old: the compiled value, or the one that was logged last; YAML or JSON.
-        reason: why.
         when: ISO 8601, UTC.
     """
 
@@ -150,7 +149,6 @@ def log_change(folder: Path, change: Change, apply: bool = False) -> Logged:
 
     Args:
         folder: a compiled folder; or the folder of a run, or its ``task`` folder.
-        change: what was changed.
 
     Raises:
         InputError: the folder is none of these, the field or a value is wrong, the old value is

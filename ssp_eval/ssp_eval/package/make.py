@@ -78,11 +78,7 @@ _IN_A_CELL: dict[str, Role] = {
 
 
 def role_of(path: str, file: Path, in_a_cell: bool) -> Role:
-    """What a file is.
-
-    Args:
-        file: where its bytes lie.
-    """
+    """What a file is."""
     name = PurePosixPath(path).name
     suffix = PurePosixPath(name).suffix.lower()
     if in_a_cell and name in _IN_A_CELL:
@@ -140,7 +136,6 @@ class Source:
 
     Args:
         path: in the package: the folder's name, and the path below it.
-        file: where it lies now.
     """
 
     path: str

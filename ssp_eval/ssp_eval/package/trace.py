@@ -71,9 +71,6 @@ class Walker:
     def walk(self, cell: FileEntry, label: int) -> list[Step]:
         """From a score of a cell back to K*.
 
-        Args:
-            label: which label, from 0.
-
         Raises:
             InputError: the cell has no such score, or a file on the way was changed.
         """

@@ -194,9 +194,7 @@ class Findings:
     """What the files say.
 
     Args:
-        links: in order.
         missing: parts that a whole package would hold.
-        notes: what could not be checked, and why.
     """
 
     links: Sequence[Link]
@@ -207,11 +205,7 @@ class Findings:
 
 
 def work_out(contents: Contents, on_step: Callable[[str], None] = lambda _: None) -> Findings:
-    """Reads everything and follows every link; the same files always give the same findings.
-
-    Args:
-        on_step: told what is done next, where it takes some seconds.
-    """
+    """Reads everything and follows every link; the same files always give the same findings."""
     index = Index(contents, on_step)
     links = Links(index)
     links.derive()
@@ -245,7 +239,6 @@ class Finding:
         kind: changed, missing or superfluous (a file); link (a hash that leads nowhere); table.
         file: path that the file had, or its place in the package where it had none.
         object: where its bytes lie in the package, empty where there are none.
-        text: what is wrong.
         breaks: what rests on the file: cells with their number of scores, audits, tasks.
     """
 
@@ -264,10 +257,6 @@ class Verdict:
         id: of the package, None where its table can't be read.
         findings: empty for a package that is as it was made.
         missing: parts that a whole package would hold, as its table says.
-        notes: what could not be checked, and why.
-        files: how many were hashed.
-        links: how many were followed.
-        scores: how many can be walked back to K*.
     """
 
     id: str | None = None

@@ -64,7 +64,6 @@ class WalkStep:
         what: score, evidence, raw output and so on.
         sha256: of the file, the line or the content; empty where there is nothing.
         path: from the campaign folder, empty where it isn't in it.
-        says: what is to be known of it.
         content: the line, where reading it in the page helps; of a very long one its beginning.
     """
 
@@ -196,10 +195,8 @@ class RecordView:
     """One label time of one cell.
 
     Args:
-        label: what is true.
         t_s: clip time of the record, None where there is none.
         frame: hash of the newest frame sent, None where nothing was sent.
-        frames_sent: how many frames were.
         missing: kind and reason of there being no answer, empty where there is one.
         feasible: yes, no, or – where there is no valid trajectory.
         notes: of the adapter, and why a trajectory is invalid.

@@ -17,7 +17,6 @@ from ssp_eval.figures.write import GROUPS, Written, write_figures
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED
 from ssp_eval.statistics.csv_rows import rows_from_csv
-from ssp_eval.statistics.formats import FORMATS
 from ssp_eval.statistics.notices import everywhere, notice_table, notices
 from ssp_eval.statistics.rows import CellRow, rows_from_cells, scale
 from ssp_eval.statistics.statistics import Options, compute, steps_of
@@ -26,7 +25,7 @@ from ssp_eval.statistics.statistics_tables import (
     failures_by_model,
     statistics_tables,
 )
-from ssp_eval.statistics.table import Table
+from ssp_eval.statistics.table import FORMATS, Table
 from ssp_eval.statistics.tables import all_tables, with_notices
 from ssp_eval.statistics.write import write_statistics, write_tables
 
@@ -59,7 +58,6 @@ def draw_figures(
     """Writes figures and overlays and says what was left out, and why.
 
     Args:
-        wanted: what was asked for.
         campaign: whose frames the overlays are drawn on; None: there are none.
 
     Raises:

@@ -75,12 +75,7 @@ _BLIND = ("constant_velocity", "copy_history")
 
 
 def seeing_plot(seeing: Table | None, answerers: Table | None) -> str:
-    """The figure as SVG, one row per model; empty where no model was asked blindly.
-
-    Args:
-        seeing: see tables.seeing_table.
-        answerers: see tables.answerers_table.
-    """
+    """The figure as SVG, one row per model; empty where no model was asked blindly."""
     models: dict[str, dict[str, tuple[float, float]]] = {}
     for row in by_column(seeing):
         own, spoilt = _number(row["ivcs"]), _number(row["ivcs_spoilt"])

@@ -42,7 +42,6 @@ def write_report(
     Args:
         on_step: told how many pictures or cells are done, and of how many.
         most: cells up to which everything goes into the one file; None: MOST_IN_ONE_FILE.
-        analysis: statistics to show.
 
     Returns:
         The page.

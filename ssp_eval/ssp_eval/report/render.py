@@ -84,7 +84,6 @@ def grid(
     """The table for the page.
 
     Args:
-        table: of the campaign's analysis.
         hide: keys of columns that aren't shown.
         links: by row, where the name of its model leads; empty for nowhere.
     """
@@ -194,7 +193,6 @@ class Summary:
         labels: label times of scored cells, of models and of controls.
         scored: scored cells of models, and how many there are.
         missing: answers that didn't come, of models and of controls.
-        admissions: what audits say of the cells.
     """
 
     title: str
@@ -216,7 +214,6 @@ def summary(cells: Sequence[CellData], audits: Mapping[str, str]) -> Summary:
 
     Args:
         cells: in the order in which they are shown.
-        audits: path of an audit's page by the audit's hash.
     """
     own = [cell for cell in cells if not cell.is_control]
     controls = [cell for cell in cells if cell.is_control]
@@ -297,11 +294,7 @@ def load_lightly(
 
 
 class DetailFiles:
-    """The files with the details of cells, written one by one.
-
-    Args:
-        audits: path of an audit's page by the audit's hash.
-    """
+    """The files with the details of cells, written one by one."""
 
     def __init__(
         self, out: Path, environment: jinja2.Environment, audits: Mapping[str, str]
@@ -399,8 +392,6 @@ def render(
         cells: in the order in which they are shown; of a large campaign without records and
             questions.
         details: None: they lie in files beside the page, and its cells are browsed.
-        audits: path of an audit's page by the audit's hash.
-        analysis: statistics to show.
     """
     drawn = _browsed(cells) if details is None else _whole(cells, details)
     return (

@@ -132,7 +132,6 @@ def ranking(cells: Sequence[Cell], subject: str, metric: str = "ivcs") -> Rankin
     """Ranks per scenario and for the macro average, from unrounded means (METHOD 6.13).
 
     Args:
-        subject: ``model`` or ``domain``.
         metric: one of METRIC_NAMES; the larger the better.
 
     Raises:

@@ -11,9 +11,8 @@ from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.data.labels import Label, Labels
 from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord, Slot
 from ssp_eval.score.columns import NOTHING, Cell, encode
-from ssp_eval.score.engine import LabelTerms, batch_terms, responses, score_terms
+from ssp_eval.score.engine import SLOTS, LabelTerms, Value, batch_terms, responses, score_terms
 from ssp_eval.score.metrics import CellMetrics, ivcs_terms
-from ssp_eval.score.semantics import SLOTS, Value
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 
 # The chain of METHOD 6.12, in its order.
@@ -42,7 +41,6 @@ class SlotScore:
         h: 0..1, 0 where nothing is given, None where the slot isn't evaluable.
         s: as h, with credit for adjacent classes.
         answer: the value that the record gives with evidence.
-        truth: the label's value.
     """
 
     evaluable: bool
@@ -143,7 +141,6 @@ def score_cell(
 
     Args:
         labels: what is true, N ≥ 1 labels in time order, with a risk onset.
-        records: the outputs in time order, any number.
     """
     return score_in_detail([(labels, records)], thresholds)[0]
 

@@ -43,11 +43,7 @@ def format_response(rsr: int, rl_s: float | None) -> str:
 
 @dataclass(frozen=True)
 class Scored:
-    """A case and its scores.
-
-    Args:
-        records: how many it has.
-    """
+    """A case and its scores."""
 
     name: str
     records: int

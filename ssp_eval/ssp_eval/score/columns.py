@@ -159,7 +159,6 @@ def columns_of(labels: Sequence[Labels], counts: Sequence[int], records: RecordC
     """The columns of cells whose records are in columns already.
 
     Args:
-        counts: how many records each cell has.
         records: of all cells, in the order of labels.
 
     Raises:

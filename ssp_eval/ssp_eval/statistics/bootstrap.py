@@ -143,10 +143,8 @@ def estimated(
     """A score with its intervals; none of fewer than two labels or other units.
 
     Args:
-        samples: what resamples gave.
         n: what to say that was drawn from.
         items: units that don't overlap.
-        unit: what they are.
     """
     if value is None or n < 2:
         return Estimate(value, n, unit=unit)
@@ -193,9 +191,7 @@ def bootstrap_records(
             it enters a group.
         groupings: see ssp_eval.score.aggregate; one that has the domain leaves out what isn't
             admitted.
-        resamples: how many.
         seed: of the random numbers; the order of the cells makes no difference.
-        on_cell: called once per cell.
         block: labels that are drawn together; None: as block_of has it for each clip.
     """
     found: dict[tuple[str, ...], dict[str, Estimate]] = {}
@@ -328,7 +324,6 @@ def bootstrap_mean(
         values: by cluster, such as a scenario's cells, or a run's one score; there are no
             intervals of fewer than two clusters.
         unit: what a cluster is, in the plural.
-        resamples: how many.
     """
     clusters = [values[name] for name in sorted(values)]
     sums = np.array([math.fsum(one) for one in clusters])

@@ -37,18 +37,14 @@ class Comparison:
     """Two domains or two models by one metric.
 
     Args:
-        subject: ``domain`` or ``model``.
         first, second: the two; differences are first less second.
-        metric: of METHOD 6.14.
         n: pairs, scenario × the other factor.
         difference: mean of the differences; None without a pair.
         interval: of Student's t over the pairs, 95 %; none of fewer than two.
         standardised: the mean over the standard deviation of the differences (d_z).
         favour: share of pairs in which the first one is ahead, equal ones half.
         p: two-sided, of the sign flips; None where it isn't tested or n < 2.
-        p_holm: the same after Holm's correction over the family.
         p_least: the least that p can be with so many pairs that differ; None where p is.
-        family: number of comparisons that are corrected together.
         exact: all signs were tried; else drawn at random.
         p_scenarios: as p, the signs of a scenario's pairs flipped together; None where p is, or
             with fewer than two scenarios.
@@ -83,8 +79,6 @@ def compare(rows: Sequence[CellRow], subject: str, seed: int) -> list[Comparison
     Args:
         rows: that enter means, one per cell; where domains are compared, only those that were
             admitted count, since the audit alone says that they show the same event.
-        subject: ``domain`` or ``model``.
-        seed: of the signs, where there are too many to try all.
     """
     kept = [row for row in rows if row.admitted or subject != "domain"]
     values: dict[str, dict[tuple[str, str], CellRow]] = {}
@@ -231,11 +225,7 @@ class _OverClips:
 
 
 class LabelDifferences:
-    """Sums over clips of the differences of each two models, first less second by name.
-
-    Args:
-        resamples: how many there are.
-    """
+    """Sums over clips of the differences of each two models, first less second by name."""
 
     def __init__(self, metrics: Sequence[str], resamples: int) -> None:
         self._metrics, self._resamples = tuple(metrics), resamples

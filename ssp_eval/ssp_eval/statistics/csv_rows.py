@@ -19,8 +19,8 @@ from ssp_eval.evaluate.models import is_control_name
 from ssp_eval.score.cli import NULL
 from ssp_eval.score.metrics import METRIC_NAMES
 from ssp_eval.score.thresholds import DEFAULT
-from ssp_eval.statistics.formats import unguarded
 from ssp_eval.statistics.rows import MACRO, OK, CellRow
+from ssp_eval.statistics.table import unguarded
 
 # Null as tables write it: nothing, or a dash of any length.
 _NULLS = ("", NULL, "—", "-", "−")

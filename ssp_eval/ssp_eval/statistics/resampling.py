@@ -38,12 +38,7 @@ NO_INTERVAL = Interval(None, None)
 
 
 def generator(seed: int, *names: str) -> np.random.Generator:
-    """Random numbers that depend on the seed and on what they are for, on no order of work.
-
-    Args:
-        seed: of the whole analysis.
-        names: what they are for, such as the names of a cell.
-    """
+    """Random numbers that depend on the seed and on what they are for, on no order of work."""
     digest = int(sha256_json([seed, *names]).removeprefix("sha256:"), 16)
     return np.random.default_rng(digest)
 
@@ -116,7 +111,6 @@ def percentile_interval(samples: Numbers, reach: float | None = REACH) -> Interv
     """The equal-tailed percentile interval of what resamples gave; NaN ones are left out.
 
     Args:
-        samples: what the resamples gave.
         reach: its ends lie at the quantiles Φ(−reach) and Φ(reach); None: there is no interval.
     """
     present = samples[~np.isnan(samples)]
@@ -140,7 +134,6 @@ def bca_interval(
     Φ(z_0 + (z_0 ± reach) / (1 − a (z_0 ± reach))). For single items a is Σ d³ / 6 (Σ d²)^1.5.
 
     Args:
-        samples: what the resamples gave.
         jackknife: the estimate with each item, or each block of items, left out.
         items: K, blocks that don't overlap; None: as many as there are values of the jackknife.
 

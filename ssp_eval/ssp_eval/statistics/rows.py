@@ -30,9 +30,6 @@ class CellRow:
         rsr: 1 or 0; where several runs of a cell are taken together, and in a macro row, a mean.
         rl_s: latency of the risk response, s; None without one.
         sem_cov, stfr, sem_acc_cond, sem_acc_soft: further scores; None where they aren't known.
-        run, seed: which repetition of the cell this is.
-        control: it checks the harness, and enters no mean and no rank.
-        stand_in: the recording is of a software stand-in for a vehicle.
         admitted: False keeps it out of domain means (METHOD 4 and 5.2b).
         status: ok, refused or failed; only an ok one has scores.
         reason: why it is not ok, or OTHER_LABELS.

@@ -41,7 +41,6 @@ class PairOrder:
     Args:
         first, second: the one that is ahead stands first; equal ones stand by name.
         tied: they are equal under the defined weights; held is then the share of equal ones.
-        held: share of the samples.
     """
 
     first: str
@@ -55,8 +54,6 @@ class WeightSamples:
     """Ranks under weights drawn evenly from all that are ≥ 0 and sum to 1.
 
     Args:
-        subject: ``model`` or ``domain``.
-        samples: how many were drawn.
         tau_mean, tau_low: mean and 5 % quantile of Kendall's τ_b to the defined ranks; None
             where one of the two rankings is all ties.
         first: per subject, share of the samples in which nobody is ahead of it.
@@ -75,7 +72,6 @@ class Variation:
     """IVCS and ranks with one number changed.
 
     Args:
-        subject: ``model`` or ``domain``.
         parameter: a weight's metric, or a field of Thresholds.
         defined: what METHOD 6 says.
         tau: Kendall's τ_b to the defined ranks.
@@ -143,8 +139,6 @@ def sample_weights(
 
     Args:
         rows: that enter means, one per cell.
-        subject: ``model`` or ``domain``.
-        samples: how many.
     """
     components = component_means(rows, subject)
     if len(components) < 2:
@@ -233,9 +227,6 @@ def vary_thresholds(
 
     Args:
         rows: that enter means, in the order of the columns; one run.
-        subjects: whose ranks are looked at.
-        on_step: called once per value that was tried.
-        thresholds: that are changed, one at a time.
     """
     defined = score_columns(columns, thresholds).values["ivcs"]
     before = {subject: _macro(rows, defined, subject) for subject in subjects}
@@ -270,7 +261,6 @@ class Spread:
 
     Args:
         names: of the cell, or of the domain or model whose macro mean it is.
-        metric: of METHOD 6.14.
         interval: Student's t, 95 %.
     """
 

@@ -200,7 +200,6 @@ def compute(
 
     Args:
         data: the cells themselves in the order of the rows, none where they aren't known.
-        on_step: called steps_of times.
     """
     chosen = entering(rows)
     over = over_what(rows)

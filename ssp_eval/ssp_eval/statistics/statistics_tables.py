@@ -250,11 +250,7 @@ def runs_table(found: Stability) -> Table:
 
 
 def statistics_tables(found: Statistics, resamples: int) -> list[Table]:
-    """All that there is to show, most general first.
-
-    Args:
-        resamples: of the bootstrap, for the notes.
-    """
+    """All that there is to show, most general first."""
     tables = []
     if found.records is not None:
         tables.append(groups_over_records(found.records.groups, resamples))

@@ -131,11 +131,7 @@ CHANGES = "changes"
 
 
 def rank_table(cells: Sequence[Cell], subject: str, notes: Sequence[str]) -> Table:
-    """Ranks by IVCS per scenario and over all, every change of rank pointed out.
-
-    Args:
-        subject: ``model`` or ``domain``.
-    """
+    """Ranks by IVCS per scenario and over all, every change of rank pointed out."""
     found = ranking(cells, subject)
     scenarios = sorted(name for name in found.scenarios if name != MACRO)
     values = {key[0]: value["ivcs"] for key, value in means(cells, (subject,)).items()}
@@ -314,9 +310,6 @@ MEAN_TABLES = tuple(name for name, _, _ in _GROUPINGS)
 def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Table]:
     """Every table that rows alone give.
 
-    Args:
-        reference: model that the foundation models are compared with.
-
     Raises:
         InputError: no cell is of that model.
     """
@@ -420,7 +413,6 @@ def uneven(cells: Sequence[Cell], subject: str) -> list[str]:
 
     Args:
         cells: that enter means; for domains those that aren't admitted don't count.
-        subject: ``model`` or ``domain``.
     """
     other = "domain" if subject == "model" else "model"
     over: dict[str, set[tuple[str, str]]] = {}

@@ -12,11 +12,10 @@ from ssp_core import __version__
 from ssp_core.files import make_folder, write_json, write_text
 from ssp_eval.score.cli import DISCLAIMER
 from ssp_eval.score.thresholds import DEFAULT
-from ssp_eval.statistics.formats import FORMATS, to_data, to_html
 from ssp_eval.statistics.notices import Notice
 from ssp_eval.statistics.resampling import LEVEL
 from ssp_eval.statistics.statistics import Options
-from ssp_eval.statistics.table import Table
+from ssp_eval.statistics.table import FORMATS, Table, to_data, to_html
 
 # Beyond, a table is only begun; the files of --tables hold it whole.
 MOST_ROWS = 120
@@ -71,10 +70,6 @@ def write_tables(
     """Writes each table in each format, as ``<name>.csv``, ``.tex``, ``.json``, ``.html``.
 
     What must be read beside a CSV file stands in ``<name>.notes.txt``.
-
-    Args:
-        folder: made where it isn't there.
-        on_table: called once for each table.
 
     Raises:
         InputError: the folder can't be written to.
