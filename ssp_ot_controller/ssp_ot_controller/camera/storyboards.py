@@ -159,15 +159,7 @@ VUT_START_M = 10.0
 CAR = DEFAULT_SIZES[ObjectClass.CAR]
 
 
-@dataclass(frozen=True)
-class Play:
-    """What one scenario shows; map and block frame are the same, the VUT's lane is at y = 0."""
-
-    road: Road
-    camera: Camera
-    look: Look
-    vut: Actor
-    others: tuple[Actor, ...]
+Cast = tuple[Actor, tuple[Actor, ...]]  # the VUT, and who else is there
 
 
 @dataclass(frozen=True)
@@ -248,7 +240,7 @@ def oncoming(counts: LaneCounts, start_m: float, speed_mps: float) -> tuple[Acto
 CUT_IN_GAP_M = 15.0  # bumper gap when the lane change starts
 
 
-def cut_in(rng: np.random.Generator, lanes: LaneCounts) -> Play:
+def cut_in(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     """The VUT closes in, the car cuts in, the VUT brakes to less than its speed."""
     speed = float(rng.uniform(11.0, 12.0))
     slower = float(rng.uniform(4.1, 4.5))  # closing speed at the start
@@ -265,20 +257,15 @@ def cut_in(rng: np.random.Generator, lanes: LaneCounts) -> Play:
         Steered(VUT_START_M + ahead, speed - slower, across),
         Line(LANE_M, 0.0, across),
     )
-    return Play(
-        clip_road(lanes),
-        clip_camera(),
-        clip_look(rng),
-        vut_actor(speed, (Ramp(brake_s, 2.2, -slower - 0.6),)),
-        (other, *oncoming(lanes, 150.0, 9.0)),
-    )
+    vut = vut_actor(speed, (Ramp(brake_s, 2.2, -slower - 0.6),))
+    return vut, (other, *oncoming(lanes, 150.0, 9.0))
 
 
 LEAD_GAP_M = 24.0  # bumper gap when the car ahead begins to brake
 LEAD_BRAKING_S, LEAD_LATE_S, VUT_BRAKING_S = 2.7, 1.35, 3.2
 
 
-def lead_braking(rng: np.random.Generator, lanes: LaneCounts) -> Play:
+def lead_braking(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     """The VUT closes in slowly, the car ahead brakes nearly to a standstill, the VUT late."""
     speed = float(rng.uniform(12.2, 12.8))
     slower = float(rng.uniform(2.4, 2.8))  # closing speed at the start
@@ -299,13 +286,7 @@ def lead_braking(rng: np.random.Generator, lanes: LaneCounts) -> Play:
     )
     # In the end a little slower than the car ahead, so that the gap opens again.
     vut = vut_actor(speed, (Ramp(brake_s + LEAD_LATE_S, VUT_BRAKING_S, left - 0.5 - speed),))
-    return Play(
-        clip_road(lanes),
-        clip_camera(),
-        clip_look(rng),
-        vut,
-        (lead, *oncoming(lanes, 165.0, 9.5)),
-    )
+    return vut, (lead, *oncoming(lanes, 165.0, 9.5))
 
 
 TRUCK = DEFAULT_SIZES[ObjectClass.TRUCK]
@@ -316,7 +297,7 @@ KERB_M = 0.6  # from the kerb to where the pedestrian waits
 ASIDE_M = 0.05  # from the carriageway's edge to the truck, which stands on the shoulder
 
 
-def occluded_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Play:
+def occluded_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     """The pedestrian waits hidden, steps out, and the VUT stops late before the path."""
     speed = float(rng.uniform(9.5, 10.2))
     step_s = float(rng.uniform(2.5, 2.9))
@@ -341,19 +322,14 @@ def occluded_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Play:
         Line(crossing - PEDESTRIAN.width_m / 2 - hidden_m - TRUCK.front_m, 0.0),
         Line(kerb - ASIDE_M - TRUCK.width_m / 2, 0.0),
     )
-    return Play(
-        clip_road(lanes),
-        clip_camera(),
-        clip_look(rng),
-        vut_actor(speed, (Ramp(brake_s, STOP_S, -speed),)),
-        (pedestrian, truck, *oncoming(lanes, 140.0, 10.0)),
-    )
+    vut = vut_actor(speed, (Ramp(brake_s, STOP_S, -speed),))
+    return vut, (pedestrian, truck, *oncoming(lanes, 140.0, 10.0))
 
 
 VRU_STAND_M = 3.5  # from the VUT's front to the pedestrian's path in the end
 
 
-def vru_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Play:
+def vru_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     """The pedestrian waits, walks, and the VUT stops before the path."""
     speed = float(rng.uniform(8.8, 9.6))
     step_s = float(rng.uniform(2.3, 2.7))
@@ -370,17 +346,12 @@ def vru_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Play:
         Line(kerb - 0.6, 0.0, (Ramp(step_s, 0.6, walk),)),
         math.pi / 2,
     )
-    return Play(
-        clip_road(lanes),
-        clip_camera(),
-        clip_look(rng),
-        vut_actor(speed, (Ramp(brake_s, stop_s, -speed),)),
-        (pedestrian, *oncoming(lanes, 118.0, 10.0)),
-    )
+    vut = vut_actor(speed, (Ramp(brake_s, stop_s, -speed),))
+    return vut, (pedestrian, *oncoming(lanes, 118.0, 10.0))
 
 
 # New ones at the end: a scenario's number is part of its seed.
-_PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Play]] = {
+_PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "cut_in": cut_in,
     "vru_crossing": vru_crossing,
     "lead_braking": lead_braking,
@@ -442,15 +413,6 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
             "oncoming ones",
         )
     rng = np.random.default_rng(np.random.SeedSequence([seed, INTERACTIONS.index(scenario)]))
-    play = _PLAYS[scenario](rng, lanes)
-    return Storyboard(
-        scenario,
-        seed,
-        play.road,
-        play.camera,
-        play.look,
-        FPS,
-        DURATION_S,
-        play.vut,
-        play.others,
-    )
+    vut, others = _PLAYS[scenario](rng, lanes)
+    road, look = clip_road(lanes), clip_look(rng)
+    return Storyboard(scenario, seed, road, clip_camera(), look, FPS, DURATION_S, vut, others)
