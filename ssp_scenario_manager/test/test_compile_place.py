@@ -19,7 +19,7 @@ from ssp_core.run_file.participants import (
     TimeToArrival,
 )
 from ssp_scenario_manager.compile.area import OperatingArea
-from ssp_scenario_manager.compile.place import Realisation, realise
+from ssp_scenario_manager.compile.place import Order, Realisation, realise
 from ssp_scenario_manager.compile.task import PlaceLink, Target
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
@@ -68,22 +68,15 @@ def make(
     preferred: dict[str, float] | None = None,
 ) -> Realisation:
     place = area(site)
-    return realise(
-        event(name),
-        "sha256:event",
-        place.library.blocks[block],
-        place,
-        target,
-        seed=7,
-        preferred=preferred or {},
-    )
+    order = Order(event(name), "sha256:event", place, target, 7, preferred or {})
+    return realise(order, place.library.blocks[block])
 
 
 @pytest.mark.parametrize("name", EVENTS)
 @pytest.mark.parametrize("site", SITES)
 def test_every_event_can_run_on_every_site(name: str, site: str) -> None:
     made = make(name, shipped(site))
-    run = made.run
+    run = made.task.run
     assert cannot_fire(run) == []
     assert (run.scenario, run.interaction, run.initiator) == (name, name, "ot1")
     assert run.observable == KINDS[name].observable
@@ -98,13 +91,13 @@ def test_every_event_can_run_on_every_site(name: str, site: str) -> None:
     assert (run.thresholds.arrival_gap_s is None) == (not KINDS[name].uses_arrival_gap)
     # Anchors and their places in both frames agree.
     line = made.block.line
-    for anchors in made.anchors.values():
+    for anchors in made.task.anchors.values():
         for place in (anchors.start, anchors.goal, anchors.conflict):
             assert line.to_map(place.s_m, place.l_m) == pytest.approx((place.x_m, place.y_m))
-    start = made.anchors["vut"].start
+    start = made.task.anchors["vut"].start
     assert (run.vut.start.x_m, run.vut.start.y_m) == pytest.approx((start.x_m, start.y_m))
-    assert {t.field for t in made.tunings} >= {"constraints.trigger.below"}
-    for tuning in made.tunings:
+    assert {t.field for t in made.task.tunings} >= {"constraints.trigger.below"}
+    for tuning in made.task.tunings:
         found = quantity_at(event(name), tuning.field)
         if isinstance(found, Interval):
             assert (tuning.min, tuning.max, tuning.unit) == (found.min, found.max, found.unit)
@@ -118,26 +111,26 @@ def test_manoeuvres_and_conditions_are_those_of_the_kind() -> None:
         "occluded_crossing": (FollowPath, TimeToArrival),
     }
     for name, (manoeuvre, condition) in kinds.items():
-        (trigger,) = make(name, shipped("boulevard")).run.triggers
+        (trigger,) = make(name, shipped("boulevard")).task.run.triggers
         assert isinstance(trigger.manoeuvre, manoeuvre)
         assert isinstance(trigger.condition, condition)
-    occluded = make("occluded_crossing", shipped("boulevard")).run
+    occluded = make("occluded_crossing", shipped("boulevard")).task.run
     assert [t.id for t in occluded.targets if t.approach is None] == ["ot1", "ot2"]
 
 
 def test_only_a_track_session_is_physical() -> None:
-    track = make("cut_in", shipped("north_track"), "track").run
+    track = make("cut_in", shipped("north_track"), "track").task.run
     assert (track.domain, track.stand_in) == ("physical", True)
-    simulated = make("cut_in", shipped("north_track"), "sumo").run
+    simulated = make("cut_in", shipped("north_track"), "sumo").task.run
     assert (simulated.domain, simulated.stand_in) == ("simulation", False)
     assert track.disturbance == shipped("north_track").disturbance
     assert simulated.disturbance == LinkDisturbance()
 
 
 def test_a_marking_is_drawn_where_the_crossing_is() -> None:
-    assert make("vru_crossing", shipped("boulevard")).run.road.crossing_x_m == 110.0
-    assert make("cut_in", shipped("boulevard")).run.road.crossing_x_m is None
-    assert make("occluded_crossing", shipped("boulevard")).run.road.crossing_x_m is None
+    assert make("vru_crossing", shipped("boulevard")).task.run.road.crossing_x_m == 110.0
+    assert make("cut_in", shipped("boulevard")).task.run.road.crossing_x_m is None
+    assert make("occluded_crossing", shipped("boulevard")).task.run.road.crossing_x_m is None
 
 
 @pytest.mark.parametrize("name", ["cut_in", "vru_crossing"])
@@ -151,8 +144,8 @@ def test_turning_a_site_changes_nothing_in_the_block(name: str) -> None:
     straight, turned = make(name, shipped("boulevard")), make(name, turned_site)
     assert turned.plan == straight.plan
     for before, after in zip(
-        (straight.run.vut, *straight.run.targets),
-        (turned.run.vut, *turned.run.targets),
+        (straight.task.run.vut, *straight.task.run.targets),
+        (turned.task.run.vut, *turned.task.run.targets),
         strict=True,
     ):
         local = pose.to_local(after.start.x_m, after.start.y_m)
@@ -160,16 +153,16 @@ def test_turning_a_site_changes_nothing_in_the_block(name: str) -> None:
         assert math.cos(after.start.yaw_rad - pose.yaw_rad - before.start.yaw_rad) == (
             pytest.approx(1.0)
         )
-    assert turned.run.road.lanes == straight.run.road.lanes
-    assert turned.run.traffic == straight.run.traffic
+    assert turned.task.run.road.lanes == straight.task.run.road.lanes
+    assert turned.task.run.traffic == straight.task.run.traffic
 
 
 def test_preferred_values_are_taken() -> None:
     values = {"constraints.trigger.below": 17.0, "constraints.speeds.vut.approach": 12.6}
     made = make("cut_in", shipped("north_track"), "track", preferred=values)
-    assert made.trigger.below == 17.0
-    assert made.run.driver.cruise_mps == 12.6
-    assert {t.field: t.reason for t in made.tunings}["constraints.trigger.below"] == (
+    assert made.task.trigger.below == 17.0
+    assert made.task.run.driver.cruise_mps == 12.6
+    assert {t.field: t.reason for t in made.task.tunings}["constraints.trigger.below"] == (
         "validated in simulation"
     )
 
@@ -242,7 +235,7 @@ def test_reachable_regions_bind_on_physical_sites_whatever_the_target() -> None:
     with pytest.raises(CannotPlace, match=reason):
         make("cut_in", changed(site, changes), "sumo")
     simulated = {**changes, "domain": "simulation"}
-    assert make("cut_in", changed(site, simulated), "sumo").run.domain == "simulation"
+    assert make("cut_in", changed(site, simulated), "sumo").task.run.domain == "simulation"
 
 
 def test_surroundings_that_come_into_the_way_are_left_out_and_told() -> None:
@@ -265,12 +258,12 @@ def test_surroundings_that_come_into_the_way_are_left_out_and_told() -> None:
     ]
     site = changed("boulevard", {"blocks.0.traffic": traffic})
     made = make("cut_in", site)
-    assert [t.id for t in made.run.traffic] == ["far", "oncoming"]
+    assert [t.id for t in made.task.run.traffic] == ["far", "oncoming"]
     assert [text.split(":")[0] for text in made.left_out] == ["ahead", "slow", "behind", "ot1"]
     # Fires about 8.8 s after the start; the walker is in lane 3 about 9 s later.
     meeting = [vehicle("meets", 3, 110.0 + 17.0 * 8.0, 8.0), vehicle("passes", 3, 160.0, 8.0)]
     crossing = make("vru_crossing", changed("boulevard", {"blocks.0.traffic": meeting}))
-    assert [t.id for t in crossing.run.traffic] == ["passes"]
+    assert [t.id for t in crossing.task.run.traffic] == ["passes"]
     assert crossing.left_out == ("meets: it would pass the crossing with ot1 in its lane",)
 
 
@@ -290,10 +283,14 @@ def test_a_map_has_documented_limits_and_a_camera_as_needed() -> None:
     value = need.model_dump(mode="json", by_alias=True)
     value["constraints"]["camera"]["hfov"] = {"min": 80.0, "max": 100.0, "unit": "deg"}
     assert place.camera(Event.model_validate(value)).hfov_deg == 80.0
-    made = realise(need, "sha256:event", library.blocks[0], place, "sumo", seed=1, preferred={})
-    assert (made.run.site, made.run.domain, made.run.traffic) == ("town.xodr", "simulation", [])
+    made = realise(Order(need, "sha256:event", place, "sumo", 1, {}), library.blocks[0])
+    assert (made.task.run.site, made.task.run.domain, made.task.run.traffic) == (
+        "town.xodr",
+        "simulation",
+        [],
+    )
     # 3 m beyond sidewalks of 3 m.
-    xs, ys = zip(*made.run.geofence, strict=True)
+    xs, ys = zip(*made.task.run.geofence, strict=True)
     assert (min(ys), max(ys)) == pytest.approx((-1.75 - 6.0, 12.25 + 6.0))
     assert (min(xs), max(xs)) == pytest.approx((0.0, 400.0))
 
@@ -315,7 +312,7 @@ def test_a_block_whose_frame_ends_near_the_road_is_refused() -> None:
     place = area(shipped("boulevard"))
     block = replace(place.library.blocks[0], line=_line(site))
     with pytest.raises(CannotPlace):
-        realise(event("cut_in"), "v", block, place, "sumo", seed=1, preferred={})
+        realise(Order(event("cut_in"), "v", place, "sumo", 1, {}), block)
 
 
 def _line(site: Site) -> Any:

@@ -16,7 +16,7 @@ from ssp_core.world.plant import make_plant
 from ssp_scenario_manager.compile.area import OperatingArea
 from ssp_scenario_manager.compile.choose import fitting_trigger
 from ssp_scenario_manager.compile.compiler import load_area
-from ssp_scenario_manager.compile.place import realise
+from ssp_scenario_manager.compile.place import Order, realise
 from ssp_scenario_manager.compile.retrieval import score_blocks
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
@@ -71,8 +71,8 @@ def ground_of(site: str) -> OperatingArea:
 
 def compiled(event: Event, area: OperatingArea, block: int = 0) -> RunSpec:
     place = area.library.blocks[block]
-    made = realise(event, "sha256:test", place, area, "sumo", seed=1, preferred={})
-    return made.run.model_copy(update={"camera": None})
+    made = realise(Order(event, "sha256:test", area, "sumo", 1, {}), place)
+    return made.task.run.model_copy(update={"camera": None})
 
 
 @pytest.mark.parametrize("site", SITES)
@@ -258,11 +258,11 @@ def tried(event: Event, block: Block, area: OperatingArea) -> RunSpec | None:
     """The run whose event would happen; None where it is refused, which says what misses."""
     refused = ""
     try:
-        made = realise(event, "sha256:test", block, area, "sumo", seed=1, preferred={})
+        made = realise(Order(event, "sha256:test", area, "sumo", 1, {}), block)
     except CannotPlace as error:
         refused = str(error)
     else:
-        return made.run.model_copy(update={"camera": None})
+        return made.task.run.model_copy(update={"camera": None})
     assert re.search(r"-?\d+(\.\d+)? (m|s|m/s|m/s\^2)\b", refused), refused
     return None
 

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.participants import Brake, LaneChange
 from ssp_core.run_file.road import CurvePiece
-from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.event_spec.units import UNITS, units_of
@@ -34,6 +33,7 @@ from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.scenarios.motions import motions
 from ssp_scenario_manager.scenarios.prediction import Prediction, predict
 from ssp_scenario_manager.scenarios.values import classes_of, quantity_at, thresholds_of
+from tests.support.blocks import block_of
 
 SHIPPED = sorted(KINDS)
 LIMITS = PlaceLimits(speed_mps=15.0, acceleration_mps2=4.5, separation_m=0.5, speed_limit_mps=13.9)
@@ -123,19 +123,13 @@ def block(
         ),
         CurvePiece(length_m=quarter),
     ]
-    return Block(
-        block_id="block",
-        line=ReferenceLine(pose or Pose2(0.0, 0.0, 0.0), pieces),
-        lanes=tuple(BlockLane(i * width_m, width_m, i < 2, f"lanes[{i}]") for i in range(4)),
-        road_type="urban",
+    return block_of(
+        pieces,
+        pose or Pose2(0.0, 0.0, 0.0),
+        [(i * width_m, i < 2) for i in range(4)],
+        width_m,
         segment="curve" if curvature_1pm else "straight",
-        left_boundary="sidewalk",
-        right_boundary="sidewalk",
-        sidewalk_left_m=3.0,
-        sidewalk_right_m=3.0,
-        permitted=frozenset({"keep_lane", "lane_change_left", "lane_change_right", "crossing"}),
         crossing_s_m=crossing_s_m,
-        speed_limit_mps=13.9,
     )
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import getpass
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import cast
 
 import click
-from rich.progress import Progress
 
 from ssp_core import console
 from ssp_scenario_manager.compile.choose import NotChosen
@@ -115,7 +115,8 @@ def compile_event(
         check_out(out, replace=force)
     try:
         with console.progress("compile", None) as bar:
-            compiled = compile_task(request, lambda block: _show(bar, block))
+            tell = partial(bar.update, bar.task_ids[0], advance=1)
+            compiled = compile_task(request, lambda block: tell(description=f"trying {block}"))
     except (NotChosen, EventRefused) as error:
         _refused(error, as_json)
         raise
@@ -123,10 +124,6 @@ def compile_event(
     files = write_folder(compiled, folder, replace=force)
     _done(compiled, folder, files, as_json)
     return 0
-
-
-def _show(bar: Progress, block: str) -> None:
-    bar.update(bar.task_ids[0], advance=1, description=f"trying {block}")
 
 
 def _default_folder(compiled: Compiled) -> Path:

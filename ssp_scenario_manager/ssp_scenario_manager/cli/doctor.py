@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -68,7 +69,14 @@ def doctor(
         findings = _listen(run_file, seconds, odometry, remappings)
     bad = failed(findings)
     if as_json:
-        click.echo(json.dumps({"ok": not bad, "findings": [_as_json(f) for f in findings]}))
+        click.echo(
+            json.dumps(
+                {
+                    "ok": not bad,
+                    "findings": [{**asdict(f), "status": f.status.value} for f in findings],
+                }
+            )
+        )
         return 1 if bad else 0
     _print_table(findings)
     console.out.print("something that a session needs is missing" if bad else "ready")
@@ -105,15 +113,6 @@ def _listen(
         )
         bar.update(bar.task_ids[0], completed=_STEPS)
     return session_findings(spec, heard)
-
-
-def _as_json(finding: Finding) -> dict[str, str]:
-    return {
-        "name": finding.name,
-        "status": finding.status.value,
-        "text": finding.text,
-        "remedy": finding.remedy,
-    }
 
 
 def _print_table(findings: Sequence[Finding]) -> None:

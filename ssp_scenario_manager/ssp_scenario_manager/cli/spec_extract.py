@@ -11,7 +11,6 @@ import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -339,6 +338,5 @@ def _stem(path: Path) -> str:
 
 def _reviewer(schema: str) -> Reviewer:
     module, function = REVIEWERS[schema].split(":")
-    found: Any = getattr(importlib.import_module(module), function)
-    reviewer: Reviewer = found
+    reviewer: Reviewer = getattr(importlib.import_module(module), function)
     return reviewer

@@ -164,7 +164,8 @@ def _why(scores: Sequence[BlockScore]) -> str:
 
 
 FIELD = "constraints.trigger.below"
-# Values outside of K*'s interval are tried in this ratio, so many above and below it.
+# Values outside of K*'s interval are tried in this ratio, so many above and below it, the nearest
+# first, rounded to a tenth.
 _RATIO = 1.25
 _ABOVE, _BELOW = 8, 4
 
@@ -182,25 +183,17 @@ def fitting_trigger(event: Event, place: Callable[[Event], object]) -> str | Non
     if not isinstance(asked, Interval) or asked.min is None or asked.max is None:
         return None
     allowed, unit = asked.si, units_of(UNITS[asked.unit].dimension)[0]
-    for value in _values(allowed.low, allowed.high):
+    tried = [(k, allowed.high * _RATIO**k) for k in range(1, _ABOVE + 1)]
+    tried += [(k, allowed.low / _RATIO**k) for k in range(1, _BELOW + 1)]
+    for value in (round(value, 1) for _, value in sorted(tried)):
+        if value <= 0.0:
+            continue
+        below = Interval(min=value, max=value, unit=unit)
+        trigger = event.constraints.trigger.model_copy(update={"below": below})
+        constraints = event.constraints.model_copy(update={"trigger": trigger})
         try:
-            place(_with_trigger(event, Interval(min=value, max=value, unit=unit)))
+            place(event.model_copy(update={"constraints": constraints}))
         except CannotPlace:
             continue
         return f"{FIELD} of {value:g} {unit} would do, K* has {allowed.low:g} to {allowed.high:g}"
     return None
-
-
-def _values(low: float, high: float) -> list[float]:
-    """Rounded to a tenth, the nearest to the interval first."""
-    tried = [(k, high * _RATIO**k) for k in range(1, _ABOVE + 1)]
-    tried += [(k, low / _RATIO**k) for k in range(1, _BELOW + 1)]
-    return [round(value, 1) for _, value in sorted(tried) if round(value, 1) > 0.0]
-
-
-def _with_trigger(event: Event, below: Interval) -> Event:
-    constraints = event.constraints
-    trigger = constraints.trigger.model_copy(update={"below": below})
-    return event.model_copy(
-        update={"constraints": constraints.model_copy(update={"trigger": trigger})}
-    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from ssp_core.hashing import sha256_bytes
 from ssp_core.run_file.shortlist import load_candidate
 from ssp_scenario_manager.compile.area import OperatingArea
 from ssp_scenario_manager.compile.choose import Chosen, choose_block, fitting_trigger
-from ssp_scenario_manager.compile.place import COMPILER, Realisation, realise
+from ssp_scenario_manager.compile.place import Order, Realisation, realise
 from ssp_scenario_manager.compile.retrieval import score_blocks
 from ssp_scenario_manager.compile.task import EventLink, PlaceLink, Target, Task, sealed
 from ssp_scenario_manager.compile.validate import Validated, read_validation
@@ -193,9 +193,9 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
     validated = None
     if request.validated_by is not None:
         validated = read_validation(request.validated_by, version)
-    placed = partial(
-        realise,
-        event_version=version,
+    order = Order(
+        event=event,
+        version=version,
         area=area,
         target=request.target,
         seed=request.seed,
@@ -204,13 +204,20 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
     chosen = choose_block(
         area.library,
         score_blocks(event, area.library),
-        lambda block: placed(event, block=block),
+        partial(realise, order),
         choice=request.choose,
         who=request.who,
         said=said,
-        would_do=lambda block: fitting_trigger(event, lambda other: placed(other, block=block)),
+        would_do=lambda block: fitting_trigger(
+            event, lambda other: realise(replace(order, event=other), block)
+        ),
     )
-    task = _task(request, event, version, area, chosen, validated)
+    how = {
+        "chosen_by": chosen.chosen_by,
+        "retrieval": chosen.scores,
+        "validated_by": validated.validation if validated is not None else None,
+    }
+    task = sealed(chosen.realisation.task.model_copy(update=how))
     log = list(before)
     if not any(record.kind == "source" and record.subject == event.name for record in before):
         log.append(_source(event, task.event))
@@ -308,37 +315,3 @@ def _check_area(request: Request, area: OperatingArea) -> None:
             value=area.site.name,
             remedy="give a physical site, or --target sumo",
         )
-
-
-def _task(
-    request: Request,
-    event: Event,
-    version: str,
-    area: OperatingArea,
-    chosen: Chosen,
-    validated: Validated | None,
-) -> Task:
-    real = chosen.realisation
-    return sealed(
-        Task(
-            target=request.target,
-            event=EventLink(name=event.name, version=version),
-            compiler=COMPILER,
-            seed=request.seed,
-            place=area.link,
-            block=real.task_block,
-            chosen_by=chosen.chosen_by,
-            retrieval=chosen.scores,
-            anchors=real.anchors,
-            vut_route=real.vut_route,
-            trigger=real.trigger,
-            conflict_zone=real.conflict_zone,
-            limits=real.run.limits,
-            geofence=real.run.geofence,
-            ot_reachable=real.ot_reachable,
-            safe_stop_zones=real.safe_stop_zones,
-            tunings=real.tunings,
-            validated_by=validated.validation if validated is not None else None,
-            run=real.run,
-        )
-    )

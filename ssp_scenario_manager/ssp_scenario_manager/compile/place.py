@@ -11,7 +11,7 @@ from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
 from ssp_core.run_file.participants import LaneChange, TrafficSpec, TriggerSpec
 from ssp_core.run_file.road import Lane, Road
-from ssp_core.run_file.values import Point, Start
+from ssp_core.run_file.values import Start
 from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.compile.area import (
     OperatingArea,
@@ -22,15 +22,17 @@ from ssp_scenario_manager.compile.area import (
 )
 from ssp_scenario_manager.compile.task import (
     Anchors,
+    EventLink,
     Place,
     Target,
+    Task,
     TaskBlock,
     TriggerRegion,
     Tuning,
 )
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.event_spec.units import Span
-from ssp_scenario_manager.maps.block import Block, BlockLane
+from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.run.in_process import why_not
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,
@@ -128,106 +130,87 @@ _AT_MARKING_M = 1.0
 
 
 @dataclass(frozen=True)
+class Order:
+    """What is to be placed.
+
+    Args:
+        event: K*.
+        version: of the event.
+        area: site or map.
+        target: what is compiled for; only a track session is physical.
+        seed: of the run.
+        preferred: values to try first, by field path.
+    """
+
+    event: Event
+    version: str
+    area: OperatingArea
+    target: Target
+    seed: int
+    preferred: Mapping[str, float]
+
+    @property
+    def kind(self) -> Kind:
+        return KINDS[self.event.interaction.type]
+
+    @property
+    def limits(self) -> Limits:
+        return self.area.limits(self.event)
+
+
+@dataclass(frozen=True)
 class Realisation:
     """An event on a block of a place.
 
     Args:
-        run: what a session runs; its id, seed and mode are set by whoever runs it.
-        vut_route: frame map.
-        ot_reachable: polygons, empty where the place has none.
-        safe_stop_zones: polygons, as ot_reachable.
-        tunings: values that were chosen within part C.
+        block: the block.
+        plan: the event in its frame.
+        task: of it, but for how the block was chosen; not sealed.
         left_out: surroundings that would come into the event's way, with reasons.
     """
 
     block: Block
     plan: Plan
-    run: RunSpec
-    anchors: dict[str, Anchors]
-    vut_route: list[Point]
-    trigger: TriggerRegion
-    conflict_zone: list[Place]
-    ot_reachable: list[list[Point]]
-    safe_stop_zones: list[list[Point]]
-    tunings: list[Tuning]
+    task: Task
     left_out: tuple[str, ...]
 
-    @property
-    def task_block(self) -> TaskBlock:
-        """The block as a task holds it."""
-        road = self.run.road
-        return TaskBlock(
-            id=self.block.block_id,
-            origin=road.origin,
-            pieces=list(self.block.line.pieces),
-            length_m=self.block.length_m,
-            lanes=road.lanes,
-        )
 
-
-def realise(
-    event: Event,
-    event_version: str,
-    block: Block,
-    area: OperatingArea,
-    target: Target,
-    *,
-    seed: int,
-    preferred: Mapping[str, float],
-) -> Realisation:
+def realise(order: Order, block: Block) -> Realisation:
     """Places an event on a block.
-
-    Args:
-        target: what is compiled for; only a track session is physical.
-        preferred: values to try first, by field path.
 
     Raises:
         CannotPlace: it doesn't fit, or leaves what the place allows; the message says where and by
             how much.
     """
-    kind = KINDS[event.interaction.type]
-    limits = area.limits(event)
-    plans = kind.plans(
-        event,
-        block,
-        PlaceLimits(
-            speed_mps=limits.speed_mps,
-            acceleration_mps2=limits.acceleration_mps2,
-            separation_m=limits.separation_m,
-            speed_limit_mps=block.speed_limit_mps or limits.speed_mps,
-        ),
-        preferred,
+    limits = order.limits
+    place_limits = PlaceLimits(
+        speed_mps=limits.speed_mps,
+        acceleration_mps2=limits.acceleration_mps2,
+        separation_m=limits.separation_m,
+        speed_limit_mps=block.speed_limit_mps or limits.speed_mps,
     )
+    plans = order.kind.plans(order.event, block, place_limits, order.preferred)
     first: CannotPlace | None = None
     for plan in islice(plans, MOST_RUN):
         try:
-            return _realised(event, event_version, kind, block, area, target, plan, limits, seed)
+            return _realised(order, block, plan)
         except CannotPlace as error:
             first = first or error
     raise first or CannotPlace("it has no plan")
 
 
-def _realised(
-    event: Event,
-    event_version: str,
-    kind: Kind,
-    block: Block,
-    area: OperatingArea,
-    target: Target,
-    plan: Plan,
-    limits: Limits,
-    seed: int,
-) -> Realisation:
-    """One plan as a run that holds what the place demands, and whose event would happen.
+def _realised(order: Order, block: Block, plan: Plan) -> Realisation:
+    """One plan as a task that holds what the place demands, and whose event would happen.
 
     Raises:
         CannotPlace: it doesn't.
     """
+    event, area = order.event, order.area
     told = motions(
         block.line, classes_of(event), event.vut_id, plan.vut, plan.targets, plan.trigger
     )
-    run, left_out = _run(event, event_version, kind, block, area, target, plan, told, limits)
-    run = run.model_copy(update={"seed": seed})
+    traffic, left_out = _traffic(block, area, plan)
+    run = _run(order, block, plan, told).model_copy(update={"traffic": traffic})
     reachable, zones = area.ot_reachable(), area.safe_stop_zones()
     check_fence(run, block, plan)
     if area.site is not None and area.site.domain == "physical":
@@ -237,19 +220,33 @@ def _realised(
     problems = cannot_fire(run) or why_not(run)
     if problems:
         raise CannotPlace("; ".join(problems))
-    return Realisation(
-        block=block,
-        plan=plan,
-        run=run,
+    task = Task(
+        target=order.target,
+        event=EventLink(name=event.name, version=order.version),
+        compiler=COMPILER,
+        seed=order.seed,
+        place=area.link,
+        block=TaskBlock(
+            id=block.block_id,
+            origin=run.road.origin,
+            pieces=list(block.line.pieces),
+            length_m=block.length_m,
+            lanes=run.road.lanes,
+        ),
+        chosen_by="",
+        retrieval=[],
         anchors=anchors(block, plan),
         vut_route=run.vut.approach.path if run.vut.approach is not None else [],
         trigger=trigger_region(block, plan),
         conflict_zone=[place(block, corner) for corner in plan.zone],
+        limits=run.limits,
+        geofence=run.geofence,
         ot_reachable=reachable,
         safe_stop_zones=zones,
         tunings=tunings(event, plan),
-        left_out=tuple(left_out),
+        run=run,
     )
+    return Realisation(block, plan, task, tuple(left_out))
 
 
 def road_of(block: Block, crossing_s_m: float | None = None) -> Road:
@@ -275,37 +272,27 @@ def road_of(block: Block, crossing_s_m: float | None = None) -> Road:
     )
 
 
-def _run(
-    event: Event,
-    event_version: str,
-    kind: Kind,
-    block: Block,
-    area: OperatingArea,
-    target: Target,
-    plan: Plan,
-    told: Motions,
-    limits: Limits,
-) -> tuple[RunSpec, list[str]]:
-    physical = target == "track" and area.site is not None
+def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
+    """The run of a session, without surroundings."""
+    event, area, limits = order.event, order.area, order.limits
+    physical = order.target == "track" and area.site is not None
     tracked = area.site is not None and area.site.domain == "physical"
-    marked = _marked_crossing(event, block, plan)
-    traffic, left_out = _traffic(block, area, plan)
-    run = RunSpec(
+    return RunSpec(
         schema_="ssp.run/1",
         run_id=event.name,
         scenario=event.name,
         interaction=event.interaction.type,
-        observable=kind.observable,
+        observable=order.kind.observable,
         initiator=event.interaction.initiator,
         domain=area.site.domain if physical and area.site is not None else "simulation",
         stand_in=physical and area.site is not None and area.site.stand_in,
-        event_version=event_version,
+        event_version=order.version,
         compiler=COMPILER,
         site=area.name,
         site_version=area.link.sha256,
-        seed=0,
+        seed=order.seed,
         mode="lockstep",
-        road=road_of(block, marked),
+        road=road_of(block, _marked_crossing(event, block, plan)),
         geofence=area.geofence(block),
         vut=told.vut,
         driver=told.driver,
@@ -316,11 +303,9 @@ def _run(
         limits=limits,
         # A simulation of a track is one without what its stand-in session brings.
         disturbance=area.disturbance if physical or not tracked else LinkDisturbance(),
-        traffic=traffic,
         camera=area.camera(event),
         look=area.look,
     )
-    return run, left_out
 
 
 def _trigger(event: Event, block: Block, plan: Plan, told: Motions, limits: Limits) -> TriggerSpec:
@@ -358,12 +343,8 @@ def _traffic(block: Block, area: OperatingArea, plan: Plan) -> tuple[list[Traffi
     for vehicle in wanted:
         if site_block is None or vehicle.lane >= len(site_block.lanes):
             raise CannotPlace(f"{vehicle.id} drives in lane {vehicle.lane}, which isn't there")
-        index, lane = _lane_at(block, site_block.lanes[vehicle.lane].y_m)
-        lanes.append(lane)
+        y_m = site_block.lanes[vehicle.lane].y_m
+        index = min(range(len(block.lanes)), key=lambda i: abs(block.lanes[i].y_m - y_m))
+        lanes.append(block.lanes[index])
         moved.append(vehicle.model_copy(update={"lane": index}))
     return clear_traffic(moved, lanes, block, plan)
-
-
-def _lane_at(block: Block, y_m: float) -> tuple[int, BlockLane]:
-    index = min(range(len(block.lanes)), key=lambda i: abs(block.lanes[i].y_m - y_m))
-    return index, block.lanes[index]

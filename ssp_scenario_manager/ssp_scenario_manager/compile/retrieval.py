@@ -221,13 +221,17 @@ def places(event: Event, block: Block) -> Met:
 
 def length(event: Event, block: Block) -> Met:
     """Room for approach, conflict and run-out."""
-    low, high = bounds(event.constraints.site.length)
-    if block.length_m < low - 1e-6:
-        share = max(0.0, block.length_m / low)
-        return Met(share, f"length {block.length_m:.1f} m, needs at least {low:g} m")
-    if block.length_m > high + 1e-6:
-        share = max(0.0, high / block.length_m)
-        return Met(share, f"length {block.length_m:.1f} m, needs at most {high:g} m")
+    said = f"length {block.length_m:.1f}"
+    return _measured(said, block.length_m, bounds(event.constraints.site.length), "m")
+
+
+def _measured(said: str, found: float, wanted: tuple[float, float], unit: str) -> Met:
+    """How much of what is needed is there, or of what is there is allowed."""
+    low, high = wanted
+    if found < low - 1e-6:
+        return Met(max(0.0, found / low), f"{said} {unit}, needs at least {low:g} {unit}")
+    if found > high + 1e-6:
+        return Met(max(0.0, high / found), f"{said} {unit}, needs at most {high:g} {unit}")
     return MET
 
 
@@ -263,7 +267,7 @@ def lane_width(event: Event, block: Block, kind: Kind) -> Met:
     lanes = block.forward_lanes
     if not lanes:
         return Met(0.0)
-    fits = [_fits(lane, low, high) for lane in lanes]
+    fits = [low - _WIDTH_M <= lane.width_m <= high + _WIDTH_M for lane in lanes]
     share = sum(fits) / len(fits)
     mine = [i for i in vut_lanes(event, block) if fits[i]]
     beside = any(
@@ -278,10 +282,6 @@ def lane_width(event: Event, block: Block, kind: Kind) -> Met:
     return Met(share, f"lane widths {widths} m from right to left, needs {_range(low, high)} m")
 
 
-def _fits(lane: BlockLane, low: float, high: float) -> bool:
-    return low - _WIDTH_M <= lane.width_m <= high + _WIDTH_M
-
-
 def _range(low: float, high: float) -> str:
     if math.isinf(high):
         return f"at least {low:g}"
@@ -290,13 +290,8 @@ def _range(low: float, high: float) -> str:
 
 def curvature(event: Event, block: Block) -> Met:
     """Curvature over any 10 m, within what K* says."""
-    low, high = bounds(event.topology.curvature.range)
-    found = bend_1pm(block.line)
-    if found > high + 1e-6:
-        return Met(max(0.0, high / found), f"curvature {found:.4f} 1/m, needs at most {high:g} 1/m")
-    if found < low - 1e-6:
-        return Met(found / low, f"curvature {found:.4f} 1/m, needs at least {low:g} 1/m")
-    return MET
+    found, wanted = bend_1pm(block.line), bounds(event.topology.curvature.range)
+    return _measured(f"curvature {found:.4f}", found, wanted, "1/m")
 
 
 def kerb_sides(event: Event) -> Collection[str]:

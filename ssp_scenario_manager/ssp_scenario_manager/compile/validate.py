@@ -8,7 +8,7 @@ from pathlib import Path
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.reader import BagReader, bag_files
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping, parse_model, read_mapping
+from ssp_core.files import Model, parse_mapping, parse_model, read_mapping
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.names import PHASE_EVENT, SAFETY_EVENT, SESSION_STATE, absolute
 from ssp_core.run_file.model import RunSpec
@@ -53,8 +53,9 @@ def read_validation(folder: Path, event_version: str) -> Validated:
         raise InputError(f"is no sound recording: {damage[0]}{more}", file=bag, remedy=_REMEDY)
     with BagReader(bag) as reader:
         _check_recorded(reader)
-        task = _task(reader)
-        run = _run(reader)
+        task = _attached(reader, TASK_FILE, Task)
+        check_seal(task, f"{bag}:{TASK_FILE}")
+        run = _attached(reader, RUN_FILE, RunSpec)
         phases = {int(reader.decode(m).phase) for m in reader.messages([absolute(PHASE_EVENT)])}
     _check(task, run, event_version, bag)
     missing = [
@@ -109,24 +110,11 @@ def _check_recorded(reader: BagReader) -> None:
         )
 
 
-def _attachment(reader: BagReader, name: str) -> tuple[bytes, str]:
-    data = reader.attachment(name)
-    place = f"{reader.path}:{name}"
+def _attached(reader: BagReader, name: str, model: type[Model]) -> Model:
+    data, place = reader.attachment(name), f"{reader.path}:{name}"
     if data is None:
         raise InputError("isn't in the bag", file=place, remedy=_REMEDY)
-    return data, place
-
-
-def _task(reader: BagReader) -> Task:
-    data, place = _attachment(reader, TASK_FILE)
-    task = parse_model(Task, parse_mapping(data, place), place)
-    check_seal(task, place)
-    return task
-
-
-def _run(reader: BagReader) -> RunSpec:
-    data, place = _attachment(reader, RUN_FILE)
-    return parse_model(RunSpec, parse_mapping(data, place), place)
+    return parse_model(model, parse_mapping(data, place), place)
 
 
 def _check(task: Task, run: RunSpec, event_version: str, bag: Path) -> None:

@@ -224,18 +224,14 @@ def differences(first: Event, second: Event) -> list[Difference]:
     known = old.pop("uncertainty"), new.pop("uncertainty")
     found: list[Difference] = []
     for path in dict.fromkeys((*granules(old), *granules(new))):
-        found += _compare(old, new, path)
+        sides = (get(side, path) if has(side, path) else _NOTHING for side in (old, new))
+        found += _split(path, *sides)
     for name in dict.fromkeys((*known[0], *known[1])):
         found += _split(f"uncertainty.{name}", *(side.get(name, _NOTHING) for side in known))
     return found
 
 
 _NOTHING = object()
-
-
-def _compare(old: dict[str, Any], new: dict[str, Any], path: str) -> list[Difference]:
-    sides = (get(side, path) if has(side, path) else _NOTHING for side in (old, new))
-    return _split(path, *sides)
 
 
 def _split(path: str, before: Any, after: Any) -> list[Difference]:
@@ -255,10 +251,6 @@ def _split(path: str, before: Any, after: Any) -> list[Difference]:
             old=None if before is _NOTHING else before,
             new=None if after is _NOTHING else after,
             unit=units.pop() if len(units) == 1 else None,
-            where=_where(before is not _NOTHING, after is not _NOTHING),
+            where="second" if before is _NOTHING else "first" if after is _NOTHING else "both",
         )
     ]
-
-
-def _where(first: bool, second: bool) -> str:
-    return "both" if first and second else ("first" if first else "second")

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import check_characters, make_folder, parse_model, read_text
+from ssp_core.files import check_characters, make_folder, parse_model, parse_strict, read_text
 from ssp_core.run_file.values import Strict
 
 LOG_FILE = "log.jsonl"
@@ -182,7 +182,7 @@ def parse_log(text: str, file: str | Path) -> list[Record]:
         if not line.strip():
             continue
         try:
-            value = json.loads(line, parse_constant=_no_number)
+            value = parse_strict(line)
             check_characters(value, line)
         except (ValueError, RecursionError) as error:
             raise InputError(f"is no JSON: {error}", file=file, line=number) from error
@@ -193,10 +193,6 @@ def parse_log(text: str, file: str | Path) -> list[Record]:
                 error.problem, file=file, line=number, field=error.field, value=error.value
             ) from error
     return records
-
-
-def _no_number(word: str) -> object:
-    raise ValueError(f"{word} is no number")
 
 
 def refusal(records: Iterable[Record], name: str) -> Record | None:

@@ -174,6 +174,16 @@ def _cubic(element: Element, base_m: float, attribute: str) -> Cubic:
     )
 
 
+def elevations(road: Element) -> list[Cubic]:
+    """Heights along a road, in order.
+
+    Raises:
+        BadElement: something in it is no number where one belongs.
+    """
+    found = [_cubic(e, 0.0, "s") for e in road.iterfind("elevationProfile/elevation")]
+    return sorted(found, key=lambda cubic: cubic.s_m)
+
+
 def _speed(element: Element) -> float | None:
     word = text(element, "max", "undefined").strip()
     if word in ("no limit", "undefined"):

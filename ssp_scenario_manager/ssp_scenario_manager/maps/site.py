@@ -214,14 +214,6 @@ def _check_scenery(block: SiteBlock, line: ReferenceLine, field: str) -> Iterato
             )
 
 
-def _sorted_lanes(lanes: list[Lane]) -> tuple[BlockLane, ...]:
-    named = [
-        BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lanes[{i}]")
-        for i, lane in enumerate(lanes)
-    ]
-    return tuple(sorted(named, key=lambda lane: lane.y_m))
-
-
 def _check_block(site: Site, index: int) -> Iterator[InputError]:
     block, field = site.blocks[index], f"blocks[{index}]"
     if block.id in (other.id for other in site.blocks[:index]):
@@ -255,7 +247,11 @@ def _check_block(site: Site, index: int) -> Iterator[InputError]:
 def _block(site: Site, index: int) -> Block:
     block = site.blocks[index]
     line = site_line(block, f"blocks[{index}]")
-    lanes = _sorted_lanes(block.lanes)
+    named = (
+        BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lanes[{i}]")
+        for i, lane in enumerate(block.lanes)
+    )
+    lanes = tuple(sorted(named, key=lambda lane: lane.y_m))
     permitted = frozenset[str](block.permitted)
     return Block(
         block_id=block.id,

@@ -11,7 +11,6 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ssp_core.errors import InputError
-from ssp_core.geometry import FloatArray
 from ssp_core.hashing import sha256_file
 from ssp_core.run_file.values import Point
 from ssp_core.world.reference_line import ReferenceLine
@@ -196,7 +195,8 @@ def _beside(
     if not lanes:
         return found
     offsets = line.to_local_many(np.array([point for lane in lanes for point in lane.shape]))[:, 1]
-    for lane, own in zip(lanes, _split(offsets, [len(lane.shape) for lane in lanes]), strict=True):
+    ends = np.cumsum([len(lane.shape) for lane in lanes])[:-1]
+    for lane, own in zip(lanes, np.split(offsets, ends), strict=True):
         if np.isnan(own).any() or np.ptp(own) > _PARALLEL_M:
             return None
         found.append(WayLane(_lane_name(edge, lane), float(own.mean()), lane.width_m, along))
@@ -205,10 +205,6 @@ def _beside(
 
 def _lane_name(edge: Edge, lane: EdgeLane) -> str:
     return f"{edge.id}_{lane.index}"
-
-
-def _split(values: FloatArray, counts: list[int]) -> list[FloatArray]:
-    return np.split(values, np.cumsum(counts)[:-1])
 
 
 def _side(outward: list[EdgeLane]) -> Side:
@@ -254,11 +250,6 @@ def _length_m(lane: EdgeLane) -> float:
     return sum(math.dist(a, b) for a, b in pairwise(lane.shape))
 
 
-def _road_type(word: str) -> RoadType:
-    last = word.rpartition(".")[2].removesuffix("_link")
-    return _ROAD_TYPES.get(last, "any")
-
-
 def _way(edge: Edge, back: list[Edge]) -> Way:
     """The way of an edge.
 
@@ -291,7 +282,7 @@ def _way(edge: Edge, back: list[Edge]) -> Way:
         lanes=tuple(lanes),
         right=right,
         left=left,
-        road_type=_road_type(edge.type),
+        road_type=_ROAD_TYPES.get(edge.type.rpartition(".")[2].removesuffix("_link"), "any"),
         along=Rules(
             speed_mps=min(lane.speed_mps for lane in driving) or None,
             change_left=any(a.change_left for a, _ in pairs),

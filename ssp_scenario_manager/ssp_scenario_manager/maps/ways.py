@@ -214,10 +214,6 @@ class Network:
     meets: Mapping[WayEnd, tuple[WayEnd, ...]]
 
 
-def _other(end: End) -> End:
-    return "end" if end == "start" else "start"
-
-
 def join_ways(ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]) -> Network:
     """Joins ways that simply continue one another.
 
@@ -255,7 +251,7 @@ def join_ways(ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]) 
                     break
                 way = longer
                 taken.add(j)
-                outer[side] = (j, _other(end))
+                outer[side] = (j, "end" if end == "start" else "start")
         for side in _SIDES:
             place[outer[side]] = (len(made), side)
         made.append(way)

@@ -29,6 +29,7 @@ from ssp_scenario_manager.dispatch.references import (
     manoeuvre_reference,
 )
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.event_spec.units import Span
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,
@@ -70,7 +71,13 @@ def judge(event: Event, limits: PlaceLimits, told: Motions, seen: Prediction) ->
         wrong.append("the conflict begins before the trigger can be seen")
     if seen.resolution_s is None and seen.conflict_s is not None:
         wrong.append("the conflict isn't resolved")
-    wrong += _wrong_gap(event, seen)
+    least_s, most_s = wanted_passing(event).bounds_s
+    comes = not math.isinf(seen.vut_arrival_s)
+    if comes and not Span(least_s, most_s).holds(seen.time_gap_s):
+        wrong.append(
+            f"the time gap at the conflict point would be {seen.time_gap_s:.2f} s, K* wants "
+            f"{least_s:g} to {most_s:g} s"
+        )
     low, high = speed_bounds(event, event.vut_id, ("approach", "trigger"))
     # A driver nears its cruise speed slowly.
     if not low * CRUISE_SHARE <= seen.fired_speed_mps <= high + 1e-9:
@@ -109,16 +116,6 @@ def wrong_order(event: Event, still: Prediction) -> list[str]:
     return [
         f"{first} wouldn't reach the conflict point first: after the trigger {other} takes "
         f"{own_s:.1f} s to the VUT's corridor, the VUT at its approach speed {vut_s:.1f} s"
-    ]
-
-
-def _wrong_gap(event: Event, seen: Prediction) -> list[str]:
-    least, most = wanted_passing(event).bounds_s
-    if math.isinf(seen.vut_arrival_s) or least - 1e-9 <= seen.time_gap_s <= most + 1e-9:
-        return []
-    return [
-        f"the time gap at the conflict point would be {seen.time_gap_s:.2f} s, K* wants "
-        f"{least:g} to {most:g} s"
     ]
 
 
@@ -258,7 +255,8 @@ def plans_on(
                 block.line, classes_of(event), vut_id, made.vut, made.targets, made.trigger
             )
             looked += 1
-            still = predict(_without_response(told), observable, thresholds)
+            steady = told.driver.model_copy(update={"reacts": False})
+            still = predict(replace(told, driver=steady), observable, thresholds)
             reasons = wrong_order(event, still)
             if not reasons:
                 seen = predict(told, observable, thresholds)
@@ -295,10 +293,6 @@ def _ending(trigger: Trigger, seen: Prediction) -> Trigger:
         return trigger
     run_out_s = round(seen.resolution_s + AFTER_S + RUN_OUT_S - seen.fired_s, 1)
     return replace(trigger, act=act.model_copy(update={"run_out_s": run_out_s}))
-
-
-def _without_response(told: Motions) -> Motions:
-    return replace(told, driver=told.driver.model_copy(update={"reacts": False}))
 
 
 def plans_in_lane(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -13,7 +13,6 @@ from ssp_core.geometry import Pose2
 from ssp_core.run_file.model import EndCondition, Limits, RunSpec
 from ssp_core.run_file.participants import Brake, Driver, LaneChange
 from ssp_core.run_file.road import CurvePiece, Road
-from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.compile.area import strip_polygon
 from ssp_scenario_manager.compile.place import anchors, road_of, trigger_region
 from ssp_scenario_manager.compile.place import place as on_block
@@ -28,7 +27,7 @@ from ssp_scenario_manager.compile.task import (
 )
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.maps.block import Block, BlockLane
+from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.scenarios.base import (
     Act,
     BlockPoint,
@@ -40,6 +39,7 @@ from ssp_scenario_manager.scenarios.base import (
 )
 from ssp_scenario_manager.scenarios.motions import motions
 from ssp_scenario_manager.scenarios.values import classes_of
+from tests.support.blocks import block_of as made_block
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 
@@ -54,32 +54,10 @@ class Case:
     plan: Plan
 
 
-def make_block(
-    pieces: list[CurvePiece] | None = None,
-    origin: Pose2 = Pose2(0.0, 0.0, 0.0),  # noqa: B008 -- frozen
-    lanes: tuple[tuple[float, bool], ...] = ((0.0, True), (3.5, True), (7.0, False), (10.5, False)),
-    width_m: float = 3.5,
-    **fields: Any,
-) -> Block:
-    """A road of 400 m with sidewalks, straight along x unless told otherwise."""
-    line = ReferenceLine(origin, pieces or [CurvePiece(length_m=400.0)])
-    block = Block(
-        block_id="main",
-        line=line,
-        lanes=tuple(
-            BlockLane(y, width_m, forward, f"lane {i}") for i, (y, forward) in enumerate(lanes)
-        ),
-        road_type="urban",
-        segment="straight" if line.is_straight else "curve",
-        left_boundary="kerb",
-        right_boundary="kerb",
-        sidewalk_left_m=3.0,
-        sidewalk_right_m=3.0,
-        permitted=frozenset({"keep_lane", "lane_change_left", "lane_change_right", "crossing"}),
-        crossing_s_m=110.0,
-        speed_limit_mps=13.9,
-    )
-    return replace(block, **fields)
+def make_block(pieces: list[CurvePiece] | None = None, *given: Any, **changes: Any) -> Block:
+    """A road with kerbs and a marked crossing."""
+    usual = {"left_boundary": "kerb", "right_boundary": "kerb", "crossing_s_m": 110.0}
+    return made_block(pieces or [CurvePiece(length_m=400.0)], *given, **{**usual, **changes})
 
 
 CURVED = [

@@ -20,6 +20,7 @@ from ssp_scenario_manager.maps.block import Block, BlockLane, ConflictArea, Libr
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library
 from ssp_scenario_manager.scenarios.kinds import KINDS
+from tests.support.blocks import block_of
 
 Made = Any
 Words = Any
@@ -91,23 +92,15 @@ def straight(length_m: float = 300.0, curvature_1pm: float = 0.0) -> ReferenceLi
 def made_block(block_id: str = "b", **changes: Any) -> Block:
     """A block that suits every shipped event."""
     whole = [ConflictArea(kind, 0.0, 300.0) for kind in ("crossing", "following", "merge")]
-    good = Block(
-        block_id=block_id,
-        line=straight(),
-        lanes=tuple(BlockLane(3.5 * i, 3.5, i < 2, str(i)) for i in range(4)),
-        road_type="urban",
-        segment="straight",
-        left_boundary="sidewalk",
-        right_boundary="sidewalk",
-        sidewalk_left_m=2.0,
-        sidewalk_right_m=2.0,
-        permitted=frozenset(
-            {"keep_lane", "stop", "crossing", "lane_change_left", "lane_change_right"}
-        ),
-        conflict_areas=tuple(whole),
-        speed_limit_mps=20.0,
-    )
-    return replace(good, **changes)
+    good: dict[str, Any] = {
+        "line": straight(),
+        "sidewalk_left_m": 2.0,
+        "sidewalk_right_m": 2.0,
+        "permitted": block_of().permitted | {"stop"},
+        "conflict_areas": tuple(whole),
+        "speed_limit_mps": 20.0,
+    }
+    return replace(block_of(block_id=block_id), **{**good, **changes})
 
 
 def library(*blocks: Block) -> Library:

@@ -14,7 +14,7 @@ from ssp_core.geometry import Pose2
 from ssp_core.hashing import sha256_bytes
 from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
-from ssp_core.run_file.model import Camera, Look, RunSpec
+from ssp_core.run_file.model import Camera, Look
 from ssp_core.run_file.participants import (
     Brake,
     FollowPath,
@@ -181,12 +181,8 @@ def carla_config(task: Task, block: Block, plan: Plan, chart: MapFile) -> CarlaC
         conflict=_place(block.line.to_map(plan.conflict.s_m, plan.conflict.l_m), chart.heights),
         camera=None if run.camera is None else _camera(run.camera, run.vut.size),
         speed_limit_mps=task.limits.speed_mps,
-        end_s=_end_s(run),
+        end_s=min(run.end.at_latest_s, run.limits.duration_s),
     )
-
-
-def _end_s(run: RunSpec) -> float:
-    return min(run.end.at_latest_s, run.limits.duration_s)
 
 
 def _map_link(chart: MapFile) -> MapLink:

@@ -3,33 +3,26 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
-from xml.etree.ElementTree import Element
 
 import defusedxml.ElementTree as safe_xml
 import numpy as np
 
 from ssp_core.errors import InputError
-from ssp_core.geometry import FloatArray, Pose2
+from ssp_core.geometry import FloatArray
 from ssp_core.run_file.participants import LaneChange
-from ssp_core.run_file.road import CurvePiece
 from ssp_core.run_file.values import Point
-from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.compile.targets.opendrive import opendrive_map
 from ssp_scenario_manager.compile.task import Task
 from ssp_scenario_manager.maps.block import Block
-from ssp_scenario_manager.maps.opendrive_road import Geometry, RoadRecord, read_road
-from ssp_scenario_manager.maps.xml_input import BadElement, number
+from ssp_scenario_manager.maps.opendrive_road import Cubic, RoadRecord, elevations, read_road
+from ssp_scenario_manager.maps.reference_line import Unusable, road_line
+from ssp_scenario_manager.maps.xml_input import BadElement
 
 # Reference lines are sampled this densely; a place this far from all of them has no height.
 _SAMPLE_M = 2.0
 _FARTHEST_M = 40.0
-_COEFFICIENT = 1e6
-
-_Profile = list[tuple[float, float, float, float, float]]
 
 
 class Heights:
@@ -43,7 +36,7 @@ class Heights:
     """
 
     def __init__(self, xodr: str | None) -> None:
-        self._profiles: list[_Profile] = []
+        self._profiles: list[list[Cubic]] = []
         self._samples: FloatArray = np.empty((0, 4))
         if xodr is None:
             return
@@ -52,22 +45,19 @@ class Heights:
         except (ValueError, safe_xml.ParseError) as error:
             raise InputError(f"is not valid XML: {error}") from error
         try:
-            self._profiles = [_profile(road) for road in root.iter("road")]
+            roads = list(root.iter("road"))
+            self._profiles = [elevations(road) for road in roads]
             if self.is_flat:
                 return
-            rows = [
-                (x, y, index, s)
-                for index, road in enumerate(root.iter("road"))
-                for s, x, y in _line(read_road(road))
-            ]
+            rows = [_samples(i, read_road(road)) for i, road in enumerate(roads)]
         except BadElement as error:
             raise InputError(f"its <{error.element.tag}> {error.problem}") from error
-        self._samples = np.array(rows)
+        self._samples = np.concatenate(rows)
 
     @property
     def is_flat(self) -> bool:
         """No road rises or lies above or below 0."""
-        return not any(any(record[1:]) for profile in self._profiles for record in profile)
+        return not any(c.a or not c.is_constant for profile in self._profiles for c in profile)
 
     def at(self, place: Point) -> float:
         """Height of the ground, m.
@@ -84,80 +74,19 @@ class Heights:
                 f"is {apart[nearest]:.0f} m from the nearest road, so that its height is unknown",
                 value=place,
             )
-        _, _, index, s = self._samples[nearest]
-        return _height(self._profiles[int(index)], float(s))
+        _, _, index, s = map(float, self._samples[nearest])
+        reached = [cubic for cubic in self._profiles[int(index)] if cubic.s_m <= s]
+        return reached[-1].at(s) if reached else 0.0
 
 
-def _profile(road: Element) -> _Profile:
-    found = [
-        (
-            number(e, "s", 0.0),
-            *(number(e, k, 0.0, low=-_COEFFICIENT, high=_COEFFICIENT) for k in "abcd"),
-        )
-        for e in road.iterfind("elevationProfile/elevation")
-    ]
-    return sorted((s, a, b, c, d) for s, a, b, c, d in found)
-
-
-def _height(profile: _Profile, s_m: float) -> float:
-    index = bisect_right(profile, s_m, key=lambda record: record[0]) - 1
-    if index < 0:
-        return 0.0
-    s, a, b, c, d = profile[index]
-    u = s_m - s
-    return a + u * (b + u * (c + u * d))
-
-
-def _line(road: RoadRecord) -> list[tuple[float, float, float]]:
-    """(s, x, y) along a road."""
-    rows: list[tuple[float, float, float]] = []
-    for geometry in road.geometry:
-        if geometry.length_m <= 0.0:
-            continue
-        count = max(1, math.ceil(geometry.length_m / _SAMPLE_M))
-        stations = [i * geometry.length_m / count for i in range(count + 1)]
-        rows += [
-            (geometry.s_m + u, x, y)
-            for u, (x, y) in zip(stations, _places(geometry, stations), strict=True)
-        ]
-    return rows
-
-
-def _places(geometry: Geometry, stations: Sequence[float]) -> list[Point]:
-    """Places at distances from a geometry's start; near ones for cubics."""
-    ends = (0.0, 0.0)
-    if geometry.kind == "arc":
-        ends = (geometry.numbers[0], geometry.numbers[0])
-    elif geometry.kind == "spiral":
-        ends = (geometry.numbers[0], geometry.numbers[1])
-    elif geometry.kind in ("poly3", "paramPoly3"):
-        return [_on_cubic(geometry, u) for u in stations]
-    start = Pose2(geometry.x_m, geometry.y_m, geometry.heading_rad)
-    line = ReferenceLine(
-        start,
-        [
-            CurvePiece(
-                length_m=geometry.length_m,
-                start_curvature_1pm=ends[0],
-                end_curvature_1pm=ends[1],
-            )
-        ],
-    )
-    return [(pose.x_m, pose.y_m) for pose in map(line.pose, stations)]
-
-
-def _on_cubic(geometry: Geometry, station_m: float) -> Point:
-    """A place on a cubic, its parameter taken for the share of its length."""
-
-    def value(numbers: Sequence[float], p: float) -> float:
-        a, b, c, d = numbers
-        return a + p * (b + p * (c + p * d))
-
-    start = Pose2(geometry.x_m, geometry.y_m, geometry.heading_rad)
-    if geometry.kind == "poly3":
-        return start.to_parent(station_m, value(geometry.numbers, station_m))
-    p = station_m / geometry.length_m if geometry.normalised else station_m
-    return start.to_parent(value(geometry.numbers[:4], p), value(geometry.numbers[4:], p))
+def _samples(index: int, road: RoadRecord) -> FloatArray:
+    """(x, y, index, s) along a road; none of one that is no block either."""
+    try:
+        line = road_line(road)
+    except Unusable:
+        return np.empty((0, 4))
+    s = np.linspace(0.0, line.length_m, math.ceil(line.length_m / _SAMPLE_M) + 1)
+    return np.column_stack([line.to_map_many(s, 0.0), np.full_like(s, index), s])
 
 
 # A lane change ends within this of a lane's centre, or it isn't one.

@@ -5,10 +5,11 @@ about an event.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.event_spec.checks.base import Check, Failure, Predicate, View
 from ssp_scenario_manager.event_spec.checks.c1_relations import (
     MOTION_PREDICATES,
@@ -125,9 +126,18 @@ def contradictions(event: Event) -> list[Failure]:
     ]
 
 
-def describe(event: Event, path: str, why: Why, critical: bool) -> Undecided:
-    """A field with all that is known about it."""
-    return _describe(event, body(event), path, why, critical)
+def frames_of(event: Event, path: str) -> tuple[int, ...]:
+    """Evidence frames of a field on the clip's own count, as part U and part E name them."""
+    entry = owner(path, event.uncertainty)
+    named = _FRAMES.search(event.uncertainty[entry].source) if entry else None
+    if named:
+        return tuple(sorted({int(number) for number in re.findall(r"\d+", named.group(1))}))
+    part, _, phase = path.partition(".")
+    phase = phase.partition(".")[0]
+    if part != "events" or phase not in PHASES:
+        return ()
+    evidence = getattr(event.events, phase).evidence
+    return tuple(sorted({n for item in evidence for n in item.frames or ()}))
 
 
 def _describe(
@@ -143,7 +153,7 @@ def _describe(
         confidence=doubt.confidence if doubt else None,
         provenance=doubt.provenance if doubt else "",
         source=doubt.source if doubt else "",
-        frames=tuple(_frames(event, path, doubt)),
+        frames=frames_of(event, path),
     )
 
 
@@ -165,14 +175,3 @@ def _why(value: Any, doubt: Doubt | None, seal: str | None, critical: bool) -> W
     if critical and (unresolved or doubt.review == "unresolved"):
         return "unresolved"
     return None
-
-
-def _frames(event: Event, path: str, doubt: Doubt | None) -> Iterable[int]:
-    named = _FRAMES.search(doubt.source) if doubt else None
-    if named:
-        return sorted({int(number) for number in re.findall(r"\d+", named.group(1))})
-    parts = path.split(".")
-    if parts[0] == "events" and parts[1] in ("approach", "trigger", "conflict", "resolution"):
-        evidence = getattr(event.events, parts[1]).evidence
-        return sorted({n for item in evidence for n in item.frames or ()})
-    return ()

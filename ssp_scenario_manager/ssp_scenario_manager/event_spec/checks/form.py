@@ -23,7 +23,8 @@ def read(value: Mapping[str, Any]) -> tuple[Event | None, list[Failure]]:
         found: dict[str, Failure] = {}
         for details in error.errors():
             missing = details["type"] == "missing"
-            path = field_path(_without_key(details), value, missing=missing)
+            location = [part for part in details["loc"] if part != "[key]"]
+            path = field_path(location, value, missing=missing)
             found.setdefault(path, _failure(value, path, details))
     # Of a union pydantic names every member; what is wrong inside one of them says more.
     outer = {split(path)[:end] for path in found for end in range(1, len(split(path)))}
@@ -39,10 +40,6 @@ def vocabulary(path: str) -> tuple[str, ...]:
 def allowed(path: str) -> str:
     """What a field may hold once it is known, in words for a remedy."""
     return wanted(_annotation(split(path))).removesuffix(f" or {UNRESOLVED}")
-
-
-def _without_key(details: ErrorDetails) -> tuple[Part, ...]:
-    return tuple(part for part in details["loc"] if part != "[key]")
 
 
 def _failure(value: Mapping[str, Any], path: str, details: ErrorDetails) -> Failure:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -62,12 +62,7 @@ class GateFinding:
     frames: tuple[int, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        return {
-            "reason": self.reason,
-            "answer": self.answer,
-            "confidence": self.confidence,
-            "frames": list(self.frames),
-        }
+        return {**asdict(self), "frames": list(self.frames)}
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,10 @@ folder.
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -45,58 +46,6 @@ from ssp_scenario_manager.event_spec.model import UNRESOLVED
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 DECODING: Mapping[str, Any] = {"temperature": 0.0, "seed": 0, "max_completion_tokens": 4096}
-
-
-@dataclass(frozen=True)
-class Context:
-    """What a request holds besides its question.
-
-    Args:
-        times_s: clip times of the frames.
-        filling: of the braces in the question's text.
-        annotation: shown to the model, None: it sees none.
-        use_schema: ask the server to hold answers to the schema.
-    """
-
-    model: str
-    times_s: Sequence[float]
-    pictures: Sequence[Mapping[str, str]]
-    earlier: Mapping[str, Any]
-    filling: Mapping[str, Any]
-    annotation: str | None = None
-    use_schema: bool = True
-
-
-def build_request(question: Question, name: str, scope: Scope, context: Context) -> dict[str, Any]:
-    """Everything that is sent, with the pictures by file and hash."""
-    content: list[dict[str, Any]] = []
-    frames = zip(context.times_s, context.pictures, strict=True)
-    for index, (t_s, picture) in enumerate(frames, start=1):
-        content.append({"type": "text", "text": FRAME_TEXT.format(index=index, t_s=t_s)})
-        content.append({"type": "image_url", "image_url": dict(picture)})
-    text = []
-    if context.earlier:
-        earlier = json.dumps(context.earlier, ensure_ascii=False)
-        text.append(EARLIER_TEXT.format(earlier=earlier))
-    if context.annotation:
-        text.append(ANNOTATION_TEXT.format(annotation=context.annotation))
-    text.append(question_text(question, scope, _filled(context)))
-    content.append({"type": "text", "text": "\n".join(text)})
-    request: dict[str, Any] = {
-        "model": context.model,
-        "messages": [
-            {"role": "system", "content": RULES},
-            {"role": "user", "content": content},
-        ],
-        **DECODING,
-    }
-    if context.use_schema:
-        schema = answer_schema(question, scope)
-        request["response_format"] = {
-            "type": "json_schema",
-            "json_schema": {"name": name, "strict": True, "schema": schema},
-        }
-    return request
 
 
 def with_pictures(message: Mapping[str, Any], clip: Clip) -> dict[str, Any]:
@@ -137,19 +86,6 @@ def question_text(question: Question, scope: Scope, filling: Mapping[str, str]) 
             allowed = many + ", ".join(words_of(ask, scope))
         lines.append(f"- {ask.key}: {ask.text.format(**filling)} Answer: {allowed}.")
     return "\n".join(lines)
-
-
-def _filled(context: Context) -> dict[str, str]:
-    """What stands in a question's braces."""
-    begins = ["approach (from frame 1)"]
-    for phase, frame in context.earlier.get("phases", {}).items():
-        since = "beginning unresolved" if frame == UNRESOLVED else f"from frame {frame}"
-        begins.append(f"{phase} ({since})")
-    return {
-        "phases": ", ".join(begins),
-        "kinds": " ".join(f"{name}: {about}" for name, about in kind_texts().items()),
-        **{key: str(value) for key, value in context.filling.items()},
-    }
 
 
 INDEX_FILE = "index.json"
@@ -226,19 +162,17 @@ class Store:
 
     def keep(self, key: str, body: bytes) -> str:
         """Writes a reply as it came; gives its file's name."""
-        entry = self._questions[key]
-        taken = {answer.file for answer in entry.answers}
-        number = 1 + len(taken)
-        while (name := f"answers/{key}-{number}.body") in taken or (self.folder / name).exists():
-            number += 1
+        names = (f"answers/{key}-{number}.body" for number in itertools.count(1))
+        taken = {answer.file for answer in self._questions[key].answers}
+        name = next(n for n in names if n not in taken and not (self.folder / n).exists())
         write_bytes(self.folder / name, body)
         return name
 
     def judge(self, key: str, name: str, problems: Iterable[str]) -> None:
         """Notes whether a kept reply can be used."""
-        entry = self._questions[key]
         digest = sha256_bytes((self.folder / name).read_bytes())
         answer = StoredAnswer(file=name, sha256=digest, problems=list(problems))
+        entry = self._questions[key]
         self._questions[key] = entry.model_copy(update={"answers": [*entry.answers, answer]})
         self._save()
 
@@ -336,14 +270,15 @@ class Interviewer:
         scope = Scope(len(self.clip.shots), (), self.vut_id)
         road = self._fields("road", scope)
         vut = self._fields("vut", scope)
-        items = listed(self._ask(QUESTIONS["targets"], "targets", scope, {}))
-        names = [f"ot{i}" for i in range(1, len(items) + 1)]
+        items = listed(self._ask("targets", "targets", scope, {}))
+        named = {f"ot{i}": item for i, item in enumerate(items, start=1)}
         self._earlier["targets"] = {
             name: {"class": item.finding.value["class"], "description": item.description}
-            for name, item in zip(names, items, strict=True)
+            for name, item in named.items()
         }
-        self._total += 2 * len(items)
-        scope = Scope(scope.frames, tuple(names), self.vut_id)
+        # Without an OT there is nothing that could interact; only the gate's question is left.
+        self._total = 7 + 2 * len(items) if items else 4
+        scope = Scope(scope.frames, tuple(named), self.vut_id)
         targets = tuple(
             Target(
                 name,
@@ -351,44 +286,83 @@ class Interviewer:
                 item.finding,
                 self._fields("target", scope, name, item.description),
             )
-            for name, item in zip(names, items, strict=True)
+            for name, item in named.items()
         )
-        # Without an OT there is nothing that could interact; only the gate's question is left.
-        if not targets:
-            self._total = 4
-            gate = self._fields("gate", scope)
-            return Interview(road, vut, (), {}, {}, {}, gate, tuple(self._keys))
-        interaction = self._fields("interaction", scope)
-        phases = self._fields("phases", scope)
-        motion = {self.vut_id: self._fields("motion_vut", scope)}
+        interaction = self._fields("interaction", scope) if targets else {}
+        phases = self._fields("phases", scope) if targets else {}
+        motion = {self.vut_id: self._fields("motion_vut", scope)} if targets else {}
         for target in targets:
             motion[target.id] = self._fields("motion", scope, target.id, target.description)
         gate = self._fields("gate", scope)
-        keys = tuple(self._keys)
-        return Interview(road, vut, targets, interaction, phases, motion, gate, keys)
+        return Interview(road, vut, targets, interaction, phases, motion, gate, tuple(self._keys))
 
     def _fields(
         self, key: str, scope: Scope, about: str | None = None, description: str = ""
     ) -> dict[str, Finding]:
         name = f"{key}_{about}" if about else key
         filling = {"id": about, "description": description} if about else {}
-        found = findings(self._ask(QUESTIONS[key], name, scope, filling))
+        found = findings(self._ask(key, name, scope, filling))
         self._earlier[name] = {field: finding.value for field, finding in found.items()}
         return found
 
-    def _ask(
-        self, question: Question, name: str, scope: Scope, filling: Mapping[str, Any]
-    ) -> BaseModel:
-        request = build_request(question, name, scope, self._context(filling))
-        key = self.store.begin(name, request)
-        self._keys.append(key)
-        kept = self.store.finished(key)
+    def _ask(self, key: str, name: str, scope: Scope, filling: Mapping[str, Any]) -> BaseModel:
+        question = QUESTIONS[key]
+        request = self._request(question, name, scope, filling)
+        stored = self.store.begin(name, request)
+        self._keys.append(stored)
+        kept = self.store.finished(stored)
         if kept is not None:
             answer = read_answer(question, scope, reply_text(kept, str(self.store.folder)))
         else:
-            answer = self._new_answer(question, name, scope, request, key)
+            answer = self._new_answer(question, name, scope, request, stored)
         self.advance(len(self._keys), self._total)
         return answer
+
+    def _request(
+        self, question: Question, name: str, scope: Scope, filling: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Everything that is sent, with the pictures by file and hash; ``name`` is the schema's."""
+        content: list[dict[str, Any]] = []
+        for index, shot in enumerate(self.clip.shots, start=1):
+            text = FRAME_TEXT.format(index=index, t_s=shot.t_s)
+            picture = self.store.keep_frame(shot.number, shot.jpeg)
+            content.append({"type": "text", "text": text})
+            content.append({"type": "image_url", "image_url": picture})
+        asked = []
+        if self._earlier:
+            earlier = json.dumps(self._earlier, ensure_ascii=False)
+            asked.append(EARLIER_TEXT.format(earlier=earlier))
+        if self.annotation:
+            asked.append(ANNOTATION_TEXT.format(annotation=self.annotation))
+        asked.append(question_text(question, scope, self._filled(filling)))
+        content.append({"type": "text", "text": "\n".join(asked)})
+        request: dict[str, Any] = {
+            "model": self.chat.model,
+            "messages": [
+                {"role": "system", "content": RULES},
+                {"role": "user", "content": content},
+            ],
+            **DECODING,
+        }
+        if self.use_schema:
+            schema = answer_schema(question, scope)
+            request["response_format"] = {
+                "type": "json_schema",
+                "json_schema": {"name": name, "strict": True, "schema": schema},
+            }
+        return request
+
+    def _filled(self, filling: Mapping[str, Any]) -> dict[str, str]:
+        """What stands in a question's braces."""
+        begins = ["approach (from frame 1)"]
+        for phase, frame in self._earlier.get("phases", {}).items():
+            since = "beginning unresolved" if frame == UNRESOLVED else f"from frame {frame}"
+            begins.append(f"{phase} ({since})")
+        return {
+            "phases": ", ".join(begins),
+            "kinds": " ".join(f"{name}: {about}" for name, about in kind_texts().items()),
+            **{key: str(value) for key, value in filling.items()},
+        }
 
     def _new_answer(
         self, question: Question, name: str, scope: Scope, request: dict[str, Any], key: str
@@ -422,16 +396,4 @@ class Interviewer:
             f"the last one: {'; '.join(problems)} (kept in {self.store.folder / file}); what was "
             "answered is kept, so that the same command goes on from here, with --model of "
             "another one if need be"
-        )
-
-    def _context(self, filling: Mapping[str, Any]) -> Context:
-        pictures = [self.store.keep_frame(shot.number, shot.jpeg) for shot in self.clip.shots]
-        return Context(
-            model=self.chat.model,
-            times_s=[shot.t_s for shot in self.clip.shots],
-            pictures=pictures,
-            earlier=self._earlier,
-            filling=filling,
-            annotation=self.annotation,
-            use_schema=self.use_schema,
         )

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from ssp_scenario_manager.event_spec.checks.base import Failure
-from ssp_scenario_manager.event_spec.checks.check import check_event, describe, is_unresolved
+from ssp_scenario_manager.event_spec.checks.check import check_event, frames_of, is_unresolved
 from ssp_scenario_manager.event_spec.fields import ROAD_FIELD, get, owner, put, show, within
 from ssp_scenario_manager.event_spec.load import body, flow, seal_event, seals
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Doubt, Event
@@ -58,7 +58,7 @@ def edit(event: Event, path: str, value: Any, who: str) -> tuple[Event, list[Cha
     Raises:
         NotAllowed: the form has no such value, or its unit is of something else.
     """
-    frames = describe(event, path, "not reviewed", critical=True).frames
+    frames = frames_of(event, path)
     seen = f"; frames {', '.join(map(str, frames))}" if frames else ""
     doubt = Doubt(confidence=1.0, provenance="person", source=f"{who}{seen}", review="edited")
     after = _decided(event, with_value(event, path, value), path, doubt)
