@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -20,12 +19,11 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
-from ssp_core.world.plant import FaultFact, LimitFact, LinkFact, ManagerUpdate, StepReport
+from ssp_core.world.plant import LimitFact, LinkFact, ManagerUpdate, StepReport
 from ssp_ot_controller.bodies.dynamics import Command
-from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
+from ssp_ot_controller.objects.pool import ObjectPool
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Channel
-from ssp_ot_controller.sil.faults import FaultChange
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
 from ssp_ot_controller.sil.world import OVER, TrafficSimulation, World
 
@@ -100,7 +98,7 @@ class InProcessPlant:
         """What VUT and objects make of the world's present state."""
         world, now_ns = self._world, self._world.now_ns
         limits, driver = [], world.driver
-        faults = _facts(driver.fault_changes, names.SIL_WORLD, before_ns)
+        faults = [change.fact(names.SIL_WORLD, before_ns) for change in driver.fault_changes]
         driver.fault_changes.clear()
         if driver.external_is_silent and not self._driver_told:
             self._driver_told = True
@@ -118,7 +116,7 @@ class InProcessPlant:
         stepped = self._running or (self._over and before_ns != now_ns)
         armed = session is SessionPhase.ARMED
         changes = self._vut.begin(now_ns, running=stepped, armed=armed)
-        faults += _facts(changes, names.SIL_WORLD, now_ns)
+        faults += (change.fact(names.SIL_WORLD, now_ns) for change in changes)
         vut_states = self._vut.up(self._vut.measure(world.vut(), now_ns), now_ns)
         truths = world.objects()
         self._pool.take_states(vut_states)
@@ -138,8 +136,14 @@ class InProcessPlant:
             vut_states=tuple(vut_states),
             target_states=answer.states,
             acks=answer.acks,
-            limits=(*limits, *_limits(answer)),
-            faults=(*faults, *_facts(answer.faults, names.OBJECT_TARGET, now_ns)),
+            limits=(
+                *limits,
+                *(one.fact(names.OBJECT_TARGET, answer.now_ns) for one in answer.events),
+            ),
+            faults=(
+                *faults,
+                *(change.fact(names.OBJECT_TARGET, now_ns) for change in answer.faults),
+            ),
             links=() if self._running else self._links(),
         )
 
@@ -181,24 +185,3 @@ def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
             )
             scene = resources.enter_context(SumoWorld(run, folder))
         return InProcessPlant(run, scene, resources.pop_all())
-
-
-def _facts(changes: Iterable[FaultChange], source: str, now_ns: int) -> list[FaultFact]:
-    return [
-        FaultFact(source, f"{c.number} {c.kind}", c.target, c.active, c.value, c.unit, now_ns)
-        for c in changes
-    ]
-
-
-def _limits(answer: PoolStep) -> list[LimitFact]:
-    return [
-        LimitFact(
-            event.stop.code,
-            names.OBJECT_TARGET,
-            event.object_id,
-            event.stop.measured,
-            event.stop.limit,
-            answer.now_ns,
-        )
-        for event in answer.events
-    ]

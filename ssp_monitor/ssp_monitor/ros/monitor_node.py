@@ -15,9 +15,11 @@ from ssp_core import names, ros
 from ssp_core.cdr import steps
 from ssp_core.cdr.steps import RECORDER_STEPS, decode_tick_head, encode_done
 from ssp_core.errors import HostError
+from ssp_core.ros.conversions import safety_event
 from ssp_core.run_file.verdict import write_verdict
-from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase, Verdict
+from ssp_core.world.plant import LimitFact
 from ssp_monitor.recorder.disk import LEAST_S
 from ssp_monitor.recorder.report import RepeatedWarnings, RunOutcome
 from ssp_monitor.ros.parameters import MONITOR, session_plan
@@ -68,11 +70,12 @@ class MonitorNode(Node):
         for warning in status.warnings[:MOST_SAID]:
             self._say_once(warning)
         if status.failure and self._say_once(f"nothing is recorded any more: {status.failure}"):
-            meaning = MEANINGS[SafetyCode.RECORDER]
-            self._publish_safety(meaning.limit_name, meaning.unit, float(status.lost), 0.0)
+            self._safety.publish(self._passed(float(status.lost), 0.0))
         # Before a run it is enough that the recorder isn't ready.
         elif disk.ends is not None and self._last_word.is_due and self._say_once(RUN_ENDED):
-            self._publish_safety("disk_left", "s", disk.left_s, LEAST_S)
+            full = self._passed(disk.left_s, LEAST_S)
+            full.limit_name, full.unit = "disk_left", "s"
+            self._safety.publish(full)
 
     def _say_once(self, text: str) -> bool:
         """Logs a sentence if it is new; figures in it don't make it new."""
@@ -81,15 +84,11 @@ class MonitorNode(Node):
             self.get_logger().error(text)
         return fresh
 
-    def _publish_safety(self, limit_name: str, unit: str, measured: float, limit: float) -> None:
-        event = SafetyEvent()
-        event.header.stamp = ros.stamp_from_ns(self.recording.intake.time.newest_ns)
-        event.code = SafetyCode.RECORDER.value
-        event.limit_name, event.unit = limit_name, unit
-        event.source = names.MONITOR
-        event.measured, event.limit = measured, limit
-        event.reaction = "abort"
-        self._safety.publish(event)
+    def _passed(self, measured: float, limit: float) -> SafetyEvent:
+        now_ns = self.recording.intake.time.newest_ns
+        return safety_event(
+            LimitFact(SafetyCode.RECORDER, names.MONITOR, "", measured, limit, now_ns)
+        )
 
     def _hear(self, data: bytes) -> None:
         message = deserialize_message(data, SessionState)

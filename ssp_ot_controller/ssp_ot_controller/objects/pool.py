@@ -14,6 +14,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import ControlState
+from ssp_core.world.plant import LimitFact
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.objects.local_safety import StopNow
 from ssp_ot_controller.objects.messages import (
@@ -35,6 +36,11 @@ class Stopped:
 
     object_id: str
     stop: StopNow
+
+    def fact(self, source: str, now_ns: int) -> LimitFact:
+        """As the node of that name tells it."""
+        stop = self.stop
+        return LimitFact(stop.code, source, self.object_id, stop.measured, stop.limit, now_ns)
 
 
 @dataclass(frozen=True, slots=True)

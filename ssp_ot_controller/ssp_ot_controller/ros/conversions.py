@@ -7,11 +7,8 @@ from array import array
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
-from ssp_core import ros
 from ssp_core.world.camera import Intrinsics
 from ssp_core.world.transforms import OPTICAL_FRAME
-from ssp_msgs.msg import FaultEvent
-from ssp_ot_controller.sil.faults import FaultChange
 
 
 def image_message(stamp: Time, jpeg: bytes) -> CompressedImage:
@@ -36,17 +33,3 @@ def info_message(stamp: Time, lens: Intrinsics) -> CameraInfo:
     msg.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     msg.p = lens.p()
     return msg
-
-
-def fault_to_msg(change: FaultChange, source: str, now_ns: int) -> FaultEvent:
-    """A fault that begins or ends."""
-    message = FaultEvent(
-        source=source,
-        fault=f"{change.number} {change.kind}",
-        target=change.target,
-        active=change.active,
-        value=change.value,
-        unit=change.unit,
-    )
-    message.header.stamp = ros.stamp_from_ns(now_ns)
-    return message

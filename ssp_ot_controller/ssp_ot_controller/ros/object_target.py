@@ -19,6 +19,7 @@ from ssp_core.cdr.states import StateArray, decode_state, decode_states, encode_
 from ssp_core.errors import HostError
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
+from ssp_core.ros.conversions import fault_event, safety_event
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_msgs.msg import (
     ActuatorCommands,
@@ -42,7 +43,6 @@ from ssp_ot_controller.objects.messages import (
 )
 from ssp_ot_controller.objects.pool import ObjectPool, PoolStep, Stopped
 from ssp_ot_controller.objects.state_machine import ObjectEvent
-from ssp_ot_controller.ros.conversions import fault_to_msg
 from ssp_ot_controller.ros.parameters import OBJECT_TARGET
 
 
@@ -73,13 +73,12 @@ class ObjectPublishers:
         """Everything that a step led to; nothing for None."""
         if step is None:
             return
-        stamp = ros.stamp_from_ns(step.now_ns)
         for change in step.faults:
-            self._fault.publish(fault_to_msg(change, self._node.get_name(), step.now_ns))
+            self._fault.publish(fault_event(change.fact(self._node.get_name(), step.now_ns)))
         for ack in step.acks:
             self._ack[ack.object_id].publish(encode_ack(ack))
         for event in step.events:
-            self._announce(event, stamp)
+            self._announce(event, step.now_ns)
         self._send_states(step.states)
         if step.answered:
             counts = step.counts
@@ -133,21 +132,10 @@ class ObjectPublishers:
         )
         return steps.BodyCommands(step.now_ns, self._node.get_name(), step.step, commands)
 
-    def _announce(self, event: Stopped, stamp: Any) -> None:
+    def _announce(self, event: Stopped, now_ns: int) -> None:
         stop = event.stop
-        message = SafetyEvent(
-            code=int(stop.code),
-            limit_name=stop.limit_name,
-            source=self._node.get_name(),
-            object_id=event.object_id,
-            measured=stop.measured,
-            limit=stop.limit,
-            unit=stop.unit,
-            reaction="local_stop",
-        )
-        message.header.stamp = stamp
-        message.header.frame_id = names.MAP_FRAME
-        self._safety.publish(message)
+        passed = event.fact(self._node.get_name(), now_ns)
+        self._safety.publish(safety_event(passed, "local_stop"))
         self._node.get_logger().error(
             f"{event.object_id}: {stop.limit_name} {stop.measured:.3g} (limit {stop.limit:.3g})"
         )

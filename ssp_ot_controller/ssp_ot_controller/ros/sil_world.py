@@ -19,9 +19,11 @@ from ssp_core.cdr import steps
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.errors import InputError
+from ssp_core.ros.conversions import fault_event, safety_event
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.plant import LimitFact
 from ssp_msgs.msg import (
     ActuatorCommand,
     ActuatorCommands,
@@ -35,7 +37,6 @@ from ssp_msgs.msg import (
 )
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.camera.frames import slowest_frame_s
-from ssp_ot_controller.ros.conversions import fault_to_msg
 from ssp_ot_controller.ros.parameters import SIL_WORLD
 from ssp_ot_controller.sil.disturbance import Channel
 from ssp_ot_controller.sil.faults import FaultChange
@@ -211,7 +212,7 @@ class SilWorld(Node):
 
     def _publish_faults(self, changes: Iterable[FaultChange], now_ns: int) -> None:
         for change in changes:
-            self._pub_fault.publish(fault_to_msg(change, self.get_name(), now_ns))
+            self._pub_fault.publish(fault_event(change.fact(self.get_name(), now_ns)))
 
     def _report_vut(self, running: bool) -> int:
         """Sends what the VUT reports of itself; gives the number of states that arrive now."""
@@ -294,21 +295,9 @@ class SilWorld(Node):
         self._pub_clock.publish(steps.encode_clock(now_ns))
 
     def _announce(self, code: SafetyCode, who: str, measured: float, limit: float) -> None:
-        meaning = MEANINGS[code]
-        message = SafetyEvent(
-            code=int(code),
-            limit_name=meaning.limit_name,
-            source=self.get_name(),
-            object_id=who,
-            measured=measured,
-            limit=limit,
-            unit=meaning.unit,
-            reaction="abort",
-        )
-        message.header.stamp = ros.stamp_from_ns(self._world.now_ns)
-        message.header.frame_id = names.MAP_FRAME
-        self._pub_safety.publish(message)
-        self.get_logger().error(f"{meaning.limit_name}: {who} after {measured:.2f} s")
+        passed = LimitFact(code, self.get_name(), who, measured, limit, self._world.now_ns)
+        self._pub_safety.publish(safety_event(passed))
+        self.get_logger().error(f"{MEANINGS[code].limit_name}: {who} after {measured:.2f} s")
 
     def close(self) -> None:
         # A SUMO that doesn't come to its end has nothing left to write.

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.run_file.model import Fault, FaultKind
+from ssp_core.world.plant import FaultFact
 
 UNITS: dict[FaultKind, str] = {
     "link_delay": "s",
@@ -35,6 +36,11 @@ class FaultChange:
     active: bool
     value: float
     unit: str
+
+    def fact(self, source: str, now_ns: int) -> FaultFact:
+        """As the node of that name tells it."""
+        name = f"{self.number} {self.kind}"
+        return FaultFact(source, name, self.target, self.active, self.value, self.unit, now_ns)
 
 
 class FaultSchedule:

@@ -25,9 +25,11 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.names import MAP_FRAME
 from ssp_core.ros import stamp_from_ns
+from ssp_core.ros.conversions import safety_event
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.plant import LimitFact
 from ssp_core.world.transforms import TransformFilter, encode_transforms, of_camera
 from ssp_msgs.msg import (
     Heartbeat,
@@ -310,20 +312,10 @@ def phase_to_msg(began: PhaseBegan) -> PhaseEvent:
 
 
 def limit_to_msg(passed: outbox.LimitPassed, source: str) -> SafetyEvent:
-    violation = passed.violation
-    meaning = MEANINGS[violation.code]
-    message = SafetyEvent()
-    message.header.stamp = stamp_from_ns(violation.stamp_ns)
-    message.header.frame_id = MAP_FRAME
-    message.code = int(violation.code)
-    message.limit_name = meaning.limit_name
-    message.source = source
-    message.object_id = violation.object_id
-    message.measured = violation.measured
-    message.limit = violation.limit
-    message.unit = meaning.unit
-    message.reaction = "abort"
-    return message
+    seen = passed.violation
+    return safety_event(
+        LimitFact(seen.code, source, seen.object_id, seen.measured, seen.limit, seen.stamp_ns)
+    )
 
 
 def link_status_to_msg(lines: Sequence[LinkLine], now_ns: int) -> LinkStatus:

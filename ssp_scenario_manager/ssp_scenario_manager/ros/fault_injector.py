@@ -13,8 +13,10 @@ from ssp_core.cdr.references import decode_reference, encode_reference
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.motion.reference import Reference
+from ssp_core.ros.conversions import fault_event
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Role, SessionPhase
+from ssp_core.world.plant import FaultFact
 from ssp_msgs.msg import FaultEvent, SafetyEvent, SessionState, WorldTick
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import SessionCommand
@@ -123,17 +125,11 @@ class FaultEndpoints:
         self._abort.call_async(SessionCommand.Request(requested_by=WHO, reason=reason))
 
     def tell_fault(self, fault: str, target: str, active: bool, value: float) -> None:
-        message = FaultEvent(
-            source=self._node.get_name(),
-            fault=fault,
-            target=target,
-            active=active,
-            value=value,
-            unit=_UNITS.get(fault.partition(" ")[2], ""),
+        unit = _UNITS.get(fault.partition(" ")[2], "")
+        told = FaultFact(
+            self._node.get_name(), fault, target, active, value, unit, self._stamp_ns()
         )
-        message.header.stamp = ros.stamp_from_ns(self._stamp_ns())
-        message.header.frame_id = names.MAP_FRAME
-        self._faults.publish(message)
+        self._faults.publish(fault_event(told))
 
     def send_strange_reference(self, object_id: str, kind: str) -> None:
         objects = decode_tick(self._ticks[-1][1]).objects
