@@ -142,7 +142,7 @@ def test_the_recorder_writes_what_it_was_given(
     recorder = Recorder(tmp_path / "bag", [CLOCK], [("run.yaml", "application/yaml", b"x")])
     sent = [BagMessage("/clock", k, k + 1, clock_cdr(k), k) for k in range(1000)]
     for message in sent:
-        recorder.put(message)
+        recorder.put_all([message])
     state = recorder.stop()
     assert (state.messages, state.dropped, state.failure) == (1000, 0, None)
     with BagReader(tmp_path / "bag") as reader:
@@ -157,7 +157,7 @@ def test_a_slow_bag_is_on_disk_soon_after_each_message(
     try:
         file = tmp_path / "bag" / "bag_0.mcap"
         before = file.stat().st_size
-        recorder.put(BagMessage("/clock", 1, 1, clock_cdr(1)))
+        recorder.put_all([BagMessage("/clock", 1, 1, clock_cdr(1))])
         until(lambda: file.stat().st_size > before)
     finally:
         recorder.stop()
@@ -165,7 +165,7 @@ def test_a_slow_bag_is_on_disk_soon_after_each_message(
 
 def test_too_much_waiting_is_dropped_and_counted(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "bag", [CLOCK], queue_bytes=100)
-    recorder.put(BagMessage("/clock", 0, 0, bytes(101)))
+    recorder.put_all([BagMessage("/clock", 0, 0, bytes(101))])
     state = recorder.stop()
     assert (state.messages, state.dropped) == (0, 1)
     assert recorder.dropped_by_topic == {"/clock": 1}
@@ -178,7 +178,7 @@ def test_a_removed_bag_is_a_failure_that_counts_what_is_lost(
     (tmp_path / "bag" / "bag_0.mcap").unlink()
     until(lambda: recorder.state().failure is not None)
     for k in range(5):
-        recorder.put(BagMessage("/clock", k, k, clock_cdr(k)))
+        recorder.put_all([BagMessage("/clock", k, k, clock_cdr(k))])
     state = recorder.stop()
     assert state.failure is not None
     assert "bag_0.mcap: writing failed" in state.failure

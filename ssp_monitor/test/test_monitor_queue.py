@@ -49,7 +49,7 @@ def test_the_less_important_is_dropped_first(steps: list[tuple[Importance, int] 
         else:
             rank, size = step
             new = message(rank, number, size)
-            queue.put(new)
+            queue.put_all([new])
             kept = queue.dropped()[rank.name] == dropped[rank.name]
             before = [*waiting, new]
             lost = set(before)
@@ -98,8 +98,8 @@ def test_nothing_is_dropped_in_vain() -> None:
     queue = DropQueue(3 * OVERHEAD_BYTES)
     queue.announce({rank.name: rank for rank in Importance})
     small = message(Importance.OTHER, 0, 0)
-    queue.put(small)
-    queue.put(message(Importance.EVENT, 1, 10 * OVERHEAD_BYTES))
+    queue.put_all([small])
+    queue.put_all([message(Importance.EVENT, 1, 10 * OVERHEAD_BYTES)])
     assert queue.take(1) == [small]
     assert queue.dropped() == {"EVENT": 1}
 
@@ -109,16 +109,16 @@ def test_what_is_being_written_still_takes_its_place() -> None:
     first, second, third = (message(Importance.OTHER, n, 0) for n in range(3))
     queue.put_all([first, second])
     assert queue.take(1) == [first]
-    queue.put(third)
+    queue.put_all([third])
     assert queue.dropped() == {"OTHER": 1}
     assert queue.take(1) == [second]
-    queue.put(third)
+    queue.put_all([third])
     assert queue.take(1) == [third]
 
 
 def test_what_was_taken_and_not_written_is_counted() -> None:
     queue = DropQueue(LIMIT)
-    queue.put(message(Importance.STATE, 0, 0))
+    queue.put_all([message(Importance.STATE, 0, 0)])
     queue.give_up(queue.take(LIMIT))
     assert queue.dropped() == {"STATE": 1}
 

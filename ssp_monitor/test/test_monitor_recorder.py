@@ -63,7 +63,7 @@ class FakeEncoder:
 def test_topics_may_come_while_it_writes(tmp_path: Path, clock_cdr: Callable[[int], bytes]) -> None:
     recorder = Recorder(tmp_path / "bag", [CLOCK], split=Split(max_bytes=40_000))
     for k in range(50):
-        recorder.put(BagMessage("/clock", k, k, clock_cdr(k), k))
+        recorder.put_all([BagMessage("/clock", k, k, clock_cdr(k), k)])
         recorder.add(TopicSpec(f"/late{k}", CLOCK_TYPE, Profile.ADAPTED), "", latched=False)
         recorder.put_all([BagMessage(f"/late{k}", k, k, clock_cdr(k), 1)] * 30)
     state = recorder.stop()
@@ -88,7 +88,7 @@ def test_what_the_codec_refuses_is_recorded_as_it_came(tmp_path: Path) -> None:
     recorder.add(IMAGE, "", latched=False)
     pictures = [b"a", b"x1", b"b", b"!2", b"c"]
     for k, data in enumerate(pictures):
-        recorder.put(BagMessage("/camera", k, k, data, k))
+        recorder.put_all([BagMessage("/camera", k, k, data, k)])
     state = recorder.stop()
     assert (state.messages, state.dropped, state.failure) == (5, 0, None)
     assert encoder.threads == {"bag-writer"}
@@ -117,7 +117,7 @@ def test_a_real_topic_with_the_name_of_originals_stays_what_it_is(
     )
     for one in (IMAGE, real):
         recorder.add(one, "", latched=False)
-    recorder.put(BagMessage("/camera", 1, 1, b"x" if refused else b"a", 1))
+    recorder.put_all([BagMessage("/camera", 1, 1, b"x" if refused else b"a", 1)])
     recorder.put_all([BagMessage(real.name, k, k, clock_cdr(k), k) for k in range(3)])
     assert recorder.stop().failure is None
     assert recorder.originals == ({"/camera": "/camera/original_2"} if refused else {})
@@ -130,7 +130,7 @@ def test_a_real_topic_with_the_name_of_originals_stays_what_it_is(
 def test_the_name_of_originals_is_not_given_away_twice(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "bag", [], encoder=lambda _topic, _msgtype: FakeEncoder())
     recorder.add(IMAGE, "", latched=False)
-    recorder.put(BagMessage("/camera", 1, 1, b"x", 1))
+    recorder.put_all([BagMessage("/camera", 1, 1, b"x", 1)])
     until(lambda: bool(recorder.originals), "refused picture")
     late = TopicSpec("/camera/original", CLOCK_TYPE, Profile.ADAPTED)
     with pytest.raises(InputError, match="holds pictures of another topic"):
@@ -143,7 +143,7 @@ def test_offers_that_no_bag_can_hold_are_left_out(
 ) -> None:
     recorder = Recorder(tmp_path / "bag", [])
     recorder.add(CLOCK, "- depth: 1\n" * 10_000, latched=False)
-    recorder.put(BagMessage("/clock", 1, 1, clock_cdr(1), 1))
+    recorder.put_all([BagMessage("/clock", 1, 1, clock_cdr(1), 1)])
     state = recorder.stop()
     assert (state.messages, state.failure) == (1, None)
     with BagReader(tmp_path / "bag") as bag:

@@ -115,12 +115,8 @@ class DropQueue:
     def __len__(self) -> int:
         return sum(map(len, self._waiting))
 
-    def put(self, message: BagMessage) -> None:
-        """Takes a message, or drops it or less important ones."""
-        self.put_all((message,))
-
     def put_all(self, messages: Iterable[BagMessage]) -> None:
-        """Takes messages in their order, each as ``put`` does."""
+        """Takes messages in their order, or drops them or less important ones."""
         ranks, waiting, bytes_of = self._importance, self._waiting, self._bytes_of
         with self._lock:
             for message in messages:
@@ -206,7 +202,7 @@ class _Added:
 class Recorder:
     """A bag with a writer thread of its own, so that a slow disk doesn't stop the reception.
 
-    ``put`` and ``put_all`` may be called from one thread, and ``add`` from another. The bag is
+    ``put_all`` may be called from one thread, and ``add`` from another. The bag is
     flushed every FLUSH_S seconds: that, and what waits, is the most that a SIGKILL can take.
 
     Args:
@@ -278,12 +274,8 @@ class Recorder:
         encoder = self._encoder(topic.name, topic.msgtype)
         self._to_add.append(_Added(topic, offered, latched, encoder))
 
-    def put(self, message: BagMessage) -> None:
-        """Hands one message over; when too much is waiting, the least important is dropped."""
-        self._queue.put(message)
-
     def put_all(self, messages: Iterable[BagMessage]) -> None:
-        """Hands several over, as ``put`` does with each."""
+        """Hands messages over; when too much is waiting, the least important is dropped."""
         self._queue.put_all(messages)
 
     @property

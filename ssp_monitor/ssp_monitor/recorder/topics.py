@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 
 from ssp_core import names
@@ -78,65 +78,45 @@ class TopicSpec:
 
 def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     """All topics of a session with their types, in the order in which they stand in the bag."""
-    state, reference = "ssp_msgs/msg/ObjectState", "ssp_msgs/msg/Reference"
-    topics = [TopicSpec(names.state_topic(run.vut.id), state, Profile.STATE, required=True)]
-    live = run.mode == "live"
-    if not live:
-        topics = [
-            TopicSpec(names.CLOCK, CLOCK_TYPE, Profile.STATE),
-            TopicSpec(names.WORLD_TICK, "ssp_msgs/msg/WorldTick", Profile.STATE, required=True),
-            *topics,
-        ]
+    found: list[TopicSpec] = []
+
+    def add(
+        name: str, kind: str, profile: Profile, *, required: bool = False, session: bool = True
+    ) -> None:
+        msgtype = kind if "/" in kind else f"ssp_msgs/msg/{kind}"
+        found.append(TopicSpec(names.absolute(name), msgtype, profile, required, session))
+
+    state, command, latched = Profile.STATE, Profile.COMMAND, Profile.LATCHED
+    if run.mode != "live":
+        add(names.CLOCK, CLOCK_TYPE, state)
+        add(names.WORLD_TICK, "WorldTick", state, required=True)
+    add(names.state_topic(run.vut.id), "ObjectState", state, required=True)
     # In a live session the objects may be spread over several processes.
     if run.states_in_one:
-        arrays = "ssp_msgs/msg/ObjectStates"
-        topics.append(
-            TopicSpec(
-                names.OBJECT_STATES,
-                arrays,
-                Profile.STATE,
-                required=True,
-            )
-        )
+        add(names.OBJECT_STATES, "ObjectStates", state, required=True)
     for target in run.targets:
         if not run.states_in_one:
-            topics.append(
-                TopicSpec(names.state_topic(target.id), state, Profile.STATE, required=True)
-            )
-        topics += [
-            TopicSpec(names.reference_topic(target.id), reference, Profile.COMMAND),
-            TopicSpec(names.ack_topic(target.id), "ssp_msgs/msg/ReferenceAck", Profile.COMMAND),
-        ]
-    latched = Profile.LATCHED
-    topics += [
-        TopicSpec(names.TF, TF_TYPE, Profile.TF),
-        TopicSpec(names.TF_STATIC, TF_TYPE, Profile.TF_STATIC, session_time=False),
-        TopicSpec(names.SESSION_STATE, "ssp_msgs/msg/SessionState", latched, required=True),
-        TopicSpec(names.HEARTBEAT, "ssp_msgs/msg/Heartbeat", Profile.STATE),
-        TopicSpec(
-            names.HEARTBEAT_REPLY,
-            "ssp_msgs/msg/HeartbeatReply",
-            Profile.STATE,
-            session_time=False,
-        ),
-        TopicSpec(names.LINK_STATUS, "ssp_msgs/msg/LinkStatus", Profile.STATE, session_time=False),
-        TopicSpec(names.TRIGGER_EVENT, "ssp_msgs/msg/TriggerEvent", latched),
-        TopicSpec(names.PHASE_EVENT, "ssp_msgs/msg/PhaseEvent", latched),
-        TopicSpec(names.SAFETY_EVENT, "ssp_msgs/msg/SafetyEvent", latched),
-        TopicSpec(names.FAULT_EVENT, "ssp_msgs/msg/FaultEvent", latched),
-        TopicSpec(names.RECORDER_STATUS, "ssp_msgs/msg/RecorderStatus", Profile.STATE),
-    ]
+            add(names.state_topic(target.id), "ObjectState", state, required=True)
+        add(names.reference_topic(target.id), "Reference", command)
+        add(names.ack_topic(target.id), "ReferenceAck", command)
+    add(names.TF, TF_TYPE, Profile.TF)
+    add(names.TF_STATIC, TF_TYPE, Profile.TF_STATIC, session=False)
+    add(names.SESSION_STATE, "SessionState", latched, required=True)
+    add(names.HEARTBEAT, "Heartbeat", state)
+    add(names.HEARTBEAT_REPLY, "HeartbeatReply", state, session=False)
+    add(names.LINK_STATUS, "LinkStatus", state, session=False)
+    add(names.TRIGGER_EVENT, "TriggerEvent", latched)
+    add(names.PHASE_EVENT, "PhaseEvent", latched)
+    add(names.SAFETY_EVENT, "SafetyEvent", latched)
+    add(names.FAULT_EVENT, "FaultEvent", latched)
+    add(names.RECORDER_STATUS, "RecorderStatus", state)
     if run.driver.external:
-        topics.append(TopicSpec(names.VUT_COMMAND, "ssp_msgs/msg/ActuatorCommand", Profile.COMMAND))
+        add(names.VUT_COMMAND, "ActuatorCommand", command)
     if run.camera is not None:
-        topics += [
-            TopicSpec(
-                names.CAMERA_IMAGE, "sensor_msgs/msg/CompressedImage", Profile.SENSOR, required=True
-            ),
-            TopicSpec(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", Profile.SENSOR),
-            TopicSpec(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched),
-        ]
-    return tuple(replace(topic, name=names.absolute(topic.name)) for topic in topics)
+        add(names.CAMERA_IMAGE, "sensor_msgs/msg/CompressedImage", Profile.SENSOR, required=True)
+        add(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", Profile.SENSOR)
+        add(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched)
+    return tuple(found)
 
 
 def uses_simulated_time(run: RunSpec) -> bool:
@@ -322,35 +302,21 @@ MEANINGS: dict[Importance, str] = {
     Importance.EVENT: "session states, events, references, acknowledgements, commands",
 }
 
-_BY_TYPE: dict[str, Importance] = {
-    "sensor_msgs/msg/Image": Importance.RAW_IMAGE,
-    "sensor_msgs/msg/PointCloud": Importance.RAW_IMAGE,
-    "sensor_msgs/msg/PointCloud2": Importance.RAW_IMAGE,
-    "stereo_msgs/msg/DisparityImage": Importance.RAW_IMAGE,
-    "sensor_msgs/msg/CompressedImage": Importance.COMPRESSED_IMAGE,
-    "foxglove_msgs/msg/CompressedVideo": Importance.COMPRESSED_IMAGE,
-    "diagnostic_msgs/msg/DiagnosticArray": Importance.DIAGNOSTIC,
-    "diagnostic_msgs/msg/DiagnosticStatus": Importance.DIAGNOSTIC,
-    "rcl_interfaces/msg/Log": Importance.DIAGNOSTIC,
-    "visualization_msgs/msg/Marker": Importance.DIAGNOSTIC,
-    "visualization_msgs/msg/MarkerArray": Importance.DIAGNOSTIC,
-    "ssp_msgs/msg/Heartbeat": Importance.DIAGNOSTIC,
-    "ssp_msgs/msg/HeartbeatReply": Importance.DIAGNOSTIC,
-    "ssp_msgs/msg/LinkStatus": Importance.DIAGNOSTIC,
-    "ssp_msgs/msg/RecorderStatus": Importance.DIAGNOSTIC,
-    "ssp_msgs/msg/SessionState": Importance.EVENT,
-    "ssp_msgs/msg/TriggerEvent": Importance.EVENT,
-    "ssp_msgs/msg/PhaseEvent": Importance.EVENT,
-    "ssp_msgs/msg/SafetyEvent": Importance.EVENT,
-    "ssp_msgs/msg/FaultEvent": Importance.EVENT,
-    "ssp_msgs/msg/Reference": Importance.EVENT,
-    "ssp_msgs/msg/ReferenceAck": Importance.EVENT,
-    "ssp_msgs/msg/ActuatorCommand": Importance.EVENT,
-    "ssp_msgs/msg/ObjectState": Importance.STATE,
-    "ssp_msgs/msg/ObjectStates": Importance.STATE,
-    "ssp_msgs/msg/WorldTick": Importance.STATE,
-    "rosgraph_msgs/msg/Clock": Importance.STATE,
-    TF_TYPE: Importance.STATE,
+_OF_TYPES: dict[Importance, str] = {
+    Importance.RAW_IMAGE: """sensor_msgs/Image sensor_msgs/PointCloud sensor_msgs/PointCloud2
+        stereo_msgs/DisparityImage""",
+    Importance.COMPRESSED_IMAGE: "sensor_msgs/CompressedImage foxglove_msgs/CompressedVideo",
+    Importance.DIAGNOSTIC: """diagnostic_msgs/DiagnosticArray diagnostic_msgs/DiagnosticStatus
+        rcl_interfaces/Log visualization_msgs/Marker visualization_msgs/MarkerArray
+        ssp_msgs/Heartbeat ssp_msgs/HeartbeatReply ssp_msgs/LinkStatus ssp_msgs/RecorderStatus""",
+    Importance.EVENT: """ssp_msgs/SessionState ssp_msgs/TriggerEvent ssp_msgs/PhaseEvent
+        ssp_msgs/SafetyEvent ssp_msgs/FaultEvent ssp_msgs/Reference ssp_msgs/ReferenceAck
+        ssp_msgs/ActuatorCommand""",
+    Importance.STATE: """ssp_msgs/ObjectState ssp_msgs/ObjectStates ssp_msgs/WorldTick
+        rosgraph_msgs/Clock tf2_msgs/TFMessage""",
+}
+_BY_TYPE = {
+    name.replace("/", "/msg/"): rank for rank, types in _OF_TYPES.items() for name in types.split()
 }
 
 

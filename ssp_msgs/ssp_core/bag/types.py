@@ -7,17 +7,18 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from graphlib import CycleError, TopologicalSorter
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rosbags.interfaces import Nodetype
-from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc, Typesdict
+from rosbags.interfaces.typing import Constdefs, Fielddefs, Typesdict
 from rosbags.serde import SerdeError
 from rosbags.serde.utils import SIZEMAP
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -66,8 +67,6 @@ _IDL_TOKEN = re.compile(
 _IDL_DEPTH = {"(": 1, "[": 1, "{": 8, "<": 2}
 _OPENED = {")": "(", "]": "[", "}": "{", ">": "<"}
 _NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
-
-Fields = list[tuple[str, Any]]
 
 
 def check_text(text: str, *, idl: bool) -> None:
@@ -140,36 +139,28 @@ def _is_boxed(inner: Any) -> bool:
     return bool(inner[0] == Nodetype.NAME or inner[1][0] == "string")
 
 
-def _named(fields: Fields) -> list[str]:
+def _inner(kind: Any, rest: Any) -> Any:
+    """What a field holds, or each item of it."""
+    return rest[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, rest)
+
+
+def _named(fields: Iterable[tuple[str, Any]]) -> list[str]:
     """The message types that a type's fields name."""
-    found = []
-    for _, (kind, rest) in fields:
-        inner = rest[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, rest)
-        if inner[0] == Nodetype.NAME:
-            found.append(inner[1])
-    return found
+    held = (_inner(*described) for _, described in fields)
+    return [str(inner[1]) for inner in held if inner[0] == Nodetype.NAME]
 
 
 def _check_depth(types: Mapping[str, Any]) -> None:
     """Raises ValueError where a type contains itself, or types nest deeper than MAX_DEPTH."""
+    below = {name: [n for n in _named(fields) if n in types] for name, (_, fields) in types.items()}
     depths: dict[str, int] = {}
-    for root in types:
-        open_types: dict[str, None] = {}  # the way from the root to where we are
-        stack: list[tuple[str, bool]] = [(root, False)]
-        while stack:
-            name, done = stack.pop()
-            below = [n for n in _named(types[name][1]) if n in types]
-            if done:
-                del open_types[name]
-                depths[name] = 1 + max((depths[n] for n in below), default=0)
-                if depths[name] > MAX_DEPTH:
-                    raise ValueError(f"types nest deeper than {MAX_DEPTH} in {name}")
-            elif name in open_types:
-                raise ValueError(f"{name} contains itself")
-            elif name not in depths:
-                open_types[name] = None
-                stack.append((name, True))
-                stack += [(n, False) for n in below]
+    try:
+        for name in TopologicalSorter(below).static_order():
+            depths[name] = 1 + max((depths[n] for n in below[name]), default=0)
+            if depths[name] > MAX_DEPTH:
+                raise ValueError(f"types nest deeper than {MAX_DEPTH} in {name}")
+    except CycleError as error:
+        raise ValueError(f"{error.args[1][0]} contains itself") from error
 
 
 # Behind a count, which is aligned to 4, up to where numbers of 8 bytes would begin.
@@ -228,55 +219,43 @@ def _ends_in_wide_numbers(types: Mapping[str, Any], name: str) -> bool:
 
 def growth_of(types: Mapping[str, Any], msgtype: str) -> float:
     """Bytes of Python objects per byte of a message, at the worst."""
-    return _growth(types, msgtype, {}, {})
 
+    @cache
+    def least(name: str) -> tuple[int, int]:
+        """Least bytes of a type in a message, and of its objects besides its sequences' items."""
+        total, objects = 0, _OBJECT_BYTES
+        for _, (kind, rest) in types[name][1]:
+            objects += _FIELD_BYTES
+            if kind == Nodetype.SEQUENCE:
+                total += 4
+                objects += _OBJECT_BYTES  # an empty list or array
+                continue
+            inner, count = rest if kind == Nodetype.ARRAY else ((kind, rest), 1)
+            if inner[0] == Nodetype.NAME:
+                size, more = least(inner[1])
+            elif inner[1][0] == "string":
+                size, more = _LEAST_STRING_BYTES, _STRING_BYTES
+            else:
+                size, more = SIZEMAP[inner[1][0]], 0 if kind == Nodetype.ARRAY else 32
+            total += size * count
+            objects += more * count
+        return total, objects
 
-def _least(types: Mapping[str, Any], name: str, sizes: dict[str, tuple[int, int]]) -> Any:
-    """Least bytes of a type in a message, and bytes of its objects besides its sequences' items."""
-    if name in sizes:
-        return sizes[name]
-    least, objects = 0, _OBJECT_BYTES
-    for _, (kind, rest) in types[name][1]:
-        objects += _FIELD_BYTES
-        if kind == Nodetype.SEQUENCE:
-            least += 4
-            objects += _OBJECT_BYTES  # an empty list or array
-            continue
-        inner, count = rest if kind == Nodetype.ARRAY else ((kind, rest), 1)
-        if inner[0] == Nodetype.NAME:
-            size, more = _least(types, inner[1], sizes)
-        elif inner[1][0] == "string":
-            size, more = _LEAST_STRING_BYTES, _STRING_BYTES
-        else:
-            size, more = SIZEMAP[inner[1][0]], 0 if kind == Nodetype.ARRAY else 32
-        least += size * count
-        objects += more * count
-    sizes[name] = least, objects
-    return sizes[name]
+    @cache
+    def growth(name: str) -> float:
+        fields = types[name][1]
+        worst = max([1.0, *map(growth, _named(fields))])
+        for _, (kind, rest) in fields:
+            inner = _inner(kind, rest)
+            if kind != Nodetype.SEQUENCE or not _is_boxed(inner):
+                continue
+            size, objects = _LEAST_STRING_BYTES, _STRING_BYTES
+            if inner[0] == Nodetype.NAME:
+                size, objects = least(inner[1])
+            worst = max(worst, objects / max(1, size))
+        return worst
 
-
-def _growth(
-    types: Mapping[str, Any],
-    name: str,
-    sizes: dict[str, tuple[int, int]],
-    known: dict[str, float],
-) -> float:
-    if name in known:
-        return known[name]
-    worst = 1.0
-    for _, (kind, rest) in types[name][1]:
-        inner = rest[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, rest)
-        if inner[0] == Nodetype.NAME:
-            worst = max(worst, _growth(types, inner[1], sizes, known))
-        if kind != Nodetype.SEQUENCE or not _is_boxed(inner):
-            continue
-        if inner[0] == Nodetype.NAME:
-            least, objects = _least(types, inner[1], sizes)
-        else:
-            least, objects = _LEAST_STRING_BYTES, _STRING_BYTES
-        worst = max(worst, objects / max(1, least))
-    known[name] = worst
-    return worst
+    return growth(msgtype)
 
 
 _MSGTYPE = re.compile(r"([A-Za-z][A-Za-z0-9_]*)/msg/([A-Za-z][A-Za-z0-9_]*)", re.ASCII)
@@ -319,7 +298,7 @@ def installed_types(msgtype: str, known: Container[str]) -> Typesdict:
         if len(found) >= _MOST_TYPES:
             raise InputError(f"uses more than {_MOST_TYPES} types", field=msgtype)
         found[name] = _read(name)
-        left += [used for _, kind in found[name][1] for used in _used(kind)]
+        left += _named(found[name][1])
     return found
 
 
@@ -338,16 +317,6 @@ def _read(msgtype: str) -> tuple[Constdefs, Fielddefs]:
         return types[msgtype]
     except (OSError, ValueError, KeyError, RecursionError, TypesysError) as error:
         raise InputError(f"is no message definition: {error}", file=path) from error
-
-
-def _used(kind: FieldDesc) -> list[str]:
-    """Names of the types in a field."""
-    if kind[0] == Nodetype.NAME:
-        return [str(kind[1])]
-    if kind[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-        inner = kind[1][0]
-        return [str(inner[1])] if inner[0] == Nodetype.NAME else []
-    return []
 
 
 PACKAGE = "ssp_msgs"
