@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ssp_core.bag.frames import keyframe_before
@@ -23,7 +22,7 @@ from ssp_core.run_file.verdict import VERDICT_FILE
 _SESSION = absolute(SESSION_STATE)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class CutReport:
     """What a cut took.
 
@@ -35,11 +34,11 @@ class CutReport:
     """
 
     messages: dict[str, int]
-    repeated: dict[str, int]
-    led_in: dict[str, int]
-    attachments: tuple[str, ...]
-    start_ns: int | None
-    end_ns: int | None
+    repeated: dict[str, int] = field(default_factory=dict)
+    led_in: dict[str, int] = field(default_factory=dict)
+    attachments: list[str] = field(default_factory=list)
+    start_ns: int | None = None
+    end_ns: int | None = None
 
     @property
     def count(self) -> int:
@@ -83,7 +82,7 @@ def cut_bag(
         told = (source if source.is_dir() else source.parent) / VERDICT_FILE
         if told.is_file():
             shutil.copyfile(told, folder / VERDICT_FILE)
-    return cut.report()
+    return cut.report
 
 
 class _Cut:
@@ -92,12 +91,7 @@ class _Cut:
     ) -> None:
         self._bag, self._writer, self._topics = bag, writer, topics
         self._advance = advance
-        self._messages: Counter[str] = Counter()
-        self._repeated: Counter[str] = Counter()
-        self._led_in: Counter[str] = Counter()
-        self._attachments: list[str] = []
-        self._first_ns: int | None = None
-        self._last_ns: int | None = None
+        self.report = CutReport(dict.fromkeys(topics, 0))
 
     def copy(self, start_ns: int | None, stop_ns: int | None) -> None:
         """Attachments, topics, what leads in, then the span itself."""
@@ -124,17 +118,18 @@ class _Cut:
         for message in self._bag.messages([_SESSION], stop_ns):
             last = message
         if last is not None:
-            end_ns = stop_ns - 1 if self._last_ns is None else self._last_ns
-            self._write(last._replace(log_time_ns=end_ns))
+            end_ns = self.report.end_ns
+            last = last._replace(log_time_ns=stop_ns - 1 if end_ns is None else end_ns)
+            self._write(last)
 
     def _attach(self) -> None:
         for path in self._bag.files:
             file = McapFile(path)
             for index in file.summary.attachment_indexes:
-                if index.name not in self._attachments:
+                if index.name not in self.report.attachments:
                     data = file.attachment(index.name) or b""
                     self._writer.attach(index.name, data, index.media_type)
-                    self._attachments.append(index.name)
+                    self.report.attachments.append(index.name)
 
     def _before(self, start_ns: int) -> None:
         """What a reader must know from before the span, at times that rise."""
@@ -143,13 +138,11 @@ class _Cut:
         since = {topic: key_ns for topic, key_ns in keys.items() if key_ns is not None}
         begin_ns = min([start_ns, *since.values()])
         for message in self._latched(start_ns):
-            self._repeated[message.topic] += 1
-            self._write(message._replace(log_time_ns=begin_ns))
+            self._write(message._replace(log_time_ns=begin_ns), self.report.repeated)
         if begin_ns < start_ns:
             for message in self._bag.messages(list(since), begin_ns, start_ns):
                 if message.log_time_ns >= since[message.topic]:
-                    self._led_in[message.topic] += 1
-                    self._write(message)
+                    self._write(message, self.report.led_in)
 
     def _latched(self, start_ns: int) -> Iterator[BagMessage]:
         """The messages that a late joiner would get at that time, topic by topic."""
@@ -169,26 +162,14 @@ class _Cut:
             for data, publish_time_ns, sequence in latched.kept:
                 yield BagMessage(topic, start_ns, publish_time_ns, data, sequence)
 
-    def _write(self, message: BagMessage) -> None:
-        self._writer.write(
-            message.topic,
-            message.data,
-            message.log_time_ns,
-            message.publish_time_ns,
-            message.sequence,
-        )
-        self._messages[message.topic] += 1
-        if self._first_ns is None:
-            self._first_ns = message.log_time_ns
-        self._last_ns = message.log_time_ns
+    def _write(self, message: BagMessage, besides: dict[str, int] | None = None) -> None:
+        """Writes a message and counts it, among others where it is not of the span itself."""
+        self._writer.write_all([message])
+        topic, report = message.topic, self.report
+        report.messages[topic] += 1
+        if besides is not None:
+            besides[topic] = besides.get(topic, 0) + 1
+        if report.start_ns is None:
+            report.start_ns = message.log_time_ns
+        report.end_ns = message.log_time_ns
         self._advance(1)
-
-    def report(self) -> CutReport:
-        return CutReport(
-            messages={topic: self._messages[topic] for topic in self._topics},
-            repeated=dict(self._repeated),
-            led_in=dict(self._led_in),
-            attachments=tuple(self._attachments),
-            start_ns=self._first_ns,
-            end_ns=self._last_ns,
-        )

@@ -46,96 +46,6 @@ class WrittenTopic:
     repeats: Channel | None = None
 
 
-class WrittenTopics:
-    """All topics of a bag, the same in each of its files."""
-
-    def __init__(self) -> None:
-        self.by_name: dict[str, WrittenTopic] = {}
-        self.schemas: dict[TypeDefinition, Schema] = {}
-        self._channels = 0
-
-    def add(
-        self,
-        topic: str,
-        msgtype: str,
-        offered_qos: str,
-        written: TypeDefinition,
-        *,
-        latched: bool,
-        file: Path,
-    ) -> tuple[Schema | None, Channel]:
-        """Takes a topic up.
-
-        Args:
-            offered_qos: YAML, or empty.
-            written: the definition that the file gets.
-            latched: later files repeat its newest messages.
-
-        Returns:
-            What a file has to be told: the schema, None where it knows it, and the channel.
-
-        Raises:
-            InputError: there are more topics or types than a file has numbers for.
-            ValueError: the topic was added before.
-        """
-        if topic in self.by_name:
-            raise ValueError(f"topic {topic} was added before")
-        known = self.schemas.get(written)
-        if known is None and len(self.schemas) == _MAX_IDS:
-            raise InputError("is one type too many", file=file, field=topic)
-        schema = known or Schema(
-            len(self.schemas) + 1, written.text.encode(), written.encoding, msgtype
-        )
-        metadata = {"offered_qos_profiles": offered_qos, "topic_type_hash": written.type_hash}
-        channel = self._channel(topic, metadata, schema, file)
-        self.schemas[written] = schema
-        kept = LatchedTopic(offered_qos) if latched else None
-        self.by_name[topic] = WrittenTopic(channel, schema, kept)
-        return (schema if known is None else None), channel
-
-    def repeats_of(self, topic: str, *, file: Path) -> Channel:
-        """The channel of a latched topic's repeated messages.
-
-        Raises:
-            InputError: a file has no number left for it.
-        """
-        entry = self.by_name[topic]
-        if entry.repeats is None:
-            entry.repeats = self._channel(
-                topic, entry.channel.metadata | REPEATED, entry.schema, file
-            )
-        return entry.repeats
-
-    def counts(self, by_channel: Mapping[int, int]) -> Counter[str]:
-        """Messages by topic, those that were repeated included, from messages by channel."""
-        return Counter(
-            {
-                name: by_channel.get(topic.channel.id, 0)
-                + (by_channel.get(topic.repeats.id, 0) if topic.repeats is not None else 0)
-                for name, topic in self.by_name.items()
-            }
-        )
-
-    def facts(self, counts: Mapping[str, int]) -> tuple[TopicFacts, ...]:
-        """What the bag's metadata says of the topics, with these numbers of messages."""
-        return tuple(
-            TopicFacts(
-                name,
-                topic.schema.name,
-                topic.channel.metadata["offered_qos_profiles"],
-                topic.channel.metadata["topic_type_hash"],
-                counts.get(name, 0),
-            )
-            for name, topic in self.by_name.items()
-        )
-
-    def _channel(self, topic: str, metadata: dict[str, str], schema: Schema, file: Path) -> Channel:
-        if self._channels == _MAX_IDS:
-            raise InputError("is one topic too many", file=file, field=topic)
-        self._channels += 1
-        return Channel(self._channels, topic, "cdr", metadata, schema.id)
-
-
 LIBRARY = f"ssp {__version__}"
 # A file's index is read as a whole, so it must stay far below bounds.MAX_SUMMARY_BYTES: when the
 # chunk indexes reach this, the bag goes on in another file. With ten active topics and two chunks
@@ -181,8 +91,10 @@ class BagWriter(Closing):
         self._begun_ns: int | None = None
         self._repeated_bytes = 0
         self._index_limit = INDEX_BYTES
-        self._topics = WrittenTopics()
-        self._by_name = self._topics.by_name
+        # All topics of the bag, the same in each of its files.
+        self._topics: dict[str, WrittenTopic] = {}
+        self._schemas: dict[TypeDefinition, Schema] = {}
+        self._channels = 0
         self._whole: list[FileFacts] = []
         self._counts: Counter[str] = Counter()
         self.messages = 0
@@ -229,12 +141,28 @@ class BagWriter(Closing):
         """
         parse_offered_qos(offered_qos)
         written = written or definition(msgtype)
-        schema, channel = self._topics.add(
-            topic, msgtype, offered_qos, written, latched=latched, file=self.file
+        if topic in self._topics:
+            raise ValueError(f"topic {topic} was added before")
+        known = self._schemas.get(written)
+        if known is None and len(self._schemas) == _MAX_IDS:
+            raise InputError("is one type too many", file=self.file, field=topic)
+        schema = known or Schema(
+            len(self._schemas) + 1, written.text.encode(), written.encoding, msgtype
         )
-        if schema is not None:
+        metadata = {"offered_qos_profiles": offered_qos, "topic_type_hash": written.type_hash}
+        channel = self._channel(topic, metadata, schema)
+        if known is None:
+            self._schemas[written] = schema
             self._output.add_schema(schema)
         self._output.add_channel(channel)
+        kept = LatchedTopic(offered_qos) if latched else None
+        self._topics[topic] = WrittenTopic(channel, schema, kept)
+
+    def _channel(self, topic: str, metadata: dict[str, str], schema: Schema) -> Channel:
+        if self._channels == _MAX_IDS:
+            raise InputError("is one topic too many", file=self.file, field=topic)
+        self._channels += 1
+        return Channel(self._channels, topic, "cdr", metadata, schema.id)
 
     def write(
         self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0
@@ -252,7 +180,7 @@ class BagWriter(Closing):
             KeyError: the topic was not added.
             ValueError: a time is negative or has more than 64 bits, or the writer is closed.
         """
-        entry = self._by_name[topic]
+        entry = self._topics[topic]
         if self.closed:
             raise ValueError(f"{self.path} is closed")
         full = self._output.index_bytes >= self._index_limit
@@ -317,12 +245,15 @@ class BagWriter(Closing):
         self._output = output
         self._chunk = output.chunk
         self._begun_ns = begin_ns
-        for schema in self._topics.schemas.values():
+        for schema in self._schemas.values():
             output.add_schema(schema)
-        for name, topic in self._by_name.items():
+        for name, topic in self._topics.items():
             output.add_channel(topic.channel)
             if topic.latched is not None and topic.latched.kept:
-                repeats = self._topics.repeats_of(name, file=self.file)
+                if topic.repeats is None:
+                    metadata = topic.channel.metadata | REPEATED
+                    topic.repeats = self._channel(name, metadata, topic.schema)
+                repeats = topic.repeats
                 output.add_channel(repeats)
                 for cdr, publish_time_ns, sequence in topic.latched.kept:
                     output.chunk.add(repeats.id, sequence, begin_ns, publish_time_ns, cdr)
@@ -376,9 +307,32 @@ class BagWriter(Closing):
     def facts(self) -> BagFacts:
         """What was written so far."""
         if len(self._whole) == len(self.files):
-            return BagFacts(tuple(self._whole), self._topics.facts(self._counts))
-        total = self._counts + self._topics.counts(self._output.counts())
-        return BagFacts((*self._whole, self._file_facts()), self._topics.facts(total))
+            return BagFacts(tuple(self._whole), self._topic_facts(self._counts))
+        total = self._counts + self._topic_counts()
+        return BagFacts((*self._whole, self._file_facts()), self._topic_facts(total))
+
+    def _topic_counts(self) -> Counter[str]:
+        """Messages of the present file by topic, those that were repeated included."""
+        by_channel = self._output.counts()
+        return Counter(
+            {
+                name: by_channel[topic.channel.id]
+                + (by_channel[topic.repeats.id] if topic.repeats is not None else 0)
+                for name, topic in self._topics.items()
+            }
+        )
+
+    def _topic_facts(self, counts: Mapping[str, int]) -> tuple[TopicFacts, ...]:
+        return tuple(
+            TopicFacts(
+                name,
+                topic.schema.name,
+                topic.channel.metadata["offered_qos_profiles"],
+                topic.channel.metadata["topic_type_hash"],
+                counts.get(name, 0),
+            )
+            for name, topic in self._topics.items()
+        )
 
     def _file_facts(self) -> FileFacts:
         start_ns, end_ns = self._output.times() or (0, 0)
@@ -386,8 +340,8 @@ class BagWriter(Closing):
 
     def _finish_file(self) -> None:
         """Writes metadata record and summary of the present file, and remembers what it holds."""
-        counts = self._topics.counts(self._output.counts())
-        facts = BagFacts((self._file_facts(),), self._topics.facts(counts))
+        counts = self._topic_counts()
+        facts = BagFacts((self._file_facts(),), self._topic_facts(counts))
         self._output.add_metadata("rosbag2", {"serialized_metadata": serialized_metadata(facts)})
         self._output.finish()
         self._whole += facts.files

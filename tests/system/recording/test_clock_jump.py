@@ -44,7 +44,7 @@ JUMPS = {
 def record(bag: Path, times: list[int], split: Split | None) -> None:
     recorder = Recorder(bag, [SPEC], split=split)
     for k, (time_ns, data) in enumerate(zip(times, messages(times), strict=True)):
-        recorder.put(BagMessage(TOPIC.name, time_ns, time_ns, data, k))
+        recorder.put_all([BagMessage(TOPIC.name, time_ns, time_ns, data, k)])
     state = recorder.stop()
     assert (state.messages, state.dropped, state.failure) == (COUNT, 0, None)
 

@@ -54,7 +54,7 @@ def test_a_message_of_100_mb_is_held_once_in_memory(tmp_path: Path) -> None:
     spec = TopicSpec(HUGE.name, IMAGE, Profile.LATCHED)
     recorder = Recorder(tmp_path / "bag", [spec], queue_bytes=limit)
     for k in range(6):
-        recorder.put(BagMessage(HUGE.name, k, k, data, k))
+        recorder.put_all([BagMessage(HUGE.name, k, k, data, k)])
         assert recorder.state().queue_bytes <= limit
     state = recorder.stop()
     after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -72,7 +72,7 @@ def test_a_message_that_is_larger_than_the_queue_is_counted(tmp_path: Path) -> N
     recorder = Recorder(tmp_path / "bag", [spec], queue_bytes=1_000_000)
     large, small = bytes(2_000_000), encode(SMALL, 1, 0)
     for data in (small, large, small):
-        recorder.put(BagMessage(HUGE.name, 0, 0, data))
+        recorder.put_all([BagMessage(HUGE.name, 0, 0, data)])
     state = recorder.stop()
     assert (state.messages, state.dropped, state.failure) == (2, 1, None)
 

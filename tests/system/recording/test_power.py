@@ -88,7 +88,7 @@ def _count_requests(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         data = encode(topic, len(put), 0)
         total += len(data)
         put.append((time.monotonic(), total))
-        recorder.put(BagMessage(topic.name, len(put), len(put), data))
+        recorder.put_all([BagMessage(topic.name, len(put), len(put), data)])
         time.sleep(0.005)
     recorder.stop()
     late_s = LATE_FACTOR * max(b[0] - a[0] for a, b in pairwise(put))

@@ -74,7 +74,7 @@ def test_the_least_important_is_dropped_and_counted(
     for k in range(150):
         for topic in (FRAMES, OTHERS, EVENTS):
             put[topic.name] += 1
-            recorder.put(BagMessage(topic.name, k, k, encode(topic, k, 0), k))
+            recorder.put_all([BagMessage(topic.name, k, k, encode(topic, k, 0), k)])
         most_waiting = max(most_waiting, recorder.state().queue_bytes)
         disk.give(ROUND_BYTES)
         time.sleep(0.03)
@@ -117,7 +117,7 @@ def test_a_disk_that_stands_still_costs_no_memory(
     deadline = time.monotonic() + DEADLINE_S
     while not stands.exists() or put < 400:
         assert time.monotonic() < deadline
-        recorder.put(BagMessage(FRAMES.name, put, put, encode(FRAMES, put, 0), put))
+        recorder.put_all([BagMessage(FRAMES.name, put, put, encode(FRAMES, put, 0), put)])
         put += 1
         assert recorder.state().queue_bytes <= QUEUE_BYTES
         if not stands.exists():
