@@ -99,7 +99,6 @@ def session_environment(domain_id: int, profile: Path | None = None) -> dict[str
     """Environment for node processes: loopback only, a domain of their own, our DDS profile.
 
     Args:
-        domain_id: see ssp_core.processes.
         profile: Fast DDS profile with a large shared-memory segment; left out where /dev/shm is
             too small for it (a container's default is 64 MB), since a write beyond its end kills
             the process.

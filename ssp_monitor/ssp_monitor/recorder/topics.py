@@ -281,7 +281,7 @@ def _not_recorded(name: str) -> str:
 
 class Importance(IntEnum):
     """From what is dropped first to what is dropped last. Its order is a promise to users: see
-    queue.py for what it means, and docs/recording.md, which shows this table."""
+    DropQueue for what it means, and docs/recording.md, which shows this table."""
 
     RAW_IMAGE = 0  # raw pictures, depth maps and point clouds that the run doesn't ask for
     COMPRESSED_IMAGE = 1  # compressed pictures and video that the run doesn't ask for

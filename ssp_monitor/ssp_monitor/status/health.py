@@ -41,7 +41,7 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
         problems.append("the scenario manager is silent")
     if session in (SessionPhase.UNKNOWN, SessionPhase.IDLE):
         problems.append("no run is loaded")
-    problems += _recorder(board, now_ns)
+    problems += _recorder_problems(board, now_ns)
     run = board.run
     if run is None:
         return problems
@@ -52,7 +52,7 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
     return problems
 
 
-def _recorder(board: Board, now_ns: int) -> list[str]:
+def _recorder_problems(board: Board, now_ns: int) -> list[str]:
     recorder = board.recorder
     if recorder is None or age_s(now_ns, board.recorder_at_ns) > RECORDER_FRESH_S:
         return ["the recorder is silent"]
@@ -158,7 +158,7 @@ def health(board: Board, clock: ClockWatch, now_ns: int) -> tuple[Status, ...]:
     """
     objects = dict.fromkeys([*_named(board.run), *sorted(board.objects)])
     return (
-        _recorder_health(board, now_ns),
+        _recorder(board, now_ns),
         _session(board, now_ns),
         _clock(board, clock, now_ns),
         *(_object(board, object_id, now_ns) for object_id in objects),
@@ -174,7 +174,7 @@ def _number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else "unknown"
 
 
-def _recorder_health(board: Board, now_ns: int) -> Status:
+def _recorder(board: Board, now_ns: int) -> Status:
     fact, name = board.recorder, "ssp: recorder"
     if fact is None:
         return Status(name, "monitor", Level.STALE, "no recorder was heard")

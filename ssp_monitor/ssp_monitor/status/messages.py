@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import fields
 from typing import Any, TypeVar
 
-from ssp_core.cdr.codec import START, check_start, read_header, read_text
+from ssp_core.cdr.codec import decoder, read_header, read_text
 from ssp_core.cdr.images import COMPRESSED_TYPE, JPEG_START, read_image
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.references import Acknowledgement
@@ -158,15 +157,8 @@ def jpeg_of(data: bytes) -> bytes:
     return bytes(image.data)
 
 
-def source_of(data: bytes) -> str:
-    """Who sent a serialised ObjectStates; the states are passed over.
-
-    Raises:
-        ValueError: the bytes are no such message.
-    """
-    check_start(data)
-    try:
-        _, at = read_header(data, START)
-        return read_text(data, at)[0]
-    except (struct.error, IndexError) as error:
-        raise ValueError(f"{len(data)} bytes are too few: {error}") from None
+@decoder
+def source_of(data: bytes, at: int) -> tuple[str, int]:
+    """Who sent a serialised ObjectStates; the states are passed over."""
+    _, at = read_header(data, at)
+    return read_text(data, at)[0], len(data)

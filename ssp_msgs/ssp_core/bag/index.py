@@ -9,7 +9,7 @@ from collections import Counter, OrderedDict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -207,22 +207,6 @@ class Selection:
         return BagMessage(topic, logged, published, data, sequence)
 
 
-class Run(Protocol):
-    """Messages that lie together in a file."""
-
-    path: Path
-    start_ns: int
-    """No message is earlier."""
-
-    def entries(self) -> Iterator[Entry]:
-        """The wanted messages by log time, then by their order in the file."""
-        ...
-
-    def message(self, entry: Entry) -> BagMessage: ...
-
-    def close(self) -> None: ...
-
-
 class ContentCache:
     """Content of the chunks that are being read, the longest unused dropped when it is too much.
 
@@ -259,7 +243,10 @@ class ContentCache:
 
 
 class ChunkRun:
-    """One chunk; it is read when its first wanted message is, and not when it has none."""
+    """One chunk; it is read when its first wanted message is, and not when it has none.
+
+    No message is earlier than ``start_ns``.
+    """
 
     def __init__(
         self, file: McapFile, index: ChunkIndex, wanted: Selection, cache: ContentCache
@@ -272,6 +259,7 @@ class ChunkRun:
         self._cache = cache
 
     def entries(self) -> Iterator[Entry]:
+        """The wanted messages by log time, then by their order in the file."""
         index = self._index
         if index.message_index_offsets:
             region = self._file.message_index(index)
@@ -334,6 +322,10 @@ class LooseRun:
     def close(self) -> None:
         if self._stream is not None:
             self._stream.close()
+
+
+# Messages that lie together in a file.
+Run: TypeAlias = ChunkRun | LooseRun
 
 
 def bounded(length: int) -> int:

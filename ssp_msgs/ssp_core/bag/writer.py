@@ -129,7 +129,7 @@ class BagWriter(Closing):
 
         Args:
             msgtype: full type name, ``package/msg/Name``.
-            offered_qos: YAML from ``qos.offered_qos``, or empty.
+            offered_qos: YAML from ``offered_qos``, or empty.
             written: the definition to put into the file; by default the one that this project
                 knows for the type.
             latched: its newest messages stay valid, so each new file begins with them.

@@ -23,7 +23,7 @@ _ROUNDING_M = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class LimitViolation:
-    """A limit that was passed; units as in safety_codes.MEANINGS.
+    """A limit that was passed; units as in MEANINGS.
 
     Args:
         measured: with its sign where it has one.
