@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,8 +17,9 @@ from ssp_core.run_file.model import Limits
 from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.fence import box_excess_m
-from ssp_core.safety.limits import Continuity, LimitViolation, follow
+from ssp_core.safety.limits import Continuity, LimitViolation, follow, near_pairs
 from ssp_core.vocabulary import ObjectClass, Role
+from support.states import object_state
 
 S = 1_000_000_000
 FENCE = [(-10.0, -5.0), (110.0, -5.0), (110.0, 5.0), (-10.0, 5.0)]
@@ -280,3 +282,40 @@ def test_an_object_that_follows_what_it_is_asked_for_is_not_frozen() -> None:
         state = replace(STATE, stamp_ns=stamp_ns, x_m=x_m, speed_mps=speed_mps)
         memory, passed = follow(memory, state, LIMITS, asked_mps)
         assert passed == []
+
+
+PLACES = st.floats(-30.0, 30.0)
+LENGTHS = st.floats(0.0, 6.0)
+
+
+def state(x_m: float, y_m: float, yaw_rad: float, *extents_m: float) -> ObjectState:
+    return object_state("a", x_m=x_m, y_m=y_m, yaw_rad=yaw_rad, size=Size(*extents_m, 1.5))
+
+
+STATES = st.builds(state, PLACES, PLACES, st.floats(-4.0, 4.0), LENGTHS, LENGTHS, LENGTHS)
+
+
+@given(st.lists(STATES, max_size=8), st.floats(0.0, 3.0))
+def test_no_pair_within_the_distance_is_left_out(
+    states: list[ObjectState], within_m: float
+) -> None:
+    found = near_pairs(states, within_m)
+    assert found == sorted(set(found))
+    assert all(0 <= i < k < len(states) for i, k in found)
+    for i, k in itertools.combinations(range(len(states)), 2):
+        if box_distance(states[i].box, states[k].box) <= within_m:
+            assert (i, k) in found
+
+
+def test_objects_that_are_far_from_each_other_are_left_out() -> None:
+    row = [state(10.0 * i, 0.0, 0.0, 3.6, 0.9, 1.8) for i in range(6)]
+    column = [state(0.0, 10.0 * i, 0.0, 3.6, 0.9, 1.8) for i in range(6)]
+    assert near_pairs(row, 1.0) == []
+    assert near_pairs(column, 1.0) == []
+    assert near_pairs(row, 6.0) == [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5)]
+
+
+def test_an_extent_that_is_no_number_may_reach_anywhere() -> None:
+    states = [state(0.0, 0.0, 0.0, 1.0, 1.0, 1.0), state(500.0, 0.0, 0.0, math.nan, 1.0, 1.0)]
+    assert near_pairs(states, 0.5) == [(0, 1)]
+    assert near_pairs(states[::-1], 0.5) == [(0, 1)]
