@@ -152,8 +152,8 @@ def _even_odd(x_m: Any, y_m: Any, polygon: Sequence[Point]) -> Any:
     xa, ya = polygon[-1]
     for xb, yb in polygon:
         if ya != yb:
-            crosses = (yb > y_m) != (ya > y_m)
-            inside = inside ^ (crosses & (x_m < (xb - xa) * (y_m - ya) / (yb - ya) + xa))
+            left = x_m - xa < (y_m - ya) * ((xb - xa) / (yb - ya))
+            inside ^= ((yb > y_m) != (ya > y_m)) & left
         xa, ya = xb, yb
     return inside
 
