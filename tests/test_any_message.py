@@ -15,7 +15,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,10 +28,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from ssp_core import names, ros
 from ssp_core.cdr import steps
 from ssp_core.cdr.states import encode_state
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.processes import free_domain, remove_shared_ports, remove_stale_shared_memory
 from ssp_core.run_file.model import RunSpec, load_run
-from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_monitor.ros.monitor_node import MonitorNode
 from ssp_monitor.ros.page_node import MonitorPage
 from ssp_monitor.ros.view_node import ViewNode
@@ -48,72 +47,19 @@ from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import SessionEvent
 from ssp_vla_bridge.ros.vla_bridge import VlaBridge
+from tests.support.runs import cut_in_run
+from tests.support.states import object_state
 
 pytestmark = pytest.mark.ros
 
-START = {"x_m": 40.0, "y_m": 0.0, "yaw_rad": 0.0}
+# States of this test move at will, and no wall's clock ends its sessions.
 RUN: dict[str, Any] = {
-    "schema": "ssp.run/1",
-    "run_id": "r",
-    "scenario": "cut_in",
-    "interaction": "cut_in",
-    "domain": "simulation",
-    "stand_in": False,
-    "event_version": "sha256:event",
-    "site": "s",
-    "site_version": "sha256:s",
-    "seed": 1,
+    **cut_in_run(),
     "mode": "realtime",
-    "road": {
-        "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
-        "length_m": 400.0,
-        "lanes": [
-            {"y_m": 0.0, "width_m": 3.5, "direction": "forward"},
-            {"y_m": 3.5, "width_m": 3.5, "direction": "forward"},
-        ],
-    },
     "geofence": [(-20.0, -8.0), (400.0, -8.0), (400.0, 12.0), (-20.0, 12.0)],
-    "vut": {
-        "id": "vut",
-        "object_class": "car",
-        "start": {**START, "x_m": 0.0},
-        "approach": {"path": [(0.0, 0.0), (250.0, 0.0)], "cruise_mps": 10.0},
-    },
-    "driver": {"cruise_mps": 10.0},
-    "targets": [
-        {
-            "id": "ot1",
-            "object_class": "car",
-            "start": {**START, "y_m": 3.5},
-            "approach": {"path": [(40.0, 3.5), (250.0, 3.5)], "cruise_mps": 7.0},
-        },
-    ],
-    "triggers": [
-        {
-            "id": "t",
-            "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 12.0},
-            "object_id": "ot1",
-            "manoeuvre": {
-                "kind": "lane_change",
-                "lateral_shift_m": -3.5,
-                "duration_s": 2.5,
-                "cruise_mps": 6.0,
-            },
-        }
-    ],
-    # States of this test move at will, and no wall's clock ends its sessions.
-    "limits": {
-        "speed_mps": 15.0,
-        "acceleration_mps2": 5.0,
-        "jump_m": 1e6,
-        "frozen_s": 1e6,
-        "heartbeat_s": 1e6,
-        "ack_s": 1e6,
-        "duration_s": 1e6,
-    },
     "end": {"at_latest_s": 1e6},
-    "camera": None,
 }
+RUN["limits"] |= dict.fromkeys(("heartbeat_s", "ack_s", "duration_s"), 1e6)
 STEP_NS = 20_000_000
 
 
@@ -270,13 +216,9 @@ class Struck:
 
 
 def state(object_id: str, now_ns: int, **given: Any) -> ObjectState:
-    vut = object_id == "vut"
-    made = ObjectState(
-        object_id, ObjectClass.CAR, Role.VUT if vut else Role.OT, now_ns,
-        0.0 if vut else 40.0, 0.0 if vut else 3.5, 0.0, 0.0, 0.0, 0.0,
-        DEFAULT_SIZES[ObjectClass.CAR], sequence=now_ns // STEP_NS,
-    )  # fmt: skip
-    return replace(made, **given)
+    place = {} if object_id == "vut" else {"x_m": 40.0, "y_m": 3.5}
+    stamped = {"stamp_ns": now_ns, "sequence": now_ns // STEP_NS}
+    return object_state(object_id, **{**place, **stamped, **given})
 
 
 class Manager(Struck):
@@ -338,7 +280,7 @@ class Objects(Struck):
         self.run = RunSpec.model_validate(RUN)
 
     def ready(self) -> None:
-        pool = self.node._pool
+        pool = self.node._process.pool
         if pool.state_of("ot1") is ControlState.RUNNING:
             return
         vars(pool).update(vars(ObjectPool(self.run, (), time.monotonic_ns())))

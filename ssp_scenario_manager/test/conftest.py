@@ -18,7 +18,7 @@ from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import SessionEvent
-from tests.support.runs import small_run
+from tests.support.runs import cut_in_run
 from tests.support.states import object_state
 
 S = 1_000_000_000
@@ -29,36 +29,7 @@ EventOnRoad = Callable[[str, int, int], str]
 @pytest.fixture
 def run_mapping() -> dict[str, Any]:
     """A valid run file of a cut-in, to be changed by the test."""
-    start = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
-    lanes = [{"y_m": y_m, "width_m": 3.5, "direction": "forward"} for y_m in (0.0, 3.5)]
-    made = small_run(
-        run_id="run-1",
-        scenario="cut_in",
-        site="straight",
-        site_version="sha256:site",
-        road={"origin": start, "length_m": 300.0, "lanes": lanes},
-        geofence=[(-10.0, -6.0), (300.0, -6.0), (300.0, 10.0), (-10.0, 10.0)],
-        vut={
-            "id": "vut",
-            "object_class": "car",
-            "start": start,
-            "approach": {"path": [(0.0, 0.0), (250.0, 0.0)], "cruise_mps": 10.0},
-        },
-        targets=[
-            {
-                "id": "ot1",
-                "object_class": "car",
-                "start": {"x_m": 40.0, "y_m": 3.5, "yaw_rad": 0.0},
-                "approach": {"path": [(40.0, 3.5), (250.0, 3.5)], "cruise_mps": 7.0},
-            }
-        ],
-    )
-    made["triggers"][0] |= {"id": "gap"}
-    made["triggers"][0]["condition"]["below_m"] = 12.0
-    made["triggers"][0]["manoeuvre"]["cruise_mps"] = 6.0
-    # Tests move objects at will: what is no jump, and no frozen position, is wide here.
-    made["limits"] |= {"jump_m": 1e6, "frozen_s": 1e6}
-    return made
+    return cut_in_run()
 
 
 @pytest.fixture

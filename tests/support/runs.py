@@ -1,4 +1,4 @@
-"""A run of one target that stands at 40 m."""
+"""Runs of one target."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def small_run(**changes: Any) -> dict[str, Any]:
-    """The run as its file has it; keywords replace its parts."""
+    """A run of a target that stands at 40 m, as its file has it; keywords replace its parts."""
     start = {"x_m": 40.0, "y_m": 0.0, "yaw_rad": 0.0}
     return {
         "schema": "ssp.run/1",
@@ -46,3 +46,37 @@ def small_run(**changes: Any) -> dict[str, Any]:
         "camera": None,
         **changes,
     }
+
+
+def cut_in_run() -> dict[str, Any]:
+    """A run of a target that drives in the left lane and cuts in, as its file has it."""
+    start = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
+    lanes = [{"y_m": y_m, "width_m": 3.5, "direction": "forward"} for y_m in (0.0, 3.5)]
+    made = small_run(
+        run_id="run-1",
+        scenario="cut_in",
+        site="straight",
+        site_version="sha256:site",
+        road={"origin": start, "length_m": 300.0, "lanes": lanes},
+        geofence=[(-10.0, -6.0), (300.0, -6.0), (300.0, 10.0), (-10.0, 10.0)],
+        vut={
+            "id": "vut",
+            "object_class": "car",
+            "start": start,
+            "approach": {"path": [(0.0, 0.0), (250.0, 0.0)], "cruise_mps": 10.0},
+        },
+        targets=[
+            {
+                "id": "ot1",
+                "object_class": "car",
+                "start": {"x_m": 40.0, "y_m": 3.5, "yaw_rad": 0.0},
+                "approach": {"path": [(40.0, 3.5), (250.0, 3.5)], "cruise_mps": 7.0},
+            }
+        ],
+    )
+    made["triggers"][0] |= {"id": "gap"}
+    made["triggers"][0]["condition"]["below_m"] = 12.0
+    made["triggers"][0]["manoeuvre"]["cruise_mps"] = 6.0
+    # Tests move objects at will: what is no jump, and no frozen position, is wide here.
+    made["limits"] |= {"jump_m": 1e6, "frozen_s": 1e6}
+    return made
