@@ -16,8 +16,7 @@ from ssp_eval.extract.llm.extractor import make_extractor
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.prompt import NOBODY
 from ssp_eval.extract.llm.reply import Proposal, read_reply
-from ssp_eval.extract.measure.corpus import Example, load_corpus
-from ssp_eval.extract.measure.counts import measure
+from ssp_eval.extract.measure import Example, load_corpus, measure
 from support.llm_server import completion
 
 CORPUS = Path(__file__).parent / "corpus"

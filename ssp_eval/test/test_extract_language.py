@@ -11,7 +11,7 @@ import pytest
 from ssp_core.cli import main
 from ssp_eval.evaluate.cell import record_of
 from ssp_eval.extract.language import foreign_language
-from ssp_eval.extract.measure.corpus import load_corpus
+from ssp_eval.extract.measure import load_corpus
 from ssp_vla_bridge.messages import Response
 
 CORPUS = Path(__file__).parent / "corpus"

@@ -11,8 +11,7 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
-from ssp_eval.extract.measure import measure
-from ssp_eval.extract.measure.corpus import parse_corpus
+from ssp_eval.extract.measure import measure, parse_corpus
 
 
 def line(key: str = "x1", text: str = "A car. I stop.", style: str = "coc", **slots: Any) -> str:
@@ -51,7 +50,7 @@ def test_a_good_corpus() -> None:
         (line() + "\n" + line(), "c.jsonl:2: id"),
         ("", "no text"),
         ("{", "JSON"),
-        ("[]", "object"),
+        ("[]", "dictionary"),
     ],
 )
 def test_a_wrong_line_is_named(content: str, place: str) -> None:
@@ -85,8 +84,8 @@ def test_counts_by_slot_style_class_and_span() -> None:
     assert (score.given, score.wanted, score.right) == (3, 3, 2)
     assert score.precision.value == pytest.approx(2 / 3)
     assert score.f1 == pytest.approx(2 / 3)
-    assert vars(found.spans["lon_action"]) == {"inside": 1, "overlapping": 1, "elsewhere": 0}
-    assert vars(found.spans["objects"]) == {"inside": 0, "overlapping": 0, "elsewhere": 1}
+    assert found.spans["lon_action"] == {"inside": 1, "overlapping": 1, "elsewhere": 0}
+    assert found.spans["objects"] == {"inside": 0, "overlapping": 0, "elsewhere": 1}
     assert found.confusion["lon_action"] == {
         ("stop", "stop"): 2, ("–", "maintain"): 1, ("stop", "–"): 1}  # fmt: skip
     assert found.confusion["objects"] == {

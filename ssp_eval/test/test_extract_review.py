@@ -18,15 +18,13 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_eval.data.json_fields import Location
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.extract import extract
-from ssp_eval.extract.measure.intervals import Z_95, wilson
-from ssp_eval.extract.review.agreement import cohens_kappa, compare
+from ssp_eval.extract.measure import share
+from ssp_eval.extract.review.agreement import Z_95, cohens_kappa, compare
+from ssp_eval.extract.review.answers import COLUMNS, KeyItem, answer, load_answers, load_key
 from ssp_eval.extract.review.form import form, sheet
-from ssp_eval.extract.review.model import KeyItem, answer, load_key
-from ssp_eval.extract.review.returned import COLUMNS, load_answers
-from ssp_eval.extract.review.subset import Candidate, choose, strata
+from ssp_eval.extract.review.subset import Candidate, choose
 
 CHROMIUM = [
     "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
@@ -78,7 +76,7 @@ def test_rare_values_and_empty_slots_are_drawn() -> None:
     texts = {one.text for one in chosen}
     assert len(texts) == len(chosen) == 8
     assert TEXTS[40:43] == [text for text in TEXTS[40:43] if text in texts]
-    drawn = Counter(stratum for one in chosen for stratum in strata(one.slots))
+    drawn = Counter(stratum for one in chosen for stratum in one.strata)
     assert all(drawn[name, "none"] for name in SLOT_NAMES)
     assert [one.source_id for one in choose(candidates, 8, 0)] == [c.source_id for c in chosen]
     assert [one.source_id for one in choose(candidates, 8, 1)] != [c.source_id for c in chosen]
@@ -263,10 +261,9 @@ def test_semicolons_and_tabs_separate_as_well(review: Path, tmp_path: Path) -> N
 
 
 def test_an_answer_has_one_form() -> None:
-    here = Location("memory", 1)
-    assert answer("objects", "pedestrian; Car car", here) == "car+pedestrian"
-    assert answer("objects", " Nobody", here) == "nobody"
-    assert answer("conflict", "NONE", here) == "none"
+    assert answer("objects", "pedestrian; Car car") == "car+pedestrian"
+    assert answer("objects", " Nobody") == "nobody"
+    assert answer("conflict", "NONE") == "none"
 
 
 def test_kappa_of_a_known_table() -> None:
@@ -330,5 +327,5 @@ def test_classes_that_both_named() -> None:
     [(0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (5, 10, 0.2366, 0.7634),
      (81, 263, 0.2553, 0.3662)],
 )  # fmt: skip
-def test_wilson(part: int, whole: int, low: float, high: float) -> None:
-    assert wilson(part, whole) == pytest.approx((low, high), abs=1e-4)
+def test_shares_have_wilsons_interval(part: int, whole: int, low: float, high: float) -> None:
+    assert share(part, whole).interval == pytest.approx((low, high), abs=1e-4)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, Strict, ValidationError
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_text
+from ssp_core.files import Model, parse_model, read_text
 from ssp_core.run_file.values import Strict as Closed
 from ssp_core.vocabulary import (
     CONFLICTS,
@@ -125,13 +125,19 @@ class _LatAction(_Said):
     value: LatWord | None
 
 
-class _SlotsLine(Closed):
+class SlotsLine(Closed):
+    """The slots of a text as a line of a file has them."""
+
     objects: _Objects | None
     position: _Position | None
     motion: _Motion | None
     conflict: _Conflict | None
     lon_action: _LonAction | None
     lat_action: _LatAction | None
+
+    def made(self) -> Slots:
+        """The slots; None where a line has null, or null for the value."""
+        return Slots(**{name: _slot(said) for name, said in self})
 
 
 _Coordinates = tuple[Annotated[float, Strict()] | None, ...]
@@ -156,24 +162,17 @@ class _Line(Closed):
     schema_: Literal["ssp.record/1"] = Field(alias="schema")
     t_s: Number
     text: Text
-    slots: _SlotsLine
+    slots: SlotsLine
     trajectory: _TrajectoryLine | None
     invalid: tuple[Literal[INVALID_REASONS], ...]  # type: ignore[valid-type]  # words of a tuple
     adapter: _AdapterLine | None = None
 
     def record(self) -> BehaviourRecord:
-        path, slots = self.trajectory, self.slots
+        path = self.trajectory
         return BehaviourRecord(
             self.t_s,
             self.text,
-            Slots(
-                _slot(slots.objects),
-                _slot(slots.position),
-                _slot(slots.motion),
-                _slot(slots.conflict),
-                _slot(slots.lon_action),
-                _slot(slots.lat_action),
-            ),
+            self.slots.made(),
             None if path is None else Trajectory(*map(_with_nan, (path.t_s, path.x_m, path.y_m))),
             once(self.invalid),
             None if self.adapter is None else self.adapter.model_dump(),
@@ -210,10 +209,7 @@ def parse_records(text: str, file: str | Path) -> tuple[BehaviourRecord, ...]:
     for number, line in enumerate(text.removeprefix("\ufeff").split("\n"), start=1):
         if not line.strip(" \t\r"):
             continue
-        try:
-            record = _Line.model_validate_json(line).record()
-        except ValidationError as error:
-            raise _refusal(error, line, file, number) from error
+        record = parse_line(_Line, line, file, number).record()
         if records and record.t_s <= records[-1].t_s:
             raise InputError(
                 "must rise strictly from record to record", file=file, line=number, field="t_s",
@@ -223,16 +219,21 @@ def parse_records(text: str, file: str | Path) -> tuple[BehaviourRecord, ...]:
     return tuple(records)
 
 
-def _refusal(error: ValidationError, line: str, file: str | Path, number: int) -> InputError:
-    """What is wrong with a line, in the words of all files that are read."""
-    first = error.errors()[0]
-    if first["type"] == "json_invalid":
-        return InputError(f"is not valid JSON: {first['ctx']['error']}", file=file, line=number)
+def parse_line(model: type[Model], line: str, file: str | Path, number: int) -> Model:
+    """A line of a JSON Lines file as its model; raises InputError with line and field."""
     try:
-        parse_model(_Line, json.loads(line), file)
-    except InputError as told:
-        return InputError(told.problem, file=file, line=number, field=told.field, value=told.value)
-    raise error
+        return model.model_validate_json(line)
+    except ValidationError as error:
+        first = error.errors()[0]
+        if first["type"] == "json_invalid":
+            problem = f"is not valid JSON: {first['ctx']['error']}"
+            raise InputError(problem, file=file, line=number) from error
+    try:
+        return parse_model(model, json.loads(line), file)
+    except InputError as told:  # in the words of all files that are read
+        raise InputError(
+            told.problem, file=file, line=number, field=told.field, value=told.value
+        ) from told
 
 
 def record_to_json(record: BehaviourRecord) -> str:

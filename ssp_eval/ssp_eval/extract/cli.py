@@ -21,13 +21,11 @@ from ssp_eval.extract.language import NOT_READ
 from ssp_eval.extract.llm import Extracted, Extractor
 from ssp_eval.extract.llm.options import extractor_of, llm_options
 from ssp_eval.extract.measure import load_corpus, measure
-from ssp_eval.extract.measure.table import show as show_measure
 from ssp_eval.extract.review.agreement import compare
+from ssp_eval.extract.review.answers import load_answers, load_key
 from ssp_eval.extract.review.form import write_review
-from ssp_eval.extract.review.model import load_key
-from ssp_eval.extract.review.returned import load_answers
-from ssp_eval.extract.review.show import show as show_review
 from ssp_eval.extract.review.subset import Candidate, choose, make_subset
+from ssp_eval.extract.tables import show_measure, show_review
 
 _PATH = click.Path(path_type=Path)
 

@@ -10,25 +10,10 @@ from typing import Any
 
 from ssp_core.vocabulary import OBJECTS
 from ssp_eval.data.records import SLOT_NAMES
-from ssp_eval.extract.measure.counts import Score
-from ssp_eval.extract.measure.intervals import Z_95, Share
-from ssp_eval.extract.review.model import BETWEEN, NONE, UNSURE, KeyItem
-from ssp_eval.extract.review.returned import Answers
+from ssp_eval.extract.measure import Estimate, Score, share
+from ssp_eval.extract.review.answers import BETWEEN, NONE, UNSURE, Answers, KeyItem
 
-Interval = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Kappa:
-    """Cohen's kappa: agreement beyond what the reviewers' habits alone would give.
-
-    Args:
-        value: None where both gave one and the same answer throughout, so that it has no sense.
-        interval: 95 %, from the large-sample standard error of Fleiss, Cohen and Everitt.
-    """
-
-    value: float | None
-    interval: Interval | None
+Z_95 = 1.959963984540054  # quantile of the normal distribution for two-sided 95 %
 
 
 @dataclass(frozen=True)
@@ -38,7 +23,7 @@ class SlotReview:
     Args:
         judged: texts of which both reviewers were sure.
         unsure: the others.
-        raw: how many of the judged they agree on.
+        agreement: share of the judged on which they agree.
         kappa: with each combination of classes as an answer of its own for objects.
         overlap: of objects, mean share of the named classes that both named; None for others.
         score: the extractor against what both agree on.
@@ -46,8 +31,8 @@ class SlotReview:
 
     judged: int
     unsure: int
-    raw: Share
-    kappa: Kappa
+    agreement: Estimate
+    kappa: Estimate
     overlap: float | None
     score: Score
 
@@ -94,50 +79,67 @@ class Review:
         return {
             "schema": "ssp.extraction_review/1",
             "texts": self.texts,
-            "slots": {name: _slot_json(slot) for name, slot in self.slots.items()},
+            "slots": {
+                name: {
+                    "judged": slot.judged,
+                    "unsure": slot.unsure,
+                    "agreement": slot.agreement.value,
+                    "agreement_95": slot.agreement.interval,
+                    "kappa": slot.kappa.value,
+                    "kappa_95": slot.kappa.interval,
+                    "object_overlap": slot.overlap,
+                    "extractor": slot.score.to_json(),
+                }
+                for name, slot in self.slots.items()
+            },
             "disagreements": [vars(one) for one in self.disagreements],
             "errors": [vars(one) for one in self.errors],
         }
 
 
 def compare(items: Sequence[KeyItem], first: Answers, second: Answers) -> Review:
-    """The review of two people's answers.
-
-    Args:
-        items: of the key.
-        first: answers to each of them.
-        second: of the other reviewer.
-    """
+    """The review of two people's answers to each item of the key."""
     slots = {}
     disagreements: list[Disagreement] = []
     errors: list[Error] = []
     for name in SLOT_NAMES:
         pairs = [(first[item.review_id][name], second[item.review_id][name]) for item in items]
         sure = [pair for pair in pairs if UNSURE not in pair]
-        score = Score()
+        agreed = []
         for item, (one, other) in zip(items, pairs, strict=True):
             if one != other or one == UNSURE:
                 disagreements.append(Disagreement(item.review_id, name, one, other))
-            else:
-                _score(item, name, one, score, errors)
+                continue
+            extracted = item.extracted[name]
+            agreed.append((extracted, one))
+            if extracted != one:
+                missed = "false_negative" if extracted == NONE else "wrong"
+                kind = "false_positive" if one == NONE else missed
+                errors.append(Error(item.review_id, item.source_id, name, kind, one, extracted))
         slots[name] = SlotReview(
             judged=len(sure),
             unsure=len(pairs) - len(sure),
-            raw=Share(sum(one == other for one, other in sure), len(sure)),
+            agreement=share(sum(one == other for one, other in sure), len(sure)),
             kappa=cohens_kappa(sure),
             overlap=_overlap(sure) if name == "objects" else None,
-            score=score,
+            score=Score(
+                given=sum(extracted != NONE for extracted, _ in agreed),
+                wanted=sum(wanted != NONE for _, wanted in agreed),
+                right=sum(extracted == wanted != NONE for extracted, wanted in agreed),
+            ),
         )
     disagreements.sort(key=lambda one: one.review_id)
     errors.sort(key=lambda one: one.review_id)
     return Review(len(items), slots, tuple(disagreements), tuple(errors))
 
 
-def cohens_kappa(pairs: Sequence[tuple[str, str]]) -> Kappa:
-    """Cohen's kappa of two people's answers, with its 95 % interval.
+def cohens_kappa(pairs: Sequence[tuple[str, str]]) -> Estimate:
+    """Cohen's kappa: agreement of two people beyond what their habits alone would give.
 
     kappa = (p_o - p_e) / (1 - p_e), where p_o is the share of equal answers and p_e the one that
-    their margins give by chance.
+    their margins give by chance. It has no sense where both gave one and the same answer
+    throughout. Its 95 % interval comes from the large-sample standard error of Fleiss, Cohen and
+    Everitt.
 
     Args:
         pairs: both answers to each question.
@@ -146,28 +148,18 @@ def cohens_kappa(pairs: Sequence[tuple[str, str]]) -> Kappa:
     joint = {pair: number / count for pair, number in Counter(pairs).items()}
     rows = {k: n / count for k, n in Counter(pair[0] for pair in pairs).items()}
     columns = {k: n / count for k, n in Counter(pair[1] for pair in pairs).items()}
-    chance = sum(share * columns.get(label, 0.0) for label, share in rows.items())
+    chance = sum(part * columns.get(label, 0.0) for label, part in rows.items())
     if count == 0 or chance > 1.0 - 1e-12:
-        return Kappa(None, None)
-    equal = sum(share for (one, other), share in joint.items() if one == other)
+        return Estimate(None, None)
+    equal = sum(part for (one, other), part in joint.items() if one == other)
     kappa = (equal - chance) / (1 - chance)
     spread = -((kappa - chance * (1 - kappa)) ** 2)
-    for (one, other), share in joint.items():
+    for (one, other), part in joint.items():
         margins = columns.get(one, 0.0) + rows.get(other, 0.0)
         own = 1.0 if one == other else 0.0
-        spread += share * (own - margins * (1 - kappa)) ** 2
+        spread += part * (own - margins * (1 - kappa)) ** 2
     error = math.sqrt(max(spread, 0.0) / count) / (1 - chance)
-    return Kappa(kappa, (max(kappa - Z_95 * error, -1.0), min(kappa + Z_95 * error, 1.0)))
-
-
-def _score(item: KeyItem, slot: str, agreed: str, score: Score, errors: list[Error]) -> None:
-    extracted = item.extracted[slot]
-    given, wanted = extracted != NONE, agreed != NONE
-    score.add(int(given), int(wanted), int(given and extracted == agreed))
-    if extracted != agreed:
-        kind = "wrong" if given and wanted else "false_positive" if given else "false_negative"
-        error = Error(item.review_id, item.source_id, slot, kind, agreed, extracted)
-        errors.append(error)
+    return Estimate(kappa, (max(kappa - Z_95 * error, -1.0), min(kappa + Z_95 * error, 1.0)))
 
 
 def _overlap(pairs: Sequence[tuple[str, str]]) -> float | None:
@@ -178,16 +170,3 @@ def _overlap(pairs: Sequence[tuple[str, str]]) -> float | None:
         named = first | second
         shares.append(len(first & second) / len(named) if named else float(one == other))
     return sum(shares) / len(shares) if shares else None
-
-
-def _slot_json(slot: SlotReview) -> dict[str, Any]:
-    return {
-        "judged": slot.judged,
-        "unsure": slot.unsure,
-        "agreement": slot.raw.value,
-        "agreement_95": slot.raw.interval,
-        "kappa": slot.kappa.value,
-        "kappa_95": slot.kappa.interval,
-        "object_overlap": slot.overlap,
-        "extractor": slot.score.to_json(),
-    }

@@ -15,23 +15,16 @@ from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
 from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
 from ssp_eval.extract.conventions import ASKED, CONVENTIONS, GENERAL, REVIEWERS_TOO
-from ssp_eval.extract.review.model import ANSWERS_SCHEMA, NOBODY, NONE, REVIEWERS, UNSURE
-from ssp_eval.extract.review.returned import COLUMNS
+from ssp_eval.extract.measure import NOBODY
+from ssp_eval.extract.review.answers import ANSWERS_SCHEMA, COLUMNS, NONE, REVIEWERS, UNSURE
 from ssp_eval.extract.review.subset import Subset
 
-KEY_FILE = "key.json"
-FORM_FILE = "form.html"
-SHEET_FILE = "sheet.csv"
 _HERE = Path(__file__).parent
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute what begins so
 
 
-def write_review(subset: Subset, out: Path) -> list[Path]:
+def write_review(subset: Subset, out: Path) -> None:
     """Writes a folder per reviewer, and the key beside them, which is not for reviewers.
-
-    Args:
-        subset: what is reviewed.
-        out: folder, new or empty.
 
     Raises:
         InputError: there is something in the folder already, or it can't be made.
@@ -39,15 +32,12 @@ def write_review(subset: Subset, out: Path) -> list[Path]:
     make_folder(out)
     if any(out.iterdir()):
         raise InputError("isn't empty", file=out, remedy="name a new folder")
-    written = []
     for reviewer in REVIEWERS:
         folder = make_folder(out / f"reviewer_{reviewer}")
         texts = _order(subset, reviewer)
-        write_text(folder / FORM_FILE, form(texts, subset.key.subset, reviewer))
-        write_text(folder / SHEET_FILE, sheet(texts))
-        written += [folder / FORM_FILE, folder / SHEET_FILE]
-    write_json(out / KEY_FILE, subset.key.to_json())
-    return [*written, out / KEY_FILE]
+        write_text(folder / "form.html", form(texts, subset.key.subset, reviewer))
+        write_text(folder / "sheet.csv", sheet(texts))
+    write_json(out / "key.json", subset.key.to_json())
 
 
 def form(texts: Mapping[str, str], subset: str, reviewer: int) -> str:

@@ -1,0 +1,289 @@
+"""How well an extractor does on texts with known slots: precision, recall, confusion, spans.
+
+A corpus has one JSON object per line::
+
+    {"id": "a001", "style": "coc", "text": "Yield to the cyclist …",
+     "slots": {"objects": {"value": ["cyclist"], "evidence": [[13, 20]]}, …, "lat_action": null}}
+
+Unlike in behaviour records every span must lie in the text: a label with a span elsewhere is a
+mistake of the file.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Self, get_args
+
+from pydantic import model_validator
+
+from ssp_core.errors import InputError
+from ssp_core.files import read_text
+from ssp_core.run_file.values import Strict
+from ssp_core.vocabulary import OBJECTS
+from ssp_eval.data.labels import Name, Text
+from ssp_eval.data.records import SLOT_NAMES, Slot, Slots, SlotsLine, parse_line
+
+StyleWord = Literal["coc", "staged", "verbose", "terse", "structured"]
+EMPTY = "–"
+NOBODY = "nobody"
+
+
+class _Line(Strict):
+    id: Name
+    style: StyleWord
+    text: Text
+    slots: SlotsLine
+
+    @model_validator(mode="after")
+    def _is_supported(self) -> Self:
+        for name, said in self.slots:
+            if said is None:
+                continue
+            if said.value is None or not said.evidence:
+                raise ValueError(f"slots.{name}.evidence: must support a value by a span or more")
+            if name == "objects" and len(set(said.value)) < len(said.value):
+                raise ValueError("slots.objects.value: names a class twice")
+            for number, (start, end) in enumerate(said.evidence):
+                inside = 0 <= start < end <= len(self.text)
+                if not inside or not self.text[start:end].strip():
+                    raise ValueError(
+                        f"slots.{name}.evidence[{number}]: [{start}, {end}] lies outside a text of "
+                        f"{len(self.text)} characters, or covers blanks alone"
+                    )
+        return self
+
+
+@dataclass(frozen=True)
+class Example:
+    """A text with what it says, and the words that say it."""
+
+    key: str
+    style: StyleWord
+    text: str
+    slots: Slots
+
+
+def load_corpus(path: str | Path) -> tuple[Example, ...]:
+    """The examples of a corpus file; raises InputError as parse_corpus."""
+    return parse_corpus(read_text(path), path)
+
+
+def parse_corpus(text: str, file: str | Path) -> tuple[Example, ...]:
+    """The examples of a text of JSON lines; blank lines are passed over.
+
+    Raises:
+        InputError: the first thing that is wrong, with line and field, or there is no example.
+    """
+    examples: list[Example] = []
+    lines: dict[str, int] = {}
+    for number, content in enumerate(text.removeprefix("\ufeff").split("\n"), start=1):
+        if not content.strip():
+            continue
+        line = parse_line(_Line, content, file, number)
+        if (first := lines.setdefault(line.id, number)) != number:
+            problem = f"stands in line {first} too"
+            raise InputError(problem, file=file, line=number, field="id", value=line.id)
+        examples.append(Example(line.id, line.style, line.text, line.slots.made()))
+    if not examples:
+        raise InputError("holds no text", file=file)
+    return tuple(examples)
+
+
+class Estimate(NamedTuple):
+    """A figure with its 95 % interval; both None where it has no sense."""
+
+    value: float | None
+    interval: tuple[float, float] | None
+
+
+def share(part: int, whole: int) -> Estimate:
+    """So many of so many, with Wilson's score interval."""
+    from scipy.stats import binomtest  # type: ignore[import-untyped]  # slow to import, no types
+
+    if whole == 0:
+        return Estimate(None, None)
+    interval = binomtest(part, whole).proportion_ci(method="wilson")
+    return Estimate(part / whole, (float(interval.low), float(interval.high)))
+
+
+@dataclass(frozen=True)
+class Score:
+    """Answers against labels: how many there are of either, and how many answers are right."""
+
+    given: int
+    wanted: int
+    right: int
+
+    @property
+    def precision(self) -> Estimate:
+        return share(self.right, self.given)
+
+    @property
+    def recall(self) -> Estimate:
+        return share(self.right, self.wanted)
+
+    @property
+    def f1(self) -> float | None:
+        """Harmonic mean of both; None where there was neither answer nor label."""
+        both = self.given + self.wanted
+        return 2 * self.right / both if both else None
+
+    def to_json(self) -> dict[str, Any]:
+        precision, recall = self.precision, self.recall
+        return {
+            **vars(self),
+            "f1": self.f1,
+            "precision": precision.value,
+            "recall": recall.value,
+            "precision_95": precision.interval,
+            "recall_95": recall.interval,
+        }
+
+
+class Row(NamedTuple):
+    """A slot of a text, as it was labelled and as it came out."""
+
+    key: str
+    style: str
+    slot: str
+    wanted: Slot | None
+    given: Slot | None
+
+    @property
+    def shown(self) -> tuple[str, str]:
+        """What was wanted, and what was given."""
+        return shown(self.wanted), shown(self.given)
+
+    def span(self) -> str | None:
+        """Where the evidence of a right answer lies beside the label's."""
+        if self.wanted is None or self.given is None or len(set(self.shown)) > 1:
+            return None
+        labelled, found = self.wanted.evidence, self.given.evidence
+        if all(any(a <= s and e <= b for a, b in labelled) for s, e in found):
+            return "inside"
+        overlaps = any(a < e and s < b for a, b in labelled for s, e in found)
+        return "overlapping" if overlaps else "elsewhere"
+
+
+@dataclass(frozen=True)
+class Measure:
+    """An extractor on a corpus."""
+
+    rows: tuple[Row, ...]
+
+    @property
+    def texts(self) -> int:
+        return len(self.rows) // len(SLOT_NAMES)
+
+    @property
+    def slots(self) -> dict[str, Score]:
+        """By slot; ``all`` is over all of them."""
+        return _scores(self.rows)
+
+    @property
+    def classes(self) -> dict[str, Score]:
+        """Of objects, each counted by itself."""
+        sets = [
+            (set(row.given.value) if row.given else set(), row.wanted.value if row.wanted else ())
+            for row in self.rows
+            if row.slot == "objects"
+        ]
+        return {
+            name: _score([(name in given, name in wanted, True) for given, wanted in sets])
+            for name in OBJECTS
+        }
+
+    @property
+    def styles(self) -> dict[str, dict[str, Score]]:
+        """By style that the corpus has, each by slot and ``all``."""
+        by_style = {s: [row for row in self.rows if row.style == s] for s in get_args(StyleWord)}
+        return {style: _scores(rows) for style, rows in by_style.items() if rows}
+
+    @property
+    def confusion(self) -> dict[str, Counter[tuple[str, str]]]:
+        """By slot: (wanted, given) and how often; EMPTY is none."""
+        return {
+            name: Counter(row.shown for row in self.rows if row.slot == name) for name in SLOT_NAMES
+        }
+
+    @property
+    def spans(self) -> dict[str, dict[str, int]]:
+        """By slot, how often the evidence of a right answer lies where beside the label's.
+
+        ``inside``: every span lies within a labelled one. ``overlapping``: at least one overlaps
+        one. ``elsewhere``: none does.
+        """
+        counts = Counter((row.slot, row.span()) for row in self.rows)
+        places = ("inside", "overlapping", "elsewhere")
+        return {name: {place: counts[name, place] for place in places} for name in SLOT_NAMES}
+
+    @property
+    def misses(self) -> list[Row]:
+        """What came out otherwise than labelled, in the order of the corpus."""
+        return [row for row in self.rows if len(set(row.shown)) > 1]
+
+    def to_json(self) -> dict[str, Any]:
+        """All figures for programs."""
+        return {
+            "schema": "ssp.extraction_measure/1",
+            "texts": self.texts,
+            "slots": _json(self.slots),
+            "object_classes": _json(self.classes),
+            "styles": {style: _json(scores) for style, scores in self.styles.items()},
+            "confusion": {
+                name: [
+                    {"wanted": wanted, "given": given, "count": count}
+                    for (wanted, given), count in sorted(counts.items())
+                ]
+                for name, counts in self.confusion.items()
+            },
+            "spans": self.spans,
+            "misses": [
+                {"key": row.key, "slot": row.slot, "wanted": row.shown[0], "given": row.shown[1]}
+                for row in self.misses
+            ],
+        }
+
+
+def measure(examples: Iterable[Example], extract: Callable[[str], Slots]) -> Measure:
+    """Extracts from each text, which is all that the extractor sees, and compares."""
+    rows = [
+        Row(example.key, example.style, name, getattr(example.slots, name), given)
+        for example in examples
+        for name, given in vars(extract(example.text)).items()
+    ]
+    return Measure(tuple(rows))
+
+
+def shown(slot: Slot | None) -> str:
+    """A slot's value as one word or several; objects in the vocabulary's order."""
+    if slot is None:
+        return EMPTY
+    if isinstance(slot.value, str):
+        return slot.value
+    return "+".join(name for name in OBJECTS if name in slot.value) or NOBODY
+
+
+def _scores(rows: Iterable[Row]) -> dict[str, Score]:
+    found: dict[str, list[tuple[bool, bool, bool]]] = {name: [] for name in (*SLOT_NAMES, "all")}
+    for row in rows:
+        one = (row.given is not None, row.wanted is not None, row.shown[0] == row.shown[1])
+        found[row.slot].append(one)
+        found["all"].append(one)
+    return {name: _score(ones) for name, ones in found.items()}
+
+
+def _score(answers: list[tuple[bool, bool, bool]]) -> Score:
+    """Of whether each was given, was wanted, and is the same."""
+    return Score(
+        sum(given for given, _, _ in answers),
+        sum(wanted for _, wanted, _ in answers),
+        sum(given and wanted and same for given, wanted, same in answers),
+    )
+
+
+def _json(scores: dict[str, Score]) -> dict[str, Any]:
+    return {name: score.to_json() for name, score in scores.items()}
