@@ -450,8 +450,8 @@ def test_a_picture_holds_all_frames(video: Path, tmp_path: Path, suffix: str) ->
     ("out", "change", "code", "what"),
     [
         ("sheet.pdf", {}, 2, "ends in .html, .png, .jpg"),
-        ("s.html", {"labels": []}, 1, "at least one label"),
-        ("s.html", {"labels": [{"phase": "approach"}]}, 1, "labels[0].t_s: is missing"),
+        ("s.html", {"labels": []}, 1, "labels: List should have at least 1 item"),
+        ("s.html", {"labels": [{"phase": "approach"}]}, 1, "labels[0].t_s: Field required"),
         ("s.html", {"labels": [{"t_s": 99.0}]}, 1, "inside the clip"),
         ("s.png", {"labels": [{"t_s": 99.0}]}, 1, "inside the clip"),
     ],

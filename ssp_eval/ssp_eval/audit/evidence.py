@@ -333,12 +333,7 @@ def is_source_clip(recording: Recording, event: Event | None) -> bool:
 
 
 def reviewed(recording: Recording, event: Event) -> tuple[Evidence, list[Finding]]:
-    """What persons decided of the source clip, and what of it isn't decided.
-
-    Args:
-        recording: the source clip (is_source_clip).
-        event: the K* that was taken from it.
-    """
+    """What persons decided of the source clip, and what of it isn't decided."""
     findings = _other_crop(recording, event)
     review, wanted = review_of(event), expected_properties(event)
     properties = {}

@@ -54,18 +54,12 @@ class Examined:
         recording: as it was read, within its clip.
         values: q(d, k) per field, with its source.
         phases: None: nobody located any.
-        phases_source: where they come from.
         crop: the clip that all of this is of; None: the recording never began.
         phi: φ(d, e) per event that could be located.
         phi_half: half width of φ where a K* gives intervals.
         measured: None without states.
-        findings: all that is wrong with it by itself.
-        coverage: of the camera.
-        identities: switches, for people.
-        changes: on site.
         log_said_by: who says what happened beside the event.
         contradictions: between what was announced and what was measured.
-        moments: the states at each frame.
     """
 
     recording: Recording
@@ -195,7 +189,6 @@ def phase_findings(phases: Phases, closest: str) -> list[Finding]:
     """Which key phases can't be located, and why.
 
     Args:
-        phases: of the recording.
         closest: how near it came to a conflict, for people; empty where nobody measured it.
     """
     findings = []
@@ -243,9 +236,7 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
     """What a recording shows by METHOD 4.3, and what is wrong with it by itself.
 
     Args:
-        recording: read.
         event: the K* of the audit, None: there is none at hand.
-        version: of that K*.
 
     Raises:
         InputError: its states can't be used at all.
@@ -440,13 +431,7 @@ def _closest(measured: Measured, limits: ConflictThresholds) -> str:
 
 
 def _off_spec(measured: Measured | None, order: Property, event: Event | None) -> list[Finding]:
-    """METHOD 4.4: time gap and passing order lie in K*'s range where they are determined.
-
-    Args:
-        measured: None without states, which alone determine a time gap.
-        order: of passing, by whoever may say so (METHOD 4.3).
-        event: the K*; None: there is none at hand.
-    """
+    """METHOD 4.4: time gap and passing order lie in K*'s range where they are determined."""
     if event is None:
         return []
     found = []

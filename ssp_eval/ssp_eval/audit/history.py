@@ -11,8 +11,9 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording, site_changes
 from ssp_eval.data.audit import ChangeEntry
-from ssp_eval.data.provenance import NO_VERDICT
+from ssp_eval.data.provenance import NO_VERDICT, LogDeclaration
 from ssp_eval.observations.agreement import Agreement
+from ssp_eval.observations.model import Log
 from ssp_eval.recordings.states import WORLD, Sighting
 
 # Silence of a participant that counts as vanishing; states may be lost and late.
@@ -26,12 +27,7 @@ Tell = Callable[[str, float, str], None]
 
 @dataclass(frozen=True)
 class Switch:
-    """An identity that doesn't hold.
-
-    Args:
-        t_s: clip time at which it is noticed first.
-        text: what happened, for people.
-    """
+    """An identity that doesn't hold."""
 
     t_s: float
     text: str
@@ -49,7 +45,6 @@ def find_switches(
     Args:
         sightings: in time order per source.
         participants: ids of the VUT and the OTs, who are there from start to end.
-        traffic: ids of other objects that may be there.
         start_s: clip time from which on participants must be there.
         end_s: clip time up to which they must be there.
 
@@ -173,14 +168,7 @@ _AWAITED = (SafetyCode.EVENT_MISSING, SafetyCode.DURATION)
 
 @dataclass(frozen=True)
 class History:
-    """What happened beside the event.
-
-    Args:
-        said_by: who says so, for people.
-        findings: what of it keeps the recording out.
-        identities: switches, for people.
-        changes: on site.
-    """
+    """What happened beside the event."""
 
     said_by: str
     findings: tuple[Finding, ...]
@@ -189,13 +177,7 @@ class History:
 
 
 def examine_history(recording: Recording, agreement: Agreement | None, is_source: bool) -> History:
-    """What a recording's log, its states or a named person say.
-
-    Args:
-        recording: within its clip.
-        agreement: of those who looked at it, None: nobody did.
-        is_source: it is the K*'s source clip.
-    """
+    """What a recording's log, its states or a named person say."""
     facts = recording.provenance
     findings, identities = _switches(recording)
     changes: list[ChangeEntry] = []
@@ -207,19 +189,25 @@ def examine_history(recording: Recording, agreement: Agreement | None, is_source
     if agreement is not None:
         found, told = _seen(agreement, bool(recording.series))
         findings, identities = [*findings, *found], (*identities, *told)
+    declared: list[tuple[str, Log | LogDeclaration]] = []
+    if agreement is not None:
+        declared.append((f"declared by {agreement.by}", agreement.answers.log))
+    if facts.imported is not None and (log := facts.imported.log) is not None:
+        declared.append((f"declared by {log.by}, {log.on.isoformat()}", log))
     # What one person saw happen isn't undone by another who, or a log that, doesn't know of it.
-    for one in reversed(_declared(recording, agreement)):
+    for by, one in declared:
         if one.safety_abort:
-            findings.append(Finding("safety_abort", one.said_by))
+            findings.append(Finding("safety_abort", by))
         if one.identity_switch:
-            findings.append(Finding("identity_switch", one.said_by))
-            identities = (*identities, f"a switch, {one.said_by}")
+            findings.append(Finding("identity_switch", by))
+            identities = (*identities, f"a switch, {by}")
         changes += [
-            ChangeEntry(field=change, old=None, new=None, logged=True, who=one.said_by)
+            ChangeEntry(field=change, old=None, new=None, logged=True, who=by)
             for change in one.site_changes or ()
         ]
-        if one.is_whole and facts.run is None:
-            said_by = one.said_by
+        is_whole = None not in (one.safety_abort, one.identity_switch, one.site_changes)
+        if is_whole and facts.run is None:
+            said_by = by
     if said_by == "nobody":
         text = (
             "log: nobody declares whether there was an abort, an identity switch, a change on site"
@@ -242,33 +230,6 @@ def _seen(agreement: Agreement, has_states: bool) -> tuple[list[Finding], tuple[
         names = ", ".join(dict.fromkeys(open_questions))
         found.append(Finding("unverified", f"{agreement.by} leaves open: {names}"))
     return found, tuple(told)
-
-
-@dataclass(frozen=True)
-class _Declared:
-    """What a person declares of a log that isn't there; None where he doesn't say."""
-
-    said_by: str
-    safety_abort: bool | None
-    identity_switch: bool | None
-    site_changes: Sequence[str] | None
-
-    @property
-    def is_whole(self) -> bool:
-        return None not in (self.safety_abort, self.identity_switch, self.site_changes)
-
-
-def _declared(recording: Recording, agreement: Agreement | None) -> list[_Declared]:
-    """Who declares whether there was an abort, a switch, which changes on site; the importer's
-    word first."""
-    found, imported = [], recording.provenance.imported
-    if imported is not None and (log := imported.log) is not None:
-        by = f"declared by {log.by}, {log.on.isoformat()}"
-        found.append(_Declared(by, log.safety_abort, log.identity_switch, log.site_changes))
-    if agreement is not None:
-        seen, by = agreement.answers.log, f"declared by {agreement.by}"
-        found.append(_Declared(by, seen.safety_abort, seen.identity_switch, seen.site_changes))
-    return found
 
 
 def _switches(recording: Recording) -> tuple[list[Finding], tuple[str, ...]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 
 from ssp_core import __version__
@@ -13,6 +13,7 @@ from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
 from ssp_eval.audit.examine import Examined, examine, property_findings
+from ssp_eval.audit.measure import Phases
 from ssp_eval.audit.reasons import Finding, Reason, explain
 from ssp_eval.audit.recording import Recording, disclosed
 from ssp_eval.data.audit import (
@@ -20,13 +21,11 @@ from ssp_eval.data.audit import (
     FIELDS,
     TOPOLOGY,
     Audit,
-    FindingEntry,
     LabelCount,
     ObservationsEntry,
     PhasesEntry,
     Property,
     PropertyEntry,
-    ReasonEntry,
     RecordingEntry,
     Status,
     differences,
@@ -86,12 +85,7 @@ def disclosures(one: Examined) -> dict[str, str]:
 
 
 def shared_renderers(found: Sequence[Mapping[str, str]], domains: Sequence[str]) -> list[str]:
-    """For each recording, which other domains were drawn by the same renderer; empty: none.
-
-    Args:
-        found: disclosures of each recording.
-        domains: of each.
-    """
+    """For each recording, which other domains were drawn by the same renderer; empty: none."""
     drawn = [one[RENDERER] for one in found]
     return [
         ", ".join(
@@ -163,12 +157,7 @@ def _time(record: Record) -> datetime:
 
 @dataclass(frozen=True)
 class Judged:
-    """An audit with what its page needs besides.
-
-    Args:
-        audit: as it is written.
-        examined: per domain, in the order of the audit.
-    """
+    """An audit with what its page needs besides."""
 
     audit: Audit
     examined: tuple[Examined, ...]
@@ -212,16 +201,26 @@ def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged
     examined = tuple(examine(recording, event, version) for recording in recordings)
     varying = frozenset() if event is None else varying_parts(event)
     counted = [_without(one.properties, varying) for one in examined]
-    wanted = _without(_wanted(event), varying)
-    # Synthetic is held against the K*; against itself it would always do.
+    known: Mapping[str, Property] = {} if event is None else expected_properties(event)
+    unknown = Property(None, "neither Synthetic nor a K* says")
+    wanted = _without({field: known.get(field, unknown) for field in FIELDS}, varying)
     synthetic = _as_wanted(counted[0], wanted)
-    references = [wanted, *[_reference(synthetic, wanted)] * 2]
+    # Where nobody verified Synthetic's value, what the K* wants is at least no other event.
+    reference = {k: wanted[k] if synthetic[k].words is None else synthetic[k] for k in FIELDS}
     weights = {} if event is None else {str(k): w for k, w in event.constraints.weights.items()}
-    doubles = _doubles(recordings)
-    reasons = [
-        explain([*_findings(one, mine, reference), *_ranges(one, event), *same])
-        for one, mine, reference, same in zip(examined, counted, references, doubles, strict=True)
-    ]
+    reasons = []
+    for index, (one, same) in enumerate(zip(examined, _doubles(recordings), strict=True)):
+        verified = {k: q for k, q in counted[index].items() if one.values[k].source != "unverified"}
+        arrival_s = None if one.measured is None else one.measured.first_arrival_s
+        # Synthetic is held against the K*; against itself it would always do.
+        held = reference if index else wanted
+        differing = property_findings(verified, held, one.phases, arrival_s)
+        outside = []
+        if event is not None and one.is_verified:
+            outside = outside_ranges(event, one.properties[TOPOLOGY])
+        if outside:
+            differing.append(Finding("topology_differs", "; ".join(outside)))
+        reasons.append(explain([*one.findings, *differing, *same]))
     refused = [bool(found) for found in reasons]
     entries = []
     for index, one in enumerate(examined):
@@ -313,39 +312,6 @@ def _as_wanted(
     return found
 
 
-def _reference(
-    synthetic: Mapping[str, Property], wanted: Mapping[str, Property]
-) -> dict[str, Property]:
-    """q(Syn, k); where nobody verified it, what the K* wants is at least no other event."""
-    return {
-        field: synthetic[field] if synthetic[field].words is not None else wanted[field]
-        for field in FIELDS
-    }
-
-
-def _wanted(event: Event | None) -> dict[str, Property]:
-    """The K*'s own q."""
-    wanted: Mapping[str, Property] = {} if event is None else expected_properties(event)
-    unknown = Property(None, "neither Synthetic nor a K* says")
-    return {field: wanted.get(field, unknown) for field in FIELDS}
-
-
-def _findings(
-    one: Examined, found: Mapping[str, Property], reference: Mapping[str, Property]
-) -> list[Finding]:
-    verified = {k: q for k, q in found.items() if one.values[k].source != "unverified"}
-    arrival_s = None if one.measured is None else one.measured.first_arrival_s
-    return [*one.findings, *property_findings(verified, reference, one.phases, arrival_s)]
-
-
-def _ranges(one: Examined, event: Event | None) -> list[Finding]:
-    """Topology that may vary does so inside the K*'s ranges (METHOD 4.2)."""
-    if event is None or not one.is_verified:
-        return []
-    wrong = outside_ranges(event, one.properties[TOPOLOGY])
-    return [Finding("topology_differs", "; ".join(wrong))] if wrong else []
-
-
 def _entry(
     one: Examined,
     synthetic: Examined,
@@ -381,7 +347,10 @@ def _entry(
             "observations": _observations(recording),
             "log_said_by": one.log_said_by,
             "status": status,
-            "reasons": [_reason(reason) for reason in reasons],
+            "reasons": [
+                {**reason.finding.entry, "consequences": [c.entry for c in reason.consequences]}
+                for reason in reasons
+            ],
             "properties": {field: _property(one, compared, field) for field in FIELDS},
             "varying": _varying(one, synthetic, varying),
             "crop": None if one.crop is None else asdict(one.crop),
@@ -403,16 +372,6 @@ def _name(recording: Recording) -> str:
     """Of the bag; of the run's folder where all bags have one name."""
     folder = bag_folder(recording.path.absolute())
     return folder.parent.name if folder.name == "bag" else folder.name
-
-
-def _reason(reason: Reason) -> ReasonEntry:
-    def plain(finding: Finding) -> dict[str, str]:
-        return {"code": finding.code, "text": finding.text, "detail": finding.detail}
-
-    return ReasonEntry(
-        **plain(reason.finding),
-        consequences=[FindingEntry(**plain(found)) for found in reason.consequences],
-    )
 
 
 def _property(one: Examined, compared: Compared, field: str) -> PropertyEntry:
@@ -468,16 +427,10 @@ def _labels(one: Examined) -> LabelCount | None:
 
 
 def _phases(one: Examined) -> PhasesEntry:
-    phases = one.phases
+    names = [field.name for field in fields(Phases)]
+    times = dict.fromkeys(names) if one.phases is None else asdict(one.phases)
     return PhasesEntry(
-        source=one.phases_source,
-        start_s=None if phases is None else phases.start_s,
-        end_s=None if phases is None else phases.end_s,
-        trigger_s=None if phases is None else phases.trigger_s,
-        conflict_s=None if phases is None else phases.conflict_s,
-        resolution_s=None if phases is None else phases.resolution_s,
-        phi=dict(one.phi),
-        phi_half_width=dict(one.phi_half),
+        source=one.phases_source, phi=dict(one.phi), phi_half_width=dict(one.phi_half), **times
     )
 
 

@@ -39,7 +39,6 @@ class RoadFacts:
     """The road that is bound to a recording, with what its lanes don't say.
 
     Args:
-        road: the stretch that the VUT drives on.
         words: road type and boundaries, as far as the site or the map says.
     """
 
@@ -53,12 +52,7 @@ class Scene:
 
     Args:
         series: (clip time in s, states by id), times rising, from the clip's start to its end.
-        vut_id: id of the VUT.
-        target_ids: ids of the OTs.
         road: that they drive on; None: nobody bound one, and there is no topology.
-        start_s: clip time of the clip's start.
-        end_s: clip time of its end.
-        rules: of the K*, else of the run.
     """
 
     series: Series
@@ -107,14 +101,11 @@ class Measured:
 
     Args:
         properties: q(d, k) per field; without a road there is no topology.
-        phases: of the event.
         initiator: whose manoeuvre is the event, None: there is none.
-        affected: who is affected by it.
         zone: outline of the conflict zone in map, None: there is none.
         zone_until_s: clip time at which the VUT reaches it, None: it never does.
         first_arrival_s: clip time of the first arrival at the zone, None: there is none.
         facts: quantities with their units in the name; None: it doesn't exist.
-        notes: what else was noticed, for people.
     """
 
     properties: Mapping[str, Property]

@@ -44,10 +44,8 @@ class Picture:
     """One frame of one recording.
 
     Args:
-        column: of COLUMNS.
         at_s: clip time of the instant, None: the phase isn't located, or there is no frame.
         phi: φ of that instant, None: not known.
-        t_s: clip time of the frame, None: likewise.
         uri: data URI, empty without a frame.
         overlay: SVG, empty where there are no states.
     """
@@ -249,7 +247,6 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done,
     """The page as HTML.
 
     Args:
-        judged: the audit and what was examined.
         on_picture: told how many recordings have their pictures, and of how many.
 
     Raises:

@@ -33,7 +33,6 @@ class Lanes:
     """The lanes of a run's road, seen by somebody who drives on it.
 
     Args:
-        road: of the run.
         forward: whether the VUT drives along the reference line or against it. All that is left
             and right below is so for the VUT.
     """

@@ -69,6 +69,11 @@ class Finding:
     def text(self) -> str:
         return TABLE[self.code].text
 
+    @property
+    def entry(self) -> dict[str, str]:
+        """As an audit's file has it."""
+        return {"code": self.code, "text": self.text, "detail": self.detail}
+
 
 @dataclass(frozen=True)
 class Reason:

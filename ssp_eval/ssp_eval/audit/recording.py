@@ -11,7 +11,6 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns, stamp_ns
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping, parse_model
 from ssp_core.names import CAMERA_IMAGE, PHASE_EVENT, SAFETY_EVENT, absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
@@ -34,7 +33,14 @@ from ssp_eval.observations.files import Footage, load_observations
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.recordings.event import Crop
 from ssp_eval.recordings.sight import Moment, Optics
-from ssp_eval.recordings.states import STATE_AGE_S, Series, Sighting, clip_zero_ns, read_states
+from ssp_eval.recordings.states import (
+    STATE_AGE_S,
+    Series,
+    Sighting,
+    attached,
+    clip_zero_ns,
+    read_states,
+)
 from ssp_scenario_manager.compile.changes import differences, explained
 from ssp_scenario_manager.compile.task import (
     EVENT_FILE,
@@ -56,11 +62,8 @@ class Attached:
 
     Args:
         task: None: there is none, or none that is valid.
-        event: the K*; its own seal is its hash.
         site: None also for a run that was placed on a map.
-        records: of the log L.
         later: entered into the log beside the recording after the run.
-        findings: why something can't be used.
     """
 
     task: Task | None
@@ -74,31 +77,16 @@ class Attached:
 def read_attached(bag: BagReader) -> Attached:
     """Reads task, K*, site and log of a recording; what is wrong with them becomes findings."""
     findings: list[Finding] = []
-
-    def data_of(name: str) -> bytes | None:
-        try:
-            return bag.attachment(name)
-        except InputError as error:
-            findings.append(Finding("seal_broken", _told(error, bag)))
-            return None
-
     task = event = site = None
     records: tuple[Record, ...] = ()
     later: tuple[Record, ...] = ()
-    task_data = data_of(TASK_FILE)
-    if task_data is None and not findings:
-        findings.append(Finding("not_compiled", f"the bag has no attachment {TASK_FILE}"))
     try:
-        if task_data is not None:
-            place = f"{bag.path}:{TASK_FILE}"
-            task = parse_model(Task, parse_mapping(task_data, place), place)
-        if (found := data_of(EVENT_FILE)) is not None:
-            place = f"{bag.path}:{EVENT_FILE}"
-            event = parse_model(Event, parse_mapping(found, place), place)
-        if (found := data_of(SITE_FILE)) is not None:
-            place = f"{bag.path}:{SITE_FILE}"
-            site = parse_model(Site, parse_mapping(found, place), place)
-        if (found := data_of(LOG_FILE)) is not None:
+        task = attached(bag, TASK_FILE, Task)
+        if task is None:
+            findings.append(Finding("not_compiled", f"the bag has no attachment {TASK_FILE}"))
+        event = attached(bag, EVENT_FILE, Event)
+        site = attached(bag, SITE_FILE, Site)
+        if (found := bag.attachment(LOG_FILE)) is not None:
             text = found.decode("utf-8", errors="replace")
             records = tuple(parse_log(text, f"{bag.path}:{LOG_FILE}"))
             later = _later(bag_folder(bag.path).parent / TASK_FOLDER / LOG_FILE, records)
@@ -240,22 +228,16 @@ class Recording:
     """One recording, read.
 
     Args:
-        path: of the bag.
-        provenance: what the bag says of itself.
         start_s: clip time of its beginning, None: it never began.
         end_s: clip time of its last frame, or of its last state where there are no frames.
         frames_s: clip times of the frames from start to end.
         series: (clip time, states by id) from start to end; empty where there are no states.
-        source: where the states come from, for people.
         sightings: every recorded state from the start on, for identities.
         tracking_m: per OT the largest longitudinal and lateral tracking error that it reported.
         phase_events: clip times of the phases as the run announced them.
-        safety: safety events.
         optics: None: the camera isn't known.
-        attached: task, K*, site and log.
         labels: beside the bag, None where there are none; they are counted and decide nothing.
         agreement: what those who looked at it wrote down, sealed and bound to it; None: nobody did.
-        observation_files: their files.
     """
 
     path: Path

@@ -37,12 +37,8 @@ def examine_coverage(
     """Coverage from trigger to resolution, and what of it is too little.
 
     Args:
-        recording: within its clip.
         event: the K*, which says how much must be visible; None: there is none at hand.
         measured: None without states.
-        moments: the states at each frame.
-        agreement: of those who looked at it; None: nobody did.
-        is_source: it is the K*'s source clip.
         phases: None: nobody located any.
     """
     if not recording.frames_s:

@@ -66,7 +66,6 @@ def camera_facts(
     """What is known of the camera, and what is to be said of it.
 
     Args:
-        bag: open.
         info_topic: of its CameraInfo, None: none.
         mounting: declared, None: look into /tf_static.
         optical_frame: that the frames name.
@@ -163,14 +162,10 @@ class BagOptions:
     """One import.
 
     Args:
-        bag: source.
-        clip: crop, rate, frames, sizes, road and what persons declare.
         objects: topic and class by id in the recording, the VUT first.
-        camera: topic of the forward camera.
         camera_info: topic, None: none.
         mounting: declared place of the camera from the VUT's reference point, None: that of
             /tf_static, where there is one.
-        clock: whose times count.
         datum: origin of the map's frame for geodetic positions, None: there are none.
     """
 
@@ -190,10 +185,7 @@ class _Clip:
 
     Args:
         kept: their stamps by their places among the topic's messages.
-        keep_every: every n-th.
-        rate_hz: of the kept ones.
         crop_s: from and to, from the topic's first frame on.
-        notes: for people.
     """
 
     kept: Mapping[int, int]
@@ -217,7 +209,6 @@ def import_bag(
     """Makes the recording.
 
     Args:
-        options: what to import.
         started: called once with the number of frames that will be written.
         advance: called with the number of frames written since the last call.
 

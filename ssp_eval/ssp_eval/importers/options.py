@@ -31,12 +31,7 @@ class Declared:
     """What is said of a recording and can't be read in it.
 
     Args:
-        domain: of METHOD 5.2.
-        scenario: None: not stated.
-        event_version: K* version, None: not stated.
         event: the K* itself, where it was given.
-        event_file: its bytes.
-        generator: what made the recording, free text.
         declaration: who says of which domain it is; None: nobody does.
         log: what a named person declares in place of a log; None: nobody does.
     """
@@ -95,14 +90,11 @@ class ImportOptions:
     """What both importers are told.
 
     Args:
-        out: bag directory to make.
         start_s: crop: of a video source time, of a bag from the camera's first frame on.
         end_s: as start_s, exclusive for a video; None: all.
         rate_hz: at least this many frames per second are kept, None: at least 10 where the source
             has them.
         max_width_px: wider frames are scaled down, None: never.
-        motion: frames, reference points, sizes, road.
-        declared: what persons say.
     """
 
     out: Path
@@ -348,8 +340,6 @@ def numbers(option: str, text: str, names: str, least: int | None = None) -> lis
     """Finite numbers with commas between them.
 
     Args:
-        option: for messages.
-        text: given.
         names: of the numbers, with commas.
         least: how many must be there, None: all.
 

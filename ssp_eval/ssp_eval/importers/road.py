@@ -34,8 +34,6 @@ class BoundRoad:
     """The road of a recording.
 
     Args:
-        site: what import.json says of it.
-        data: the file's bytes, for the bag.
         share: of the VUT's way that lies on the block.
     """
 

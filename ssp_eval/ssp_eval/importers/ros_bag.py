@@ -83,13 +83,7 @@ _NS = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Times:
-    """The times of one topic's messages, in the order of the recording.
-
-    Args:
-        topic: its name.
-        stamps_ns: of their headers.
-        received_ns: by the recorder.
-    """
+    """The times of one topic's messages, in the order of the recording."""
 
     topic: str
     stamps_ns: _NS
@@ -109,8 +103,6 @@ def check_clocks(file: Path, clock: Clock, topics: Sequence[Times]) -> list[str]
     """Checks the topics' time bases against each other.
 
     Args:
-        file: the bag, for messages.
-        clock: whose times are used.
         topics: the VUT's first; the others are compared with it.
 
     Returns:
@@ -212,9 +204,6 @@ _FAILURES = (AnyReaderError, ReaderError, SerdeError, sqlite3.Error, OSError, Ru
 class SourceBag(Closing):
     """A bag directory, a .mcap or a .db3 file of any program, open; a context manager.
 
-    Args:
-        path: of it.
-
     Raises:
         InputError: it isn't there, is no ROS 2 bag, or is damaged.
     """
@@ -304,11 +293,7 @@ class Poses:
     """The poses of one topic.
 
     Args:
-        samples: on the chosen clock.
-        times: of its messages.
-        frame_id: that they are in.
         child_frame_id: that they are of, and that speeds are in; empty: not said.
-        notes: for people.
     """
 
     samples: Samples

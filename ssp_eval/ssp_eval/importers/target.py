@@ -102,13 +102,10 @@ class ImportSummary:
     """What was imported.
 
     Args:
-        bag: the directory.
-        frames: kept.
         keep_every: every n-th source frame was kept.
         rate_hz: of the kept frames.
         duration_s: clip time of the last frame.
         size_px: width and height of the stored frames.
-        record: the content of import.json.
     """
 
     bag: Path
@@ -197,11 +194,8 @@ def measured_motion(
     """Binds the road under the VUT's way, and says where the tracks come from.
 
     Args:
-        options: of the import.
         tracks: the VUT's first.
         name: of the file that they stand in, or of the bag.
-        sha256: of it.
-        notes: what is to be known of them.
         time_offset_s: that was added to the source's times.
 
     Raises:
@@ -233,11 +227,8 @@ def attach_record(
     """Attaches import.json, the K* and the map.
 
     Args:
-        writer: of the bag.
-        declared: what persons say.
         source: name, sha256, kind.
         crop_s: from and to, on the source's clock.
-        camera: as far as it is known.
         motion: measured; the VUT's declared constant speed, m/s; or None: unknown.
     """
     ego = ImportedEgo(provenance="unknown", speed_mps=None)

@@ -48,7 +48,6 @@ class Source:
     """Where a track stands, for errors.
 
     Args:
-        file: table or bag.
         field: topic, or id in the table.
         lines: of the table, one a sample; None: the source has no lines.
     """
@@ -75,7 +74,6 @@ class Samples:
         columns: x_m and y_m of the point that is reported; as far as the source has them yaw_rad
             (counter-clockwise from +x), speed_mps and acceleration_mps2 (along the heading,
             backwards is negative) and yaw_rate_radps.
-        source: where they stand.
     """
 
     stamps_ns: Stamps
@@ -134,9 +132,6 @@ class Body:
     """What is said of an object beside its motion.
 
     Args:
-        object_id: in the recording that is made.
-        object_class: word of METHOD 5.1.
-        role: in the event.
         size: None: the typical one of its class.
         reference: which point of it the source reports; a number: m ahead of the rear axle.
         heading_from_motion: the heading is the direction of motion, whatever the source says.
@@ -181,7 +176,6 @@ class Track:
     """The states of one object's reference point in frame map, stamps rising.
 
     Args:
-        body: whose.
         samples: with all columns.
         notes: what was derived, dropped or noticed, for people.
     """

@@ -81,7 +81,6 @@ class TableOptions:
     """A table of states beside the video.
 
     Args:
-        file: CSV.
         vut: id of the VUT in it.
         objects: id in the table by id in the recording; empty: all others, by their own ids.
         time_offset_s: is added to its times; they are then the video's.
@@ -98,9 +97,6 @@ class VideoOptions:
     """One import.
 
     Args:
-        video: source file.
-        clip: crop, rate, frames, road and what persons declare.
-        lens: geometry of the camera.
         ego_speed_mps: declared constant speed of the camera's vehicle on a straight line, None:
             unknown, or measured where there is a table.
         table: of states, None: there is none.
@@ -119,7 +115,6 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
     """Makes the bag.
 
     Args:
-        options: what to import.
         advance: called with the number of frames kept since the last call.
 
     Raises:
@@ -253,9 +248,6 @@ def _measured(
     """The tracks of VUT and objects within the clip.
 
     Args:
-        options: of the import.
-        given: of the table.
-        table: read.
         low_ns: the first frame's time in the video.
         last_ns: clip time of the last frame.
     """
@@ -334,8 +326,6 @@ def _check_motion(measured: Motion, change: _FrameChange, frames_ns: NDArray[np.
     """Refuses a table whose VUT stands while the frames move, and says where they may.
 
     Args:
-        measured: the table's tracks.
-        change: of the frames.
         frames_ns: their times in the video.
     """
     vut = measured.tracks[0]

@@ -81,8 +81,6 @@ def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
     Args:
         labels: of the clip that K* was taken from; other clips have other times. Their time 0 is
             the start of K*'s crop.
-        event: K*.
-        version: its content hash.
     """
     problems = []
     if labels.event_version != version:

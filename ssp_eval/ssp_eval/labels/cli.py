@@ -10,7 +10,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, read_mapping, write_bytes, write_text
+from ssp_core.files import load_model, make_folder, read_mapping, write_bytes, write_text
 from ssp_core.options import Number
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import FILL_IN, counts_text, load_labels, phase_counts, unfilled
@@ -24,7 +24,7 @@ from ssp_eval.labels.check import (
 )
 from ssp_eval.labels.new import new
 from ssp_eval.labels.review import is_unreviewed, sidecar
-from ssp_eval.labels.sheet import LEAST_WIDTH_PX, html_sheet, picture_sheet, pictures, read_rows
+from ssp_eval.labels.sheet import LEAST_WIDTH_PX, Rows, html_sheet, picture_sheet, pictures
 from ssp_scenario_manager.event_spec.load import load_event
 
 _PATH = click.Path(path_type=Path)
@@ -124,10 +124,10 @@ def sheet(source: Path, file: Path, out: Path, start: float, width: int, force: 
         raise click.UsageError(f"--out {out}: name a file that ends in {', '.join(_SHEETS)}")
     if out.exists() and not force:
         raise InputError("exists already", file=out, remedy="give --force to overwrite it")
-    rows = read_rows(file)
+    rows = load_model(Rows, file)
     with console.progress("frames", None):
-        found = pictures(source, [row.t_s for row in rows.rows], start)
-    missing = [f"{row.t_s:g}" for row, one in zip(rows.rows, found, strict=True) if one is None]
+        found = pictures(source, [row.t_s for row in rows.labels], start)
+    missing = [f"{row.t_s:g}" for row, one in zip(rows.labels, found, strict=True) if one is None]
     make_folder(out.parent)
     if suffix == ".html":
         if len(missing) == len(found):

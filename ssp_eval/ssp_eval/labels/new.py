@@ -159,7 +159,6 @@ def _plan(recordings: Sequence[Recording], optional: bool) -> Planned | None:
     """The plan of all recordings.
 
     Args:
-        recordings: to be labelled.
         optional: a recording alone may do without one; why there is none is said.
 
     Raises:

@@ -40,10 +40,6 @@ class Timeline:
     """The phases of one recording and its frames; times on its clip clock, s.
 
     Args:
-        name: of the recording, for people.
-        trigger_s: start of the trigger.
-        conflict_s: start of the conflict.
-        resolution_s: start of the resolution.
         crop: its clip; every label lies in it.
         frames_s: stamps of its frames, rising.
     """

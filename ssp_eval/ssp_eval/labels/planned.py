@@ -40,10 +40,6 @@ class Given:
     """What a user says where a recording doesn't.
 
     Args:
-        domain: of METHOD 5.2.
-        scenario: name.
-        event_version: K* version.
-        event: K*.
         truth: file of the states of the recording that holds none.
         start_s: of a video's clip in its file, s.
     """
@@ -62,8 +58,6 @@ class Recording:
 
     Args:
         path: of bag, video or truth file.
-        scenario: name.
-        domain: of METHOD 5.2.
         event_version: K* version, or UNKNOWN_VERSION.
         origin: hash or name of what it is labelled from.
         truth: its states; None: it has none.
@@ -87,7 +81,6 @@ class Planned:
     """One plan, and what it gives for each recording.
 
     Args:
-        plan: of all.
         proposals: in the order of the recordings; None where there are no states.
     """
 
@@ -100,7 +93,6 @@ def read_recordings(paths: Sequence[Path], given: Given) -> list[Recording]:
 
     Args:
         paths: of bags and videos; none: the truth file alone.
-        given: what the user says.
 
     Raises:
         InputError: one is no recording, or realises another K*; two are of one domain or not of one
@@ -262,9 +254,6 @@ def planned_files(
     """The labels files of a plan.
 
     Args:
-        recordings: as they were planned.
-        planned: their plan.
-        targets: a file for each.
         template: nothing is to be proposed, only the times and phases of the labels.
     """
     files = []

@@ -76,9 +76,6 @@ def own_motion(
 
     Args:
         series: (clip time in s, states by object id), times rising.
-        ticks_s: its times.
-        vut_id: object id of the VUT.
-        t_s: the label's time.
 
     Returns:
         Longitudinal and lateral action; it goes on straight where the clip ends before that is
@@ -159,10 +156,6 @@ class _Located:
 def propose(truth: Truth, rules: ProposalRules = DEFAULT_RULES) -> Proposal:
     """Labels on a clock grid from ground truth, by the rules in the module's docstring.
 
-    Args:
-        truth: states of the whole clip.
-        rules: what else the proposal depends on.
-
     Raises:
         InputError: there is no VUT, no event, no conflict, or the clip is too short.
     """
@@ -179,8 +172,6 @@ def propose_planned(
     """Labels of all recordings of a scenario by one plan (METHOD 5.2b).
 
     Args:
-        truths: of the recordings with states.
-        rules: what else the proposals depend on.
         others: phases of recordings without states.
 
     Raises:

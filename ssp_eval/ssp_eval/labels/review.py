@@ -41,8 +41,6 @@ class NewFile:
     """A labels file or template that is to be written.
 
     Args:
-        path: where.
-        content: of METHOD 5.2.
         mark: what its sidecar says besides its hash; None: it has none, as a template.
     """
 
@@ -55,8 +53,6 @@ def proposed_file(path: Path, proposal: Proposal, source: str) -> NewFile:
     """Proposed labels and their mark, to be written.
 
     Args:
-        path: the labels file.
-        proposal: labels, measured event and clip.
         source: hash or name of what they were made from.
     """
     mark = {"source": source, "event": asdict(proposal.event), "crop": asdict(proposal.crop)}
@@ -118,13 +114,7 @@ def decided_fields(path: Path) -> frozenset[str]:
 
 
 def write_decided(path: Path, labels: Labels, decided: Iterable[str]) -> None:
-    """Writes labels under review; the mark first, so that they never look reviewed before they are.
-
-    Args:
-        path: the labels file, with a sidecar.
-        labels: as decided so far.
-        decided: fields that are.
-    """
+    """Writes labels under review, the mark first: they never look reviewed before they are."""
     mark: dict[str, Any] = read_mapping(sidecar(path))
     mark[_DECIDED] = sorted(decided)
     write_json(sidecar(path), mark)
@@ -199,13 +189,6 @@ def review_labels(
 ) -> int:
     """Goes through proposed labels; exit status 0 when every one is decided.
 
-    Args:
-        path: the labels file.
-        log: its log L.
-        who: decides.
-        now: time in ISO 8601 UTC.
-        terminal: the person.
-
     Raises:
         InputError: the file is no labels file, or is a template.
     """
@@ -238,12 +221,13 @@ def review_labels(
 
 
 def _show(labels: Labels, field: str, number: str, terminal: Terminal) -> None:
-    value = _get(labels_to_json(labels), field)
+    label = _holder(labels_to_json(labels), field)
     if field == _RISK:
+        value = label[_RISK]
         terminal.say(f"\n{number} {field}: {'null' if value is None else f'{value:g} s'}")
         return
-    terminal.say(f"\n{number} {field}, t = {value['t_s']:g} s")
-    for slot, given in value.items():
+    terminal.say(f"\n{number} {field}, t = {label['t_s']:g} s")
+    for slot, given in label.items():
         if slot != "t_s":
             terminal.say(f"  {slot:<13}{_text(given)}")
 
@@ -256,8 +240,9 @@ def _ask(desk: _Desk, field: str, terminal: Terminal) -> bool:
             return False
         if answer in ("s", "skip"):
             return True
-        value = _get(labels_to_json(desk.labels), field)
         if answer in ("a", "accept"):
+            value: Any = _holder(labels_to_json(desk.labels), field)
+            value = value[_RISK] if field == _RISK else value
             record = desk.record("agrees with the frames", field, value, value)
             desk.decide(field, desk.labels, [record])
             return True
@@ -278,9 +263,9 @@ def _edit(desk: _Desk, field: str, terminal: Terminal) -> bool:
         changes = _risk_change(text) if field == _RISK else _changes(text)
         if "phase" in changes and desk.labels.plan == BY_PHASE:
             raise _BadLine("the phase of a label is its plan's; change the plan (ssp labels new)")
-        old = {path: _get(content, path) for path in (_at(field, slot) for slot in changes)}
-        for slot, value in changes.items():
-            _put(content, _at(field, slot), value)
+        holder = _holder(content, field)
+        old = {slot: holder[slot] for slot in changes}
+        holder |= changes
         after = parse_labels(content, desk.path)
     except _BadLine as error:
         terminal.say(f"  not understood: {error}")
@@ -293,8 +278,11 @@ def _edit(desk: _Desk, field: str, terminal: Terminal) -> bool:
     if reason is None:
         terminal.say("  nothing was changed")
         return False
-    new = labels_to_json(after)
-    records = [desk.record(reason, path, was, _get(new, path)) for path, was in old.items()]
+    new = _holder(labels_to_json(after), field)
+    records = [
+        desk.record(reason, slot if slot == _RISK else f"{field}.{slot}", was, new[slot])
+        for slot, was in old.items()
+    ]
     desk.decide(field, after, records)
     for problem in phase_problems(after):
         terminal.say(f"  ! {problem}")
@@ -303,9 +291,9 @@ def _edit(desk: _Desk, field: str, terminal: Terminal) -> bool:
 
 def _risk_change(text: str) -> dict[str, Any]:
     if text == "null":
-        return {"": None}
+        return {_RISK: None}
     try:
-        return {"": float(text.removesuffix("s").strip())}
+        return {_RISK: float(text.removesuffix("s").strip())}
     except ValueError:
         raise _BadLine("type a clip time in seconds, or null") from None
 
@@ -331,27 +319,12 @@ def _changes(text: str) -> dict[str, Any]:
     return changes
 
 
-def _at(field: str, slot: str) -> str:
-    return f"{field}.{slot}" if slot else field
-
-
-def _get(content: dict[str, Any], path: str) -> Any:
-    holder, key = _place(content, path)
-    return holder[key]
-
-
-def _put(content: dict[str, Any], path: str, value: Any) -> None:
-    holder, key = _place(content, path)
-    holder[key] = value
-
-
-def _place(content: dict[str, Any], path: str) -> tuple[Any, Any]:
-    """Where a field of this review stands: risk_time_s, labels[i] or labels[i].slot."""
-    found = re.fullmatch(r"labels\[(\d+)\](?:\.(\w+))?", path)
-    if found is None:
-        return content, path
-    index, slot = int(found.group(1)), found.group(2)
-    return (content["labels"], index) if slot is None else (content["labels"][index], slot)
+def _holder(content: dict[str, Any], field: str) -> dict[str, Any]:
+    """What holds the values that are decided: the file for risk_time_s, else labels[i]."""
+    found: dict[str, Any] = content
+    if field != _RISK:
+        found = content["labels"][int(field.removeprefix("labels[").removesuffix("]"))]
+    return found
 
 
 def _text(value: Any) -> str:

@@ -8,19 +8,18 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping
+from ssp_core.run_file.values import Finite
 from ssp_core.templates import templates
 from ssp_core.video import Tile, Video, contact_sheet, encode
-from ssp_eval.data import json_fields
-from ssp_eval.data.json_fields import Location
 from ssp_eval.data.labels import LABEL_KEYS
 from ssp_eval.labels.truth import is_bag, video_times
 from ssp_eval.recordings.clip import Clip, NoQuestion
@@ -42,8 +41,6 @@ def pictures(path: Path, times_s: Sequence[float], start_s: float = 0.0) -> list
     """The frame at each clip time, None where there is none at or shortly before it.
 
     Args:
-        path: bag or video file.
-        times_s: clip times.
         start_s: of a video, where its clip begins.
 
     Raises:
@@ -95,45 +92,26 @@ _QUALITY = 90
 _HERE = Path(__file__).parent
 
 
-@dataclass(frozen=True)
-class Row:
-    """One label: its time, and its slots as text, "" where it says nothing."""
+class Row(BaseModel):
+    """One label: its time, and whatever else stands there."""
 
-    t_s: float
-    slots: dict[str, str]
+    model_config = ConfigDict(extra="allow")
 
+    t_s: Finite
 
-@dataclass(frozen=True)
-class Rows:
-    """A labels file or a template, as far as a sheet needs it."""
-
-    title: str
-    event_version: str
-    rows: tuple[Row, ...]
+    @property
+    def slots(self) -> dict[str, str]:
+        """Its slots as text, "" where it says nothing."""
+        return {slot: _text((self.model_extra or {}).get(slot)) for slot in _SLOTS}
 
 
-def read_rows(path: Path) -> Rows:
-    """The times and slots of a labels file, of a template, or of one that is half filled in.
+class Rows(BaseModel):
+    """A labels file, a template, or one that is half filled in, as far as a sheet needs it."""
 
-    Raises:
-        InputError: it can't be read, or its times are none.
-    """
-    value = read_mapping(path)
-    place = Location(path)
-    labels = json_fields.items(value.get("labels"), place.at("labels"))
-    if not labels:
-        raise place.at("labels").error("must hold at least one label")
-    rows = []
-    for i, label in enumerate(labels):
-        at = place.at("labels").at(i)
-        if not isinstance(label, dict):
-            raise at.error("must be an object", label)
-        if "t_s" not in label:
-            raise at.at("t_s").error("is missing")
-        slots = {slot: _text(label.get(slot)) for slot in _SLOTS}
-        rows.append(Row(json_fields.finite(label["t_s"], at.at("t_s")), slots))
-    title = f"{_text(value.get('scenario'))}, {_text(value.get('domain'))}"
-    return Rows(title, _text(value.get("event_version")), tuple(rows))
+    scenario: Any = None
+    domain: Any = None
+    event_version: Any = None
+    labels: Annotated[list[Row], Field(min_length=1)]
 
 
 def picture_sheet(
@@ -142,7 +120,6 @@ def picture_sheet(
     """One picture with all frames, as PNG or JPEG.
 
     Args:
-        rows: labels.
         pictures: one for each row, None where the clip has none.
         suffix: ``.png`` or ``.jpg``.
         width_px: of each frame.
@@ -152,7 +129,7 @@ def picture_sheet(
     """
     tiles = [
         Tile(picture.image, _lines(row, picture))
-        for row, picture in zip(rows.rows, pictures, strict=True)
+        for row, picture in zip(rows.labels, pictures, strict=True)
         if picture is not None
     ]
     if not tiles:
@@ -169,19 +146,22 @@ def html_sheet(
     """A page with every frame in its own size, at least as wide as asked, and its slots beside it.
 
     Args:
-        rows: labels.
         pictures: one for each row, None where the clip has none.
-        source: name of bag or video.
         width_px: least width of a frame on the page.
     """
     items = [
         {"t_s": row.t_s, "slots": row.slots, "picture": _shown(picture, width_px)}
-        for row, picture in zip(rows.rows, pictures, strict=True)
+        for row, picture in zip(rows.labels, pictures, strict=True)
     ]
     return (
         templates(_HERE)
         .get_template("sheet.html.j2")
-        .render(title=rows.title, version=rows.event_version, source=source, items=items)
+        .render(
+            title=f"{_text(rows.scenario)}, {_text(rows.domain)}",
+            version=_text(rows.event_version),
+            source=source,
+            items=items,
+        )
     )
 
 

@@ -15,7 +15,7 @@ from pydantic import ConfigDict, Field
 from ssp_core.bag.reader import BagReader
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping, parse_model, read_text
+from ssp_core.files import parse_model, read_text
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.names import VUT_ID
@@ -26,7 +26,7 @@ from ssp_core.vocabulary import ObjectClass, ObjectWord, Role
 from ssp_eval.data.provenance import Provenance, read_provenance
 from ssp_eval.recordings.event import NO_RULES, EventRules, rules_of
 from ssp_eval.recordings.geometry import DEFAULT_MOTION, MotionThresholds
-from ssp_eval.recordings.states import NO_STATES, RecordedStates, frame_times, read_states
+from ssp_eval.recordings.states import NO_STATES, RecordedStates, attached, frame_times, read_states
 from ssp_scenario_manager.compile.task import EVENT_FILE
 from ssp_scenario_manager.event_spec.load import event_version, load_event
 from ssp_scenario_manager.event_spec.model import Event
@@ -61,17 +61,10 @@ class Truth:
     """Ground truth of one clip.
 
     Args:
-        scenario: name.
-        domain: of METHOD 5.2.
-        event_version: K* version.
         start_s: clip time from which labels are possible (the first frame).
         end_s: clip time of the last frame.
-        vut_id: object id of the VUT.
-        target_ids: the OTs.
         series: (clip time in s, states of all objects), times rising.
-        source: the file, for messages.
         hfov_rad: of the forward camera, None: not known.
-        rules: of its event.
         frames_s: clip times of the frames, rising.
     """
 
@@ -112,7 +105,6 @@ def shipped_event(scenario: str | None, version: str | None) -> KStar | None:
     """The shipped K* of a scenario, None: there is none, or not of this version.
 
     Args:
-        scenario: name.
         version: that it must have; None or UNKNOWN_VERSION: any.
     """
     if scenario is None:
@@ -147,9 +139,7 @@ class Source:
     """A bag or a video file that is to be labelled, and what it says of itself.
 
     Args:
-        path: of it.
         frames_s: clip times of its frames, rising.
-        states: that labels can be proposed from.
         provenance: of a bag; None: it is a video file.
         video_sha256: of the source video; None: there is none.
         zero_s: time of its source at clip time 0; 0 for what has no source.
@@ -189,7 +179,6 @@ def read_source(path: Path, start_s: float = 0.0) -> Source:
     """Reads a recording.
 
     Args:
-        path: bag or video file.
         start_s: of a video, where its clip begins.
 
     Raises:
@@ -204,12 +193,7 @@ def read_source(path: Path, start_s: float = 0.0) -> Source:
         provenance = read_provenance(bag)
         frames_s, zero_ns = frame_times(bag, provenance)
         states = read_states(bag, provenance, zero_ns)
-        data, k_star = bag.attachment(EVENT_FILE), None
-        if data is not None:
-            place = f"{bag.path}:{EVENT_FILE}"
-            event = parse_model(Event, parse_mapping(data, place), place)
-            said_by = f"the K* {event.name} in the recording"
-            k_star = KStar(event, event_version(event), said_by)
+        event = attached(bag, EVENT_FILE, Event)
     imported = provenance.imported
     crop_s = None if imported is None else imported.crop.get("start_s")
     return Source(
@@ -219,7 +203,9 @@ def read_source(path: Path, start_s: float = 0.0) -> Source:
         provenance,
         None if imported is None else imported.source_sha256,
         float(crop_s) if isinstance(crop_s, int | float) else 0.0,
-        k_star,
+        None
+        if event is None
+        else KStar(event, event_version(event), f"the K* {event.name} in the recording"),
     )
 
 
@@ -305,7 +291,6 @@ def truth_from_file(
     """Ground truth that a clip's maker wrote beside it, in the clip's own time.
 
     Args:
-        path: the truth file.
         domain: of the clip, where it isn't the one that the file names (METHOD 5.2).
         event_version: K* version, where the file names none.
         given: the K*, for its rules. Where it isn't given, the shipped K* of this scenario is
@@ -357,7 +342,6 @@ def truth_of(
     """Ground truth of a bag, in clip time.
 
     Args:
-        source: a bag.
         given: the K*, where the bag holds none.
         truth_file: that its clip's maker wrote, for a bag of a video without states.
         version: K* version, where the recording names none.

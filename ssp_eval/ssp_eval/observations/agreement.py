@@ -26,8 +26,6 @@ class Agreement:
     """What counts of a recording's observations.
 
     Args:
-        observers: who looked, in the order of the observations.
-        observations: as they are.
         answers: what counts: null where nobody could tell or where two differ. Of times within
             the tolerance the mean, of shares the smaller one.
         rows: of all answers that anybody gave. ``one alone``: only one person could tell, or

@@ -47,9 +47,6 @@ class Footage:
 def footage_of(bag: Path) -> Footage:
     """The frames of a recording, by their clip times.
 
-    Args:
-        bag: its folder, or an MCAP file.
-
     Raises:
         InputError: it is no recording of this project, has no frames, or never began.
     """
@@ -98,8 +95,6 @@ def load_observations(
     """The sealed observations of a recording, each with its file.
 
     Args:
-        bag: its folder, or an MCAP file.
-        footage: of it.
         named: files besides those that lie with it.
 
     Raises:
@@ -201,8 +196,6 @@ def sealed_observation(
     Args:
         file: of a page, or filled in by hand. What it leaves open of hash, recording and time is
             put in.
-        footage: of the recording.
-        recording: its name.
         now: ISO 8601 UTC.
         who: looked; None: the file says it.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
 from pydantic import AwareDatetime, ConfigDict, Field, model_validator
 
@@ -42,6 +42,7 @@ YesNo = Annotated[bool, Field(strict=True)] | None
 Lanes = Annotated[int, Field(ge=0, le=16, strict=True)] | None
 Share = Annotated[float, Field(ge=0, le=1, strict=True)]
 ClipTime = Finite | None
+Value = TypeVar("Value")
 
 
 class Seen(Strict):
@@ -117,22 +118,10 @@ class Roles(Seen):
         return tuple(who for who, one in self.participants.items() if one.role == "OT")
 
 
-class Motion(Seen):
-    """The motion class of the critical OT that holds longest from trigger to resolution."""
+class Said(Seen, Generic[Value]):
+    """One answer."""
 
-    value: MotionWord | None
-
-
-class Conflict(Seen):
-    """How the path of the initiator meets the corridor of who is affected."""
-
-    value: RelationWord | None
-
-
-class Order(Seen):
-    """Who arrives first at the conflict zone, and who second."""
-
-    value: tuple[ObjectId, ObjectId] | None
+    value: Value | None
 
 
 class PhaseStart(Seen):
@@ -151,26 +140,21 @@ class Phases(Strict):
     resolution: PhaseStart
 
 
-class Answer(Seen):
-    """Yes or no."""
-
-    value: YesNo
+YesOrNo = Said[Annotated[bool, Field(strict=True)]]
 
 
 class Gate(Strict):
     """The five reasons of the source gate; true: the clip has it."""
 
-    deformation: Answer
-    identity: Answer
-    discontinuity: Answer
-    road: Answer
-    no_conflict: Answer
+    deformation: YesOrNo
+    identity: YesOrNo
+    discontinuity: YesOrNo
+    road: YesOrNo
+    no_conflict: YesOrNo
 
 
-class Visible(Seen):
+class Visible(Said[Share | Literal["throughout", "never"]]):
     """For which share of the time from trigger to resolution something can be seen."""
-
-    value: Share | Literal["throughout", "never"] | None
 
     @property
     def share(self) -> float | None:
@@ -204,11 +188,17 @@ class Answers(Strict):
 
     topology: Topology
     roles: Roles
-    dominant_motion: Motion
-    conflict_type: Conflict
-    passing_order: Order
+    dominant_motion: Said[MotionWord] = Field(
+        description="of the critical OT, held longest from trigger to resolution"
+    )
+    conflict_type: Said[RelationWord] = Field(
+        description="how the path of the initiator meets the corridor of who is affected"
+    )
+    passing_order: Said[tuple[ObjectId, ObjectId]] = Field(
+        description="who arrives first at the conflict zone, and who second"
+    )
     phases: Phases
-    identity_stable: Answer
+    identity_stable: YesOrNo
     source_gate: Gate
     visibility: Visibility
     log: Log = NO_LOG
@@ -283,11 +273,7 @@ class Answers(Strict):
         return tuple(r for r in REASONS if getattr(self.source_gate, r).value is None)
 
     def properties_by(self, by: str) -> dict[str, Property]:
-        """q(d, k) in the words that are measured elsewhere (METHOD 4.2).
-
-        Args:
-            by: who looked, for people.
-        """
+        """q(d, k) in the words that are measured elsewhere (METHOD 4.2)."""
         order = self.passing_order
         return {
             TOPOLOGY: _property(self.topology, self._topology_words(), by),

@@ -83,11 +83,8 @@ def shown_frames(
     """The frames as JPEG, scaled down to a width.
 
     Args:
-        bag: its folder, or an MCAP file.
         indices: of the frames, rising.
-        footage: of the recording.
         width_px: at most.
-        on_frame: called for each.
 
     Raises:
         InputError: one of them is no picture.
@@ -122,9 +119,6 @@ def render(
     """The page.
 
     Args:
-        draft: the file without any answer.
-        questions: what is asked.
-        frames: what is shown.
         bag: as it is named on the command line.
     """
     data = {

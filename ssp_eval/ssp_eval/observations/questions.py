@@ -65,8 +65,6 @@ def cards(vut: str, targets: Sequence[str], has_log: bool) -> list[Card]:
     """The questions about a recording, as questions.yaml.j2 has them.
 
     Args:
-        vut: id of the VUT.
-        targets: ids of the OTs.
         has_log: the recording has a log of ours, so that nobody needs to declare anything.
     """
     seen = {f"participants.{who}": who for who in targets}
@@ -147,9 +145,6 @@ def template(bag: str, draft: dict[str, Any], questions: Sequence[Card], footage
 
     Args:
         bag: as it is named on the command line.
-        draft: the file without any answer.
-        questions: what is asked.
-        footage: the recording's frames.
     """
     frames_s = footage.frames_s
     head = _HEAD.format(

@@ -70,13 +70,7 @@ class KeptQuestions:
         rules: Preprocessing,
         make: Callable[[float, Preprocessing], Question | NoQuestion],
     ) -> Question | NoQuestion:
-        """The question about a label time, made where it isn't kept.
-
-        Args:
-            label_t_s: clip time of the label.
-            rules: which frames and ego samples it holds.
-            make: gives the question.
-        """
+        """The question about a label time, made where it isn't kept."""
         if rules != self._rules:
             self._rules, self._kept, self._left_bytes = rules, {}, _MOST_BYTES
         question = self._kept.get(label_t_s)
@@ -95,9 +89,6 @@ class BagContent(Closing):
     """The content of an open bag.
 
     Hashing gives the interpreter free: it costs no time where a processor is idle.
-
-    Args:
-        bag: open.
 
     Raises:
         InputError: a file of it is gone.
@@ -205,10 +196,6 @@ class _Entries:
 class Clip(Closing):
     """A recorded session or an imported video, open for evaluation; a context manager.
 
-    Args:
-        path: bag directory or .mcap file.
-        task: what is asked.
-
     Raises:
         InputError: it is no bag, wasn't made by this project, or has no camera frames.
     """
@@ -310,10 +297,6 @@ class Clip(Closing):
 
         The request's own time is the newest frame's, so that frames, history, trajectory and
         record all mean the same instant (METHOD 5.4).
-
-        Args:
-            label_t_s: clip time of the label.
-            rules: which frames and ego samples the model is given.
 
         Raises:
             InputError: a file of the bag can't be read, or was changed since the clip was opened.

@@ -119,8 +119,6 @@ def is_hidden(vut: ObjectState, other: ObjectState, obstacles: Sequence[ObjectSt
     """True when obstacles hide an object from the VUT's camera, but for less than a quarter of it.
 
     Args:
-        vut: with the camera.
-        other: that is looked at.
         obstacles: neither the VUT nor that object.
     """
     if not obstacles:

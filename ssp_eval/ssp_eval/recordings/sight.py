@@ -168,9 +168,6 @@ def object_sight(
         moments: frames in time order.
         span_s: the critical phases.
         period_s: between frames.
-        optics: the camera.
-        vut_id: id of the VUT.
-        object_id: that is looked for.
     """
 
     def visible(states: Mapping[str, ObjectState]) -> bool:

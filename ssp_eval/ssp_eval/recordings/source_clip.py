@@ -121,14 +121,7 @@ def measure_clip(event: Event, board: ClipBoard) -> Drawn:
 
 
 def bound_event(event: Event, board: ClipBoard, drawn: Drawn, sha256: str) -> Event:
-    """The event as this clip shows it: source, part T and part E, with the seals that held.
-
-    Args:
-        event: that was drawn.
-        board: of the clip.
-        drawn: its phases.
-        sha256: of the video file.
-    """
+    """The event as this clip shows it: source, part T and part E, with the seals that held."""
     held = {path for path, seal in seals(event).items() if event.uncertainty[path].seal == seal}
     counts = sum(lane.direction == "forward" for lane in board.road.lanes)
     original = f"{board.scenario} seed {board.seed}"

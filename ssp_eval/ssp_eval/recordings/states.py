@@ -16,6 +16,7 @@ from ssp_core.bag.reader import BagReader, object_states
 from ssp_core.cdr.messages import object_state, peek_stamp_ns, stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
+from ssp_core.files import Model, parse_mapping, parse_model
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.vocabulary import ControlState
@@ -154,6 +155,19 @@ def read_states(bag: BagReader, provenance: Provenance, zero_ns: int | None) -> 
     return RecordedStates(
         series, source if series else NO_STATES.source, (*seen, *sightings), tracking_m
     )
+
+
+def attached(bag: BagReader, name: str, model: type[Model]) -> Model | None:
+    """What is attached to a bag under a name; None: nothing is.
+
+    Raises:
+        InputError: it isn't valid.
+    """
+    data = bag.attachment(name)
+    if data is None:
+        return None
+    place = f"{bag.path}:{name}"
+    return parse_model(model, parse_mapping(data, place), place)
 
 
 def _is_usable(state: ObjectState) -> bool:
