@@ -18,12 +18,11 @@ from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names, ros
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Camera, RunSpec
-from ssp_core.vocabulary import ObjectClass, Role
 from ssp_msgs.msg import StepDone, WorldTick
 from support.messages import state_to_msg
 from support.runs import small_run
+from support.states import object_state
 
 pytestmark = pytest.mark.ros
 START_DEADLINE_S = 90.0  # the first start on a machine compiles the kernels
@@ -66,12 +65,9 @@ class World:
     def tick(self, step: int, running: bool = True, lockstep: bool = True) -> None:
         x = 5.0 + 0.2 * step
         objects = [
-            ObjectState(
-                name, ObjectClass.CAR, role, step * STEP_NS, at, 0.0, 0.0, 10.0, 0.0, 0.0,
-                DEFAULT_SIZES[ObjectClass.CAR],
-            )
-            for name, role, at in (("ot1", Role.OT, x + 15.0), ("vut", Role.VUT, x))
-        ]  # fmt: skip
+            object_state(name, x_m=at, speed_mps=10.0, stamp_ns=step * STEP_NS)
+            for name, at in (("ot1", x + 15.0), ("vut", x))
+        ]
         message = WorldTick(
             step=step,
             running=running,

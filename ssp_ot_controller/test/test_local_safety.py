@@ -11,14 +11,15 @@ import pytest
 from ssp_core.geometry import Polyline
 from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.motion.reference import Reference
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
-from ssp_core.vocabulary import ControlState, ObjectClass, Role
+from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.control.tracker import TrackingError
 from ssp_ot_controller.objects import local_safety
+from support.states import object_state
 
 S = 1_000_000_000
 NOW = 20 * S
@@ -34,19 +35,7 @@ LIMITS = Limits(
 )
 POINTS = tuple(drive_along(Polyline([(0.0, 0.0), (100.0, 0.0)]), 0.0, 0.0, 10.0, 2.0, 2.0))
 REFERENCE = Reference("r", "ot", "v", "approach", 0, 18 * S, 19 * S, POINTS)
-STATE = ObjectState(
-    "ot",
-    ObjectClass.CAR,
-    Role.OT,
-    NOW,
-    50.0,
-    0.0,
-    0.0,
-    10.0,
-    0.0,
-    0.0,
-    DEFAULT_SIZES[ObjectClass.CAR],
-)
+STATE = object_state("ot", x_m=50.0, speed_mps=10.0, stamp_ns=NOW)
 ZERO = TrackingError(0.0, 0.0, 0.0)
 
 

@@ -14,10 +14,11 @@ from ssp_core.motion.manoeuvre import drive_along, lane_change
 from ssp_core.motion.reference import Reference, ReferencePoint
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Limits
-from ssp_core.vocabulary import ControlState, ObjectClass, Role
+from ssp_core.vocabulary import ControlState, ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS
 from ssp_ot_controller.control.stopping import StoppingRoom
 from ssp_ot_controller.objects.references import Refusal, RefusalCode, check_reference
+from support.states import object_state
 
 S = 1_000_000_000
 PATH = Polyline([(0.0, 0.0), (200.0, 0.0)])
@@ -26,8 +27,7 @@ VERSION = "sha256:aa"
 
 
 def standing(cls: ObjectClass = ObjectClass.CAR, **changes: Any) -> ObjectState:
-    base = ObjectState("ot", cls, Role.OT, 10 * S, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, DEFAULT_SIZES[cls])
-    return replace(base, **changes)
+    return object_state("ot", cls, **{"stamp_ns": 10 * S, **changes})
 
 
 def reference(**changes: Any) -> Reference:

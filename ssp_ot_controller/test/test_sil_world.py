@@ -10,11 +10,12 @@ from typing import Any
 
 import pytest
 
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.sil.world import BODY_TIMEOUT_S, World
+from support.states import object_state
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -28,10 +29,8 @@ class MemoryScene:
 
     def __init__(self) -> None:
         self.poses: list[list[ObjectState]] = []
-        self.truck = ObjectState(
-            "zz_truck", ObjectClass.TRUCK, Role.TRAFFIC, 0, 300.0, 7.0, 3.14159, 10.0, 0.0, 0.0,
-            DEFAULT_SIZES[ObjectClass.TRUCK],
-        )  # fmt: skip
+        truck = object_state("zz_truck", ObjectClass.TRUCK, 300.0, 7.0, 3.14159, 10.0)
+        self.truck = replace(truck, role=Role.TRAFFIC)
 
     def step(self, poses: list[ObjectState]) -> list[ObjectState]:
         self.poses.append(poses)

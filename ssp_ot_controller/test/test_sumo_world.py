@@ -21,6 +21,7 @@ from ssp_core.vocabulary import Role
 from ssp_core.world.sumo_network import OVERHANG_M, find_netconvert, write_network
 from ssp_ot_controller.sil.sumo_world import Collision, SumoWorld, to_sumo
 from support.runs import small_run
+from support.states import object_state
 
 ORIGIN = Pose2(-120.5, -33.25, 0.4)
 STEP_S = 0.02
@@ -65,9 +66,7 @@ def run_spec(**changes: Any) -> RunSpec:
 
 
 def posed(p: ParticipantSpec, pose: Pose2, speed_mps: float = 0.0) -> ObjectState:
-    return ObjectState(
-        p.id, p.cls, Role.OT, 0, pose.x_m, pose.y_m, pose.yaw_rad, speed_mps, 0.0, 0.0, p.size
-    )
+    return object_state(p.id, p.cls, pose.x_m, pose.y_m, pose.yaw_rad, speed_mps, size=p.size)
 
 
 def everybody(run: RunSpec) -> list[ObjectState]:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,18 +14,16 @@ from hypothesis import strategies as st
 from ssp_core.geometry import Polyline
 from ssp_core.motion.manoeuvre import drive_along, lane_change
 from ssp_core.motion.reference import Reference, ReferencePoint
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
+from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase
 from ssp_ot_controller.bodies.dynamics import LIMITS, BodyState, step_body
 from ssp_ot_controller.objects.references import Refusal, RefusalCode
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.objects.target import Target, TargetStep
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from support.runs import small_run
+from support.states import make_reference, state_of_body
 
 S = 1_000_000_000
 STEP_NS = 20_000_000
@@ -47,9 +43,9 @@ def run_of(object_class: str = "car") -> RunSpec:
 def reference(
     name: str, execute_at_ns: int, points: list[ReferencePoint], dispatched_ns: int = 0
 ) -> Reference:
-    return Reference(
-        name, "ot1", VERSION, "approach", dispatched_ns, execute_at_ns, execute_at_ns + S,
-        tuple(points),
+    return make_reference(
+        points, reference_id=name, event_version=VERSION, dispatched_ns=dispatched_ns,
+        execute_at_ns=execute_at_ns, expires_at_ns=execute_at_ns + S,
     )  # fmt: skip
 
 
@@ -73,11 +69,7 @@ class Rig:
 
     @property
     def own(self) -> ObjectState:
-        b = self.body
-        return ObjectState(
-            "ot1", self.cls, Role.OT, self.now_ns, b.x_m, b.y_m, b.yaw_rad, b.speed_mps,
-            b.acceleration_mps2, b.yaw_rate_radps, DEFAULT_SIZES[self.cls],
-        )  # fmt: skip
+        return state_of_body(self.body, self.now_ns, "ot1", self.cls)
 
     def step(self, **broken: Any) -> TargetStep:
         """Heartbeat, judgement, and the body's motion until the next step."""
@@ -105,16 +97,19 @@ class Rig:
         self.step()
         assert self.target.state is ControlState.ARMED
 
-    def drive(self, cruise_mps: float = 8.0, seconds: float = 8.0) -> None:
-        """Armed, started, on its way at cruise speed."""
+    def start(self) -> None:
+        """Armed and started; nothing is asked of it yet."""
         self.arm()
         self.session = SessionPhase.RUNNING
         self.step()
-        points = straight(cruise_mps)
-        assert (
-            self.target.on_reference(reference("a", self.now_ns + S // 2, points), self.now_ns)
-            is None
-        )
+
+    def take(self, reference: Reference) -> Refusal | None:
+        return self.target.on_reference(reference, self.now_ns)
+
+    def drive(self, cruise_mps: float = 8.0, seconds: float = 8.0) -> None:
+        """Armed, started, on its way at cruise speed."""
+        self.start()
+        assert self.take(reference("a", self.now_ns + S // 2, straight(cruise_mps))) is None
         while self.now_ns < seconds * S:
             self.step()
 
@@ -144,7 +139,7 @@ def test_a_whole_life(rig: Rig) -> None:
     assert rig.body.speed_mps == 0.0
 
     execute_at_ns = rig.now_ns + S // 2
-    assert target.on_reference(reference("a", execute_at_ns, straight()), rig.now_ns) is None
+    assert rig.take(reference("a", execute_at_ns, straight())) is None
     while rig.now_ns < execute_at_ns:
         assert rig.step().report.reference_id == ""
     worst_m = 0.0
@@ -160,7 +155,7 @@ def test_a_whole_life(rig: Rig) -> None:
     along = Polyline([(40.0, 3.5), (300.0, 3.5)])
     station = rig.body.x_m - 40.0 + 8.0 * 0.2
     change = lane_change(along, station, 8.0, -3.5, 2.5, 8.0, 2.0)
-    assert target.on_reference(reference("b", at_ns, change), rig.now_ns) is None
+    assert rig.take(reference("b", at_ns, change)) is None
     while rig.now_ns < at_ns + 4 * S:
         report = rig.step().report
     assert report.reference_id == "b"
@@ -179,16 +174,14 @@ def test_a_whole_life(rig: Rig) -> None:
 
 def test_what_was_accepted_is_accepted_again_however_late_the_copy_comes() -> None:
     rig = Rig()
-    rig.arm()
-    rig.session = SessionPhase.RUNNING
-    rig.step()
+    rig.start()
     sent = reference("a", rig.now_ns + S // 10, straight())
     late = replace(reference("b", rig.now_ns + S // 10, straight()), purpose="adapted")
-    assert rig.target.on_reference(sent, rig.now_ns) is None
+    assert rig.take(sent) is None
     for _ in range(30):
         rig.step()
-    assert rig.target.on_reference(sent, rig.now_ns) is None
-    refusal = rig.target.on_reference(late, rig.now_ns)
+    assert rig.take(sent) is None
+    refusal = rig.take(late)
     assert refusal is not None
     assert refusal.code is RefusalCode.LATE
     assert rig.step().report.reference_id == "a"
@@ -199,14 +192,12 @@ def test_an_adapted_reference_that_comes_too_late_stops_nobody_who_drives(
     purpose: str, goes_on: bool
 ) -> None:
     rig = Rig()
-    rig.arm()
-    rig.session = SessionPhase.RUNNING
-    rig.step()
+    rig.start()
     assert rig.target.on_reference(reference("a", rig.now_ns + S // 10, straight()), 0) is None
     for _ in range(30):
         rig.step()
     late = replace(reference("b", rig.now_ns - S // 10, straight()), purpose=purpose)
-    refusal = rig.target.on_reference(late, rig.now_ns)
+    refusal = rig.take(late)
     assert refusal is not None
     assert refusal.code is RefusalCode.LATE
     assert (rig.step().stopped is None) == goes_on
@@ -215,9 +206,7 @@ def test_an_adapted_reference_that_comes_too_late_stops_nobody_who_drives(
 def test_an_adapted_reference_that_was_overtaken_does_not_replace_the_newer_one() -> None:
     """The manager had the newer one accepted, and plans on from it."""
     rig = Rig()
-    rig.arm()
-    rig.session = SessionPhase.RUNNING
-    rig.step()
+    rig.start()
     now_ns = rig.now_ns
     older, newer = (
         replace(
@@ -247,7 +236,7 @@ def test_a_walker_waits_and_crosses() -> None:
     path = Polyline([(40.0, 3.5), (40.0, 9.5)])
     points = drive_along(path, 0.0, 0.0, 1.5, 1.5, 1.5)
     at_ns = rig.now_ns + S // 10
-    assert rig.target.on_reference(reference("c", at_ns, points), rig.now_ns) is None
+    assert rig.take(reference("c", at_ns, points)) is None
     while rig.now_ns < at_ns + 8 * S:
         rig.step()
     assert (rig.body.x_m, rig.body.y_m) == pytest.approx((40.0, 9.5), abs=0.1)
@@ -369,7 +358,7 @@ REFUSED: dict[str, tuple[Callable[[int], Reference], RefusalCode]] = {
 def test_a_refused_reference_stops_it_along_its_old_one(rig: Rig, name: str) -> None:
     make, code = REFUSED[name]
     rig.drive()
-    refusal = rig.target.on_reference(make(rig.now_ns), rig.now_ns)
+    refusal = rig.take(make(rig.now_ns))
     assert isinstance(refusal, Refusal)
     assert refusal.code is code
     outcome = rig.step()
@@ -389,7 +378,7 @@ def test_a_refused_reference_stops_it_along_its_old_one(rig: Rig, name: str) -> 
 def test_a_refusal_does_not_stop_an_object_that_stands_unarmed(rig: Rig) -> None:
     rig.target.power_on()
     rig.step()
-    assert rig.target.on_reference(reference("a", rig.now_ns, straight()), rig.now_ns) is not None
+    assert rig.take(reference("a", rig.now_ns, straight())) is not None
     assert rig.step().stopped is None
     assert rig.target.state is ControlState.DISARMED
 
@@ -412,7 +401,7 @@ def test_references_are_for_a_running_object(rig: Rig, state: str) -> None:
     if state == "ABORTING":
         rig.target.command(ObjectEvent.ABORT, "", 0.0)
     assert rig.target.state.name == state
-    refusal = rig.target.on_reference(reference("a", rig.now_ns, straight()), rig.now_ns)
+    refusal = rig.take(reference("a", rig.now_ns, straight()))
     assert refusal is not None
     assert refusal.code is RefusalCode.STATE
 
@@ -422,7 +411,7 @@ def test_a_manoeuvre_that_waits_at_an_abort_never_begins(rig: Rig) -> None:
     at_ns = rig.now_ns + S // 5
     along = Polyline([(40.0, 3.5), (300.0, 3.5)])
     change = lane_change(along, rig.body.x_m - 40.0 + 1.6, 8.0, -3.5, 2.5, 8.0, 2.0)
-    assert rig.target.on_reference(reference("b", at_ns, change), rig.now_ns) is None
+    assert rig.take(reference("b", at_ns, change)) is None
     rig.session = SessionPhase.ABORTING
     for _ in range(200):
         assert rig.step().report.reference_id == "a"
@@ -579,7 +568,7 @@ def test_after_an_abort_nothing_makes_it_accelerate(
             x_m = rig.body.x_m + rig.body.speed_mps * max(event[1], 0) * STEP_NS / S
             path = Polyline([(x_m, rig.body.y_m), (x_m + 150.0, rig.body.y_m)])
             points = drive_along(path, 0.0, rig.body.speed_mps, 12.0, 2.0, 2.0)
-            rig.target.on_reference(reference(f"n{rig.now_ns}", at_ns, points), rig.now_ns)
+            rig.take(reference(f"n{rig.now_ns}", at_ns, points))
         elif event[0] == "silence":
             if rig.heartbeat_ns is not None:
                 rig.silence()

@@ -18,12 +18,12 @@ from ssp_core import names, ros
 from ssp_core.geometry import Polyline
 from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.motion.reference import Reference
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.processes import session_environment
-from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
 from support.messages import reference_to_msg, state_to_msg
+from support.states import object_state
 
 pytestmark = pytest.mark.ros
 # A reader may be found by this side before it has found this side.
@@ -98,10 +98,7 @@ class Peers:
 
     def tick(self) -> ControlState:
         """Ticks of a holding world, which repeats them, until the object reports a state."""
-        state = ObjectState(
-            "ot1", ObjectClass.CAR, Role.OT, 0, 40.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-            DEFAULT_SIZES[ObjectClass.CAR],
-        )  # fmt: skip
+        state = object_state("ot1", x_m=40.0)
         count = len(self.states)
         tick = msg.WorldTick(step=0, running=False, lockstep=True, objects=[state_to_msg(state)])
         deadline = time.monotonic() + DEADLINE_S

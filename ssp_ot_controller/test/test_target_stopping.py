@@ -17,17 +17,18 @@ from ssp_core.cdr.steps import Heartbeat, WorldTick
 from ssp_core.geometry import Polyline
 from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.motion.reference import Reference
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.stopping import stopping_of
-from ssp_core.vocabulary import ControlState, Role, SessionPhase
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.control.stopping import BRAKE_GRACE_S
 from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Actuator
 from support.runs import small_run
+from support.states import state_of_body
 
 S = 1_000_000_000
 STEP_S = 0.02
@@ -81,12 +82,8 @@ class Loop:
         return self.step_index * STEP_NS
 
     def truth(self) -> ObjectState:
-        b = self.body
-        return ObjectState(
-            "ot1", self.cls, Role.OT, self.now_ns, b.x_m, b.y_m, b.yaw_rad, b.speed_mps,
-            b.acceleration_mps2, b.yaw_rate_radps, DEFAULT_SIZES[self.cls],
-            sequence=self.step_index + 1,
-        )  # fmt: skip
+        state = state_of_body(self.body, self.now_ns, "ot1", self.cls)
+        return replace(state, sequence=self.step_index + 1)
 
     def send(self, reference: Reference) -> None:
         self.sent += 1

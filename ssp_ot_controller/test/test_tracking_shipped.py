@@ -9,9 +9,7 @@ import pytest
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.reference import Reference, sample
-from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.participants import ParticipantSpec
-from ssp_core.vocabulary import Role
 from ssp_ot_controller.bodies.dynamics import LIMITS as BODIES
 from ssp_ot_controller.bodies.dynamics import BodyLimits, BodyState, step_body, tightened
 from ssp_ot_controller.control.tracker import Tracker
@@ -21,6 +19,7 @@ from ssp_scenario_manager.dispatch.references import (
     approach_reference,
     manoeuvre_reference,
 )
+from support.states import object_state, state_of_body
 
 LATERAL_RMS_M = 0.05
 LONGITUDINAL_RMS_M = 0.10
@@ -35,10 +34,7 @@ def shipped(event: str) -> tuple[ParticipantSpec, BodyLimits, tuple[Reference, .
     target = next(t for t in run.targets if t.id == run.initiator_id)
     trigger = next(t for t in run.triggers if t.object_id == target.id)
     start = target.start
-    state = ObjectState(
-        target.id, target.cls, Role.OT, 0, start.x_m, start.y_m, start.yaw_rad, 0.0, 0.0, 0.0,
-        target.size,
-    )  # fmt: skip
+    state = object_state(target.id, target.cls, start.x_m, start.y_m, start.yaw_rad)
     references = []
     if target.approach is not None:
         first = Address("a", target.id, run.event_version, "approach", 0, 0)
@@ -64,10 +60,7 @@ def errors_m(event: str, step_s: float, to_s: float) -> tuple[float, float]:
     for k in range(end_ns // step_ns):
         now_ns = k * step_ns
         driven = [r for r in references if r.execute_at_ns <= now_ns][-1]
-        state = ObjectState(
-            target.id, target.cls, Role.OT, now_ns, body.x_m, body.y_m, body.yaw_rad,
-            body.speed_mps, body.acceleration_mps2, body.yaw_rate_radps, target.size,
-        )  # fmt: skip
+        state = state_of_body(body, now_ns, target.id, target.cls)
         command, error = tracker.track(state, driven, now_ns)
         rows.append((error.longitudinal_m, error.lateral_m))
         body = step_body(target.cls, body, command, step_s)

@@ -17,12 +17,12 @@ from ssp_vla_bridge.window import find_interface
 # name: module:factory. A backend's module is imported when it is asked for, so that one
 # backend's dependencies are not another's.
 BACKENDS: dict[str, str] = {
-    "constant_velocity": "ssp_vla_bridge.backends.baselines:make_constant_velocity",
-    "copy_history": "ssp_vla_bridge.backends.baselines:make_copy_history",
-    "opencv_baseline": "ssp_vla_bridge.backends.opencv_baseline:make",
+    "constant_velocity": "ssp_vla_bridge.backends.baselines:ConstantVelocity",
+    "copy_history": "ssp_vla_bridge.backends.baselines:CopyHistory",
+    "opencv_baseline": "ssp_vla_bridge.backends.opencv_baseline:OpencvBaseline",
     "perfect": "ssp_vla_bridge.backends.perfect:make",
     "openai": "ssp_vla_bridge.backends.openai_chat:make",
-    "silent": "ssp_vla_bridge.backends.baselines:make_silent",
+    "silent": "ssp_vla_bridge.backends.baselines:Silent",
     "recorded": "ssp_vla_bridge.backends.recorded:make",
     "python": "ssp_vla_bridge.backends.python:make",
     "http": "ssp_vla_bridge.backends.http:make",
@@ -172,6 +172,15 @@ def check_options(backend: str, options: Mapping[str, Any], known: Mapping[str, 
             raise InputError(
                 f"must be of type {wanted.__name__}", field=f"backend_options.{key}", value=value
             )
+
+
+class OptionFree:
+    """A backend in this process that has no options."""
+
+    name: str
+
+    def __init__(self, options: Mapping[str, Any] | None = None) -> None:
+        check_options(self.name, options or {}, {})
 
 
 def number_option(

@@ -119,7 +119,7 @@ def test_an_unknown_backend_names_the_known_ones(name):
 
 
 def test_a_backend_of_ones_own_is_module_and_factory():
-    backend = make_backend("ssp_vla_bridge.backends.baselines:make_silent", {})
+    backend = make_backend("ssp_vla_bridge.backends.baselines:Silent", {})
     assert backend.model_id.startswith("ssp/silent")
 
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import gzip
-import importlib.util
 import json
 import threading
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -17,13 +15,7 @@ from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.backend import interface_of, make_backend, respond
 from ssp_vla_bridge.backends.http import make
 from ssp_vla_bridge.messages import ErrorCode
-
-# With --import-mode=importlib a test module can't import its neighbour by name.
-_spec = importlib.util.spec_from_file_location(
-    "ssp_bridge_scripted_service", Path(__file__).with_name("scripted_service.py")
-)
-wire = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(wire)
+from support import scripted_service as wire
 
 KEY = "sk-0123456789abcdef"
 # On a busy machine the first time may be over before the service was asked.

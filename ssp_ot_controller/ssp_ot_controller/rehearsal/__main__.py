@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import tempfile
-import time
+import threading
 from pathlib import Path
 
 import click
@@ -90,23 +89,20 @@ def main(
             )
         whole = not parts
         parts = parts or tuple(part for part in PARTS if part != "camera" or run.camera is not None)
-        vut: dict[str, object] = {
-            "odometry": odometry,
-            "rate_hz": rate_hz,
-            "frame": frame,
-            "clock_offset_s": clock_offset_s,
-        }
+        vut = {"odometry": odometry, "rate_hz": rate_hz, "frame": frame}
         nodes: dict[str, dict[str, object]] = {
-            "vut": {"run_file": run_file, **vut},
-            "camera": {"run_file": run_file},
+            "vut": {**vut, "clock_offset_s": clock_offset_s},
+            "camera": {},
         }
-        wanted = {name: nodes[name] for name in nodes if name in parts}
         with tempfile.TemporaryDirectory(prefix="ssp-rehearsal-") as logs:
             environment = live_environment(PROFILE)
             with ProcessGroup(environment, Path(logs), owns_domain=False) as group:
-                for name, parameters in wanted.items():
-                    module = f"ssp_ot_controller.ros.played_{name}"
-                    group.start_node(f"played_{name}", module, parameters, remappings)
+                for name, parameters in nodes.items():
+                    if name in parts:
+                        module, given = f"played_{name}", {"run_file": run_file, **parameters}
+                        group.start_node(
+                            module, f"ssp_ot_controller.ros.{module}", given, remappings
+                        )
                 told = [f"--odometry {odometry}"] if "vut" in parts else []
                 told += [f"--remap {rule}" for rule in remappings]
                 bodies = (host, first_port) if "bodies" in parts else None
@@ -131,10 +127,11 @@ def _play(
         told: options of `ssp run` that reach the rest.
         what: folder of the run where all of it is played: the whole command is said; None: not.
     """
-    stop = _Stop()
+    stop = threading.Event()
+    catch_stop_signals(lambda _: stop.set())
 
     def over() -> bool:
-        return stop.asked or bool(group.ended())
+        return stop.is_set() or bool(group.ended())
 
     def tell(options: list[str]) -> None:
         for option in options:
@@ -147,31 +144,20 @@ def _play(
     if address is None:
         tell(told)
         while not over():
-            time.sleep(0.05)
+            stop.wait(0.05)
     else:
         with PlayedBodies(run, *address, log) as bodies:
             tell([*told, *(f"--body {i}={where}" for i, where in bodies.addresses.items())])
             bodies.serve(over)
     for node in group.ended():
         report_error(f"{node.name} {node.describe_exit()}\n{node.log_tail()}")
-    return 0 if stop.asked else 1
+    return 0 if stop.is_set() else 1
 
 
 def _ssp() -> str:
     """How a shell calls our command line: installed, or by the launcher of this environment."""
     root = os.environ.get("SSP_ROOT")
     return "ssp" if shutil.which("ssp") or root is None else str(Path(root) / "ssp")
-
-
-class _Stop:
-    """Set by Ctrl-C, SIGTERM or a closed terminal."""
-
-    def __init__(self) -> None:
-        self.asked = False
-        catch_stop_signals(self._on_signal)
-
-    def _on_signal(self, _: signal.Signals) -> None:
-        self.asked = True
 
 
 def run() -> None:

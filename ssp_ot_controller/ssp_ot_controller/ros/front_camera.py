@@ -7,34 +7,27 @@ from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
-from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TransformStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names
 from ssp_core.cdr import steps
 from ssp_core.errors import InputError
 from ssp_core.ros import (
     LATCHED,
-    SENSOR,
     STATE,
     StopRequest,
     declare,
     run_node,
-    stamp_from_ns,
     subscribe_raw,
 )
 from ssp_core.run_file.model import Camera, RunSpec, load_run
-from ssp_core.world.camera import intrinsics
 from ssp_core.world.scenery import left_out
-from ssp_core.world.transforms import encode_transform, mount
 from ssp_msgs.msg import StepDone, WorldTick
 from ssp_ot_controller.camera.frames import Odometer, Schedule, jpeg, steps_per_frame
 from ssp_ot_controller.camera.renderer.render import render, warm_up
 from ssp_ot_controller.camera.renderer.scene import Foreseen, Indicators, Scene
-from ssp_ot_controller.ros import conversions
+from ssp_ot_controller.ros.endpoints import CameraPublishers
 from ssp_ot_controller.ros.parameters import FRONT_CAMERA
 
 _CHECK_PERIOD_S = 0.2
@@ -45,7 +38,7 @@ _REALTIME_BACKLOG = 1  # frames that may wait while one is drawn
 @dataclass(frozen=True)
 class _Job:
     step: int
-    stamp: Time
+    stamp_ns: int
     scene: Scene
 
 
@@ -64,7 +57,6 @@ class FrontCamera(Node):
         self._camera: Camera = self._run.camera
         for text in left_out(self._run.road):
             self.get_logger().warning(text)
-        self._lens = intrinsics(self._camera)
         self._schedule = Schedule(steps_per_frame(self._camera.rate_hz, self._run.step_s))
         self._odometer = Odometer()
         self._indicators = Indicators(self._run.road, Foreseen(self._run))
@@ -75,11 +67,8 @@ class FrontCamera(Node):
         self._waiting: deque[Future[None]] = deque()
         self._dropped = 0
         self._reported = 0
-        self._image = self.create_publisher(CompressedImage, names.CAMERA_IMAGE, SENSOR)
-        self._info = self.create_publisher(CameraInfo, names.CAMERA_INFO, LATCHED)
+        self._output = CameraPublishers(self, self._camera, LATCHED)
         self._done = self.create_publisher(StepDone, names.STEP_DONE, STATE)
-        self._mount = self.create_publisher(TransformStamped, names.CAMERA_MOUNT, LATCHED)
-        self._mount.publish(encode_transform(mount(self._camera)))
         subscribe_raw(self, WorldTick, names.WORLD_TICK, steps.decode_tick, self._on_tick, STATE)
         self.create_timer(_CHECK_PERIOD_S, self._check, clock=self._steady)
         self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=self._steady)
@@ -103,7 +92,7 @@ class FrontCamera(Node):
             self._dropped += 1
             return
         scene = Scene(self._run.road, vut, states, self._odometer.snapshot(), blinking)
-        job = _Job(tick.step, stamp_from_ns(tick.stamp_ns), scene)
+        job = _Job(tick.step, tick.stamp_ns, scene)
         self._waiting.append(self._worker.submit(self._publish_frame, job))
 
     def _publish_frame(self, job: _Job) -> None:
@@ -112,8 +101,7 @@ class FrontCamera(Node):
         index = job.step // self._schedule.every
         picture = render(job.scene, run.look, self._camera, index, run.seed)
         data = jpeg(picture, self._camera.jpeg_quality)
-        self._info.publish(conversions.info_message(job.stamp, self._lens))
-        self._image.publish(conversions.image_message(job.stamp, data))
+        self._output.publish(job.stamp_ns, data)
         self._done.publish(steps.encode_done(steps.StepDone(names.FRONT_CAMERA, job.step)))
 
     def _check(self) -> None:

@@ -5,23 +5,17 @@ from __future__ import annotations
 import sys
 import time
 
-from geometry_msgs.msg import TransformStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names, ros
-from ssp_core.cdr.states import StateArray, decode_state, decode_states
 from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
-from ssp_core.world.camera import intrinsics
-from ssp_core.world.transforms import encode_transform, mount
-from ssp_msgs.msg import ObjectState, ObjectStates
 from ssp_ot_controller.camera.frames import Odometer, jpeg
 from ssp_ot_controller.camera.renderer.render import render, warm_up
 from ssp_ot_controller.camera.renderer.scene import Scene
-from ssp_ot_controller.ros import conversions
+from ssp_ot_controller.ros.endpoints import CameraPublishers, subscribe_states
 from ssp_ot_controller.ros.parameters import PLAYED_CAMERA
 
 
@@ -39,25 +33,14 @@ class PlayedCamera(Node):
         self._states: dict[str, State] = {}
         self._odometer = Odometer()
         self._frames = 0
-        self._image = self.create_publisher(CompressedImage, names.CAMERA_IMAGE, ros.SENSOR)
-        self._info = self.create_publisher(CameraInfo, names.CAMERA_INFO, ros.SENSOR)
-        self._mount = self.create_publisher(TransformStamped, names.CAMERA_MOUNT, ros.LATCHED)
-        self._mount.publish(encode_transform(mount(self._camera)))
-        sub, topic = ros.subscribe_raw, names.state_topic
-        for object_id in [run.vut.id, *([] if run.states_in_one else [t.id for t in run.targets])]:
-            sub(self, ObjectState, topic(object_id), decode_state, self._on_state, ros.STATE)
-        if run.states_in_one:
-            arrays = names.OBJECT_STATES
-            sub(self, ObjectStates, arrays, decode_states, self._on_states, ros.STATE)
+        self._output = CameraPublishers(self, self._camera, ros.SENSOR)
+        ids = [run.vut.id, *(target.id for target in run.targets)]
+        subscribe_states(self, run, ids, self._on_state)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / self._camera.rate_hz, self._publish, clock=steady)
 
     def _on_state(self, state: State) -> None:
         self._states[state.object_id] = state
-
-    def _on_states(self, array: StateArray) -> None:
-        for state in array.states:
-            self._on_state(state)
 
     def _publish(self) -> None:
         run = self._run
@@ -72,10 +55,7 @@ class PlayedCamera(Node):
         scene = Scene(run.road, vut, states, self._odometer.snapshot())
         picture = render(scene, run.look, self._camera, self._frames, run.seed)
         self._frames += 1
-        stamp = ros.stamp_from_ns(stamp_ns)
-        self._info.publish(conversions.info_message(stamp, intrinsics(self._camera)))
-        data = jpeg(picture, self._camera.jpeg_quality)
-        self._image.publish(conversions.image_message(stamp, data))
+        self._output.publish(stamp_ns, jpeg(picture, self._camera.jpeg_quality))
 
 
 def main() -> None:

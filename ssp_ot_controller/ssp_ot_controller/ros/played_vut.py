@@ -12,14 +12,14 @@ from rclpy.node import Node
 
 from ssp_core import names, ros
 from ssp_core.cdr import steps
-from ssp_core.cdr.states import StateArray, decode_state, decode_states
 from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.transforms import BASE_FRAME
-from ssp_msgs.msg import Heartbeat, ObjectState, ObjectStates
+from ssp_msgs.msg import Heartbeat
 from ssp_ot_controller.rehearsal.played import PlayedVehicle
+from ssp_ot_controller.ros.endpoints import subscribe_states
 from ssp_ot_controller.ros.parameters import PLAYED_VUT
 
 # What its localisation says of itself, one sigma.
@@ -41,13 +41,7 @@ class PlayedVut(Node):
         sub = ros.subscribe_raw
         beats = steps.decode_heartbeat
         sub(self, Heartbeat, names.HEARTBEAT, beats, self._on_beat, ros.STATE)
-        if run.states_in_one:
-            arrays = names.OBJECT_STATES
-            sub(self, ObjectStates, arrays, decode_states, self._on_states, ros.STATE)
-        else:
-            for target in run.targets:
-                one = names.state_topic(target.id)
-                sub(self, ObjectState, one, decode_state, self._on_state, ros.STATE)
+        subscribe_states(self, run, [target.id for target in run.targets], self._on_state)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / given["rate_hz"], self._publish, clock=steady)
 
@@ -56,10 +50,6 @@ class PlayedVut(Node):
 
     def _on_state(self, state: State) -> None:
         self._others[state.object_id] = state
-
-    def _on_states(self, array: StateArray) -> None:
-        for state in array.states:
-            self._on_state(state)
 
     def _publish(self) -> None:
         others = [self._others[key] for key in sorted(self._others)]

@@ -17,7 +17,10 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from ssp_core.cdr.references import Acknowledgement
+from ssp_core.cdr.steps import Heartbeat
 from ssp_core.clock import seconds_to_ns
+from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import FaultKind, LinkDisturbance, RunSpec
 from ssp_ot_controller.bodies.dynamics import Command
@@ -49,61 +52,81 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, slots=True)
 class LinkQuality:
-    """How well a link carries in one step.
+    """How well a link carries.
 
     Args:
         delay_s: each message arrives that much later, to the nearest step.
         jitter_s: one sigma that is added to the delay; messages keep their order.
         loss: share of the steps whose messages are lost.
         reorder: share of the steps whose messages are overtaken by the next ones.
-        cut: nothing that is sent or under way arrives.
     """
 
     delay_s: float = 0.0
     jitter_s: float = 0.0
     loss: float = 0.0
     reorder: float = 0.0
-    cut: bool = False
 
 
-class DelayLine(Generic[Item]):
-    """Messages under way. What is sent in one step shares its fate.
+class Link(Generic[Item]):
+    """Messages of one kind on their way. What is sent in one step shares its fate.
 
     Args:
-        losses: numbers in [0, 1), one is drawn a step.
-        jitters: standard normal numbers, one is drawn a step.
-        overtakings: numbers in [0, 1), one is drawn a step.
+        run: gives seed and step.
+        object_id: whose.
+        purpose: of its random numbers, of which one of each kind is drawn a step.
+        quality: by the run file.
+        faults: those that the object's links may have.
     """
 
     def __init__(
         self,
-        step_ns: int,
-        losses: Iterator[float],
-        jitters: Iterator[float],
-        overtakings: Iterator[float],
+        run: RunSpec,
+        object_id: str,
+        purpose: str,
+        quality: LinkQuality,
+        faults: FaultSchedule,
     ) -> None:
-        self._step_ns = step_ns
-        self._losses, self._jitters, self._overtakings = losses, jitters, overtakings
+        self._step_ns = seconds_to_ns(run.step_s)
+        self._quality, self._faults = quality, faults
+        self._plain = faults.is_empty and quality == LinkQuality()
+        self._losses = uniforms(run.seed, object_id, purpose)
+        self._jitters = normals(run.seed, object_id, f"{purpose} jitter")
+        self._overtakings = uniforms(run.seed, object_id, f"{purpose} order")
+        self.clear()
+
+    def clear(self) -> None:
+        """Nothing is under way any more."""
         self._under_way: deque[tuple[int, Sequence[Item]]] = deque()
         self._overtaken: Sequence[Item] = ()
         self._last_due_ns = 0
 
-    def clear(self) -> None:
-        """Nothing is under way any more."""
-        self._under_way.clear()
-        self._overtaken = ()
-        self._last_due_ns = 0
+    def pass_on(
+        self, items: Sequence[Item], now_ns: int, held: Iterator[float] | None
+    ) -> list[Item]:
+        """Takes in what is sent in this step, and gives what arrives, in order of arrival.
 
-    def pass_on(self, items: Sequence[Item], now_ns: int, quality: LinkQuality) -> list[Item]:
-        """Takes in what is sent in this step, and gives what arrives, in order of arrival."""
-        lost = next(self._losses) < quality.loss
+        Args:
+            items: that are sent.
+            now_ns: session time.
+            held: numbers in [0, 1) of a world that holds, where time stands still: what is sent
+                arrives, unless a fault keeps it from it; None: the world runs.
+        """
+        if self._plain:
+            return list(items)
+        quality, faults = self._quality, self._faults
+        cut = faults.has("link_cut")
+        if held is not None:
+            lost = cut or next(held) < faults.share("link_loss", 0.0)
+            return [] if lost else list(items)
+        lost = next(self._losses) < faults.share("link_loss", quality.loss)
         jitter = next(self._jitters)
-        overtaken = next(self._overtakings) < quality.reorder
-        if quality.cut:
+        overtaken = next(self._overtakings) < faults.share("link_reorder", quality.reorder)
+        if cut:
             self.clear()
             return []
         if items and not lost:
-            late_s = max(quality.delay_s + quality.jitter_s * jitter, 0.0)
+            delay_s = quality.delay_s + faults.total("link_delay")
+            late_s = max(delay_s + quality.jitter_s * jitter, 0.0)
             late_steps = round(late_s * 1e9 / self._step_ns)
             due_ns = max(now_ns + late_steps * self._step_ns, self._last_due_ns)
             self._last_due_ns = due_ns
@@ -165,28 +188,19 @@ class Channel:
         self._dropout_ends_ns: int | None = None
         self._fix: ObjectState | None = None
         self._frozen: ObjectState | None = None
-        step_ns = seconds_to_ns(run.step_s)
-
-        def line(purpose: str) -> DelayLine[object]:
-            return DelayLine(
-                step_ns,
-                uniforms(seed, object_id, purpose),
-                normals(seed, object_id, f"{purpose} jitter"),
-                uniforms(seed, object_id, f"{purpose} order"),
-            )
-
         # How often the world holds isn't the same in two runs: no draws of the run's own streams.
         self._hold = uniforms(seed, object_id, "hold")
-        self._up, self._acks = line("link"), line("acks")
-        self._heartbeats, self._references = line("heartbeats"), line("references")
-        self._offset_ns = seconds_to_ns(self._noise.clock_offset_s)
-        n = self._noise
-        clean = self._faults.is_empty
-        self._plain_up = clean and not any(
-            (n.state_delay_s, n.state_jitter_s, n.state_loss, n.reorder)
-        )
-        self._plain_down = clean and not any((n.command_delay_s, n.command_loss))
-        self._plain_own = clean and not any(
+        n, faults = self._noise, self._faults
+        up = LinkQuality(n.state_delay_s, n.state_jitter_s, n.state_loss, n.reorder)
+        # The transport of acknowledgements is reliable: only a fault loses them.
+        acks = LinkQuality(n.state_delay_s, n.state_jitter_s)
+        down = LinkQuality(n.command_delay_s, 0.0, n.command_loss)
+        self._up: Link[ObjectState] = Link(run, object_id, "link", up, faults)
+        self._acks: Link[Acknowledgement] = Link(run, object_id, "acks", acks, faults)
+        self._heartbeats: Link[Heartbeat] = Link(run, object_id, "heartbeats", down, faults)
+        self._references: Link[Reference] = Link(run, object_id, "references", down, faults)
+        self._offset_ns = seconds_to_ns(n.clock_offset_s)
+        self._plain_own = faults.is_empty and not any(
             (n.position_noise_m, n.speed_noise_mps, n.dropout_per_s, n.clock_offset_s)
         )
 
@@ -274,59 +288,25 @@ class Channel:
 
     # -- links ---------------------------------------------------------------------------------
 
+    @property
+    def _held(self) -> Iterator[float] | None:
+        return None if self._running else self._hold
+
     def up(self, state: ObjectState, now_ns: int) -> list[ObjectState]:
         """Sends a state to the manager; gives the states that arrive there now, in that order."""
-        if self._plain_up:
-            return [state]
-        n = self._noise
-        return self._pass_on(self._up, [state], now_ns, self._upwards(n.state_loss, n.reorder))
+        return self._up.pass_on([state], now_ns, self._held)
 
-    def up_acks(self, acks: Sequence[Item], now_ns: int) -> list[Item]:
-        """The same for acknowledgements, which only a fault loses: their transport is reliable."""
-        if self._plain_up:
-            return list(acks)
-        return self._pass_on(self._acks, acks, now_ns, self._upwards(0.0, 0.0))
+    def up_acks(self, acks: Sequence[Acknowledgement], now_ns: int) -> list[Acknowledgement]:
+        """The same for acknowledgements."""
+        return self._acks.pass_on(acks, now_ns, self._held)
 
-    def down_heartbeats(self, beats: Sequence[Item], now_ns: int) -> list[Item]:
+    def down_heartbeats(self, beats: Sequence[Heartbeat], now_ns: int) -> list[Heartbeat]:
         """Those heartbeats that reach the object now, of this step's and of earlier ones."""
-        if self._plain_down:
-            return list(beats)
-        return self._pass_on(self._heartbeats, beats, now_ns, self._downwards())
+        return self._heartbeats.pass_on(beats, now_ns, self._held)
 
-    def down_references(self, references: Sequence[Item], now_ns: int) -> list[Item]:
+    def down_references(self, references: Sequence[Reference], now_ns: int) -> list[Reference]:
         """Those references that reach the object now, of this step's and of earlier ones."""
-        if self._plain_down:
-            return list(references)
-        return self._pass_on(self._references, references, now_ns, self._downwards())
-
-    def _upwards(self, loss: float, reorder: float) -> LinkQuality:
-        n, faults = self._noise, self._faults
-        return LinkQuality(
-            n.state_delay_s + faults.total("link_delay"),
-            n.state_jitter_s,
-            faults.share("link_loss", loss),
-            faults.share("link_reorder", reorder),
-            faults.has("link_cut"),
-        )
-
-    def _downwards(self) -> LinkQuality:
-        n, faults = self._noise, self._faults
-        return LinkQuality(
-            n.command_delay_s + faults.total("link_delay"),
-            0.0,
-            faults.share("link_loss", n.command_loss),
-            0.0,
-            faults.has("link_cut"),
-        )
-
-    def _pass_on(
-        self, line: DelayLine[object], items: Sequence[Item], now_ns: int, quality: LinkQuality
-    ) -> list[Item]:
-        if not self._running:
-            # Time stands still: what is sent arrives, unless a fault keeps it from it.
-            lost = quality.cut or next(self._hold) < self._faults.share("link_loss", 0.0)
-            return [] if lost else list(items)
-        return line.pass_on(items, now_ns, quality)  # type: ignore[return-value]  # Items went in
+        return self._references.pass_on(references, now_ns, self._held)
 
 
 class Actuator:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from ssp_vla_bridge.backend import check_options
+from ssp_vla_bridge.backend import OptionFree
 from ssp_vla_bridge.backends.phrases import (
     SIDEWAYS_M,
     STOPPED_MPS,
@@ -19,31 +16,27 @@ from ssp_vla_bridge.messages import Answer, EgoSample, Request
 from ssp_vla_bridge.trajectory import Trajectory, interpolate
 
 
-class Silent:
+class Silent(OptionFree):
     """Must score 0 in every metric that isn't null."""
 
+    name = "silent"
     model_id = "ssp/silent/1"
 
     def answer(self, request: Request) -> Answer:
         return Answer("")
 
 
-def make_silent(options: Mapping[str, Any]) -> Silent:
-    """Raises InputError: it has no options."""
-    check_options("silent", options, {})
-    return Silent()
-
-
 TREND_S = 1.0  # span of history that the trend of the speed is taken from
 
 
-class ConstantVelocity:
+class ConstantVelocity(OptionFree):
     """Speed and yaw rate of the last history sample, held; frames are never looked at.
 
     The text tells the action that the history shows (a VUT that has been braking says that it
     slows down), while the trajectory holds the speed, as the name says.
     """
 
+    name = "constant_velocity"
     model_id = "ssp/constant_velocity/1"
 
     def answer(self, request: Request) -> Answer:
@@ -86,18 +79,13 @@ def _lat_action(left_m: float) -> str:
     return "left" if left_m > 0 else "right"
 
 
-def make_constant_velocity(options: Mapping[str, Any]) -> ConstantVelocity:
-    """Raises InputError: it has no options."""
-    check_options("constant_velocity", options, {})
-    return ConstantVelocity()
-
-
 _STEP_S = 0.5  # of the actions of METHOD 6.6
 
 
-class CopyHistory:
+class CopyHistory(OptionFree):
     """Frames are never looked at; the text tells the plan's own action and nothing else."""
 
+    name = "copy_history"
     model_id = "ssp/copy_history/1"
 
     def answer(self, request: Request) -> Answer:
@@ -133,9 +121,3 @@ def _action_text(plan: Trajectory) -> str:
     if abs(y2 - y0) >= SIDEWAYS_M:
         lat = "left" if y2 > y0 else "right"
     return action_sentence(lon, lat)
-
-
-def make_copy_history(options: Mapping[str, Any]) -> CopyHistory:
-    """Raises InputError: it has no options."""
-    check_options("copy_history", options, {})
-    return CopyHistory()

@@ -6,15 +6,14 @@ travel is assumed, and what is not the surface's colour is taken for a thing on 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
-from ssp_vla_bridge.backend import check_options
+from ssp_vla_bridge.backend import OptionFree
 from ssp_vla_bridge.backends.phrases import (
     action_sentence,
     point_times,
@@ -63,9 +62,10 @@ class Perception:
     looked_at: int
 
 
-class OpencvBaseline:
+class OpencvBaseline(OptionFree):
     """Sees, judges, and says what it does; see the modules of ``vision`` for how."""
 
+    name = "opencv_baseline"
     model_id = f"ssp/opencv_baseline/1 (OpenCV {cv2.__version__})"
 
     def answer(self, request: Request) -> Answer:
@@ -156,9 +156,3 @@ def _resized(image: ByteImage, size: tuple[int, int]) -> ByteImage:
     if image.shape[1::-1] == size:
         return image
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def make(options: Mapping[str, Any]) -> OpencvBaseline:
-    """Raises InputError: it has no options."""
-    check_options("opencv_baseline", options, {})
-    return OpencvBaseline()
