@@ -22,6 +22,7 @@ BROUGHT_BY = {
     "lz4": "mcap",
     "markupsafe": "jinja2",
     "pydantic_core": "pydantic",
+    "typing_extensions": "pydantic",
     "zstandard": "mcap",
 }
 # Extras of the project, imported only where they are installed.

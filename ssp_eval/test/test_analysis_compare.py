@@ -11,7 +11,6 @@ from scipy import stats
 
 from ssp_eval.statistics.comparisons import Comparison, compare, holm, sign_flip_p, t_interval
 from ssp_eval.statistics.resampling import NO_INTERVAL, generator
-from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.sensitivity import (
     kendall_tau,
     sample_weights,
@@ -19,14 +18,9 @@ from ssp_eval.statistics.sensitivity import (
     stability,
     vary_weights,
 )
+from support.score_rows import row
 
-NAMES = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
 SEED = 5
-
-
-def row(scenario, domain, model, value, **others):
-    fields = dict.fromkeys(NAMES, value) | {"rsr": 0, "rl_s": None} | others
-    return CellRow(scenario, domain, model, **fields)
 
 
 @pytest.mark.parametrize("count", [2, 5, 9])

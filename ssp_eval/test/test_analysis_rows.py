@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from ssp_core.errors import InputError
 from ssp_eval.statistics.csv_rows import COLUMNS, rows_from_csv
 from ssp_eval.statistics.notices import everywhere, notices
-from ssp_eval.statistics.rows import MACRO, CellRow, entering, merged, repeated
+from ssp_eval.statistics.rows import MACRO, entering, merged, repeated
 from ssp_eval.statistics.tables import all_tables, matrix_table
 from ssp_eval.statistics.write import write_tables
+from support.score_rows import row
 
 HEAD = ",".join(COLUMNS)
 OWN = HEAD.replace("risk", "rsr") + ",rl_s"
@@ -23,12 +24,6 @@ def write(tmp_path, *lines, head=HEAD, encoding="utf-8"):
     path = tmp_path / "cells.csv"
     path.write_bytes("\n".join([head, *lines, ""]).encode(encoding))
     return path
-
-
-def row(scenario="s", domain="physical", model="m", value=0.5, **others):
-    names = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
-    fields = dict.fromkeys(names, value) | {"rsr": 0, "rl_s": None} | others
-    return CellRow(scenario, domain, model, **fields)
 
 
 def test_a_line_becomes_a_row_with_ivcs_by_the_method(tmp_path):

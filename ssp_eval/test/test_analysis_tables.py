@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_eval.score.aggregate import Mean
-from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import (
     FORMATS,
     Column,
@@ -29,14 +28,9 @@ from ssp_eval.statistics.table import (
 )
 from ssp_eval.statistics.tables import all_tables, sd
 from ssp_eval.statistics.write import MOST_ROWS, page_parts
+from support.score_rows import row
 
-NAMES = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
 THIRD = 1 / 3
-
-
-def row(scenario, domain, model, value, **others):
-    fields = dict.fromkeys(NAMES, value) | {"rsr": 0, "rl_s": None} | others
-    return CellRow(scenario, domain, model, **fields)
 
 
 ROWS = [

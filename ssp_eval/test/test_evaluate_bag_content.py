@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,34 +15,27 @@ from ssp_core.hashing import sha256_file
 from ssp_eval.data.provenance import content_sha256
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.model_client import IgnoredAnswers, InProcessClients, ModelClient, ModelReply
-from ssp_eval.evaluate.models import ModelSpec, bridge_spec
+from ssp_eval.evaluate.model_client import ModelReply
+from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.recordings import clip as bag_content
 from ssp_eval.recordings.clip import BagContent, Clip
 from ssp_vla_bridge.messages import Request
+from support.answering import Answering
 
 BagMaker = Callable[..., Path]
 DEADLINE_S = 120.0
 MODELS = [bridge_spec("constant_velocity")]
 
 
-class _Asking:
-    """Passes requests on, and lets something happen after the first."""
+class _Asking(Answering):
+    """Lets something happen after the first answer."""
 
-    def __init__(self, after_first: Callable[[], object] = lambda: None) -> None:
-        self.after_first, self.count = after_first, 0
-
-    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        self.inner = InProcessClients().client(model, options)
-        return self
-
-    @property
-    def ignored(self) -> IgnoredAnswers:
-        return IgnoredAnswers()
+    def __init__(self, after_first: Callable[[], object]) -> None:
+        super().__init__()
+        self.after_first = after_first
 
     def ask(self, request: Request) -> ModelReply:
-        self.count += 1
-        reply = self.inner.ask(request)
+        reply = super().ask(request)
         if self.count == 1:
             self.after_first()
         return reply
@@ -75,7 +67,7 @@ def test_what_happens_while_the_bag_is_hashed_is_noticed(
         return content_sha256(reader, on_block)
 
     monkeypatch.setattr(bag_content, "content_sha256", hashed)
-    clients, out = _Asking(), tmp_path / "out"
+    clients, out = Answering(), tmp_path / "out"
     with pytest.raises(InputError, match=says):
         run_campaign([(bag, None)], MODELS, clients, out, CellOptions(), True)
     assert clients.count == 0

@@ -18,7 +18,6 @@ from ssp_eval.data.records import load_records
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
 from ssp_eval.evaluate.model_client import (
-    IgnoredAnswers,
     InProcessClients,
     Loss,
     ModelClient,
@@ -31,55 +30,13 @@ from ssp_eval.evaluate.run import asking, show
 from ssp_eval.report.page import write_report
 from ssp_eval.score.cell import score_cell
 from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
+from support.answering import Answering
 
 BagMaker = Callable[..., Path]
 ONES = (
     "jovr", "sem_cov", "sem_acc_cond", "sem_acc_eff", "sem_acc_soft", "cia_eff", "act_acc_eff",
     "stfr", "tqsr", "atc_eff", "rsr", "ivcs",
 )  # fmt: skip
-
-
-class Counting:
-    """Passes requests on to in-process backends and counts them."""
-
-    def __init__(self) -> None:
-        self.inner = InProcessClients()
-        self.requests: list[Request] = []
-
-    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        return _CountingClient(self, self.inner.client(model, options))
-
-
-class _CountingClient:
-    def __init__(self, owner: Counting, inner: ModelClient) -> None:
-        self.owner, self.inner = owner, inner
-
-    @property
-    def ignored(self) -> IgnoredAnswers:
-        return IgnoredAnswers()
-
-    def ask(self, request: Request) -> ModelReply:
-        self.owner.requests.append(request)
-        return self.inner.ask(request)
-
-
-class Scripted:
-    """Answers by position: a reply, or an exception to raise."""
-
-    def __init__(self, script: Callable[[int, Request], ModelReply]) -> None:
-        self.script = script
-        self.count = 0
-
-    @property
-    def ignored(self) -> IgnoredAnswers:
-        return IgnoredAnswers()
-
-    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        return self
-
-    def ask(self, request: Request) -> ModelReply:
-        self.count += 1
-        return self.script(self.count - 1, request)
 
 
 def evaluate(
@@ -150,17 +107,17 @@ def test_a_cell_s_folder_is_complete(make_bag: BagMaker, tmp_path: Path) -> None
 
 def test_stored_answers_are_not_asked_again(make_bag: BagMaker, tmp_path: Path) -> None:
     bag, out = make_bag(), tmp_path / "out"
-    first = Counting()
+    first = Answering()
     (before,) = evaluate(bag, out, "constant_velocity", clients=first)
     assert len(first.requests) == before.asked == 9
-    again = Counting()
+    again = Answering()
     (after,) = evaluate(bag, out, "constant_velocity", clients=again)
     assert again.requests == []
     assert (after.asked, after.reused, after.score) == (0, 9, before.score)
-    fresh = Counting()
+    fresh = Answering()
     evaluate(bag, out, "constant_velocity", clients=fresh, fresh=True)
     assert len(fresh.requests) == 9
-    other = Counting()
+    other = Answering()
     evaluate(bag, out, "constant_velocity={}", clients=other)
     assert other.requests == []
 
@@ -176,13 +133,13 @@ def test_an_interrupted_run_goes_on_where_it_stopped(make_bag: BagMaker, tmp_pat
         )
 
     with pytest.raises(KeyboardInterrupt):
-        evaluate(bag, out, "m", clients=Scripted(stop))
+        evaluate(bag, out, "m", clients=Answering(stop))
     raw = out / "cells" / "cut_in__simulation__m" / "raw.jsonl"
     assert len(raw.read_text().splitlines()) == 4
     # A kill in the middle of a line leaves the end of it.
     with raw.open("a") as stream:
         stream.write('{"schema": "ssp.resp')
-    rest = Scripted(
+    rest = Answering(
         lambda index, request: ModelReply(
             Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"later {index}")
         )
@@ -224,7 +181,7 @@ def test_who_interrupts_is_told_what_is_kept(
 
         monkeypatch.setattr("ssp_eval.evaluate.cli.evaluate_bags", direct)
 
-    over(Scripted(stop))
+    over(Answering(stop))
     assert main(command) == 130
     kept = f"the answers so far are in {out}; the same command, given again, goes on"
     printed = capfd.readouterr().err
@@ -255,7 +212,7 @@ def test_missing_answers_cost_their_records_only(
         )  # fmt: skip
 
     out, bag = tmp_path / "out", make_bag()
-    (result,) = evaluate(bag, out, "m", clients=Scripted(some))
+    (result,) = evaluate(bag, out, "m", clients=Answering(some))
     assert (result.status, result.missing) == ("ok", 2)
     assert result.score is not None
     assert result.score["matched"] == 7
@@ -269,7 +226,7 @@ def test_missing_answers_cost_their_records_only(
     show([result], out)
     assert "; first: no answer within 1 s (see cell.json)" in capfd.readouterr().err
     # Errors aren't answers: both are asked again.
-    again = Scripted(some)
+    again = Answering(some)
     evaluate(bag, out, "m", clients=again)
     assert again.count == 2
 
@@ -294,7 +251,7 @@ def test_an_invalid_run_is_refused_and_never_scored(make_bag: BagMaker, tmp_path
         "unsafe", verdict=Verdict.INVALID_HARNESS, reasons=("the recorder lost 3 messages",)
     )
     (tmp_path / "unsafe.labels.json").write_text(labels.read_text())
-    asked = Counting()
+    asked = Answering()
     (result,) = evaluate(unsafe, out, "perfect", clients=asked)
     assert result.status == "refused"
     assert "the recorder lost 3 messages" in result.reasons[0]
@@ -359,7 +316,7 @@ def test_a_bridge_that_died_is_seen_in_table_and_report(
         )
 
     out = tmp_path / "out"
-    results = evaluate(make_bag(), out, "m", clients=Scripted(dies))
+    results = evaluate(make_bag(), out, "m", clients=Answering(dies))
     show(results, out)
     shown = capfd.readouterr()
     row = next(line for line in shown.out.splitlines() if " m " in line)
@@ -383,7 +340,7 @@ def test_labels_outside_the_clip_are_refused_before_asking(
     assert result.missing == 0
     last["t_s"] = 9.1
     path.write_text(json.dumps(value))
-    asked = Counting()
+    asked = Answering()
     with pytest.raises(InputError, match="outside the clip") as caught:
         evaluate(bag, out, "silent", clients=asked)
     assert caught.value.field == "labels[8].t_s"
@@ -410,7 +367,7 @@ def test_no_score_stays_beside_labels_that_it_isn_t_of(make_bag: BagMaker, tmp_p
     value["labels"][0]["lat_actions"] = ["left", "straight", "right"]
     labels.write_text(json.dumps(value))
     with pytest.raises(KeyboardInterrupt):
-        evaluate(bag, out, "perfect", clients=Scripted(stop))
+        evaluate(bag, out, "perfect", clients=Answering(stop))
     there = {file.name for file in folder.iterdir()}
     assert there == {"labels.json", "raw.jsonl", "requests.jsonl"}
     (result,) = evaluate(bag, out, "perfect")

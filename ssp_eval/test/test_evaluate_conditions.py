@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -24,7 +23,7 @@ from ssp_eval.evaluate.cell import (
     shuffled,
     under,
 )
-from ssp_eval.evaluate.model_client import IgnoredAnswers, InProcessClients, ModelClient, ModelReply
+from ssp_eval.evaluate.model_client import ClientsWithAnswerers, ModelReply
 from ssp_eval.evaluate.models import (
     ANSWERERS,
     BLACK,
@@ -40,6 +39,7 @@ from ssp_eval.recordings.clip import NoQuestion, Question
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.rows import entering, rows_from_cells
 from ssp_vla_bridge.messages import Frame, Request, Response
+from support.answering import Answering
 
 BagMaker = Callable[..., Path]
 
@@ -131,32 +131,21 @@ def test_controls_are_added_once_and_checks_get_no_conditions() -> None:
     assert set(ANSWERERS) <= set(names)
 
 
-class Seeing(InProcessClients):
-    """Says how bright the newest frame is, and remembers what it was asked."""
-
-    ignored = IgnoredAnswers()
-
-    def __init__(self) -> None:
-        self.requests: list[Request] = []
-
-    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        return self if model.name == "seeing" else super().client(model, options)
-
-    def ask(self, request: Request) -> ModelReply:
-        self.requests.append(request)
-        data = np.frombuffer(request.frames[-1].jpeg, np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR)
-        assert image is not None
-        text = "I keep my speed and stay in my lane." if image.max() > 0 else "I see nothing."
-        return ModelReply(Response(request.request_id, request.stamp_ns, "seeing", "s/1", text))
+def how_bright(_: int, request: Request) -> ModelReply:
+    """Says how bright the newest frame is."""
+    image = cv2.imdecode(np.frombuffer(request.frames[-1].jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    text = "I keep my speed and stay in my lane." if image.max() > 0 else "I see nothing."
+    return ModelReply(Response(request.request_id, request.stamp_ns, "seeing", "s/1", text))
 
 
 def test_a_campaign_with_controls(make_bag: BagMaker, tmp_path: Path) -> None:
-    client = Seeing()
+    client = Answering(how_bright)
+    clients = ClientsWithAnswerers(client)
     seeing = ModelSpec("seeing", backend="opencv_baseline")
     models = with_controls([seeing])
     bags: list[tuple[Path, Path | None]] = [(make_bag(), None)]
-    results = run_campaign(bags, models, client, tmp_path, CellOptions(), True)
+    results = run_campaign(bags, models, clients, tmp_path, CellOptions(), True)
     assert all(result.status == "ok" or result.model == "silent" for result in results)
     black = json.loads((tmp_path / "cells/cut_in__simulation__seeing+black/cell.json").read_text())
     assert (black["model"], black["condition"], black["condition_seed"], black["control"]) == (
@@ -173,6 +162,6 @@ def test_a_campaign_with_controls(make_bag: BagMaker, tmp_path: Path) -> None:
     assert "does the harness measure seeing?" in section
     assert section.count("<td>seeing</td>") == 2
     assert "constant_velocity" in section
-    again = run_campaign(bags, models, client, tmp_path, CellOptions())
+    again = run_campaign(bags, models, clients, tmp_path, CellOptions())
     assert sum(result.asked for result in again) == 0
     assert len(client.requests) == 27

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,35 +14,30 @@ from ssp_core.errors import InputError
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
-from ssp_eval.evaluate.model_client import IgnoredAnswers, ModelClient, ModelReply
+from ssp_eval.evaluate.model_client import ModelReply
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.raw_store import EARLIER_FILE, RawStore
 from ssp_eval.evaluate.requests import RAW_FILE
 from ssp_vla_bridge.messages import ErrorCode, Request, Response
+from support.answering import Answering
 
 BagMaker = Callable[..., Path]
 MODEL = ModelSpec("m", {"base_url": "http://host:1/v1", "model": "q"}, backend="openai",
                   interface="waypoints")  # fmt: skip
 
 
-class Numbered:
+class Numbered(Answering):
     """Numbers its answers, so that one is told from another; errors, or an end, at some of them."""
 
-    ignored = IgnoredAnswers()
-
     def __init__(self) -> None:
-        self.count = 0
+        super().__init__(self.numbered)
         self.errors_at: set[int] = set()
         self.stops_at: int | None = None
 
-    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        return self
-
-    def ask(self, request: Request) -> ModelReply:
-        number = self.count
+    def numbered(self, number: int, request: Request) -> ModelReply:
         if number == self.stops_at:
+            self.requests.pop()
             raise KeyboardInterrupt
-        self.count += 1
         answer = Response(request.request_id, request.stamp_ns, "m", "m/1", f"answer {number}")
         if number in self.errors_at:
             answer = replace(answer, error_code=int(ErrorCode.BACKEND), error_msg="broken")

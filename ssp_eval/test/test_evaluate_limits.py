@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,33 +15,16 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult, decodings, short_list
 from ssp_eval.evaluate.model_client import (
     MOST_REASON,
-    IgnoredAnswers,
     Loss,
-    ModelClient,
     ModelReply,
     unusable,
 )
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_vla_bridge.messages import Request, Response
+from support.answering import Answering
 
 BagMaker = Callable[..., Path]
 MIB = 1 << 20
-
-
-class Says:
-    """Answers by a function of the number of the question."""
-
-    ignored = IgnoredAnswers()
-
-    def __init__(self, reply: Callable[[int, Request], ModelReply]) -> None:
-        self.reply, self.count = reply, 0
-
-    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        return self
-
-    def ask(self, request: Request) -> ModelReply:
-        self.count += 1
-        return self.reply(self.count, request)
 
 
 def answer(request: Request, **decoding: Any) -> ModelReply:
@@ -54,7 +37,7 @@ def answer(request: Request, **decoding: Any) -> ModelReply:
 def evaluate(
     bag: Path, out: Path, reply: Callable[[int, Request], ModelReply], *models: ModelSpec
 ) -> list[CellResult]:
-    clients = Says(reply)
+    clients = Answering(reply)
     return run_campaign(
         [(bag, None)], models or [ModelSpec("m")], clients, out, CellOptions(), True
     )
@@ -67,7 +50,7 @@ def test_what_differs_by_answer_is_left_to_the_raw_file(make_bag: BagMaker, tmp_
     (result,) = evaluate(make_bag(), tmp_path, talkative)
     assert (result.status, result.missing) == ("ok", 0)
     assert read_mapping(result.folder / "cell.json")["decoding"] == [{"seed": 1}]
-    assert '"tokens": 9' in (result.folder / "raw.jsonl").read_text()
+    assert '"tokens": 8' in (result.folder / "raw.jsonl").read_text()
 
 
 def test_reasons_are_cut_in_the_summary_and_whole_where_they_were_asked(

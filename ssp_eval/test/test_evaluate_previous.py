@@ -14,32 +14,25 @@ from ssp_eval.data.records import load_records, record_to_json
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, record_of
 from ssp_eval.evaluate.cell_file import CellResult
-from ssp_eval.evaluate.model_client import IgnoredAnswers, Loss, ModelClient, ModelReply
+from ssp_eval.evaluate.model_client import Loss, ModelReply
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.requests import answer_sha256, asked_again
 from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
+from support.answering import Answering
 
 BagMaker = Callable[..., Path]
 STATEFUL = ModelSpec("m", backend="openai", interface="openemma", adapter="waypoints")
 
 
-class Model:
+class Model(Answering):
     """Answers with what its request holds, or as scripted for the n-th request it gets."""
 
     def __init__(self, script: Mapping[int, Any] | None = None) -> None:
+        super().__init__(self.answer)
         self.script = dict(script or {})
-        self.requests: list[Request] = []
 
-    @property
-    def ignored(self) -> IgnoredAnswers:
-        return IgnoredAnswers()
-
-    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        return self
-
-    def ask(self, request: Request) -> ModelReply:
-        self.requests.append(request)
-        scripted = self.script.get(len(self.requests) - 1)
+    def answer(self, number: int, request: Request) -> ModelReply:
+        scripted = self.script.get(number)
         if isinstance(scripted, ModelReply):
             return scripted
         if scripted is KeyboardInterrupt:

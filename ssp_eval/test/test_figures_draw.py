@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import itertools
 import re
-import sys
 import warnings
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from matplotlib.colors import to_rgb
@@ -32,10 +30,7 @@ from ssp_eval.figures.style import (
 from ssp_eval.score.aggregate import ranking
 from ssp_eval.score.metrics import ivcs_weights
 from ssp_eval.statistics.rows import CellRow
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from figure_rows import MANY, MODELS, rows_of
+from support.score_rows import MANY, MODELS, rows_of
 
 KINDS = {
     "matrix": matrix,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import random
-import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -16,10 +14,7 @@ from ssp_eval.figures.cloud import around, place_labels, spread
 from ssp_eval.figures.scores import Scores, pareto_front
 from ssp_eval.figures.style import names_in, pages_of, text_width_in
 from ssp_eval.score.aggregate import BY_DOMAIN, means
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from figure_rows import MANY, rows_of
+from support.score_rows import MANY, rows_of
 
 coarse = st.integers(0, 6).map(lambda k: k / 6)
 

@@ -18,10 +18,7 @@ from ssp_eval.figures.write import DPI, write_figures
 from ssp_eval.report.cli import report
 from ssp_eval.score.cli import DISCLAIMER
 from ssp_eval.statistics.csv_rows import COLUMNS
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from figure_rows import rows_of
+from support.score_rows import rows_of
 
 HEAD = ",".join(COLUMNS)
 LINES = (

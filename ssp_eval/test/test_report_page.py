@@ -6,11 +6,10 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -25,10 +24,8 @@ from ssp_core.vocabulary import Verdict
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import (
-    IgnoredAnswers,
     InProcessClients,
     Loss,
-    ModelClient,
     ModelReply,
 )
 from ssp_eval.evaluate.models import ModelFacts, ModelSpec, bridge_spec
@@ -41,6 +38,7 @@ from ssp_eval.report.page import write_report
 from ssp_eval.statistics.statistics import Curve
 from ssp_vla_bridge.messages import Request, Response
 from ssp_vla_bridge.trajectory import Trajectory
+from support.answering import Answering
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -331,27 +329,16 @@ def test_the_audits_that_cells_go_by_are_linked_where_they_lie(
     assert "audits/cut_in/audit.html" not in write_report(campaign).read_text()
 
 
-class Lossy:
+def lossy(number: int, request: Request) -> ModelReply:
     """Answers as OpenEMMA does, with a trait to tolerate, and loses some answers."""
-
-    ignored = IgnoredAnswers()
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        return self
-
-    def ask(self, request: Request) -> ModelReply:
-        self.count += 1
-        if self.count == 3:
-            return ModelReply(None, "no answer within 1 s", Loss.SILENT)
-        pairs = ", ".join(["[9.0, \u22120.1]"] * 10)
-        facts = {"temperature": 0, "stages": [{"latency_s": self.count}]}
-        blank = Response(request.request_id, request.stamp_ns, "m", "m/1", pairs, decoding=facts)
-        if self.count == 6:
-            return ModelReply(replace(blank, error_code=2, error_msg="stage motion: <b>broken</b>"))
-        return ModelReply(blank)
+    if number == 2:
+        return ModelReply(None, "no answer within 1 s", Loss.SILENT)
+    pairs = ", ".join(["[9.0, \u22120.1]"] * 10)
+    facts = {"temperature": 0, "stages": [{"latency_s": number}]}
+    blank = Response(request.request_id, request.stamp_ns, "m", "m/1", pairs, decoding=facts)
+    if number == 5:
+        return ModelReply(replace(blank, error_code=2, error_msg="stage motion: <b>broken</b>"))
+    return ModelReply(blank)
 
 
 def test_a_cell_says_how_it_was_asked_read_and_what_is_missing(
@@ -361,7 +348,7 @@ def test_a_cell_says_how_it_was_asked_read_and_what_is_missing(
         "m", backend="openai", interface="openemma",
         facts=ModelFacts(30.5, 3.3, "moe"),
     )  # fmt: skip
-    run_campaign([(make_bag(), None)], [spec], Lossy(), tmp_path, CellOptions(), True)
+    run_campaign([(make_bag(), None)], [spec], Answering(lossy), tmp_path, CellOptions(), True)
     page = write_report(tmp_path).read_text()
     cell = page.split('<details class="cell"')[1].split('<details class="record"')[0]
     text = " ".join(re.sub(r"<[^>]+>", "", cell).split())

@@ -24,7 +24,6 @@ from ssp_eval.report.drawings import seeing_plot
 from ssp_eval.report.render import MOST_ACROSS, common_notes, grid, rank_grids
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.statistics.notices import everywhere, notices
-from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import MOST_NAMED, Column, Table, some
 from ssp_eval.statistics.tables import (
     AS_MUCH,
@@ -35,6 +34,7 @@ from ssp_eval.statistics.tables import (
     condition_of,
     control_tables,
 )
+from support.score_rows import row
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -152,16 +152,16 @@ def test_the_page_shows_the_numbers_of_the_files(written: Path) -> None:
             rows = sorted(rows, key=lambda row: row["model"] != "opencv_baseline")
         fields = [row for row in shown if row]
         assert len(fields) == len(rows), name
-        for row, texts in zip(rows, fields, strict=True):
+        for line, texts in zip(rows, fields, strict=True):
             assert len(texts) == len(columns), name
             for column, (text, n) in zip(columns, texts, strict=True):
                 key = column["name"]
                 if key == "response":
                     continue
-                if f"{key}_n" in row:
-                    own = row[f"{key}_n"]
-                    assert n == (f"n={own}" if own not in (row.get("n"), 0, None) else "")
-                wanted = rounded(column["kind"], row[key])
+                if f"{key}_n" in line:
+                    own = line[f"{key}_n"]
+                    assert n == (f"n={own}" if own not in (line.get("n"), 0, None) else "")
+                wanted = rounded(column["kind"], line[key])
                 if wanted is not None:
                     assert text == ("·" if wanted == "0" and text == "·" else wanted), name
                     compared += 1
@@ -175,13 +175,13 @@ def test_csv_json_latex_and_html_have_the_same_numbers(written: Path) -> None:
         head, *rest = lines(file.with_suffix(".csv"))
         latex, html = file.with_suffix(".tex").read_text(), file.with_suffix(".html").read_text()
         assert head == [field["name"] for field in data["schema"]["fields"]]
-        for row, line in zip(data["data"], rest, strict=True):
+        for entry, line in zip(data["data"], rest, strict=True):
             of = dict(zip(head, line, strict=True))
             for column in columns_of(data):
                 key, kind = column["name"], column["kind"]
-                if kind in DIGITS and key in row and row[key] is not None:
-                    assert math.isclose(float(of[key]), row[key], rel_tol=0, abs_tol=0)
-                    text = rounded(kind, row[key])
+                if kind in DIGITS and key in entry and entry[key] is not None:
+                    assert math.isclose(float(of[key]), entry[key], rel_tol=0, abs_tol=0)
+                    text = rounded(kind, entry[key])
                     assert text is not None
                     assert text in html
                     assert text.replace("-", "$-$") in latex
@@ -193,8 +193,8 @@ def test_values_in_json_have_the_types_that_their_fields_tell(written: Path) -> 
     assert len(files) > 20
     for file in files:
         data = json.loads(file.read_text())
-        for row in data["data"]:
-            for field, value in zip(data["schema"]["fields"], row.values(), strict=True):
+        for line in data["data"]:
+            for field, value in zip(data["schema"]["fields"], line.values(), strict=True):
                 null = value is None and field["type"] != "integer"
                 assert null or type(value) in types[field["type"]], (file.name, field, value)
 
@@ -221,14 +221,6 @@ def test_what_cells_can_t_be_compared_for_stands_under_every_table(written: Path
             assert f'<p class="notice">{text}</p>' in html
             assert text.replace("_", r"\_") in latex
             assert text in (folder / f"{name}.notes.txt").read_text().split("\n\n")
-
-
-NAMES = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
-
-
-def row(scenario: str, domain: str, model: str, value: float, **others: Any) -> CellRow:
-    scores: dict[str, Any] = dict.fromkeys(NAMES, value) | {"rsr": 0, "rl_s": None} | others
-    return CellRow(scenario, domain, model, **scores)
 
 
 def test_what_seeing_is_worth_by_hand() -> None:

@@ -1,14 +1,10 @@
-"""Strict reading of JSON values: every refusal names the file, the line and the field.
-
-The scoring files (METHOD 5.2, 5.3) are read with these few functions instead of a schema library,
-because which wrong value is an input error and which is a model's invalid output (METHOD 5.6) is
-decided per field, and because a refusal must never become a traceback, whatever the input holds.
-"""
+"""Strict reading of JSON values: every refusal names the file, the line and the field."""
 
 from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -141,13 +137,6 @@ def string(value: object, place: Location) -> str:
     return value
 
 
-def boolean(value: object, place: Location) -> bool:
-    """true or false."""
-    if not isinstance(value, bool):
-        raise place.error(f"must be true or false, not {_kind(value)}", value)
-    return value
-
-
 def integer(value: object, place: Location) -> int:
     """A whole number written without fraction or exponent."""
     if not isinstance(value, int) or isinstance(value, bool):
@@ -155,19 +144,12 @@ def integer(value: object, place: Location) -> int:
     return value
 
 
-def number(value: object, place: Location) -> float:
-    """A number as a float, which may be NaN or infinite (a number too large for a float is)."""
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        raise place.error(f"must be a number, not {_kind(value)}", value)
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf
-
-
 def finite(value: object, place: Location) -> float:
     """A finite number as a float."""
-    result = number(value, place)
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        raise place.error(f"must be a number, not {_kind(value)}", value)
+    # A whole number that is too large for a float is infinite.
+    result = math.inf if abs(value) > sys.float_info.max else float(value)
     if not math.isfinite(result):
         raise place.error("must be a finite number", result)
     return result

@@ -14,7 +14,6 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, RootMod
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, parse_value, read_text
 from ssp_core.hashing import sha256_json
-from ssp_core.run_file.values import Finite
 from ssp_core.vocabulary import (
     CONFLICTS,
     DOMAINS,
@@ -56,9 +55,9 @@ def _position_of(value: Any) -> Any:
 # A text, flag or number that isn't made of another kind of value.
 Text = Annotated[str, Strict()]
 Flag = Annotated[bool, Strict()]
-Number = Annotated[Finite, Strict()]
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Name = Annotated[Text, Field(pattern=r"\S")]
-_CLOSED = ConfigDict(extra="forbid")
+CLOSED = ConfigDict(extra="forbid")
 
 
 def once(words: tuple[str, ...]) -> tuple[str, ...]:
@@ -200,7 +199,7 @@ class Label:
         PhasePosition | None, BeforeValidator(_position_of), AfterValidator(_in_phase)
     ] = None
 
-    __pydantic_config__: ClassVar[ConfigDict] = _CLOSED
+    __pydantic_config__: ClassVar[ConfigDict] = CLOSED
 
 
 LABEL_KEYS = tuple(item.name for item in fields(Label) if item.name != "at")
@@ -228,7 +227,7 @@ class Labels:
     labels: Annotated[tuple[Label, ...], Field(min_length=1)]
     plan: Annotated[str, one_of((BY_PHASE, BY_CLOCK))] = BY_CLOCK
 
-    __pydantic_config__: ClassVar[ConfigDict] = _CLOSED
+    __pydantic_config__: ClassVar[ConfigDict] = CLOSED
 
     @property
     def risk_onset_s(self) -> float:

@@ -7,13 +7,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NotRequired
 
-from pydantic import Field, Strict, ValidationError
+from pydantic import RootModel, Strict, ValidationError, with_config
+from typing_extensions import TypedDict
 
 from ssp_core.errors import InputError
 from ssp_core.files import Model, parse_model, read_text
-from ssp_core.run_file.values import Strict as Closed
 from ssp_core.vocabulary import (
     CONFLICTS,
     LAT_ACTIONS,
@@ -28,7 +28,7 @@ from ssp_core.vocabulary import (
     ObjectWord,
     PositionWord,
 )
-from ssp_eval.data.labels import Flag, Number, Text, once
+from ssp_eval.data.labels import CLOSED, Flag, Number, Text, once
 from ssp_vla_bridge.trajectory import INVALID_REASONS, Trajectory
 
 SCHEMA: Literal["ssp.record/1"] = "ssp.record/1"
@@ -95,37 +95,49 @@ class BehaviourRecord:
 
 
 _Place = Annotated[int, Strict()]
+_Evidence = tuple[tuple[_Place, _Place], ...]
+_Coordinates = tuple[Annotated[float, Strict()] | None, ...]
 
 
-class _Said(Closed):
-    evidence: tuple[tuple[_Place, _Place], ...]
-
-
-class _Objects(_Said):
+# Typed mappings rather than models, since a campaign has hundreds of thousands of them.
+@with_config(CLOSED)
+class _Objects(TypedDict):
     value: tuple[ObjectWord, ...] | None
+    evidence: _Evidence
 
 
-class _Position(_Said):
+@with_config(CLOSED)
+class _Position(TypedDict):
     value: PositionWord | None
+    evidence: _Evidence
 
 
-class _Motion(_Said):
+@with_config(CLOSED)
+class _Motion(TypedDict):
     value: MotionWord | None
+    evidence: _Evidence
 
 
-class _Conflict(_Said):
+@with_config(CLOSED)
+class _Conflict(TypedDict):
     value: ConflictWord | None
+    evidence: _Evidence
 
 
-class _LonAction(_Said):
+@with_config(CLOSED)
+class _LonAction(TypedDict):
     value: LonWord | None
+    evidence: _Evidence
 
 
-class _LatAction(_Said):
+@with_config(CLOSED)
+class _LatAction(TypedDict):
     value: LatWord | None
+    evidence: _Evidence
 
 
-class SlotsLine(Closed):
+@with_config(CLOSED)
+class SlotsLine(TypedDict):
     """The slots of a text as a line of a file has them."""
 
     objects: _Objects | None
@@ -135,59 +147,68 @@ class SlotsLine(Closed):
     lon_action: _LonAction | None
     lat_action: _LatAction | None
 
-    def made(self) -> Slots:
-        """The slots; None where a line has null, or null for the value."""
-        return Slots(**{name: _slot(said) for name, said in self})
 
-
-_Coordinates = tuple[Annotated[float, Strict()] | None, ...]
-
-
-class _TrajectoryLine(Closed):
+@with_config(CLOSED)
+class _Trajectory(TypedDict):
     t_s: _Coordinates
     x_m: _Coordinates
     y_m: _Coordinates
 
 
-class _AdapterLine(Closed):
+@with_config(CLOSED)
+class _Adapter(TypedDict):
     name: Text
     mode: Text
     origin_added: Flag
     notes: list[Text]
 
 
-class _Line(Closed):
-    """``ssp.record/1``."""
-
-    schema_: Literal["ssp.record/1"] = Field(alias="schema")
+@with_config(CLOSED)
+class _Content(TypedDict):
+    schema: Literal["ssp.record/1"]
     t_s: Number
     text: Text
     slots: SlotsLine
-    trajectory: _TrajectoryLine | None
+    trajectory: _Trajectory | None
     invalid: tuple[Literal[INVALID_REASONS], ...]  # type: ignore[valid-type]  # words of a tuple
-    adapter: _AdapterLine | None = None
+    adapter: NotRequired[_Adapter | None]
+
+
+class _Line(RootModel[_Content]):
+    """``ssp.record/1``."""
 
     def record(self) -> BehaviourRecord:
-        path = self.trajectory
+        content = self.root
+        path, adapter = content["trajectory"], content.get("adapter")
         return BehaviourRecord(
-            self.t_s,
-            self.text,
-            self.slots.made(),
-            None if path is None else Trajectory(*map(_with_nan, (path.t_s, path.x_m, path.y_m))),
-            once(self.invalid),
-            None if self.adapter is None else self.adapter.model_dump(),
+            content["t_s"],
+            content["text"],
+            slots_of(content["slots"]),
+            None
+            if path is None
+            else Trajectory(_with_nan(path["t_s"]), _with_nan(path["x_m"]), _with_nan(path["y_m"])),
+            once(content["invalid"]),
+            None if adapter is None else {**adapter},
         )
 
 
 def _with_nan(numbers: _Coordinates) -> tuple[float, ...]:
     """NaN where the file has null: the trajectory is invalid, the file is not."""
+    if None not in numbers:
+        return numbers  # type: ignore[return-value]  # none of them is None
     return tuple([math.nan if number is None else number for number in numbers])
 
 
+def slots_of(line: SlotsLine) -> Slots:
+    """The slots; None where a line has null, or null for the value."""
+    return Slots(**{name: _slot(said) for name, said in line.items()})
+
+
 def _slot(said: Any) -> Slot | None:
-    if said is None or said.value is None:
+    if said is None or said["value"] is None:
         return None
-    return Slot(once(said.value) if isinstance(said, _Objects) else said.value, said.evidence)
+    value = said["value"]
+    return Slot(once(value) if isinstance(value, tuple) else value, said["evidence"])
 
 
 def load_records(path: str | Path) -> tuple[BehaviourRecord, ...]:

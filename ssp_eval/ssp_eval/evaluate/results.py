@@ -214,6 +214,10 @@ class CellData:
         most of what the cells of a large campaign would take of memory."""
         return tuple(json.loads(line) for line in self.asked)
 
+    def requests_by_label(self) -> dict[float, dict[str, Any]]:
+        """What was asked at each label's clip time, s."""
+        return {float(request["label_t_s"]): request for request in reversed(self.requests)}
+
     @property
     def scenario(self) -> str:
         """Name of the scenario."""

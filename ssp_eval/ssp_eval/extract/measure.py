@@ -24,7 +24,7 @@ from ssp_core.files import read_text
 from ssp_core.run_file.values import Strict
 from ssp_core.vocabulary import OBJECTS
 from ssp_eval.data.labels import Name, Text
-from ssp_eval.data.records import SLOT_NAMES, Slot, Slots, SlotsLine, parse_line
+from ssp_eval.data.records import SLOT_NAMES, Slot, Slots, SlotsLine, parse_line, slots_of
 
 StyleWord = Literal["coc", "staged", "verbose", "terse", "structured"]
 EMPTY = "–"
@@ -39,14 +39,15 @@ class _Line(Strict):
 
     @model_validator(mode="after")
     def _is_supported(self) -> Self:
-        for name, said in self.slots:
+        said: Any
+        for name, said in self.slots.items():
             if said is None:
                 continue
-            if said.value is None or not said.evidence:
+            if said["value"] is None or not said["evidence"]:
                 raise ValueError(f"slots.{name}.evidence: must support a value by a span or more")
-            if name == "objects" and len(set(said.value)) < len(said.value):
+            if name == "objects" and len(set(said["value"])) < len(said["value"]):
                 raise ValueError("slots.objects.value: names a class twice")
-            for number, (start, end) in enumerate(said.evidence):
+            for number, (start, end) in enumerate(said["evidence"]):
                 inside = 0 <= start < end <= len(self.text)
                 if not inside or not self.text[start:end].strip():
                     raise ValueError(
@@ -86,7 +87,7 @@ def parse_corpus(text: str, file: str | Path) -> tuple[Example, ...]:
         if (first := lines.setdefault(line.id, number)) != number:
             problem = f"stands in line {first} too"
             raise InputError(problem, file=file, line=number, field="id", value=line.id)
-        examples.append(Example(line.id, line.style, line.text, line.slots.made()))
+        examples.append(Example(line.id, line.style, line.text, slots_of(line.slots)))
     if not examples:
         raise InputError("holds no text", file=file)
     return tuple(examples)

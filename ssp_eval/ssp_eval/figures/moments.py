@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -295,11 +295,12 @@ def overlay_of(
     """
     if cell.score is None:
         return None
+    asked = cell.requests_by_label()
     story = CellOverlay(
         cell,
         out,
         tuple(
-            _moment(cell, label, judgement)
+            _moment(cell, label, judgement, asked.get(label.t_s, {}))
             for label, judgement in zip(
                 cell.labels.labels, cell.score.details.judgements, strict=True
             )
@@ -318,9 +319,10 @@ def overlay_of(
     return replace(story, part=found)
 
 
-def _moment(cell: CellData, label: Label, judgement: Judgement) -> Moment:
+def _moment(
+    cell: CellData, label: Label, judgement: Judgement, request: Mapping[str, Any]
+) -> Moment:
     record = None if judgement.record is None else cell.records[judgement.record]
-    request = _request(cell.requests, label.t_s)
     valid = record is not None and judgement.trajectory_valid
     stamp = request.get("stamp_ns")
     return Moment(
@@ -333,7 +335,3 @@ def _moment(cell: CellData, label: Label, judgement: Judgement) -> Moment:
         record=record,
         plan=record.trajectory if record is not None and valid else None,
     )
-
-
-def _request(requests: Sequence[Mapping[str, Any]], label_t_s: float) -> Mapping[str, Any]:
-    return next((r for r in requests if r.get("label_t_s") == label_t_s), {})

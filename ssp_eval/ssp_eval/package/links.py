@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -64,18 +64,20 @@ class Links:
 
     def derive(self) -> list[Link]:
         """All links, in order."""
-        for entry in self._contents.of("cell"):
-            self._guard(entry, self._cell)
-        for entry in self._contents.of("audit"):
-            self._guard(entry, self._audit)
-        for entry in self._contents.of("labels"):
-            self._guard(entry, self._labels)
-        for entry in self._contents.of("observation"):
-            self._guard(entry, self._observation)
-        for entry in self._contents.of("proposal"):
-            self._guard(entry, self._proposal)
-        for entry in self._contents.of("log"):
-            self._guard(entry, self._shortlists)
+        readers: dict[Role, Callable[[FileEntry], None]] = {
+            "cell": self._cell,
+            "audit": self._audit,
+            "labels": self._labels,
+            "observation": self._observation,
+            "proposal": self._proposal,
+            "log": self._shortlists,
+        }
+        for role, read in readers.items():
+            for entry in self._contents.of(role):
+                try:
+                    read(entry)
+                except InputError as error:
+                    self.problems.append(Problem(entry.path, error.field or "", error.problem))
         for path, task in self._index.seals.items():
             self._task(path, task)
         for path, named in self._index.sources.items():
@@ -96,12 +98,6 @@ class Links:
                 named = record.details.get("sha256")
                 target = self._contents.with_hash(str(named), entry.path, "shortlist")
                 self._add("shortlist", entry.path, f"{place}:details.sha256", target, named, "list")
-
-    def _guard(self, entry: FileEntry, read: Any) -> None:
-        try:
-            read(entry)
-        except InputError as error:
-            self.problems.append(Problem(entry.path, error.field or "", error.problem))
 
     def _add(
         self, kind: Kind, source: str, at: str, target: FileEntry | None, named: object, what: str

@@ -238,15 +238,15 @@ def record_views(cell: CellData) -> list[RecordView]:
         return []
     details = cell.score.details
     walks = Walks(cell)
-    requests = cell.requests
-    by_time = {curve.label_t_s: curve for curve in curves(requests)}
+    asked = cell.requests_by_label()
+    by_time = {curve.label_t_s: curve for curve in curves(cell.requests)}
     return [
         _view(
             cell,
             index,
             label,
             judgement,
-            _request(requests, label.t_s),
+            asked.get(label.t_s, {}),
             walks.of(index, judgement),
             by_time.get(label.t_s, Curve(label.t_s)),
         )
@@ -326,10 +326,6 @@ def curve_words(curve: Curve) -> str:
 def _sideways(shift_m: float) -> str:
     side = "to the left" if shift_m > 0 else "to the right"
     return f"{abs(shift_m):.2f} m {side}" if round(abs(shift_m), 2) else "0.00 m aside"
-
-
-def _request(requests: Sequence[dict[str, Any]], label_t_s: float) -> dict[str, Any]:
-    return next((r for r in requests if r.get("label_t_s") == label_t_s), {})
 
 
 def _picture(cell: CellData, frames: Sequence[dict[str, Any]]) -> str:

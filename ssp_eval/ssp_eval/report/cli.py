@@ -64,42 +64,35 @@ def draw_figures(
         InputError: the reference is no model, or a file can't be read or written.
     """
     groups = [name for name in wanted.only if name in GROUPS]
-    left_out: list[tuple[str, str]] = []
-    files = 0
+    done: list[Written] = []
     with console.progress("figures", None) as bar:
 
         def advance(name: str) -> None:
             bar.update(bar.task_ids[0], advance=1, description=name)
 
-        for written in _steps(wanted, groups, rows, campaign, cells, advance):
-            files += len(written.files)
-            left_out += written.left_out
-    for name, reason in left_out:
+        if groups or not wanted.only:
+            done.append(write_figures(rows, wanted.folder, wanted.reference, groups, advance))
+        if campaign is not None and (not wanted.only or OVERLAYS in wanted.only):
+            done.append(_overlays(wanted, campaign, cells, advance))
+    for name, reason in (one for written in done for one in written.left_out):
         console.note(f"{name}: not drawn: {reason}")
-    click.echo(f"{wanted.folder} ({files} files)")
+    click.echo(f"{wanted.folder} ({sum(len(written.files) for written in done)} files)")
 
 
-def _steps(
+def _overlays(
     wanted: WantedFigures,
-    groups: Sequence[str],
-    rows: Sequence[CellRow],
-    campaign: Path | None,
+    campaign: Path,
     cells: Sequence[CellData],
     advance: Callable[[str], None],
-) -> list[Written]:
-    done = []
-    if groups or not wanted.only:
-        done.append(write_figures(rows, wanted.folder, wanted.reference, groups, advance))
-    if campaign is None or (wanted.only and OVERLAYS not in wanted.only):
-        return done
+) -> Written:
     scored = sum(cell.score is not None and not cell.is_control for cell in cells)
     if not wanted.only and scored > MOST_OVERLAID:
         why = f"{scored} cells take minutes; ask for them with --only {OVERLAYS}"
-        return [*done, Written((), ((OVERLAYS, why),))]
+        return Written((), ((OVERLAYS, why),))
     # Pictures need OpenCV and PyAV, which figures of a CSV file do without.
     from ssp_eval.figures.overlays import write_overlays
 
-    return [*done, write_overlays(campaign, wanted.folder, advance, cells)]
+    return write_overlays(campaign, wanted.folder, advance, cells)
 
 
 TABLES = "tables"

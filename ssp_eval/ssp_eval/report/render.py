@@ -185,31 +185,7 @@ def rank_grids(table: Table) -> list[Grid]:
     return [grid(table, hide={column.key for column in scenarios}), grid(turned)]
 
 
-@dataclass(frozen=True)
-class Summary:
-    """Names and counts.
-
-    Args:
-        labels: label times of scored cells, of models and of controls.
-        scored: scored cells of models, and how many there are.
-        missing: answers that didn't come, of models and of controls.
-    """
-
-    title: str
-    scenarios: tuple[str, ...]
-    domains: tuple[str, ...]
-    models: tuple[str, ...]
-    controls: tuple[str, ...]
-    labels: tuple[int, int]
-    scored: tuple[int, int]
-    scored_controls: tuple[int, int]
-    statuses: Mapping[str, int]
-    missing: tuple[int, int]
-    admissions: tuple[str, ...]
-    audit_links: tuple[tuple[str, str], ...]
-
-
-def summary(cells: Sequence[CellData], audits: Mapping[str, str]) -> Summary:
+def summary(cells: Sequence[CellData], audits: Mapping[str, str]) -> dict[str, Any]:
     """The summary of all cells of a campaign.
 
     Args:
@@ -219,20 +195,21 @@ def summary(cells: Sequence[CellData], audits: Mapping[str, str]) -> Summary:
     controls = [cell for cell in cells if cell.is_control]
     models = tuple(dict.fromkeys(cell.model for cell in own))
     scenarios = tuple(sorted({cell.scenario for cell in cells}))
-    return Summary(
-        title=_title(models, scenarios),
-        scenarios=scenarios,
-        domains=tuple(dict.fromkeys(cell.domain for cell in cells)),
-        models=models,
-        controls=tuple(sorted({cell.model for cell in controls})),
-        labels=(_labels(own), _labels(controls)),
-        scored=_scored(own),
-        scored_controls=_scored(controls),
-        statuses=dict(sorted(Counter(c.facts.status for c in cells if not c.score).items())),
-        missing=(_missing(own), _missing(controls)),
-        admissions=tuple(sorted({cell.admission for cell in cells})),
-        audit_links=tuple(_audit_links(cells, audits).items()),
-    )
+    return {
+        "title": _title(models, scenarios),
+        "scenarios": scenarios,
+        "domains": tuple(dict.fromkeys(cell.domain for cell in cells)),
+        "models": models,
+        "controls": tuple(sorted({cell.model for cell in controls})),
+        # Of models and of controls: label times of scored cells, scored cells, lost answers.
+        "labels": (_labels(own), _labels(controls)),
+        "scored": _scored(own),
+        "scored_controls": _scored(controls),
+        "missing": (_missing(own), _missing(controls)),
+        "statuses": dict(sorted(Counter(c.facts.status for c in cells if not c.score).items())),
+        "admissions": tuple(sorted({cell.admission for cell in cells})),
+        "audit_links": tuple(_audit_links(cells, audits).items()),
+    }
 
 
 def _scored(cells: Sequence[CellData]) -> tuple[int, int]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -70,27 +71,6 @@ _DYNAMIC = [SLOTS.index(name) for name in DYNAMIC_SLOTS]
 _INTERACTION = [SLOTS.index(name) for name in INTERACTION_SLOTS]
 
 
-@dataclass(frozen=True, eq=False)
-class Semantics:
-    """The slots of METHOD 6.3, one row per label, and the interaction of METHOD 6.4.
-
-    Args:
-        evaluable: (L, 4) e.
-        given: (L, 4) e z.
-        hard: (L, 4) e z h.
-        soft: (L, 4) e z s.
-        interaction_evaluable: (L,) E.
-        interaction_correct: (L,) E C.
-    """
-
-    evaluable: Flags
-    given: Flags
-    hard: Numbers
-    soft: Numbers
-    interaction_evaluable: Flags
-    interaction_correct: Flags
-
-
 def _values(slot: str) -> list[Value]:
     """Every value that a slot can have, in the order of its codes."""
     if slot != "objects":
@@ -123,8 +103,8 @@ _score_tables = lru_cache(maxsize=8)(score_tables)
 
 def semantics(
     columns: Columns, answer: Whole, earliest: Whole, thresholds: Thresholds
-) -> Semantics:
-    """METHOD 6.3 and 6.4.
+) -> dict[str, Any]:
+    """The terms of METHOD 6.3 and 6.4 by their names in LabelTerms.
 
     Args:
         answer: (L, 6) codes of the matched records.
@@ -142,7 +122,14 @@ def semantics(
         soft[:, slot] = np.where(evaluable[:, slot], soft_table[index], 0.0)
     interaction = np.logical_and.reduce([evaluable[:, slot] for slot in _INTERACTION])
     correct = np.logical_and.reduce([hard[:, slot] == 1.0 for slot in _INTERACTION])
-    return Semantics(evaluable, given, hard, soft, interaction, interaction & correct)
+    return {
+        "evaluable": evaluable,
+        "given": given,
+        "hard": hard,
+        "soft": soft,
+        "interaction_evaluable": interaction,
+        "interaction_correct": interaction & correct,
+    }
 
 
 RISKY_CONFLICTS = ("potential", "active")
@@ -277,7 +264,6 @@ def batch_terms(columns: Columns, thresholds: Thresholds = DEFAULT) -> BatchTerm
     feasible = paired(motion.feasible, False)
     record_t_s = paired(records.t_s, np.nan)
     onset_s = np.repeat(columns.risk_onset_s, np.diff(start))
-    slots = semantics(columns, answer, start[:-1], thresholds)
     right_lon = allowed(lon, labels.lon_allowed)
     text_valid = paired(records.text_valid, False)
     rows = LabelTerms(
@@ -289,12 +275,7 @@ def batch_terms(columns: Columns, thresholds: Thresholds = DEFAULT) -> BatchTerm
         lon=lon,
         lat=lat,
         output_valid=valid & text_valid,
-        evaluable=slots.evaluable,
-        given=slots.given,
-        hard=slots.hard,
-        soft=slots.soft,
-        interaction_evaluable=slots.interaction_evaluable,
-        interaction_correct=slots.interaction_correct,
+        **semantics(columns, answer, start[:-1], thresholds),
         action_correct=allowed(said_lon, labels.lon_allowed)
         & allowed(said_lat, labels.lat_allowed),
         feasible=feasible,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
+from typing import Any
 
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.statistics.rows import CellRow
@@ -16,6 +17,21 @@ MANY = tuple(
     for tail in ("", "-72B-Instruct-v0.2")
 )
 SCENARIOS = ("cut_in", "vru_crossing")
+
+
+COMPONENT_SCORES = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
+
+
+def row(
+    scenario: str = "s",
+    domain: str = "physical",
+    model: str = "m",
+    value: float | None = 0.5,
+    **others: Any,
+) -> CellRow:
+    """A row with one value in all component scores, and no response."""
+    scores: dict[str, Any] = dict.fromkeys(COMPONENT_SCORES, value) | {"rsr": 0, "rl_s": None}
+    return CellRow(scenario, domain, model, **(scores | others))
 
 
 def rows_of(
