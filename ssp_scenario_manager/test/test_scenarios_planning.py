@@ -25,6 +25,7 @@ from ssp_scenario_manager.scenarios.base import (
     Drive,
     PlaceLimits,
     Plan,
+    Setting,
     Wait,
 )
 from ssp_scenario_manager.scenarios.block_places import ahead_of
@@ -134,7 +135,8 @@ def block(
 
 
 def plan_of(event: Event, place: Block, preferred: dict[str, float] | None = None) -> Plan:
-    return next(KINDS[event.interaction.type].plans(event, place, LIMITS, preferred or {}))
+    setting = Setting(event, place, LIMITS, preferred or {})
+    return next(KINDS[event.interaction.type].plans(setting))
 
 
 def foresight(event: Event, place: Block, plan: Plan) -> Prediction:

@@ -42,6 +42,7 @@ from ssp_scenario_manager.scenarios.base import (
     Kind,
     PlaceLimits,
     Plan,
+    Setting,
     Wait,
 )
 from ssp_scenario_manager.scenarios.kinds import KINDS
@@ -189,7 +190,7 @@ def realise(order: Order, block: Block) -> Realisation:
         separation_m=limits.separation_m,
         speed_limit_mps=block.speed_limit_mps or limits.speed_mps,
     )
-    plans = order.kind.plans(order.event, block, place_limits, order.preferred)
+    plans = order.kind.plans(Setting(order.event, block, place_limits, order.preferred))
     first: CannotPlace | None = None
     for plan in islice(plans, MOST_RUN):
         try:

@@ -118,6 +118,21 @@ class PlaceLimits:
     speed_limit_mps: float
 
 
+@dataclass(frozen=True)
+class Setting:
+    """An event that is to be placed on a block.
+
+    Args:
+        preferred: speeds and gaps that are tried first, by field path: what a person prefers or,
+            for the track, what was validated in simulation.
+    """
+
+    event: Event
+    block: Block
+    limits: PlaceLimits
+    preferred: Mapping[str, float]
+
+
 class CannotPlace(Exception):
     """The event doesn't fit this block; the message is the reason, for people."""
 
@@ -139,9 +154,8 @@ class Kind:
         uses_arrival_gap: arrivals at the zone are compared; else TTC alone makes the conflict.
         same_direction_lanes: that the road must at least have.
         manoeuvres: that the road must permit.
-        plans: ways to place the event on a block, from the speeds and gaps on that are preferred
-            or, for the track, were validated in simulation (field path: value). Raises CannotPlace
-            where there is none.
+        plans: ways to place the event, from what is preferred on. Raises CannotPlace where there
+            is none.
     """
 
     name: str
@@ -158,5 +172,5 @@ class Kind:
     uses_arrival_gap: bool
     same_direction_lanes: int
     manoeuvres: Callable[[Event], frozenset[str]]
-    plans: Callable[[Event, Block, PlaceLimits, Mapping[str, float]], Iterator[Plan]]
+    plans: Callable[[Setting], Iterator[Plan]]
     vut_intents: frozenset[str] = frozenset({"keep_lane"})

@@ -18,8 +18,8 @@ from ssp_scenario_manager.scenarios.base import (
     Cross,
     Drive,
     Kind,
-    PlaceLimits,
     Plan,
+    Setting,
     Trigger,
     Wait,
 )
@@ -149,12 +149,13 @@ def _gap(block: Block, start_s_m: float, front_m: float, near_s_m: float, lane_m
     return station_of(block, start_s_m, near_s_m, lane_m) - front_m
 
 
-def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str, float]) -> Draft:
+def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
+    event, block = setting.event, setting.block
     name, vut_id = event.interaction.initiator, event.vut_id
     lane = block.forward_lanes[vut_lane_indices(event, block)[0]]
     vut, walker = size_of(event, vut_id), size_of(event, name)
     v, below = values["vut_speed"], values["below"]
-    rate = approach_acceleration(event, vut_id, limits)
+    rate = approach_acceleration(event, vut_id, setting.limits)
     occluder = event.interaction.occluder
     along = _along(block, vut, lane.y_m, v, rate, below, occluder is None)
     s = along.crossing_s_m
@@ -259,16 +260,15 @@ def crossing_manoeuvres(event: Event) -> frozenset[str]:
     return frozenset({"keep_lane", "crossing"})
 
 
-def plans_crossing(
-    event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[str, float]
-) -> Iterator[Plan]:
+def plans_crossing(setting: Setting) -> Iterator[Plan]:
     """Crossings on a block, behind an occluder where K* names one.
 
     Raises:
         CannotPlace: it doesn't fit.
     """
+    event, block, limits = setting.event, setting.block, setting.limits
     name, vut = event.interaction.initiator, event.vut_id
-    pick = partial(choose, event, preferred=preferred)
+    pick = partial(choose, event, preferred=setting.preferred)
     _, most = speed_bounds(event, name, ("trigger", "conflict", "resolution"))
     least, _ = speed_bounds(event, name, ("conflict", "resolution"))
     c = "constraints"
@@ -298,9 +298,7 @@ def plans_crossing(
         y = draft.vut.start.l_m
         return rectangle(block, s - reach, s + reach, y - half, y + half)
 
-    for plan in plans_on(
-        event, block, limits, "lateral", choices, partial(_draft, event, block, limits), zone
-    ):
+    for plan in plans_on(setting, "lateral", choices, partial(_draft, setting), zone):
         # The zone is cut square to the reference line, and the conflict point is where it begins.
         yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m))
 

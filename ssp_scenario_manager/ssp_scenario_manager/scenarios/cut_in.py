@@ -13,8 +13,8 @@ from ssp_scenario_manager.scenarios.base import (
     CannotPlace,
     Drive,
     Kind,
-    PlaceLimits,
     Plan,
+    Setting,
     Trigger,
 )
 from ssp_scenario_manager.scenarios.block_places import (
@@ -86,7 +86,8 @@ def _start_gap(event: Event, closing_mps: float, wanted_m: float) -> float:
     return gap
 
 
-def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str, float]) -> Draft:
+def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
+    event, block, limits = setting.event, setting.block, setting.limits
     name = event.interaction.initiator
     lane, beside = _lanes(event, block)
     vut, other = size_of(event, event.vut_id), size_of(event, name)
@@ -124,12 +125,11 @@ def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str,
     )
 
 
-def _plans(
-    event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[str, float]
-) -> Iterator[Plan]:
+def _plans(setting: Setting) -> Iterator[Plan]:
+    event, limits = setting.event, setting.limits
     name, vut = event.interaction.initiator, event.vut_id
-    _lanes(event, block)
-    pick = partial(choose, event, preferred=preferred)
+    _lanes(event, setting.block)
+    pick = partial(choose, event, preferred=setting.preferred)
     fastest, hardest = vehicle_speed_limit(event, limits), acceleration_limit(event, limits)
     least, most = speed_bounds(event, name, ("conflict", "resolution"))
     c = "constraints"
@@ -149,10 +149,7 @@ def _plans(
         act = draft.trigger.act
         return seen.initiator_fired_mps * act.duration_s if isinstance(act, LaneChange) else 0.0
 
-    return plans_in_lane(
-        event, block, limits, CUT_IN.observable, choices,
-        partial(_draft, event, block, limits), reach,
-    )  # fmt: skip
+    return plans_in_lane(setting, CUT_IN.observable, choices, partial(_draft, setting), reach)
 
 
 CUT_IN = Kind(

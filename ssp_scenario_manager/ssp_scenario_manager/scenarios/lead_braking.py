@@ -7,14 +7,13 @@ from functools import partial
 
 from ssp_core.run_file.participants import Brake
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,
     CannotPlace,
     Drive,
     Kind,
-    PlaceLimits,
     Plan,
+    Setting,
     Trigger,
 )
 from ssp_scenario_manager.scenarios.block_places import (
@@ -57,7 +56,8 @@ def _manoeuvres(event: Event) -> frozenset[str]:
     return frozenset({"keep_lane"})
 
 
-def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str, float]) -> Draft:
+def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
+    event, block, limits = setting.event, setting.block, setting.limits
     name = event.interaction.initiator
     lane = block.forward_lanes[vut_lane_indices(event, block)[0]]
     vut, other = size_of(event, event.vut_id), size_of(event, name)
@@ -91,16 +91,15 @@ def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str,
     )
 
 
-def _plans(
-    event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[str, float]
-) -> Iterator[Plan]:
+def _plans(setting: Setting) -> Iterator[Plan]:
+    event, limits = setting.event, setting.limits
     name, vut = event.interaction.initiator, event.vut_id
-    pick = partial(choose, event, preferred=preferred)
+    pick = partial(choose, event, preferred=setting.preferred)
     fastest, hardest = vehicle_speed_limit(event, limits), acceleration_limit(event, limits)
     least, most = speed_bounds(event, name, ("conflict", "resolution"))
     c = "constraints"
     choices = {
-        "headway": _headway(preferred),
+        "headway": _headway(setting.preferred),
         "gap": pick(f"participants.{name}.region.gap", "m"),
         "vut_speed": pick(f"{c}.speeds.{vut}.approach", "m/s", at_most=fastest),
         "speed": pick(f"{c}.speeds.{name}.approach", "m/s", at_most=fastest),
@@ -119,10 +118,7 @@ def _plans(
         spread = seen.initiator_fired_mps**2 - act.to_mps**2
         return max(spread, 0.0) / (2.0 * act.deceleration_mps2)
 
-    return plans_in_lane(
-        event, block, limits, LEAD_BRAKING.observable, choices,
-        partial(_draft, event, block, limits), reach,
-    )  # fmt: skip
+    return plans_in_lane(setting, LEAD_BRAKING.observable, choices, partial(_draft, setting), reach)
 
 
 LEAD_BRAKING = Kind(

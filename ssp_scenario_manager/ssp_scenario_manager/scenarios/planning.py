@@ -38,6 +38,7 @@ from ssp_scenario_manager.scenarios.base import (
     Drive,
     PlaceLimits,
     Plan,
+    Setting,
     Trigger,
     Wait,
 )
@@ -228,9 +229,7 @@ class Draft:
 
 
 def plans_on(
-    event: Event,
-    block: Block,
-    limits: PlaceLimits,
+    setting: Setting,
     observable: Observable,
     choices: Mapping[str, Choice],
     draft: Callable[[Mapping[str, float]], Draft],
@@ -245,14 +244,13 @@ def plans_on(
     Raises:
         CannotPlace: none does; the reason is that of the preferred values.
     """
-    thresholds = thresholds_of(event)
-    vut_id = event.vut_id
+    event, block, thresholds = setting.event, setting.block, thresholds_of(setting.event)
     first_reason, looked, found = "", 0, False
     for values in itertools.islice(combinations(choices), MOST_DRAFTED):
         try:
             made = draft(values)
             told = motions(
-                block.line, classes_of(event), vut_id, made.vut, made.targets, made.trigger
+                block.line, classes_of(event), event.vut_id, made.vut, made.targets, made.trigger
             )
             looked += 1
             steady = told.driver.model_copy(update={"reacts": False})
@@ -260,7 +258,7 @@ def plans_on(
             reasons = wrong_order(event, still)
             if not reasons:
                 seen = predict(told, observable, thresholds)
-                reasons = judge(event, limits, told, seen)
+                reasons = judge(event, setting.limits, told, seen)
             if not reasons and made.extra is not None:
                 reasons = made.extra(told, seen)
         except CannotPlace as error:
@@ -296,9 +294,7 @@ def _ending(trigger: Trigger, seen: Prediction) -> Trigger:
 
 
 def plans_in_lane(
-    event: Event,
-    block: Block,
-    limits: PlaceLimits,
+    setting: Setting,
     observable: Observable,
     choices: Mapping[str, Choice],
     draft: Callable[[Mapping[str, float]], Draft],
@@ -312,6 +308,7 @@ def plans_in_lane(
     Args:
         reach: how far it drives meanwhile, m; the others as for ``plans_on``.
     """
+    event, block = setting.event, setting.block
     half = corridor_half_m(size_of(event, event.vut_id).width_m)
     length = size_of(event, event.interaction.initiator).length_m
 
@@ -320,7 +317,7 @@ def plans_in_lane(
         end = min(s + length + reach(made, seen), block.length_m)
         return rectangle(block, s, end, y - half, y + half)
 
-    return plans_on(event, block, limits, observable, choices, draft, zone)
+    return plans_on(setting, observable, choices, draft, zone)
 
 
 def _on_block(block: Block, vut: Drive, station_m: float) -> BlockPoint:

@@ -36,10 +36,10 @@ from ssp_scenario_manager.compile.targets.map_file import (
 )
 from ssp_scenario_manager.compile.targets.opendrive import FIXED_DATE, to_bytes
 from ssp_scenario_manager.compile.targets.openscenario_conditions import (
+    Firing,
     after,
     driven,
     entity,
-    fires,
     outside_control,
     position,
     start_position,
@@ -230,7 +230,7 @@ def _manoeuvre(
 ) -> xosc.ManeuverGroup:
     who = next(t for t in run.targets if t.id == trigger.object_id)
     field = f"run.triggers[{run.triggers.index(trigger)}]"
-    condition = fires(trigger, run.vut, route, heights, field)
+    condition = Firing(trigger, run.vut, route, heights, field).condition()
     manoeuvre = trigger.manoeuvre
     if isinstance(manoeuvre, FollowPath):
         return _group(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships no types  # type: ignore[import-untyped]  # it ships no types
 
@@ -167,59 +168,126 @@ def stop_at(
     return stop
 
 
-def fires(
-    trigger: TriggerSpec, vut: ParticipantSpec, route: Motion, heights: Heights, field: str
-) -> xosc.EntityTrigger | xosc.ValueTrigger | xosc.Trigger:
-    """The condition that starts a trigger's act; see the module's table.
+@dataclass(frozen=True)
+class Firing:
+    """The condition that starts a trigger's act.
 
     Args:
         vut: whose front overhang counts.
         route: the VUT's path, frame map.
-
-    Raises:
-        InputError: it asks something that OpenSCENARIO can't.
+        field: of the trigger in the task, for messages.
     """
-    if trigger.held_for_s > 0.0:
-        raise InputError(
-            "can't be told in OpenSCENARIO, whose delays don't ask whether a condition still holds",
-            field=f"{field}.held_for_s",
-            value=trigger.held_for_s,
-            remedy="0",
-        )
-    condition = trigger.condition
-    if isinstance(condition, AllOf | AnyOf):
+
+    trigger: TriggerSpec
+    vut: ParticipantSpec
+    route: Motion
+    heights: Heights
+    field: str
+
+    def condition(self) -> xosc.EntityTrigger | xosc.ValueTrigger | xosc.Trigger:
+        """The condition in OpenSCENARIO.
+
+        Raises:
+            InputError: it asks something that OpenSCENARIO can't.
+        """
+        trigger = self.trigger
+        if trigger.held_for_s > 0.0:
+            raise InputError(
+                "can't be told in OpenSCENARIO, whose delays don't ask whether a condition still "
+                "holds",
+                field=f"{self.field}.held_for_s",
+                value=trigger.held_for_s,
+                remedy="0",
+            )
+        where = f"{self.field}.condition"
+        if not isinstance(trigger.condition, AllOf | AnyOf):
+            return self._single(f"{trigger.id}_fires", trigger.condition, where)
         if trigger.edge != "none":
             raise InputError(
                 "OpenSCENARIO has edges of single conditions, not of all or any",
-                field=f"{field}.edge",
+                field=f"{self.field}.edge",
                 value=trigger.edge,
                 remedy="none",
             )
-        return _groups(trigger, vut, route, heights, f"{field}.condition")
-    return _single(
-        trigger, f"{trigger.id}_fires", condition, vut, route, heights, f"{field}.condition"
-    )
+        groups = _any_of_all(trigger.condition, where)
+        if len(groups) > MOST_GROUPS:
+            raise InputError(
+                f"needs {len(groups)} groups of conditions in OpenSCENARIO, more than "
+                f"{MOST_GROUPS}",
+                field=where,
+                remedy="nest all and any less deeply",
+            )
+        whole = xosc.Trigger("start")
+        number = itertools.count()
+        for leaves in groups:
+            group = xosc.ConditionGroup("start")
+            for leaf, at in leaves:
+                name = f"{trigger.id}_fires_{next(number)}"
+                group.add_condition(self._single(name, leaf, at))
+            whole.add_conditiongroup(group)
+        return whole
 
+    def _single(
+        self, name: str, condition: Leaf, field: str
+    ) -> xosc.EntityTrigger | xosc.ValueTrigger:
+        delay, edge = self.trigger.lead_time_s, _EDGES[self.trigger.edge]
+        if isinstance(condition, ElapsedTime):
+            since = xosc.SimulationTimeCondition(condition.after_s, xosc.Rule.greaterThan)
+            return xosc.ValueTrigger(name, delay, edge, since)
+        entity = condition.object_id if isinstance(condition, SpeedIs) else VUT_ID
+        return xosc.EntityTrigger(name, delay, edge, self._asked(condition, field), entity)
 
-def _groups(
-    trigger: TriggerSpec, vut: ParticipantSpec, route: Motion, heights: Heights, field: str
-) -> xosc.Trigger:
-    groups = _any_of_all(trigger.condition, field)
-    if len(groups) > MOST_GROUPS:
-        raise InputError(
-            f"needs {len(groups)} groups of conditions in OpenSCENARIO, more than {MOST_GROUPS}",
-            field=field,
-            remedy="nest all and any less deeply",
+    def _asked(
+        self, condition: Leaf, field: str
+    ) -> (
+        xosc.RelativeDistanceCondition
+        | xosc.TimeToCollisionCondition
+        | xosc.TimeHeadwayCondition
+        | xosc.SpeedCondition
+    ):
+        less = xosc.Rule.lessThan
+        if isinstance(condition, RelativeDistance):
+            return xosc.RelativeDistanceCondition(
+                condition.below_m,
+                less,
+                xosc.RelativeDistanceType.longitudinal,
+                condition.object_id,
+                freespace=True,
+            )
+        if isinstance(condition, TimeToArrival):
+            path = Polyline(self.route.path)
+            station, _ = path.project(*condition.anchor)
+            place = path.pose(station - self.vut.size.front_m)
+            return xosc.TimeToCollisionCondition(
+                condition.below_s,
+                less,
+                alongroute=False,
+                freespace=False,
+                position=position((place.x_m, place.y_m), self.heights, place.yaw_rad),
+            )
+        if isinstance(condition, TimeHeadway):
+            return xosc.TimeHeadwayCondition(
+                condition.object_id, condition.below_s, less, alongroute=False, freespace=True
+            )
+        if isinstance(condition, TimeToCollision):
+            return xosc.TimeToCollisionCondition(
+                condition.below_s,
+                less,
+                alongroute=False,
+                freespace=True,
+                entity=condition.object_id,
+            )
+        if isinstance(condition, SpeedIs):
+            rule = xosc.Rule.greaterThan if condition.relation == "above" else less
+            return xosc.SpeedCondition(condition.value_mps, rule)
+        why = (
+            "OpenSCENARIO has no regions that are polygons"
+            if isinstance(condition, InRegion)
+            else "OpenSCENARIO knows nothing of an event's phases, which are measured in a session"
         )
-    whole = xosc.Trigger("start")
-    number = itertools.count()
-    for leaves in groups:
-        group = xosc.ConditionGroup("start")
-        for leaf, where in leaves:
-            name = f"{trigger.id}_fires_{next(number)}"
-            group.add_condition(_single(trigger, name, leaf, vut, route, heights, where))
-        whole.add_conditiongroup(group)
-    return whole
+        raise InputError(
+            why, field=f"{field}.type", value=condition.type, remedy="another condition"
+        )
 
 
 def _any_of_all(condition: Leaf | AllOf | AnyOf, field: str) -> list[tuple[tuple[Leaf, str], ...]]:
@@ -234,68 +302,3 @@ def _any_of_all(condition: Leaf | AllOf | AnyOf, field: str) -> list[tuple[tuple
         # Stops growing once it is refused anyway.
         product = [a + b for a in product[: MOST_GROUPS + 1] for b in part]
     return product
-
-
-def _single(
-    trigger: TriggerSpec,
-    name: str,
-    condition: Leaf,
-    vut: ParticipantSpec,
-    route: Motion,
-    heights: Heights,
-    field: str,
-) -> xosc.EntityTrigger | xosc.ValueTrigger:
-    delay, edge = trigger.lead_time_s, _EDGES[trigger.edge]
-    if isinstance(condition, ElapsedTime):
-        since = xosc.SimulationTimeCondition(condition.after_s, xosc.Rule.greaterThan)
-        return xosc.ValueTrigger(name, delay, edge, since)
-    entity = condition.object_id if isinstance(condition, SpeedIs) else VUT_ID
-    asked = _of_entity(condition, vut, route, heights, field)
-    return xosc.EntityTrigger(name, delay, edge, asked, entity)
-
-
-def _of_entity(
-    condition: Leaf, vut: ParticipantSpec, route: Motion, heights: Heights, field: str
-) -> (
-    xosc.RelativeDistanceCondition
-    | xosc.TimeToCollisionCondition
-    | xosc.TimeHeadwayCondition
-    | xosc.SpeedCondition
-):
-    less = xosc.Rule.lessThan
-    if isinstance(condition, RelativeDistance):
-        return xosc.RelativeDistanceCondition(
-            condition.below_m,
-            less,
-            xosc.RelativeDistanceType.longitudinal,
-            condition.object_id,
-            freespace=True,
-        )
-    if isinstance(condition, TimeToArrival):
-        path = Polyline(route.path)
-        station, _ = path.project(*condition.anchor)
-        place = path.pose(station - vut.size.front_m)
-        return xosc.TimeToCollisionCondition(
-            condition.below_s,
-            less,
-            alongroute=False,
-            freespace=False,
-            position=position((place.x_m, place.y_m), heights, place.yaw_rad),
-        )
-    if isinstance(condition, TimeHeadway):
-        return xosc.TimeHeadwayCondition(
-            condition.object_id, condition.below_s, less, alongroute=False, freespace=True
-        )
-    if isinstance(condition, TimeToCollision):
-        return xosc.TimeToCollisionCondition(
-            condition.below_s, less, alongroute=False, freespace=True, entity=condition.object_id
-        )
-    if isinstance(condition, SpeedIs):
-        rule = xosc.Rule.greaterThan if condition.relation == "above" else less
-        return xosc.SpeedCondition(condition.value_mps, rule)
-    why = (
-        "OpenSCENARIO has no regions that are polygons"
-        if isinstance(condition, InRegion)
-        else "OpenSCENARIO knows nothing of an event's phases, which are measured in a session"
-    )
-    raise InputError(why, field=f"{field}.type", value=condition.type, remedy="another condition")
