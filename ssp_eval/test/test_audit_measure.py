@@ -18,8 +18,8 @@ from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.road import CurvePiece, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
+from ssp_eval.audit.checks import phase_findings, property_findings
 from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
-from ssp_eval.audit.examine import phase_findings, property_findings
 from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
 from ssp_eval.audit.paths import Lanes
 from ssp_eval.audit.reasons import explain

@@ -16,8 +16,9 @@ from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
+from ssp_eval.audit.checks import version_findings
 from ssp_eval.audit.evidence import expected_properties, review_of
-from ssp_eval.audit.examine import Examined, examine, version_findings
+from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import Recording, read_recording

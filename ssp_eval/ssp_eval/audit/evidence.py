@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from ssp_eval.audit.measure import Measured, Phases
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.data.audit import (
@@ -20,7 +20,8 @@ from ssp_eval.data.audit import (
     differences,
 )
 from ssp_eval.observations.agreement import Agreement
-from ssp_eval.recordings.event import phase_starts, source_times
+from ssp_eval.recordings.event import Crop, EventRules, phase_starts
+from ssp_eval.recordings.sight import Moment
 from ssp_scenario_manager.event_spec.fields import owner
 from ssp_scenario_manager.event_spec.load import seals
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Count, CountField, Event, WordField
@@ -200,8 +201,6 @@ Source = Literal["states", "reviewed", "observed", "unverified"]
 
 # A person who picks frames at 10 Hz can be two frames off.
 OBSERVED_TOLERANCE_S = 0.25
-# A crop may be off by one frame at 10 Hz.
-CROP_TOLERANCE_S = 0.11
 
 
 @dataclass(frozen=True)
@@ -332,61 +331,56 @@ def is_source_clip(recording: Recording, event: Event | None) -> bool:
     )
 
 
-def reviewed(recording: Recording, event: Event) -> tuple[Evidence, list[Finding]]:
-    """What persons decided of the source clip, and what of it isn't decided."""
-    findings = _other_crop(recording, event)
+def reviewed(event: Event) -> Evidence:
+    """What persons decided of the source clip."""
     review, wanted = review_of(event), expected_properties(event)
-    properties = {}
-    for name in FIELDS:
-        gaps, value = review.gaps[name], wanted[name]
-        if gaps or value.words is None:
-            why = "; ".join(gaps) or value.how
-            findings.append(Finding("unverified", f"{name.replace('_', ' ')}: {why}"))
-        else:
-            how = f"reviewed in the K*; evidence: {review.evidence[name]}"
-            properties[name] = Property(value.words, how)
-    starts: dict[str, float] | None = None
-    if review.gaps[PHASES_FIELD]:
-        findings.append(Finding("unverified", f"phases: {'; '.join(review.gaps[PHASES_FIELD])}"))
-    else:
-        starts = phase_starts(event)
-    return Evidence("reviewed", f"reviewed in K* {event.name}", properties, starts), findings
+    properties = {
+        name: Property(wanted[name].words, f"reviewed in the K*; evidence: {review.evidence[name]}")
+        for name in FIELDS
+        if not review.gaps[name] and wanted[name].words is not None
+    }
+    starts = None if review.gaps[PHASES_FIELD] else phase_starts(event)
+    return Evidence("reviewed", f"reviewed in K* {event.name}", properties, starts)
 
 
-def unknown_source(recording: Recording, event: Event | None) -> str | None:
-    """Why a video without states and observation isn't taken for the source clip, for people."""
-    imported = recording.provenance.imported
-    if event is None or imported is None:
-        return None
-    if event.source.sha256 is None:
-        return (
-            "the K* doesn't know its source's hash and qualifies no video; `ssp spec clip` writes "
-            "a K* that does"
-        )
-    if imported.source_sha256 != event.source.sha256:
-        return f"the video is {imported.source_sha256}, the K* was taken from {event.source.sha256}"
-    return f"the K*'s source clip is synthetic, and this is declared {imported.domain}"
+@dataclass(frozen=True)
+class Subject:
+    """A recording, and what is known of it before anything of it is judged.
 
+    Args:
+        whole: as it was read.
+        recording: within its clip.
+        event: the K* of the audit; None: there is none at hand.
+        version: of that K*.
+        is_source: it is the K*'s source clip.
+        rules: of its event.
+        said: what each source says of it, in the order in which they count.
+        values: q(d, k) per field, with its source.
+        crop: the clip that all of this is of; None: the recording never began.
+        measured: None without states.
+        phases: None: nobody located any.
+        moments: the states at each frame of the clip.
+    """
 
-def _other_crop(recording: Recording, event: Event) -> list[Finding]:
-    """Where the recording isn't the K*'s crop of its source."""
-    imported, at = recording.provenance.imported, source_times(event)
-    found = []
-    for name in ("start", "end"):
-        given = None if imported is None else imported.crop.get(f"{name}_s")
-        if name not in at or not isinstance(given, int | float) or not math.isfinite(given):
-            continue
-        when = at[name]
-        if not when.low - CROP_TOLERANCE_S <= given <= when.high + CROP_TOLERANCE_S:
-            text = f"the crop's {name} is {given:g} s, the K*'s clip's is {when.mid:g} s"
-            found.append(Finding("other_source", text))
-    last_s = recording.end_s
-    if not {"start", "end"} <= set(at) or last_s is None or found:
-        return found
-    # The last frame lies a period before the end.
-    period_s = last_s / max(1, len(recording.frames_s) - 1)
-    if last_s < at["end"].low - at["start"].high - CROP_TOLERANCE_S - period_s:
-        length_s = at["end"].mid - at["start"].mid
-        text = f"{last_s:.2f} s of it are left, the K*'s clip is {length_s:g} s long"
-        found.append(Finding("other_source", text))
-    return found
+    whole: Recording
+    recording: Recording
+    event: Event | None
+    version: str | None
+    is_source: bool
+    rules: EventRules
+    said: tuple[Evidence, ...]
+    values: Mapping[str, Value]
+    crop: Crop | None
+    measured: Measured | None
+    phases: Phases | None
+    moments: tuple[Moment, ...]
+
+    @property
+    def agreement(self) -> Agreement | None:
+        """Of those who looked at it; None: nobody did."""
+        return self.whole.agreement
+
+    @property
+    def located(self) -> Evidence | None:
+        """Who says when the phases begin; None: nobody does."""
+        return next((one for one in self.said if one.starts is not None), None)

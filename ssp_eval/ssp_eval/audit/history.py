@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from ssp_core.safety.codes import SafetyCode
+from ssp_eval.audit.evidence import Subject
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording, site_changes
 from ssp_eval.data.audit import ChangeEntry
@@ -176,12 +177,13 @@ class History:
     changes: tuple[ChangeEntry, ...] = ()
 
 
-def examine_history(recording: Recording, agreement: Agreement | None, is_source: bool) -> History:
+def examine_history(one: Subject) -> History:
     """What a recording's log, its states or a named person say."""
+    recording, agreement = one.recording, one.agreement
     facts = recording.provenance
     findings, identities = _switches(recording)
     changes: list[ChangeEntry] = []
-    said_by = "the source gate of the K*" if is_source else "nobody"
+    said_by = "the source gate of the K*" if one.is_source else "nobody"
     if facts.run is not None:
         said_by = "the session's log"
         changes, unlogged = site_changes(recording.attached, facts.run)
@@ -195,17 +197,17 @@ def examine_history(recording: Recording, agreement: Agreement | None, is_source
     if facts.imported is not None and (log := facts.imported.log) is not None:
         declared.append((f"declared by {log.by}, {log.on.isoformat()}", log))
     # What one person saw happen isn't undone by another who, or a log that, doesn't know of it.
-    for by, one in declared:
-        if one.safety_abort:
+    for by, entry in declared:
+        if entry.safety_abort:
             findings.append(Finding("safety_abort", by))
-        if one.identity_switch:
+        if entry.identity_switch:
             findings.append(Finding("identity_switch", by))
             identities = (*identities, f"a switch, {by}")
         changes += [
             ChangeEntry(field=change, old=None, new=None, logged=True, who=by)
-            for change in one.site_changes or ()
+            for change in entry.site_changes or ()
         ]
-        is_whole = None not in (one.safety_abort, one.identity_switch, one.site_changes)
+        is_whole = None not in (entry.safety_abort, entry.identity_switch, entry.site_changes)
         if is_whole and facts.run is None:
             said_by = by
     if said_by == "nobody":

@@ -11,8 +11,9 @@ from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
+from ssp_eval.audit.checks import property_findings
 from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
-from ssp_eval.audit.examine import Examined, examine, property_findings
+from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.measure import Phases
 from ssp_eval.audit.reasons import Finding, Reason, explain
 from ssp_eval.audit.recording import Recording, disclosed

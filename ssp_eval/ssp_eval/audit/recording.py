@@ -15,7 +15,6 @@ from ssp_core.names import CAMERA_IMAGE, PHASE_EVENT, SAFETY_EVENT, absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import Phase
-from ssp_core.world.camera import Intrinsics
 from ssp_eval.audit.measure import RoadFacts
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.data.audit import ChangeEntry
@@ -332,6 +331,10 @@ def read_recording(path: str | Path) -> Recording:
     inside = [
         t for t in frames if first_s is not None and last_s is not None and first_s <= t <= last_s
     ]
+    optics = None
+    if frames_ns:
+        with Clip(bag_path) as clip:
+            optics = clip.optics
     labels_file = find_labels(bag_path)
     footage = Footage(provenance.bag_sha256, tuple(frames))
     observed = load_observations(bag_path, footage)
@@ -352,7 +355,7 @@ def read_recording(path: str | Path) -> Recording:
         tracking_m=states.tracking_m,
         phase_events=phase_events,
         safety=tuple(safety),
-        optics=_optics(bag_path) if frames_ns else None,
+        optics=optics,
         attached=attached,
         labels=None if labels_file is None else load_labels(labels_file),
         agreement=agree(told, footage.period_s) if told else None,
@@ -389,14 +392,3 @@ def _safety_events(bag: BagReader, start_ns: int | None) -> list[SafetyRecord]:
             )
         )
     return found
-
-
-def _optics(path: Path) -> Optics | None:
-    with Clip(path) as clip:
-        camera, mount = clip.camera, clip.mount
-    if camera is None or mount is None:
-        return None
-    lens = Intrinsics(
-        camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
-    )
-    return Optics(lens, mount)

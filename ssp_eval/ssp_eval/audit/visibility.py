@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Literal
 
-from ssp_eval.audit.evidence import PHASES_FIELD, review_of, seen_field
+from ssp_eval.audit.evidence import PHASES_FIELD, Subject, review_of, seen_field
 from ssp_eval.audit.measure import Measured, Phases
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
@@ -25,22 +25,10 @@ from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 _ZONE = ""
 
 
-def examine_coverage(
-    recording: Recording,
-    event: Event | None,
-    measured: Measured | None,
-    moments: Sequence[Moment],
-    agreement: Agreement | None,
-    is_source: bool,
-    phases: Phases | None,
-) -> tuple[CoverageEntry, list[Finding]]:
-    """Coverage from trigger to resolution, and what of it is too little.
-
-    Args:
-        event: the K*, which says how much must be visible; None: there is none at hand.
-        measured: None without states.
-        phases: None: nobody located any.
-    """
+def examine_coverage(one: Subject) -> tuple[CoverageEntry, list[Finding]]:
+    """Coverage from trigger to resolution, and what of it is too little."""
+    recording, event, phases = one.recording, one.event, one.phases
+    measured, agreement = one.measured, one.agreement
     if not recording.frames_s:
         return CoverageEntry(source="none"), []
     unknown = None
@@ -54,9 +42,9 @@ def examine_coverage(
     # A guessed camera is neither measured nor declared by anybody.
     is_known = recording.optics is not None and recording.provenance.camera != "assumed"
     if measured is not None and is_known:
-        entry, findings = _projected(recording, event, measured, moments, needed)
+        entry, findings = _projected(recording, event, measured, one.moments, needed)
         return entry, [*findings, *_seen_otherwise(entry, agreement, needed)]
-    if is_source:
+    if one.is_source:
         entry, findings = _reviewed(event, needed)
         return entry, [*findings, *_seen_otherwise(entry, agreement, needed)]
     if agreement is not None:

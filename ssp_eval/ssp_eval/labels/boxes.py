@@ -20,7 +20,7 @@ from ssp_core.files import make_folder, parse_model, read_mapping, write_text
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.run_file.model import Camera
-from ssp_core.world.camera import Intrinsics, View, mounted_view, shown_box, view_from
+from ssp_core.world.camera import View, shown_box, view_from
 from ssp_eval.data.provenance import read_provenance
 from ssp_eval.labels.truth import is_bag, truth_from_file
 from ssp_eval.recordings.clip import Clip
@@ -114,12 +114,9 @@ def boxes_of_bag(path: Path) -> Iterator[BoxedFrame]:
         InputError: it is no session's bag, or holds no camera, frames or ground truth.
     """
     with Clip(path) as clip:
-        camera, mounting, start_ns = clip.camera, clip.mount, clip.start_ns
-    if camera is None or mounting is None:
+        optics, start_ns = clip.optics, clip.start_ns
+    if optics is None:
         raise InputError("doesn't say where its camera sits", file=path)
-    lens = Intrinsics(
-        camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
-    )
     with BagReader(path) as bag:
         run = read_provenance(bag).run
         if run is None or absolute(WORLD_TICK) not in bag.topics:
@@ -138,9 +135,7 @@ def boxes_of_bag(path: Path) -> Iterator[BoxedFrame]:
                     objects = [object_state(o) for o in bag.decode(message).objects]
                     yield ns_to_seconds(stamp - start_ns), objects
 
-        yield from _series(
-            moments(), run.vut.id, lambda vut: mounted_view(vut.pose, lens, mounting)
-        )
+        yield from _series(moments(), run.vut.id, lambda vut: optics.view(vut.pose))
 
 
 def boxes_of_truth(path: Path) -> Iterator[BoxedFrame]:

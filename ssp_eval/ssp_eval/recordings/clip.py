@@ -24,9 +24,10 @@ from ssp_core.errors import InputError
 from ssp_core.files import Closing
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
-from ssp_core.world.camera import Mounting
+from ssp_core.world.camera import Intrinsics, Mounting
 from ssp_eval.data.provenance import Provenance, content_sha256, read_provenance
 from ssp_eval.recordings.event import Crop
+from ssp_eval.recordings.sight import Optics
 from ssp_eval.score.thresholds import DEFAULT
 from ssp_vla_bridge.messages import TASK, CameraGeometry, DrivingTask, EgoSample, Frame, Request
 from ssp_vla_bridge.window import Preprocessing, choose, ego_history, geometry_of, mounting_of
@@ -275,6 +276,15 @@ class Clip(Closing):
         mount = None if transform is None else mounting_of(transform.transform)
         geometry = None if info is None else geometry_of(info, mount)
         return geometry, None if geometry is None else mount
+
+    @property
+    def optics(self) -> Optics | None:
+        """The camera and where it sits; None where one of both isn't known."""
+        c = self.camera
+        if c is None or self.mount is None:
+            return None
+        lens = Intrinsics(c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px)
+        return Optics(lens, self.mount)
 
     def _first(self, topic: str) -> Any:
         message = next(iter(self._bag.messages([topic])), None)
