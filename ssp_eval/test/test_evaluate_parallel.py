@@ -37,7 +37,7 @@ from ssp_eval.evaluate.executors import (
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import ModelSpec, attached_spec, bridge_spec, with_controls
 from ssp_eval.evaluate.run import run_parallel
-from ssp_eval.extract.llm import make_extractor
+from ssp_eval.extract.llm import Extractor
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.report.page import write_report
 
@@ -66,7 +66,7 @@ def bags(make_bag: BagMaker) -> list[tuple[Path, Path | None]]:
 
 
 def settings(out: Path, direct: Any = InProcessClients) -> Settings:
-    return Settings(out=out, make_extractor=make_extractor, direct=direct)
+    return Settings(out=out, make_extractor=Extractor, direct=direct)
 
 
 def content(out: Path) -> dict[str, Any]:
@@ -247,7 +247,7 @@ from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.run import run_parallel
 from ssp_eval.evaluate.executors import ADDRESS, import_ray, joined, look_for
-from ssp_eval.extract.llm import make_extractor
+from ssp_eval.extract.llm import Extractor
 
 out = Path(sys.argv[1])
 
@@ -262,7 +262,7 @@ if __name__ == "__main__":
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
     bags = [(Path(bag), None) for bag in sys.argv[2:]]
-    settings = Settings(out=out, make_extractor=make_extractor, direct=Slow)
+    settings = Settings(out=out, make_extractor=Extractor, direct=Slow)
     run_parallel(bags, [bridge_spec("constant_velocity")], settings, 2, propose_labels=True)
 """
 

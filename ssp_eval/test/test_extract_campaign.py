@@ -17,7 +17,7 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import IgnoredAnswers, InProcessClients, ModelClient, ModelReply
 from ssp_eval.evaluate.models import ModelSpec, bridge_spec
 from ssp_eval.extract import extractor_hash
-from ssp_eval.extract.llm import Extractor, make_extractor
+from ssp_eval.extract.llm import Extractor
 from ssp_vla_bridge.messages import Request
 from support.llm_server import GOOD, TEXT, answering, extractor, serving
 
@@ -64,7 +64,7 @@ def test_a_campaign_says_what_the_llm_did_and_asks_once_for_a_text(
         cell = json.loads((result.folder / "cell.json").read_text())
         return cell, (result.folder / "records.jsonl").read_bytes()
 
-    plain, without = run(make_extractor())
+    plain, without = run(Extractor())
     assert plain["hashes"]["extractor"] == extractor_hash()
     assert plain["extraction"]["llm"] is None
     with serving(answering(GOOD)) as server:

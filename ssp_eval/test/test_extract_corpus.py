@@ -12,7 +12,7 @@ import pytest
 
 from ssp_eval.data.records import SLOT_NAMES, Slot
 from ssp_eval.extract import extract
-from ssp_eval.extract.llm.extractor import make_extractor
+from ssp_eval.extract.llm.extractor import Extractor
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.prompt import NOBODY
 from ssp_eval.extract.llm.reply import Proposal, read_reply
@@ -70,7 +70,7 @@ class RecordedChat:
 
 
 def test_rules_and_a_language_model_together_are_as_good_as_is_said() -> None:
-    extractor = make_extractor(RecordedChat())
+    extractor = Extractor(RecordedChat())
     found = measure(TEST, lambda text: extractor(text).slots).slots["all"]
     assert found.precision.value is not None
     assert found.recall.value is not None

@@ -17,7 +17,7 @@ from ssp_eval.data.labels import parse_labels
 from ssp_eval.data.records import BehaviourRecord, Slots, load_records, record_to_json
 from ssp_eval.evaluate import cell
 from ssp_eval.extract import extract
-from ssp_eval.extract.llm import Extractor, make_extractor
+from ssp_eval.extract.llm import Extractor
 from ssp_eval.extract.measure import measure, parse_corpus
 from ssp_eval.score.cell import score_cell
 
@@ -111,7 +111,7 @@ def test_the_measure_shows_the_extractor_only_the_text() -> None:
 
 
 def records(order: list[int]) -> list[BehaviourRecord]:
-    extractor = make_extractor()
+    extractor = Extractor()
     return [
         BehaviourRecord(float(t), TEXTS[i], extractor(TEXTS[i]).slots) for t, i in enumerate(order)
     ]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.chat import OpenAIChat, Policy
-from ssp_eval.extract.llm import Extractor, make_extractor
+from ssp_eval.extract.llm import Extractor
 
 TEXT = "A velomobile wobbles along up the road from us. We take the pace out."
 KEY = "sk-not-to-be-seen-anywhere"
@@ -95,7 +95,7 @@ def extractor(
     use_schema: bool = True,
 ) -> Extractor:  # fmt: skip
     policy = Policy(timeout_s=timeout_s, tries=1)
-    return make_extractor(OpenAIChat(url, model, KEY, policy), cache, use_schema)
+    return Extractor(OpenAIChat(url, model, KEY, policy), cache, use_schema)
 
 
 def answering(content: Any) -> Callable[[dict[str, Any]], tuple[int, bytes]]:

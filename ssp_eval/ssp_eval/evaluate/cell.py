@@ -41,7 +41,7 @@ from ssp_eval.evaluate.models import BLACK, CONDITION_SEED, SHUFFLED, ModelSpec
 from ssp_eval.evaluate.raw_store import RawStore, check_unchanged
 from ssp_eval.evaluate.requests import AnswerKeys, Asked, new_request_id
 from ssp_eval.extract.language import NOT_READ
-from ssp_eval.extract.llm import Extracted, Extractor, make_extractor
+from ssp_eval.extract.llm import Extracted, Extractor
 from ssp_eval.recordings.clip import NoQuestion, Question
 from ssp_eval.score.cell import score_cell
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
@@ -342,7 +342,7 @@ def record_of(
     notes = list(adapted.info.notes)
     if no_previous:
         notes.append(f"asked without a previous answer: {no_previous}")
-    found = (extractor or make_extractor())(text)
+    found = (extractor or Extractor())(text)
     if found.language:
         notes.append(f"{NOT_READ}: {found.language}")
     notes += _llm_notes(found)
@@ -381,7 +381,7 @@ class CellOptions:
     fresh: bool = False
     retry_errors: int = 0
     retry_pause_s: float = 1.0
-    extractor: Extractor = field(default_factory=make_extractor)
+    extractor: Extractor = field(default_factory=Extractor)
     thresholds: Thresholds = DEFAULT
 
     @property

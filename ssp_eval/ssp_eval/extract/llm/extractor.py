@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.chat import Chat, NoCompletion, read_completion
-from ssp_core.errors import PeerError
+from ssp_core.errors import InputError, PeerError
+from ssp_core.files import make_folder, write_bytes
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.data.records import SLOT_NAMES, Slots
 from ssp_eval.extract.engine import extract, extractor_hash
 from ssp_eval.extract.language import foreign_language
-from ssp_eval.extract.llm.cache import Cache
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.prompt import build_request, prompt_hash
 from ssp_eval.extract.llm.reply import read_reply
@@ -33,8 +33,7 @@ class Extracted:
         by_llm: names of the slots that the LLM filled.
         trouble: why the LLM's part is missing, "" where it isn't.
         dropped: proposals of the LLM that failed a check, as "slot: why".
-        language: of a text that isn't English, which the rules don't read; see
-            ssp_eval.extract.language.
+        language: of a text that isn't English, which the rules don't read.
     """
 
     slots: Slots
@@ -48,29 +47,30 @@ class Extractor:
     """Extracts slots from texts and counts what became of the LLM's part.
 
     Args:
-        chat: the LLM, None: rules alone.
-        cache: of its answers.
+        chat: the LLM; None: rules alone.
+        cache: folder that keeps its answers byte for byte, each by the hash of the whole request
+            (model, prompt, parameters, text), so that no question is paid for twice; None: none.
         use_schema: ask the server to hold answers to a schema.
         note: told of trouble with the service.
+
+    Raises:
+        InputError: the folder can't be made or written to.
     """
 
     def __init__(
         self,
         chat: Chat | None = None,
-        cache: Cache | None = None,
+        cache: Path | None = None,
         use_schema: bool = True,
         note: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self._chat, self._cache = chat, cache or Cache(None)
+        self._chat, self._cache = chat, make_folder(cache) if cache else None
         self._use_schema, self._note = use_schema, note
         self._failures = 0
         self.counts: Counter[str] = Counter()
 
     def __call__(self, text: str) -> Extracted:
         """The slots of a text; trouble with the LLM costs its slots of this text and no more.
-
-        Args:
-            text: a model's text, with nothing else.
 
         Raises:
             InputError: the cache can't be read or written.
@@ -85,9 +85,10 @@ class Extractor:
         body = self._answer(self._chat, text, empty)
         if isinstance(body, str):
             return Extracted(found, trouble=body)
-        content, trouble = _content(body)
-        proposals = read_reply(content, empty)
-        trouble = trouble or proposals.unreadable
+        completion = read_completion(body)
+        proposals = read_reply(completion.text or "", empty)
+        trouble = "it ends in the midst" if completion.cut_off else proposals.unreadable
+        trouble = trouble if completion.refusal is None else "the model declines"
         if trouble:
             self.counts["unusable"] += 1
             return Extracted(found, trouble=f"the LLM's answer can't be used: {trouble}")
@@ -140,10 +141,13 @@ class Extractor:
         if len(text) > MAX_CHARACTERS:
             self.counts["too_long"] += 1
             return f"the text is longer than {MAX_CHARACTERS} characters"
-        request = build_request(chat.model, _sendable(text), empty, self._use_schema)
+        sendable = text.encode("utf-8", "replace").decode()  # halves of surrogate pairs as ?
+        request = build_request(chat.model, sendable, empty, self._use_schema)
         digest = sha256_json(request)
-        body = self._cache.find(digest)
-        if body is not None and _is_completion(body):
+        name = digest.removeprefix("sha256:")
+        kept = self._cache / name[:2] / f"{name}.body" if self._cache else None
+        body = _kept(kept)
+        if body is not None:
             self.counts["cached"] += 1
             return body
         if self._failures >= MAX_FAILURES:
@@ -155,39 +159,17 @@ class Extractor:
             body = chat.ask(messages, request)
             read_completion(body)
         except (PeerError, NoCompletion) as error:
-            return self._failed(str(error))
+            self._failures += 1
+            self.counts["failed"] += 1
+            self._note(f"the LLM gave no answer: {error}")
+            if self._failures == MAX_FAILURES:
+                self._note(f"{MAX_FAILURES} failures in a row; the LLM isn't asked any more")
+            return f"no answer: {error}"
         self._failures = 0
         self.counts["asked"] += 1
-        self._cache.keep(digest, body)
+        if kept is not None:
+            write_bytes(kept, body)
         return body
-
-    def _failed(self, why: str) -> str:
-        self._failures += 1
-        self.counts["failed"] += 1
-        self._note(f"the LLM gave no answer: {why}")
-        if self._failures == MAX_FAILURES:
-            self._note(f"{MAX_FAILURES} failures in a row; the LLM isn't asked any more")
-        return f"no answer: {why}"
-
-
-def make_extractor(
-    chat: Chat | None = None,
-    cache: Path | None = None,
-    use_schema: bool = True,
-    note: Callable[[str], None] = lambda _: None,
-) -> Extractor:
-    """An extractor of rules, and of an LLM where one is given.
-
-    Args:
-        chat: the LLM; None: rules alone.
-        cache: folder that keeps its answers; None keeps none.
-        use_schema: ask the server to hold answers to a schema.
-        note: told of trouble with the service.
-
-    Raises:
-        InputError: the folder can't be made or written to.
-    """
-    return Extractor(chat, Cache(cache), use_schema, note)
 
 
 @cache
@@ -197,24 +179,13 @@ def _checks_hash() -> str:
     return sha256_json({n: sha256_bytes(Path(__file__).with_name(n).read_bytes()) for n in names})
 
 
-def _is_completion(body: bytes) -> bool:
+def _kept(path: Path | None) -> bytes | None:
+    """An answer in the cache; None where there is none that can be used."""
     try:
+        body = path.read_bytes() if path is not None else b""
         read_completion(body)
-    except NoCompletion:
-        return False
-    return True
-
-
-def _content(body: bytes) -> tuple[str, str]:
-    """The text of an answer, and why it can't be used."""
-    completion = read_completion(body)
-    if completion.refusal is not None:
-        return "", "the model declines"
-    if completion.cut_off:
-        return "", "it ends in the midst"
-    return completion.text or "", ""
-
-
-def _sendable(text: str) -> str:
-    """The text with what is no character (half of a surrogate pair) as a question mark."""
-    return text.encode("utf-8", "replace").decode()
+    except (FileNotFoundError, NoCompletion):
+        return None
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+    return body

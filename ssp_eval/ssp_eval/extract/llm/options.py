@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,7 +14,7 @@ from ssp_core import console
 from ssp_core.chat import OpenAIChat, Policy
 from ssp_core.credentials import check_key, is_http_address
 from ssp_core.options import Number
-from ssp_eval.extract.llm.extractor import Extractor, make_extractor
+from ssp_eval.extract.llm.extractor import Extractor
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 _REMEDIES = {
@@ -31,33 +32,24 @@ def llm_options(prefix: str = "") -> Callable[[Command], Command]:
     Args:
         prefix: of the options besides ``--llm``, where a command has another server too.
     """
-
-    def named(name: str) -> str:
-        return f"--{prefix}{name}"
-
     options = [
         click.option("--llm", metavar="MODEL", help="LLM that is asked for slots which the rules "
                      "left empty, as its server names it. Default: rules alone."),
-        click.option(named("base-url"), "llm_base_url", metavar="URL",
+        click.option(f"--{prefix}base-url", "llm_base_url", metavar="URL",
                      help="Of the LLM's server (OpenAI chat interface), up to and with /v1."),
-        click.option(named("api-key-env"), "llm_api_key_env", metavar="VAR",
+        click.option(f"--{prefix}api-key-env", "llm_api_key_env", metavar="VAR",
                      help="Environment variable that holds the key for it."),
-        click.option(named("cache"), "llm_cache", metavar="DIR",
+        click.option(f"--{prefix}cache", "llm_cache", metavar="DIR",
                      type=click.Path(path_type=Path, file_okay=False, resolve_path=True),
                      help="Folder that keeps the LLM's answers, so that none is asked for twice."),
         click.option("--llm-timeout", "llm_timeout_s",
                      type=Number(0.1), default=60.0, show_default=True,
                      help="For one answer of the LLM, s."),
-        click.option(named("no-schema"), "llm_no_schema", is_flag=True,
+        click.option(f"--{prefix}no-schema", "llm_no_schema", is_flag=True,
                      help="Don't ask the LLM's server to hold answers to a schema."),
     ]  # fmt: skip
 
-    def add(command: Command) -> Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return add
+    return lambda command: reduce(lambda found, option: option(found), reversed(options), command)
 
 
 def extractor_of(
@@ -69,16 +61,7 @@ def extractor_of(
     llm_no_schema: bool,
     default_cache: Path | None = None,
 ) -> Extractor:
-    """The extractor that the options ask for.
-
-    Args:
-        llm: model, None: rules alone.
-        llm_base_url: of its server.
-        llm_api_key_env: variable that holds the key.
-        llm_cache: folder for answers.
-        llm_timeout_s: for one answer.
-        llm_no_schema: don't send a schema.
-        default_cache: folder where none is named; None: the user's cache.
+    """The extractor that the options ask for; its answers go to the user's cache by default.
 
     Raises:
         click.UsageError: the options don't go together.
@@ -87,27 +70,19 @@ def extractor_of(
     if llm is None:
         if llm_base_url is not None or llm_api_key_env is not None or llm_cache is not None:
             raise click.UsageError("options for an LLM need --llm MODEL")
-        return make_extractor()
+        return Extractor()
     if llm_base_url is None:
         raise click.UsageError(f"--llm {llm} needs the address of its server")
-    _check_url(llm_base_url)
+    if not is_http_address(llm_base_url):
+        raise click.UsageError(
+            f"{llm_base_url!r} is no address of a server; give one such as http://localhost:8000/v1"
+        )
     key = None
     if llm_api_key_env is not None:
         value = os.environ.get(llm_api_key_env)
         key = check_key(llm_api_key_env, value, "leave the option out where no key is wanted")
     policy = Policy(timeout_s=llm_timeout_s)
     chat = OpenAIChat(llm_base_url, llm, key, policy, console.note, remedies=_REMEDIES)
-    folder = llm_cache or default_cache or _user_cache()
-    return make_extractor(chat, folder, not llm_no_schema, console.note)
-
-
-def _check_url(url: str) -> None:
-    if not is_http_address(url):
-        raise click.UsageError(
-            f"{url!r} is no address of a server; give one such as http://localhost:8000/v1"
-        )
-
-
-def _user_cache() -> Path:
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return home / "ssp" / "extraction"
+    folder = llm_cache or default_cache or home / "ssp" / "extraction"
+    return Extractor(chat, folder, not llm_no_schema, console.note)

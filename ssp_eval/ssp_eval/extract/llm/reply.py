@@ -14,13 +14,7 @@ _FENCE = "```"
 
 @dataclass(frozen=True)
 class Proposal:
-    """A label with the words that are said to support it.
-
-    Args:
-        slot: that it is for.
-        label: one of the slot's labels.
-        quote: not yet looked for in the text.
-    """
+    """A label for a slot with the words, not yet looked for in the text, that should support it."""
 
     slot: str
     label: str
@@ -43,14 +37,15 @@ class Proposals:
 
 
 def read_reply(content: str, asked: Sequence[str]) -> Proposals:
-    """What an answer proposes for the slots that were asked for; raises on no string.
+    """What a completion proposes for the slots that were asked for; raises on no string.
 
-    Args:
-        content: of the completion; a fence of code around the JSON is taken off.
-        asked: names of these slots.
+    A fence of code around the JSON is taken off.
     """
+    text = content.strip()
+    if text.startswith(_FENCE) and text.endswith(_FENCE) and "\n" in text:
+        text = text[text.index("\n") + 1 : -len(_FENCE)]
     try:
-        value = parse_strict(_unfenced(content))
+        value = parse_strict(text)
     except ValueError:
         return Proposals(unreadable="no JSON")
     if not isinstance(value, dict):
@@ -58,28 +53,21 @@ def read_reply(content: str, asked: Sequence[str]) -> Proposals:
     items: list[Proposal] = []
     dropped: list[str] = []
     for slot, answer in value.items():
+        several = slot == "objects"
+        given = answer if several and isinstance(answer, list) else [answer]
         if slot not in asked:
             dropped.append("a slot that was not asked for")
-        elif answer is not None:
-            _read_slot(slot, answer, items, dropped)
+        elif answer is None:
+            continue
+        elif isinstance(answer, list) != several:
+            dropped.append(f"{slot}: {'no list' if several else 'a list'}")
+        elif len(given) > MAX_OBJECTS:
+            dropped.append(f"{slot}: {len(given)} answers")
+        else:
+            found = [_read_one(slot, one) for one in given]
+            dropped += [f"{slot}: {one}" for one in found if isinstance(one, str)]
+            items += dict.fromkeys(one for one in found if isinstance(one, Proposal))
     return Proposals(tuple(items), tuple(dropped))
-
-
-def _read_slot(slot: str, answer: Any, items: list[Proposal], dropped: list[str]) -> None:
-    several = slot == "objects"
-    if isinstance(answer, list) != several:
-        dropped.append(f"{slot}: {'no list' if several else 'a list'}")
-        return
-    given = answer if several else [answer]
-    if len(given) > MAX_OBJECTS:
-        dropped.append(f"{slot}: {len(given)} answers")
-        return
-    for one in given:
-        found = _read_one(slot, one)
-        if isinstance(found, str):
-            dropped.append(f"{slot}: {found}")
-        elif found not in items:
-            items.append(found)
 
 
 def _read_one(slot: str, one: Any) -> Proposal | str:
@@ -93,10 +81,3 @@ def _read_one(slot: str, one: Any) -> Proposal | str:
     if len(quote) > MAX_QUOTE:
         return "a quote longer than a phrase"
     return Proposal(slot, label, quote.strip())
-
-
-def _unfenced(content: str) -> str:
-    text = content.strip()
-    if text.startswith(_FENCE) and text.endswith(_FENCE) and "\n" in text:
-        text = text[text.index("\n") + 1 : -len(_FENCE)]
-    return text
