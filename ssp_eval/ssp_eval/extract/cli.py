@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import click
 
@@ -73,7 +73,12 @@ def extract(
         raise click.UsageError("--json is for --measure and --returned; slots are JSON anyway")
     extractor = extractor_of(**llm)
     if returned and key_file:
-        _compare(returned, key_file, as_json)
+        asked = load_key(key_file)
+        review = compare(asked.items, *(load_answers(path, asked) for path in returned))
+        if as_json:
+            click.echo(json.dumps(review.to_json(), indent=1))
+        else:
+            show_review(review)
     elif corpus is not None:
         found = measure(load_corpus(corpus), lambda text: extractor(text).slots)
         if as_json:
@@ -120,12 +125,8 @@ def _line(key: str | int, text: str, found: Extracted, with_llm: bool) -> dict[s
     if found.language:
         line["language"] = found.language
     if with_llm:
-        dropped = list(found.dropped)
-        line["llm"] = {
-            "slots": list(found.by_llm),
-            "trouble": found.trouble or None,
-            "dropped": dropped,
-        }
+        trouble = found.trouble or None
+        line["llm"] = {"slots": found.by_llm, "trouble": trouble, "dropped": found.dropped}
     return line
 
 
@@ -146,52 +147,31 @@ def _prepare(file: str, out: Path, extractor: Extractor, count: int, seed: int) 
     )
 
 
-def _compare(returned: tuple[Path, Path], key_file: Path, as_json: bool) -> None:
-    key = load_key(key_file)
-    first, second = (load_answers(path, key) for path in returned)
-    review = compare(key.items, first, second)
-    if as_json:
-        click.echo(json.dumps(review.to_json(), indent=1))
-    else:
-        show_review(review)
-
-
 def _read(file: str) -> Iterator[tuple[str | int, str]]:
-    def lines(stream: IO[str]) -> Iterator[str]:
-        while line := stream.readline(MAX_TEXT_BYTES):
-            if len(line) == MAX_TEXT_BYTES:
-                raise InputError(f"has a line of more than {MAX_TEXT_BYTES >> 20} MiB", file=file)
-            yield line
-
+    """The ids and texts of a file, one line at a time; blank lines are passed over."""
+    lines: dict[str | int, int] = {}
+    number = 0
     try:
         if file != "-":
             refuse_named_pipe(file)
         with click.open_file(file, encoding="utf-8") as stream:
-            yield from _texts(lines(stream), file)
-    except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=file) from error
-
-
-def _texts(stream: Iterable[str], file: str) -> Iterator[tuple[str | int, str]]:
-    """The ids and texts of a stream, one line at a time; blank lines are passed over."""
-    number = 0
-    lines: dict[str | int, int] = {}
-    try:
-        for number, line in enumerate(stream, start=1):
-            content = line.removeprefix("\ufeff") if number == 1 else line
-            if not content.strip():
-                continue
-            place = Location(file, number)
-            key, text = _text(content, place)
-            if (first := lines.setdefault(key, number)) != number:
-                raise place.at("id").error(
-                    f"stands in line {first} already",
-                    key,
-                    remedy="give each text its own id",
-                )
-            yield key, text
+            while line := stream.readline(MAX_TEXT_BYTES):
+                number += 1
+                if len(line) == MAX_TEXT_BYTES:
+                    problem = f"has a line of more than {MAX_TEXT_BYTES >> 20} MiB"
+                    raise InputError(problem, file=file)
+                if not line.removeprefix("\ufeff").strip():
+                    continue
+                place = Location(file, number)
+                key, text = _text(line.removeprefix("\ufeff") if number == 1 else line, place)
+                if (first := lines.setdefault(key, number)) != number:
+                    problem = f"stands in line {first} already"
+                    raise place.at("id").error(problem, key, remedy="give each text its own id")
+                yield key, text
     except UnicodeDecodeError as error:
         raise InputError("is not UTF-8", file=file, line=number + 1) from error
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror}", file=file) from error
 
 
 def _text(content: str, place: Location) -> tuple[str | int, str]:
