@@ -16,22 +16,23 @@ from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.body import BodyReading, MirrorBody
-from ssp_ot_controller.bodies.datagrams import (
+from ssp_ot_controller.bodies.dynamics import LIMITS, Command
+from ssp_ot_controller.bodies.protocol import (
     COMMAND_BYTES,
     STATE_BYTES,
+    TIMEOUT_MS,
     CommandDatagram,
     Envelope,
     Order,
     Reason,
     Rejected,
+    UdpBody,
     decode_command,
     decode_state,
     encode_command,
     encode_state,
 )
-from ssp_ot_controller.bodies.dynamics import LIMITS, Command
 from ssp_ot_controller.bodies.simulated import WATCHDOG_S, BodyServer
-from ssp_ot_controller.bodies.udp import TIMEOUT_MS, UdpBody
 from ssp_ot_controller.objects.live import parse_bodies
 
 S = 1_000_000_000

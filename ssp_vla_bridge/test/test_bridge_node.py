@@ -26,9 +26,9 @@ from ssp_core.processes import (
 )
 from ssp_core.ros import STATE, VLA, make_node, stamp_from_ns
 from ssp_msgs.msg import VlaRequest, VlaResponse
+from ssp_vla_bridge.backends.recorded import response_of_message
 from ssp_vla_bridge.messages import CameraGeometry
 from ssp_vla_bridge.ros.conversions import request_from_msg, request_to_msg, response_to_msg
-from ssp_vla_bridge.stored_answers import response_of_message
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 120.0

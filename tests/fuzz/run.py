@@ -31,7 +31,7 @@ _BRIDGE = (
     "ssp_vla_bridge.adapters",
     "ssp_vla_bridge.messages",
     "ssp_vla_bridge.native_history",
-    "ssp_vla_bridge.stored_answers",
+    "ssp_vla_bridge.backends.recorded",
     "ssp_vla_bridge.trajectory",
 )
 FOLLOWED = {

@@ -15,9 +15,9 @@ from ssp_core.names import vla_request_topic, vla_response_topic
 from ssp_core.ros import VLA, make_executor, make_node
 from ssp_eval.evaluate.model_client import RequestTracker
 from ssp_msgs.msg import VlaRequest, VlaResponse
+from ssp_vla_bridge.backends.recorded import response_of_message
 from ssp_vla_bridge.messages import Request
 from ssp_vla_bridge.ros.conversions import request_to_msg
-from ssp_vla_bridge.stored_answers import response_of_message
 
 NAME = "evaluator"
 

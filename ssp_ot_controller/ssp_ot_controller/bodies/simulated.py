@@ -16,7 +16,8 @@ from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Pose2
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.body import BodyReading
-from ssp_ot_controller.bodies.datagrams import (
+from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
+from ssp_ot_controller.bodies.protocol import (
     COMMAND_BYTES,
     CommandDatagram,
     Envelope,
@@ -26,7 +27,6 @@ from ssp_ot_controller.bodies.datagrams import (
     decode_command,
     encode_state,
 )
-from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
 
 # However long a command says that it holds: nothing heard for this long, and the body brakes.
 WATCHDOG_S = 0.2

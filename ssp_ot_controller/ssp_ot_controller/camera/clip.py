@@ -7,6 +7,7 @@ frames; the truth file is for labels and for the K* that `ssp spec clip` binds t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,11 @@ from ssp_ot_controller.camera.storyboards import LaneCounts, Storyboard, storybo
 
 TRUTH_SCHEMA = "ssp.truth/1"
 GENERATOR = "ssp-clip/1"
+_RECORD = (
+    "object_id", "object_class", "role", "stamp_ns", "x_m", "y_m", "yaw_rad", "speed_mps",
+    "acceleration_mps2", "yaw_rate_radps", "size",
+)  # fmt: skip
+_SIZE = ("front_m", "rear_m", "width_m", "height_m")
 
 
 def board_of(kind: str, seed: int, same: int, opposite: int) -> Storyboard:
@@ -42,25 +48,10 @@ def truth_path(video: Path) -> Path:
 
 def object_record(state: ObjectState) -> dict[str, Any]:
     """Plain fields of a state as the truth file holds them; class and role by their words."""
-    size = state.size
-    return {
-        "object_id": state.object_id,
-        "object_class": state.object_class.word,
-        "role": state.role.name.lower(),
-        "stamp_ns": state.stamp_ns,
-        "x_m": state.x_m,
-        "y_m": state.y_m,
-        "yaw_rad": state.yaw_rad,
-        "speed_mps": state.speed_mps,
-        "acceleration_mps2": state.acceleration_mps2,
-        "yaw_rate_radps": state.yaw_rate_radps,
-        "size": {
-            "front_m": size.front_m,
-            "rear_m": size.rear_m,
-            "width_m": size.width_m,
-            "height_m": size.height_m,
-        },
-    }
+    record = asdict(state)
+    record |= {"object_class": state.object_class.word, "role": state.role.name.lower()}
+    record["size"] = {key: record["size"][key] for key in _SIZE}
+    return {key: record[key] for key in _RECORD}
 
 
 def truth(board: Storyboard) -> dict[str, Any]:

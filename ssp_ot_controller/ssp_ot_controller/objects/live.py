@@ -11,7 +11,7 @@ from ssp_core.errors import InputError
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_ot_controller.bodies.body import Body, BodyReading, MirrorBody, state_of
 from ssp_ot_controller.bodies.dynamics import Command
-from ssp_ot_controller.bodies.udp import UdpBody
+from ssp_ot_controller.bodies.protocol import UdpBody
 from ssp_ot_controller.objects.pool import PoolStep
 
 _ADDRESS = re.compile(r"udp://(?P<host>[^:/\[\]]+|\[[0-9a-fA-F:]+\]):(?P<port>[0-9]{1,5})")

@@ -26,8 +26,7 @@ from ssp_ot_controller.objects.messages import (
 from ssp_ot_controller.objects.references import Refusal, RefusalCode
 from ssp_ot_controller.objects.state_machine import REFUSED_CONDITION, CommandResponse, ObjectEvent
 from ssp_ot_controller.objects.target import Target
-from ssp_ot_controller.sil.disturbance import Channel, LinkSizes
-from ssp_ot_controller.sil.faults import FaultChange
+from ssp_ot_controller.sil.disturbance import Channel, FaultChange, LinkSizes
 
 
 @dataclass(frozen=True, slots=True)

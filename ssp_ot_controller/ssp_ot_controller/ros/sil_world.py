@@ -38,8 +38,7 @@ from ssp_msgs.msg import (
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.camera.frames import slowest_frame_s
 from ssp_ot_controller.ros.parameters import SIL_WORLD
-from ssp_ot_controller.sil.disturbance import Channel
-from ssp_ot_controller.sil.faults import FaultChange
+from ssp_ot_controller.sil.disturbance import Channel, FaultChange
 from ssp_ot_controller.sil.lockstep import StepBarrier
 from ssp_ot_controller.sil.sumo_world import SumoWorld
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S

@@ -15,7 +15,7 @@ from ssp_core.run_file.participants import Driver
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.car_following import following_acceleration, free_acceleration
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command, brake_command
-from ssp_ot_controller.sil.faults import FaultChange, FaultSchedule
+from ssp_ot_controller.sil.disturbance import FaultChange, FaultSchedule
 
 VULNERABLE = frozenset({ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST})
 

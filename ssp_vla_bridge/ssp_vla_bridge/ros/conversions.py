@@ -13,8 +13,8 @@ from ssp_core.ros import session_ns, stamp_from_ns
 from ssp_msgs.msg import EgoSample as EgoSampleMsg
 from ssp_msgs.msg import NativeArray as NativeArrayMsg
 from ssp_msgs.msg import VlaRequest, VlaResponse, VlaTask
+from ssp_vla_bridge.backends.recorded import response_of_message
 from ssp_vla_bridge.messages import CameraGeometry, DrivingTask, EgoSample, Frame, Request, Response
-from ssp_vla_bridge.stored_answers import response_of_message
 from ssp_vla_bridge.window import geometry_of
 
 

@@ -67,13 +67,8 @@ def join(meshes: Iterable[Mesh]) -> Mesh:
     if not parts:
         none = np.zeros((0, 3, 3), dtype=np.float32)
         return Mesh(none, none, none, np.zeros((0, 3, 2), np.float32), np.zeros(0, np.uint8))
-    return Mesh(
-        np.concatenate([m.corners for m in parts]),
-        np.concatenate([m.normals for m in parts]),
-        np.concatenate([m.colours for m in parts]),
-        np.concatenate([m.uv for m in parts]),
-        np.concatenate([m.kinds for m in parts]),
-    )
+    arrays = ("corners", "normals", "colours", "uv", "kinds")
+    return Mesh(*(np.concatenate([getattr(part, name) for part in parts]) for name in arrays))
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -107,18 +107,6 @@ def _wall(
     )  # fmt: skip
 
 
-def building(
-    rng: np.random.Generator,
-    palette: Palette,
-    width_m: float,
-    depth_m: float,
-    floors: int,
-    pitched: bool,
-) -> Mesh:
-    """A house or block with windows all around; x along the road, centred on the origin."""
-    return _house(rng, palette, width_m, depth_m, 3.1 * floors, pitched)
-
-
 def building_of(
     rng: np.random.Generator,
     palette: Palette,
@@ -134,14 +122,14 @@ def building_of(
     longer, shorter = max(length_m, width_m), min(length_m, width_m)
     walls_m = height_m - _ROOF_SLOPE * shorter
     if may_be_pitched and walls_m >= _LEAST_WALLS_M and shorter <= _WIDEST_PITCHED_M:
-        mesh = _house(rng, palette, longer, shorter, walls_m, pitched=True)
+        mesh = building(rng, palette, longer, shorter, walls_m, pitched=True)
     else:
         rim_m = min(_PARAPET_M, 0.5 * height_m)
-        mesh = _house(rng, palette, longer, shorter, height_m - rim_m, pitched=False, rim_m=rim_m)
+        mesh = building(rng, palette, longer, shorter, height_m - rim_m, pitched=False, rim_m=rim_m)
     return mesh if length_m >= width_m else mesh.placed(Pose2(0.0, 0.0, np.pi / 2))
 
 
-def _house(
+def building(
     rng: np.random.Generator,
     palette: Palette,
     width_m: float,
@@ -150,7 +138,10 @@ def _house(
     pitched: bool,
     rim_m: float = _PARAPET_M,
 ) -> Mesh:
-    """Walls of the given height with a roof on top; a flat one is as high as its rim."""
+    """A house or block with windows all around; x along the road, centred on the origin.
+
+    Its walls are ``top`` high, with a roof on top; a flat one is as high as its rim.
+    """
     wall = palette.walls[int(rng.integers(len(palette.walls)))]
     roof = palette.roofs[int(rng.integers(len(palette.roofs)))]
     x, y = width_m / 2, depth_m / 2

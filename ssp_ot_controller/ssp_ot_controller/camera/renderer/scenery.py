@@ -151,6 +151,7 @@ def _mesh(
     return pole(item.height_m)
 
 
+_FLOOR_M = 3.1
 _CLEAR_AT_CROSSING_M = 7.0
 _CLEAR_M = 0.2  # from a sidewalk to what stands beside it on a bend
 _HEADROOM_M = 2.0  # what is higher may reach over the road
@@ -299,7 +300,7 @@ def _suburb(planter: _Planter) -> None:
     rng, palette, add = planter.rng, planter.palette, planter.add
     for x in planter.stations(17.0, 24.0):
         width, depth, floors = rng.uniform(9, 13), rng.uniform(8, 10), int(rng.integers(1, 3))
-        house = building(rng, palette, width, depth, floors, pitched=True)
+        house = building(rng, palette, width, depth, _FLOOR_M * floors, pitched=True)
         add(house, x, rng.uniform(12, 16), "building", shadow=False)
         add(hedge(rng.uniform(8, 13), palette), x, 3.6)
     for x in planter.stations(9.0, 19.0):
@@ -318,7 +319,7 @@ def _proving_ground(planter: _Planter) -> None:
     for x in planter.every(20.0):
         add(cone(), x + float(rng.uniform(-0.3, 0.3)), 1.2)
     for x in planter.stations(70.0, 110.0):
-        hall = building(rng, palette, rng.uniform(28, 45), rng.uniform(14, 20), 2, pitched=False)
+        hall = building(rng, palette, rng.uniform(28, 45), rng.uniform(14, 20), 2 * _FLOOR_M, False)
         add(hall, x, rng.uniform(42, 62), "building", shadow=False)
     for x in planter.every(60.0, 25.0):
         add(mast(), x, 10.0, "pole")
@@ -331,7 +332,7 @@ def _city(planter: _Planter) -> None:
     x, end = planter.span
     while x < end:
         width = float(rng.uniform(14, 24))
-        block = building(rng, palette, width, 14.0, int(rng.integers(4, 9)), pitched=False)
+        block = building(rng, palette, width, 14.0, _FLOOR_M * int(rng.integers(4, 9)), False)
         add(block, x + width / 2, 9.0, "building", shadow=False)
         x += width + (float(rng.uniform(3, 9)) if rng.uniform() < 0.3 else 0.0)
     for x in planter.every(24.0, 5.0 if planter.side.sign > 0 else 17.0):
