@@ -464,13 +464,15 @@ class _Seen:
         self._corridor = corridor
         self._extents = [corridor.extent(now.other) for now in instants]
         self.inside = [corridor.overlaps(extent) for extent in self._extents]
+        ahead = [now.vut.pose.to_parent(now.vut.size.front_m, 0.0) for now in instants]
+        self._fronts_m = [station for station, _ in corridor.path.project_all_beyond(ahead)]
         self.entries = [
             i for i, (before, now) in enumerate(pairwise(self.inside), 1) if now and not before
         ]
 
     def is_ahead(self, i: int) -> bool:
         """The object is ahead of the front of the one that it is seen from."""
-        return self._extents[i].s_min_m >= self._corridor.front_m(self._instants[i].vut)
+        return self._extents[i].s_min_m >= self._fronts_m[i]
 
     def followed(self, start: int) -> Passing:
         extent = self._extents[start]
@@ -526,13 +528,11 @@ class _Seen:
 
         None: never; the first instant's time where it is beyond from the beginning.
         """
-        before: tuple[float, float] | None = None
-        for now in self._instants:
-            front_m = self._corridor.front_m(now.vut)
-            if front_m >= station_m:
-                if before is None or front_m <= before[1]:
-                    return now.t_s
-                share = (station_m - before[1]) / (front_m - before[1])
-                return before[0] + share * (now.t_s - before[0])
-            before = now.t_s, front_m
-        return None
+        fronts_m, instants = self._fronts_m, self._instants
+        i = next((i for i, front_m in enumerate(fronts_m) if front_m >= station_m), None)
+        if i is None:
+            return None
+        if i == 0 or fronts_m[i] <= fronts_m[i - 1]:
+            return instants[i].t_s
+        share = (station_m - fronts_m[i - 1]) / (fronts_m[i] - fronts_m[i - 1])
+        return instants[i - 1].t_s + share * (instants[i].t_s - instants[i - 1].t_s)
