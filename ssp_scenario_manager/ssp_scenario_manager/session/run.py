@@ -110,10 +110,6 @@ class Run:
 
     # -- states --------------------------------------------------------------------------------
 
-    def has_target(self, object_id: str) -> bool:
-        """The object is one of the run's targets."""
-        return any(target.id == object_id for target in self.spec.targets)
-
     def see(self, state: ObjectState) -> None:
         """Judges a state that arrived by those before it."""
         memory = self.continuity.get(state.object_id, Continuity())
@@ -195,17 +191,8 @@ class LatestStates:
     targets: dict[str, ObjectState] = field(default_factory=dict)
     heard: set[str] = field(default_factory=set)
 
-    def take_vut(self, state: ObjectState, run: Run | None, *, in_order: bool) -> bool:
-        """Takes a state of the VUT; see take_target."""
-        if run is not None and state.object_id != run.spec.vut.id:
-            return False
-        if _replaces(self.vut, state, in_order):
-            self.vut = state
-        self._note(state, run)
-        return True
-
-    def take_target(self, state: ObjectState, run: Run | None, *, in_order: bool) -> bool:
-        """Takes a state of an object target.
+    def take(self, state: ObjectState, run: Run | None, *, as_vut: bool, in_order: bool) -> bool:
+        """Takes a state of the VUT, or of an object target.
 
         Args:
             in_order: a run lasts, so that a state older than what is known is dropped. Otherwise
@@ -214,11 +201,20 @@ class LatestStates:
         Returns:
             False for a state of an object that the run doesn't know; nothing has happened then.
         """
-        if run is not None and not run.has_target(state.object_id):
-            return False
-        if _replaces(self.targets.get(state.object_id), state, in_order):
-            self.targets[state.object_id] = state
-        self._note(state, run)
+        who = state.object_id
+        if run is not None:
+            ids = [run.spec.vut.id] if as_vut else [target.id for target in run.spec.targets]
+            if who not in ids:
+                return False
+        known = self.vut if as_vut else self.targets.get(who)
+        if known is None or state.stamp_ns >= known.stamp_ns or not in_order:
+            if as_vut:
+                self.vut = state
+            else:
+                self.targets[who] = state
+        self.heard.add(who)
+        if run is not None:
+            run.see(state)
         return True
 
     def forget_ahead(self, latest_ns: int) -> None:
@@ -231,12 +227,3 @@ class LatestStates:
             self.vut = None
         for object_id in [i for i, s in self.targets.items() if s.stamp_ns > latest_ns]:
             del self.targets[object_id]
-
-    def _note(self, state: ObjectState, run: Run | None) -> None:
-        self.heard.add(state.object_id)
-        if run is not None:
-            run.see(state)
-
-
-def _replaces(known: ObjectState | None, state: ObjectState, in_order: bool) -> bool:
-    return known is None or state.stamp_ns >= known.stamp_ns or not in_order

@@ -157,11 +157,11 @@ class Session:
 
     def on_vut_state(self, state: ObjectState) -> bool:
         """Takes a state of the VUT; False for one of another object, which has no effect."""
-        return self._known.take_vut(state, self._run, in_order=self._lasts)
+        return self._known.take(state, self._run, as_vut=True, in_order=self._lasts)
 
     def on_target_state(self, state: ObjectState) -> bool:
         """Takes a state of a target; False for one that the run doesn't know: no effect."""
-        return self._known.take_target(state, self._run, in_order=self._lasts)
+        return self._known.take(state, self._run, as_vut=False, in_order=self._lasts)
 
     @property
     def _lasts(self) -> bool:
