@@ -375,21 +375,6 @@ def contact_sheet(tiles: Sequence[Tile], columns: int, tile_width_px: int) -> Im
     return sheet
 
 
-def encode(image: Image, suffix: str, quality: int = 90) -> bytes:
-    """A picture as a file's bytes.
-
-    Args:
-        image: BGR.
-        suffix: ``.png`` or ``.jpg``.
-        quality: of a JPEG, 0 to 100.
-    """
-    options = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else []
-    encoded, data = cv2.imencode(suffix, image, options)
-    if not encoded:
-        raise RuntimeError(f"OpenCV could not encode a picture as {suffix}")
-    return np.asarray(data, dtype=np.uint8).tobytes()
-
-
 def _draw(tile: Tile, width_px: int) -> Image:
     height, width = tile.image.shape[:2]
     size = (width_px, max(1, round(height * width_px / width)))

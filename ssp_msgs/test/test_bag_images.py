@@ -12,8 +12,8 @@ from ssp_core.bag.frames import VideoDecoder, is_keyframe
 from ssp_core.bag.images import (
     MAX_PIXELS,
     decode_still,
+    encode,
     encode_jpeg,
-    encode_png,
     even_sized,
     size_px,
     suffix_of,
@@ -112,17 +112,17 @@ def still(data: bytes, layout: RawLayout | None = None, form: str = "jpeg") -> I
 
 
 def test_sizes_are_read_without_decoding() -> None:
-    for data in (encode_jpeg(PICTURE), encode_png(PICTURE)):
+    for data in (encode_jpeg(PICTURE), encode(PICTURE, ".png")):
         assert size_px(memoryview(data)) == (30, 20)
     progressive = cv2.imencode(".jpg", PICTURE, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
     assert size_px(memoryview(progressive)) == (30, 20)
-    assert (suffix_of(encode_jpeg(PICTURE)), suffix_of(encode_png(PICTURE))) == (".jpg", ".png")
+    assert (suffix_of(encode_jpeg(PICTURE)), suffix_of(encode(PICTURE, ".png"))) == (".jpg", ".png")
     assert suffix_of(b"GIF89a") is None
 
 
 def test_a_picture_that_claims_too_much_is_not_decoded() -> None:
     """A kilobyte of PNG or JPEG may claim gigabytes."""
-    bomb = bytearray(encode_png(PICTURE))
+    bomb = bytearray(encode(PICTURE, ".png"))
     bomb[16:24] = (40_000).to_bytes(4, "big") * 2
     with pytest.raises(ValueError, match="40000 x 40000 px, more than is read here"):
         decode_still(still(bytes(bomb)))

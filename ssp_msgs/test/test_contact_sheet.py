@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.video import Image, Tile, contact_sheet, encode
+from ssp_core.bag.images import encode
+from ssp_core.video import Image, Tile, contact_sheet
 
 
 def grey(level: int, width: int = 64, height: int = 36) -> Image:

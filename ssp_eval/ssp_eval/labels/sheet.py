@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from ssp_core.bag.images import encode
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.run_file.values import Finite
 from ssp_core.templates import templates
-from ssp_core.video import Tile, Video, contact_sheet, encode
+from ssp_core.video import Tile, Video, contact_sheet
 from ssp_eval.data.labels import LABEL_KEYS
 from ssp_eval.labels.truth import is_bag, video_times
 from ssp_eval.recordings.clip import Clip, NoQuestion

@@ -15,7 +15,7 @@ import av
 import click
 
 from ssp_core.bag.frames import Frames, Picture, VideoFile, image_topics
-from ssp_core.bag.images import decode_still, encode_jpeg, encode_png, even_sized, suffix_of
+from ssp_core.bag.images import decode_still, encode, even_sized, suffix_of
 from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.images import ImageMessage
 from ssp_core.console import note, out, progress
@@ -76,11 +76,11 @@ def write_images(
 
         if frames.is_video:
             for picture in frames.pictures(*span):
-                keep(picture.stamp_ns, picture.log_time_ns, _encoded(picture, suffix))
+                keep(picture.stamp_ns, picture.log_time_ns, encode(picture.image, suffix))
             return count
         for message, image in frames.messages(*span):
             try:
-                data = _file_bytes(image, message.log_time_ns, suffix)
+                data = _file_bytes(image, suffix)
             except ValueError as error:
                 losses(message.log_time_ns, str(error))
                 continue
@@ -88,14 +88,10 @@ def write_images(
     return count
 
 
-def _encoded(picture: Picture, suffix: str) -> bytes:
-    return encode_jpeg(picture.image) if suffix == ".jpg" else encode_png(picture.image)
-
-
-def _file_bytes(image: ImageMessage, log_time_ns: int, suffix: str) -> bytes:
+def _file_bytes(image: ImageMessage, suffix: str) -> bytes:
     if image.layout is None and suffix_of(image.data) == suffix:
         return bytes(image.data)
-    return _encoded(Picture(image.stamp_ns, log_time_ns, decode_still(image)), suffix)
+    return encode(decode_still(image), suffix)
 
 
 def write_video(

@@ -127,11 +127,21 @@ def even_sized(picture: Bgr) -> Bgr:
     return np.ascontiguousarray(picture[:height, :width])
 
 
+def encode(picture: Bgr, suffix: str, quality: int = JPEG_QUALITY) -> bytes:
+    """A picture as a file's bytes.
+
+    Args:
+        picture: BGR.
+        suffix: ``.png`` or ``.jpg``.
+        quality: of a JPEG, 0 to 100.
+    """
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else []
+    encoded, data = cv2.imencode(suffix, picture, options)
+    if not encoded:
+        raise RuntimeError(f"OpenCV could not encode a picture as {suffix}")
+    return np.asarray(data, dtype=np.uint8).tobytes()
+
+
 def encode_jpeg(picture: Bgr, quality: int = JPEG_QUALITY) -> bytes:
     """A picture as JPEG."""
-    return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes())
-
-
-def encode_png(picture: Bgr) -> bytes:
-    """A picture as PNG."""
-    return bytes(cv2.imencode(".png", picture)[1].tobytes())
+    return encode(picture, ".jpg", quality)

@@ -145,34 +145,24 @@ def check_claim(compression: str, unpacked_bytes: int, packed_bytes: int) -> Non
 
 
 def unpack_chunk(parts: ChunkParts) -> memoryview:
-    """What a chunk holds, with its CRC checked.
+    """What a chunk holds, with its CRC checked; never more at once than is there.
 
     Raises:
         ValueError: it doesn't unpack to what it claims, or its CRC is wrong.
     """
-    data = unpack(parts.compression, parts.data, parts.unpacked_bytes)
+    data, claimed = parts.data, parts.unpacked_bytes
+    if parts.compression:
+        try:
+            unpacked = (_unzstd if parts.compression == "zstd" else _unlz4)(data, claimed)
+        except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+            raise ValueError(f"a chunk doesn't unpack: {error}") from error
+        if len(unpacked) != claimed:
+            what = "more" if len(unpacked) > claimed else "less"
+            raise ValueError(f"a chunk unpacks to {what} than the {claimed} bytes it claims")
+        data = memoryview(unpacked)
     if parts.crc and crc32(data) != parts.crc:
         raise ValueError("crc validation failed in a chunk")
     return data
-
-
-def unpack(compression: str, data: memoryview, unpacked_bytes: int) -> memoryview:
-    """Compressed bytes unpacked; never more than was claimed, nor more at once than is there.
-
-    Raises:
-        ValueError: they don't unpack, or to another number of bytes.
-    """
-    check_claim(compression, unpacked_bytes, len(data))
-    if not compression:
-        return data
-    try:
-        unpacked = (_unzstd if compression == "zstd" else _unlz4)(data, unpacked_bytes)
-    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
-        raise ValueError(f"a chunk doesn't unpack: {error}") from error
-    if len(unpacked) != unpacked_bytes:
-        what = "more" if len(unpacked) > unpacked_bytes else "less"
-        raise ValueError(f"a chunk unpacks to {what} than the {unpacked_bytes} bytes it claims")
-    return memoryview(unpacked)
 
 
 def _unzstd(data: memoryview, most: int) -> bytearray:

@@ -57,7 +57,8 @@ class Evidence:
 
     def sheet(self, frames: tuple[int, ...]) -> Path | None:
         """The contact sheet of some frames; None without video or frames."""
-        from ssp_core.video import Tile, contact_sheet, encode
+        from ssp_core.bag.images import encode
+        from ssp_core.video import Tile, contact_sheet
 
         tiles = [
             Tile(self._frames[n][1], (f"frame {n}, t = {self._frames[n][0]:.3f} s",))
@@ -70,7 +71,7 @@ class Evidence:
         path = self._folder / f"frames-{numbers[0]:06d}-{numbers[-1]:06d}-{len(numbers)}.jpg"
         if not path.is_file():
             make_folder(self._folder)
-            write_bytes(path, encode(contact_sheet(tiles, COLUMNS, TILE_PX), ".jpg"))
+            write_bytes(path, encode(contact_sheet(tiles, COLUMNS, TILE_PX), ".jpg", 90))
         return path
 
 
