@@ -15,6 +15,8 @@ from ssp_core.run_file.values import Point
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase
 from ssp_core.world.road_drawing import Drawing, drawing_of
 from ssp_monitor.status.board import (
+    DEFAULT_STATE_AGE_S,
+    STALE_S,
     Board,
     Event,
     LinkFact,
@@ -27,10 +29,6 @@ from ssp_monitor.status.board import (
 from ssp_monitor.status.health import standing_in_the_way
 from ssp_monitor.status.messages import jpeg_of
 
-# Older than this, nothing of a source is shown as if it were now.
-STALE_S = 1.0
-# Without a run file: limits as a site without its own has them.
-DEFAULT_STATE_AGE_S = 0.3
 # Which commands a session takes in which state; the manager has the last word.
 COMMANDS: dict[SessionPhase, tuple[str, ...]] = {
     SessionPhase.UNKNOWN: (),
@@ -144,9 +142,7 @@ class Snapshots:
 
     def _expected(self) -> list[str]:
         run = self._board.run
-        if run is not None:
-            return [run.vut.id, *(target.id for target in run.targets)]
-        return sorted(self._board.objects)
+        return run.object_ids if run is not None else sorted(self._board.objects)
 
     def _session(self) -> dict[str, Any]:
         board = self._board

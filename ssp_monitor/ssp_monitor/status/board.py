@@ -261,8 +261,10 @@ class Newest:
         return states, problems
 
 
-# A manager that was heard this lately tells what session time it is.
-_MANAGER_FRESH_S = 1.0
+# Older than this, nothing of a source is told as if it were now.
+STALE_S = 1.0
+# Of a state, without a run file: as sites without a limit of their own have it.
+DEFAULT_STATE_AGE_S = 0.3
 # The manager tells of its links once a second; three periods without are silence.
 LINKS_FRESH_S = 3.0
 
@@ -290,10 +292,7 @@ def object_age_s(board: Board, heard: Received, now_ns: int) -> float:
         now_ns: steady clock.
     """
     age = age_s(now_ns, heard.at_ns)
-    if (
-        board.manager_stamp_ns is not None
-        and age_s(now_ns, board.manager_at_ns) <= _MANAGER_FRESH_S
-    ):
+    if board.manager_stamp_ns is not None and age_s(now_ns, board.manager_at_ns) <= STALE_S:
         age = max(age, (board.manager_stamp_ns - heard.state.stamp_ns) / 1e9)
     link = links_of(board, now_ns).get(heard.state.object_id)
     if link is not None and math.isfinite(link.state_age_s):

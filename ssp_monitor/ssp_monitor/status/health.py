@@ -12,9 +12,17 @@ from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.vocabulary import ControlState, Role, SessionPhase, Verdict
-from ssp_monitor.status.board import Board, LinkFact, Received, age_s, links_of, object_age_s
+from ssp_monitor.status.board import (
+    DEFAULT_STATE_AGE_S,
+    STALE_S,
+    Board,
+    LinkFact,
+    Received,
+    age_s,
+    links_of,
+    object_age_s,
+)
 
-FRESH_S = 1.0
 RECORDER_FRESH_S = 2.0
 CAMERA_FRESH_S = 3.0
 STANDSTILL_MPS = 0.05
@@ -37,7 +45,7 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
     if session not in _BEFORE_START:
         return []
     problems = []
-    if age_s(now_ns, board.manager_at_ns) > FRESH_S:
+    if age_s(now_ns, board.manager_at_ns) > STALE_S:
         problems.append("the scenario manager is silent")
     if session in (SessionPhase.UNKNOWN, SessionPhase.IDLE):
         problems.append("no run is loaded")
@@ -72,8 +80,8 @@ def _participant(
     if heard is None:
         return [f"no state of {who.id} arrives"]
     silent_s = object_age_s(board, heard, now_ns)
-    if silent_s > FRESH_S:
-        return [f"no state of {who.id} for {silent_s:.1f} s, limit {FRESH_S:g} s"]
+    if silent_s > STALE_S:
+        return [f"no state of {who.id} for {silent_s:.1f} s, limit {STALE_S:g} s"]
     problems = []
     if who is not run.vut:
         problems += _link(who.id, links_of(board, now_ns).get(who.id, LinkFact()), run)
@@ -127,10 +135,8 @@ def _place(state: ObjectState, who: ParticipantSpec, run: RunSpec) -> list[str]:
     return problems
 
 
-SILENT_S = 1.0
 RECORDER_SILENT_S = 2.5
 CLOCK_STANDS_S = 1.0
-DEFAULT_STATE_AGE_S = 0.3
 
 
 _REPLAY = Status("ssp: replay", "replay", Level.WARN, "a bag is replayed: nothing of this is live")
@@ -156,7 +162,7 @@ def health(board: Board, clock: ClockWatch, now_ns: int) -> tuple[Status, ...]:
         clock: of session time.
         now_ns: steady clock.
     """
-    objects = dict.fromkeys([*_named(board.run), *sorted(board.objects)])
+    objects = dict.fromkeys([*(board.run.object_ids if board.run else ()), *sorted(board.objects)])
     return (
         _recorder(board, now_ns),
         _session(board, now_ns),
@@ -164,10 +170,6 @@ def health(board: Board, clock: ClockWatch, now_ns: int) -> tuple[Status, ...]:
         *(_object(board, object_id, now_ns) for object_id in objects),
         *([_REPLAY] if board.replay else []),
     )
-
-
-def _named(run: RunSpec | None) -> list[str]:
-    return [] if run is None else [run.vut.id, *(target.id for target in run.targets)]
 
 
 def _number(value: float, digits: int = 3) -> str:
@@ -227,7 +229,7 @@ def _session(board: Board, now_ns: int) -> Status:
         level, message = Level.ERROR, f"{fact.state.name}{why}"
     elif fact.verdict not in (Verdict.NONE, Verdict.VALID):
         level, message = Level.ERROR, f"{fact.state.name}, {fact.verdict.name}{why}"
-    elif silent_s > SILENT_S:
+    elif silent_s > STALE_S:
         for_s = "" if math.isinf(silent_s) else f" for {silent_s:.1f} s"
         level, message = Level.STALE, f"{fact.state.name}; the scenario manager is silent{for_s}"
     elif in_the_way:
@@ -283,7 +285,7 @@ def _judged(
 ) -> tuple[Level, str]:
     """The worst that is known of an object, first what makes everything else meaningless."""
     state = heard.state
-    if old_s > SILENT_S:
+    if old_s > STALE_S:
         return Level.STALE, f"silent for {old_s:.1f} s"
     if not state.is_finite:
         return Level.ERROR, "its state is no number"

@@ -14,7 +14,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.values import Point
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.road_drawing import Drawing
-from ssp_monitor.status.board import Board, object_age_s
+from ssp_monitor.status.board import STALE_S, Board, object_age_s
 
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 
@@ -165,7 +165,6 @@ def _event(drawing: Drawing) -> Iterator[Mark]:
         yield text("anchor name", number, anchor.name, anchor.at, 1.6, CONFLICT)
 
 
-STALE_S = 1.0
 FORGOTTEN_S = 30.0
 STALE = Colour(0.5, 0.5, 0.5, 0.6)
 NAME = Colour(1.0, 1.0, 1.0)

@@ -77,7 +77,7 @@ def with_faults(run: RunSpec, extra: FaultFile, file: str | Path) -> RunSpec:
         InputError: a fault or a disturbance is of something that the run doesn't have, its value
             makes no sense, or its time comes when the run is over.
     """
-    known = [run.vut.id, *(t.id for t in run.targets)]
+    known = run.object_ids
     for object_id in extra.disturbances:
         if object_id not in known:
             raise InputError(
@@ -126,8 +126,7 @@ def _check_times(run: RunSpec, faults: list[Fault], file: str | Path) -> None:
 def _check_target(
     run: RunSpec, rule: _Rule, fault: Fault, field: str, file: str | Path | None
 ) -> None:
-    targets = [t.id for t in run.targets] if rule.objects == "any" else []
-    known = [run.vut.id, *targets]
+    known = run.object_ids if rule.objects == "any" else [run.vut.id]
     if fault.target not in known:
         raise InputError(
             f"is no object that {fault.kind} can strike in this run",

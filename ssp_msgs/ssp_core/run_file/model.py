@@ -298,6 +298,11 @@ class RunSpec(Strict):
         return None
 
     @property
+    def object_ids(self) -> list[str]:
+        """Ids of the VUT and of the object targets."""
+        return [self.vut.id, *(target.id for target in self.targets)]
+
+    @property
     def initiator_id(self) -> str:
         """Id of the OT whose manoeuvre is the event."""
         return self.initiator or self.triggers[0].object_id

@@ -128,7 +128,7 @@ class SessionHeard:
 
 def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
     """One finding per thing that is connected, and what keeps the session from arming."""
-    ids = [spec.vut.id, *(target.id for target in spec.targets)]
+    ids = spec.object_ids
     known = {names.CAMERA_IMAGE, names.CAMERA_INFO, *ids}
     rate_hz, oldest_s = 1.0 / spec.step_s, spec.limits.state_age_s
     findings = []

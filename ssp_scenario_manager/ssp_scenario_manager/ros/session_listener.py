@@ -33,7 +33,7 @@ class SessionListener(Node):
     def __init__(self, spec: RunSpec, context: rclpy.Context, odometry: str | None) -> None:
         super().__init__("doctor_session", namespace=names.NAMESPACE, context=context)
         self._odometry = odometry
-        self._ids = [spec.vut.id, *(target.id for target in spec.targets)]
+        self._ids = spec.object_ids
         self._streams: dict[str, Stream] = {}
         self._states: dict[str, State] = {}
         self._lost: dict[str, int] = {}

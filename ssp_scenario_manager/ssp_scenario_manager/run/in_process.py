@@ -399,7 +399,7 @@ def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[Ru
         account.phases,
         account.triggers,
         account.faults,
-        {i: record.truths(i) for i in (spec.vut.id, *(t.id for t in spec.targets))},
+        {i: record.truths(i) for i in spec.object_ids},
     )
     told = RunOutcome(session.session.verdict, tuple(session.session.reasons or session.problems))
     return told.with_misses(misses(spec, happened)), happened
@@ -408,7 +408,7 @@ def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[Ru
 def save_states(path: Path, spec: RunSpec, record: Record) -> None:
     """``states.npz``: per object ``<id>_true`` and ``<id>_arrived``, rows of ``columns``."""
     arrays: dict[str, Any] = {"columns": np.array(_COLUMNS)}
-    for object_id in (spec.vut.id, *(t.id for t in spec.targets)):
+    for object_id in spec.object_ids:
         for name, states in (
             ("true", record.truths(object_id)),
             ("arrived", record.arrived(object_id)),

@@ -223,7 +223,7 @@ def link_report(
 ) -> list[LinkLine]:
     """One line per object of the run, the VUT first."""
     lines = []
-    for object_id in (spec.vut.id, *(target.id for target in spec.targets)):
+    for object_id in spec.object_ids:
         link = links.link(object_id, steady_ns)
         state = states.get(object_id)
         age_s = math.nan if state is None else ns_to_seconds(now_ns - state.stamp_ns)
