@@ -116,7 +116,7 @@ class Drive:
         self.known: Adapting = begin(planned_motion, 10 * S, asked.lead_time_s)
         self.asked = asked
         who = WALKER if planned_motion.zone.start_m < planned_motion.zone.end_m else CAR
-        self.bounds = Bounds(limits, FENCE, who, 0.02)
+        self.bounds = Bounds(limits, FENCE, who, 0.02, asked)
         self.t_s, self.x_m = 10.0, x_m
         self.sent: list[tuple[float, Decision]] = []
         self.notes: list[str] = []
@@ -130,7 +130,7 @@ class Drive:
         for _ in range(round(seconds / 0.02)):
             dx, dv = noise * rng.standard_normal(2)
             seen = vut(self.t_s, self.x_m + dx, speed_mps + dv, acceleration)
-            found = decide(self.known, self.asked, self.bounds, seen, PATH, round(self.t_s * S))
+            found = decide(self.known, self.bounds, seen, PATH, round(self.t_s * S))
             self.known = found.adapting
             if found.pace is not None:
                 self.sent.append((self.t_s, found))

@@ -9,7 +9,12 @@ from dataclasses import replace
 
 import pytest
 
-from ssp_scenario_manager.faults.campaign import FaultScenario, prepare_scene, run_cells
+from ssp_scenario_manager.faults.campaign import (
+    SAID_FILE,
+    FaultScenario,
+    prepare_scene,
+    run_cells,
+)
 from ssp_scenario_manager.faults.matrix import MATRIX, Stage
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -37,7 +42,7 @@ HEARTBEAT_S = 2.0
 def scene(tmp_path_factory: pytest.TempPathFactory) -> FaultScenario:
     """The event's times come from a run without processes, which has the same states."""
     folder = tmp_path_factory.mktemp("cells")
-    made = prepare_scene("cut_in", "boulevard", 1, "lockstep", folder, print, "in_process")
+    made = prepare_scene("cut_in", "boulevard", 1, "lockstep", folder, "in_process")
     limits = made.run.limits.model_copy(update={"heartbeat_s": HEARTBEAT_S})
     return replace(made, way="sessions", run=made.run.model_copy(update={"limits": limits}))
 
@@ -46,15 +51,15 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> FaultScenario:
 def test_a_fault_of_a_process_is_answered_as_it_is_written(
     name: str, stage: Stage, scene: FaultScenario
 ) -> None:
-    said: list[str] = []
     if name in NEVER_TRIGGERED:
         triggers = [t.model_copy(update={"held_for_s": HELD_S}) for t in scene.run.triggers]
         scene = replace(scene, run=scene.run.model_copy(update={"triggers": triggers}))
-    (result,) = run_cells(scene, [(ROWS[name], stage)], said.append)
+    (result,) = run_cells(scene, [(ROWS[name], stage)])
     assert result.judged is not None
     # How soon on the wall's clock says nothing on a busy machine; `ssp faults` judges that too.
     findings = [f for f in result.judged.findings if not f.endswith("(wall)")]
-    assert findings == [], "\n".join(said)
+    assert result.folder is not None
+    assert findings == [], (result.folder / SAID_FILE).read_text()
     assert result.judged.reaction is None or result.judged.reaction.seconds is not None
     if stage is not Stage.ARMED:
         assert set(result.judged.stops) == {"ot1", "vut"}

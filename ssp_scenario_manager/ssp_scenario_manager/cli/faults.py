@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -111,11 +111,16 @@ def faults(
     find_shipped(site, "site")
     make_folder(out)
     way: Way = "in_process" if in_process else "sessions"
-    scenes, results = _run(scenarios or SCENARIOS, site, seed, cast(Mode, mode), way, out, cells)
+    results = _run(
+        scenarios or SCENARIOS,
+        cells,
+        lambda scenario: prepare_scene(scenario, site, seed, cast(Mode, mode), out, way),
+    )
+    run = results[0].scene.run
     facts = as_json(results)
     write_json(out / "faults.json", facts)
-    write_text(out / "faults.md", markdown(results, scenes[0].run))
-    write_text(out / "faults.html", page(results, scenes[0].run))
+    write_text(out / "faults.md", markdown(results, run))
+    write_text(out / "faults.html", page(results, run))
     if junit is not None:
         write_junit(junit, "faults", junit_cases(results))
     if json_wanted:
@@ -161,36 +166,27 @@ def _rows(patterns: Sequence[re.Pattern[str]]) -> list[Row]:
 
 def _run(
     scenarios: Sequence[str],
-    site: str,
-    seed: int,
-    mode: Mode,
-    way: Way,
-    out: Path,
     cells: list[tuple[Row, Stage]],
-) -> tuple[list[FaultScenario], list[CellResult]]:
-    scenes, results = [], []
+    prepare: Callable[[str], FaultScenario],
+) -> list[CellResult]:
+    results = []
     with console.progress("cells", len(scenarios) * len(cells)) as bar:
         task = bar.task_ids[0]
-
-        def say(line: str) -> None:
-            """What happens within a run stands in the cell's folder."""
-
         for scenario in scenarios:
             bar.update(task, description=f"{scenario}: without a fault")
-            scene = prepare_scene(scenario, site, seed, mode, out, say, way)
-            scenes.append(scene)
+            scene = prepare(scenario)
             for cell in cells:
                 bar.update(task, description=f"{scene.name}: {cell[0].name} {cell[1].title}")
-                for result in run_cells(scene, [cell], say):
+                for result in run_cells(scene, [cell]):
                     results.append(result)
                     _note(result)
                 bar.advance(task)
-    return scenes, results
+    return results
 
 
 def _note(result: CellResult) -> None:
     """One line per cell, and one per finding."""
-    name = f"{result.scenario} {result.row.name} {result.stage.title}"
+    name = f"{result.scene.name} {result.row.name} {result.stage.title}"
     if result.judged is None:
         console.note(f"{name}: not applicable")
         return
@@ -211,6 +207,6 @@ def _tell(results: Sequence[CellResult], out: Path) -> None:
     for result in bad:
         findings = result.judged.findings if result.judged else ()
         console.out.print(
-            f"  {result.scenario} {result.row.name} {result.stage.title}: {findings[0]}",
+            f"  {result.scene.name} {result.row.name} {result.stage.title}: {findings[0]}",
             markup=False,
         )

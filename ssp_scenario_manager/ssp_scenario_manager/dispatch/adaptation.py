@@ -39,18 +39,19 @@ class Bounds:
     Args:
         target: that moves.
         step_s: how often it judges its state.
+        wish: of the trigger.
     """
 
     limits: Limits
     geofence: Sequence[tuple[float, float]]
     target: ParticipantSpec
     step_s: float
+    wish: Adaptation
 
 
 def nearest_rate(
     planned: FloatArray,
     known: Pace,
-    wish: Adaptation,
     bounds: Bounds,
     start_ns: int,
     rate: float,
@@ -64,28 +65,26 @@ def nearest_rate(
         start_ns: when the new pace begins.
         until_s: own time of what decides the gap.
     """
-    if _fits(planned, wish, bounds, toward(known, start_ns, rate, until_s), until_s):
+    if _fits(planned, bounds, toward(known, start_ns, rate, until_s), until_s):
         return rate
     # As it goes on now it fits, and so does whatever is near enough to that.
     good, bad = known.wanted, rate
     for _ in range(_BISECTIONS):
         middle = 0.5 * (good + bad)
-        if _fits(planned, wish, bounds, toward(known, start_ns, middle, until_s), until_s):
+        if _fits(planned, bounds, toward(known, start_ns, middle, until_s), until_s):
             good = middle
         else:
             bad = middle
     return good
 
 
-def _fits(
-    planned: FloatArray, wish: Adaptation, bounds: Bounds, pace: Pace, until_s: float
-) -> bool:
+def _fits(planned: FloatArray, bounds: Bounds, pace: Pace, until_s: float) -> bool:
     """Speed and acceleration stay inside the limits, or inside what was planned if that is more,
     and a blind stop from any of its points stays inside the fence."""
     near = planned[:, planned[0] <= until_s + _AFTER_S]
     played = play(near, pace).columns
     speed, acceleration = played[4], played[5]
-    limits, site = bounds.limits, bounds.limits.acceleration_mps2
+    limits, site, wish = bounds.limits, bounds.limits.acceleration_mps2, bounds.wish
     most_up = min(site, wish.acceleration_mps2 or site)
     most_down = min(site, wish.deceleration_mps2 or site)
     return bool(
@@ -181,7 +180,6 @@ class Decision:
 
 def decide(
     adapting: Adapting,
-    wish: Adaptation,
     bounds: Bounds,
     vut: ObjectState,
     path: Polyline,
@@ -193,7 +191,7 @@ def decide(
         now_ns: session time, that of a dispatch.
     """
     known = replace(adapting, track=follow_vut(adapting.track, vut, path))
-    track = known.track
+    track, wish = known.track, bounds.wish
     if track is None:
         return Decision(known)
     known, wrong = _watch_order(known, wish, track, path)
@@ -205,7 +203,7 @@ def decide(
     known = _suspect(known, wish, track, now_ns)
     if known.braking_ns is not None and now_ns - known.braking_ns < seconds_to_ns(SUSPICION_S):
         return Decision(known)
-    return _aim(known, wish, bounds, track, vut.size, path, now_ns)
+    return _aim(known, bounds, track, vut.size, path, now_ns)
 
 
 def _conflict_m(planned_motion: PlannedMotion, wish: Adaptation, path: Polyline) -> float:
@@ -279,7 +277,6 @@ def _suspect(known: Adapting, wish: Adaptation, track: VutTrack, now_ns: int) ->
 
 def _aim(
     known: Adapting,
-    wish: Adaptation,
     bounds: Bounds,
     track: VutTrack,
     size: Size,
@@ -287,6 +284,7 @@ def _aim(
     now_ns: int,
 ) -> Decision:
     """The pace with which the decisive instant comes when it must, if it can."""
+    wish = bounds.wish
     own_s = _decisive_s(known.planned_motion, wish)
     due_ns = _due_ns(known.planned_motion, wish, track, size, path)
     off_s = (known.pace.reached_ns(own_s) - due_ns) / NS_PER_S
@@ -303,7 +301,6 @@ def _aim(
     rate = nearest_rate(
         known.planned_motion.columns,
         known.pace,
-        wish,
         bounds,
         start_ns,
         min(max(rate, slowest), fastest),
@@ -403,8 +400,8 @@ class Adaptations:
                     continue
                 lead_s = fired.wish.lead_time_s
                 fired.adapting = begin(planned_motion, manoeuvre.dispatched_ns, lead_s)
-            bounds = Bounds(spec.limits, spec.geofence, target, spec.step_s)
-            decision = decide(fired.adapting, fired.wish, bounds, vut, path, now_ns)
+            bounds = Bounds(spec.limits, spec.geofence, target, spec.step_s, fired.wish)
+            decision = decide(fired.adapting, bounds, vut, path, now_ns)
             fired.adapting = decision.adapting
             decisions.append((trigger, decision))
         return decisions

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -183,16 +183,14 @@ class FaultScenario:
 class CellResult:
     """A cell and what came of it; nothing came of one that isn't applicable."""
 
-    scenario: str
-    mode: Mode
+    scene: FaultScenario
     row: Row
     stage: Stage
     cell: Cell
-    fault: Fault | None
-    judged: Judged | None
-    folder: Path | None
+    fault: Fault | None = None
+    judged: Judged | None = None
+    folder: Path | None = None
     wall_s: float = 0.0
-    way: Way = "sessions"
 
     @property
     def ok(self) -> bool:
@@ -205,7 +203,6 @@ def prepare_scene(
     seed: int,
     mode: Mode,
     out: Path,
-    say: Callable[[str], None],
     way: Way = "sessions",
 ) -> FaultScenario:
     """Compiles a scenario and finds its times with a run without faults.
@@ -226,49 +223,33 @@ def prepare_scene(
     run = run.model_copy(update={"camera": None, "run_id": NOMINAL, "faults": []})
     if way == "in_process":
         return FaultScenario(name, mode, folder, run, nominal_of(run_for_evidence(run)), way)
-    evidence, _ = _evidence(run, scratch, say)
+    evidence, _ = _evidence(run, scratch)
     return FaultScenario(name, mode, folder, run, nominal_of(evidence), way)
 
 
-def run_cells(
-    scene: FaultScenario,
-    cells: list[tuple[Row, Stage]],
-    say: Callable[[str], None],
-) -> Iterator[CellResult]:
+def run_cells(scene: FaultScenario, cells: list[tuple[Row, Stage]]) -> Iterator[CellResult]:
     """Runs and judges cells; one that was run before, with the same run file, is judged again."""
     for row, stage in cells:
         cell = row.cell(stage, scene.nominal.moves[stage])
         if isinstance(cell, Expected) and scene.way == "in_process" and not possible(row.kind):
             cell = NotApplicable("needs processes of its own")
         if isinstance(cell, NotApplicable):
-            yield CellResult(
-                scene.name, scene.mode, row, stage, cell, None, None, None, way=scene.way
-            )
+            yield CellResult(scene, row, stage, cell)
             continue
-        yield _run_cell(scene, row, stage, cell, say)
-
-
-def _run_cell(
-    scene: FaultScenario, row: Row, stage: Stage, cell: Expected, say: Callable[[str], None]
-) -> CellResult:
-    fault = fault_of(row, stage, scene.nominal, scene.run)
-    if scene.way == "in_process":
+        fault = fault_of(row, stage, scene.nominal, scene.run)
         run = scene.run.model_copy(update={"faults": [fault]})
-        judged = judge(cell, run_for_evidence(run), 0)
-        return CellResult(
-            scene.name, scene.mode, row, stage, cell, fault, judged, None, way=scene.way
-        )
-    folder = make_folder(scene.folder / row.name / stage.value)
-    name = f"{scene.name}-{row.name}-{stage.value}"
-    run = scene.run.model_copy(update={"faults": [fault], "run_id": name})
-    evidence, leftovers = _evidence(run, folder, say)
-    judged = judge(cell, evidence, 0, leftovers)
-    return CellResult(
-        scene.name, scene.mode, row, stage, cell, fault, judged, folder, evidence.wall_s
-    )
+        if scene.way == "in_process":
+            judged = judge(cell, run_for_evidence(run), 0)
+            yield CellResult(scene, row, stage, cell, fault, judged)
+            continue
+        folder = make_folder(scene.folder / row.name / stage.value)
+        name = f"{scene.name}-{row.name}-{stage.value}"
+        evidence, leftovers = _evidence(run.model_copy(update={"run_id": name}), folder)
+        judged = judge(cell, evidence, 0, leftovers)
+        yield CellResult(scene, row, stage, cell, fault, judged, folder, evidence.wall_s)
 
 
-def _evidence(run: RunSpec, folder: Path, say: Callable[[str], None]) -> tuple[Evidence, list[str]]:
+def _evidence(run: RunSpec, folder: Path) -> tuple[Evidence, list[str]]:
     """Runs a session, unless the folder holds the same one already.
 
     Raises:
@@ -277,7 +258,7 @@ def _evidence(run: RunSpec, folder: Path, say: Callable[[str], None]) -> tuple[E
     key = sha256_json(run.model_dump(mode="json", by_alias=True))
     known = _finished(folder, key)
     if known is None:
-        known = _run_session(run, folder, key, say)
+        known = _run_session(run, folder, key)
     return read_evidence(folder), known
 
 
@@ -292,7 +273,7 @@ def _finished(folder: Path, key: str) -> list[str] | None:
     return [str(one) for one in cell.get("leftovers", ())]
 
 
-def _run_session(run: RunSpec, folder: Path, key: str, say: Callable[[str], None]) -> list[str]:
+def _run_session(run: RunSpec, folder: Path, key: str) -> list[str]:
     from ssp_scenario_manager.run.over_dds import run_session
 
     for old in folder.iterdir():
@@ -300,12 +281,7 @@ def _run_session(run: RunSpec, folder: Path, key: str, say: Callable[[str], None
             continue
         shutil.rmtree(old) if old.is_dir() else old.unlink()
     said: list[str] = []
-
-    def both(line: str) -> None:
-        said.append(line)
-        say(line)
-
-    result = run_session(run, folder.resolve(), both)
+    result = run_session(run, folder.resolve(), said.append)
     if any(reason.startswith(_INTERRUPTED) for reason in result.outcome.reasons):
         raise KeyboardInterrupt
     if not (folder / RESULT_FILE).is_file():

@@ -33,8 +33,8 @@ def as_json(results: Sequence[CellResult]) -> dict[str, Any]:
 def _cell_json(result: CellResult) -> dict[str, Any]:
     cell, judged, fault = result.cell, result.judged, result.fault
     facts: dict[str, Any] = {
-        "scenario": result.scenario,
-        "mode": result.mode,
+        "scenario": result.scene.name,
+        "mode": result.scene.mode,
         "fault": result.row.name,
         "stage": result.stage.value,
         "applicable": not isinstance(cell, NotApplicable),
@@ -97,8 +97,8 @@ def _scenarios(results: Sequence[CellResult]) -> list[dict[str, Any]]:
     """Of each scenario and mode its title, its stages, and by row the results by stage."""
     found: dict[str, dict[str, Any]] = {}
     for result in results:
-        way = result.mode if result.way == "sessions" else "in one process"
-        title = f"{result.scenario}, {way}"
+        way = result.scene.mode if result.scene.way == "sessions" else "in one process"
+        title = f"{result.scene.name}, {way}"
         scenario = found.setdefault(title, {"title": title, "stages": [], "rows": {}})
         row = scenario["rows"].setdefault(result.row.name, {"title": result.row.title, "cells": {}})
         row["cells"][result.stage] = result
@@ -195,7 +195,7 @@ def junit_cases(results: Sequence[CellResult]) -> list[Case]:
     """A test case per cell; one that isn't as expected is a failure with its findings."""
     return [
         Case(
-            f"faults.{result.scenario}.{result.mode}",
+            f"faults.{result.scene.name}.{result.scene.mode}",
             f"{result.row.name} {result.stage.title}",
             RunOutcome(Verdict.VALID, ())
             if result.ok

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -107,7 +106,7 @@ def test_a_finished_cell_is_judged_again_and_not_run_again(
 ) -> None:
     ran: list[tuple[Fault, ...]] = []
 
-    def session(spec: RunSpec, folder: Path, key: str, say: Any) -> list[str]:
+    def session(spec: RunSpec, folder: Path, key: str) -> list[str]:
         ran.append(tuple(spec.faults))
         write_text(folder / "run.yaml", spec.model_dump_json(by_alias=True))
         write_json(folder / "result.json", {"verdict": "aborted", "reasons": ["x"], "bag": "bag"})
@@ -117,7 +116,7 @@ def test_a_finished_cell_is_judged_again_and_not_run_again(
     monkeypatch.setattr(campaign, "_run_session", session)
     scene = FaultScenario("cut_in", "lockstep", tmp_path, run, NOMINAL)
     cell = [(ROWS["state_nan"], Stage.BEFORE)]
-    first, again = (next(run_cells(scene, cell, print)) for _ in range(2))
+    first, again = (next(run_cells(scene, cell)) for _ in range(2))
     assert len(ran) == 1
     assert first == again
     assert first.judged is not None
@@ -126,9 +125,9 @@ def test_a_finished_cell_is_judged_again_and_not_run_again(
     other = FaultScenario(
         "cut_in", "lockstep", tmp_path, run.model_copy(update={"seed": 9}), NOMINAL
     )
-    next(run_cells(other, cell, print))
+    next(run_cells(other, cell))
     assert len(ran) == 2
     # What didn't come to its end is run again.
     (tmp_path / "state_nan" / "before" / "cell.json").unlink()
-    next(run_cells(other, cell, print))
+    next(run_cells(other, cell))
     assert len(ran) == 3

@@ -99,7 +99,7 @@ def test_a_cell_says_what_it_must(row: Row, stage: Stage, cell: Expected, run: R
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> FaultScenario:
     folder = tmp_path_factory.mktemp("matrix")
-    made = prepare_scene("cut_in", "boulevard", 1, "lockstep", folder, print, "in_process")
+    made = prepare_scene("cut_in", "boulevard", 1, "lockstep", folder, "in_process")
     # Nobody else is on the road, and nobody waits long for what doesn't come.
     end = made.run.end.model_copy(update={"at_latest_s": 20.0})
     return replace(made, run=made.run.model_copy(update={"traffic": [], "end": end}))
@@ -113,18 +113,18 @@ def test_the_stages_follow_the_undisturbed_run(scene: FaultScenario) -> None:
 
 @pytest.mark.parametrize("row", FAST, ids=lambda row: row.name)
 def test_cells_without_processes_are_as_expected(row: Row, scene: FaultScenario) -> None:
-    for result in run_cells(scene, [(row, stage) for stage in Stage], print):
+    for result in run_cells(scene, [(row, stage) for stage in Stage]):
         findings = result.judged.findings if result.judged is not None else ()
         assert (result.stage, findings) == (result.stage, ())
 
 
 def test_a_dummy_that_stands_at_the_kerb_shows_some_faults_only_later(tmp_path: Path) -> None:
     """The same where the initiator is a dummy that stands at the kerb: what shows only later."""
-    scene = prepare_scene("vru_crossing", "boulevard", 1, "lockstep", tmp_path, print, "in_process")
+    scene = prepare_scene("vru_crossing", "boulevard", 1, "lockstep", tmp_path, "in_process")
     assert scene.nominal.moves[Stage.CONFLICT]
     assert not scene.nominal.moves[Stage.BEFORE]
     rows = [row for row in MATRIX if row.standing]
-    results = list(run_cells(scene, [(row, Stage.BEFORE) for row in rows], print))
+    results = list(run_cells(scene, [(row, Stage.BEFORE) for row in rows]))
     assert [r.row.name for r in results] == ["state_frozen", "actuator_stuck"]
     for result in results:
         assert result.judged is not None
