@@ -48,7 +48,7 @@ def test_standard_input() -> None:
         ('{"id": null, "text": ""}', "id"),
         ('{"id": true, "text": ""}', "id"),
         ('{"id": "a", "text": "", "label": "car"}', "label"),
-        ('["a"]', "object"),
+        ('["a"]', "dictionary"),
         ("{", "JSON"),
         ('{"id": 1, "text": "Go."}', "stands in line 1 already"),
     ],

@@ -244,13 +244,15 @@ def parse_line(model: type[Model], line: str, file: str | Path, number: int) -> 
     """A line of a JSON Lines file as its model; raises InputError with line and field."""
     try:
         return model.model_validate_json(line)
-    except ValidationError as error:
-        first = error.errors()[0]
-        if first["type"] == "json_invalid":
-            problem = f"is not valid JSON: {first['ctx']['error']}"
-            raise InputError(problem, file=file, line=number) from error
+    except ValidationError:
+        pass
     try:
-        return parse_model(model, json.loads(line), file)
+        # A half of a surrogate pair, which is no text of UTF-8, becomes ?.
+        whole = json.dumps(json.loads(line), ensure_ascii=False).encode("utf-8", "replace")
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not valid JSON: {error}", file=file, line=number) from error
+    try:
+        return parse_model(model, json.loads(whole), file)
     except InputError as told:  # in the words of all files that are read
         raise InputError(
             told.problem, file=file, line=number, field=told.field, value=told.value

@@ -15,9 +15,8 @@ from ssp_core.errors import InputError
 from ssp_core.files import load_model, parse_model, read_mapping, read_text
 from ssp_core.run_file.values import Finite
 from ssp_eval.data.audit import Audit, load_audit
-from ssp_eval.data.json_fields import Location, parse_json
 from ssp_eval.data.labels import Labels, counts_text, load_labels, phase_counts
-from ssp_eval.data.records import MOST_BYTES, BehaviourRecord, load_records
+from ssp_eval.data.records import MOST_BYTES, BehaviourRecord, load_records, parse_line
 from ssp_eval.evaluate.admission import AUDITS, REFUSED, UNAUDITED, kept_audits, said_of
 from ssp_eval.evaluate.cell import LLM_MISSING
 from ssp_eval.evaluate.cell_file import (
@@ -390,7 +389,7 @@ def _scored(cell: CellData, score: CellScore) -> CellData:
     """A cell with its score and what a reader must know of it."""
     facts, records, folder = cell.facts, cell.records, cell.folder
     notes = []
-    stored = json_object(read_text(folder / SCORE_FILE), folder / SCORE_FILE)
+    stored = read_mapping(folder / SCORE_FILE)
     if stored != score.to_json():
         notes.append(
             "The stored score differs from what its records and labels give now; this page shows "
@@ -440,24 +439,6 @@ def request_lines(file: Path) -> tuple[bytes, ...]:
     """
     found = []
     for number, line in enumerate(read_text(file, MOST_BYTES).splitlines(), start=1):
-        value = json_object(line, file, number)
-        try:
-            parse_model(RequestFacts, value, file)
-        except InputError as error:
-            raise InputError(
-                error.problem, file=file, line=number, field=error.field, value=error.value
-            ) from error
+        parse_line(RequestFacts, line, file, number)
         found.append(line.encode())
     return tuple(found)
-
-
-def json_object(text: str, file: Path, line: int | None = None) -> dict[str, Any]:
-    """The JSON object that a file or a line of it is.
-
-    Raises:
-        InputError: it is none.
-    """
-    value = parse_json(text, Location(file, line))
-    if not isinstance(value, dict):
-        raise InputError("must be a JSON object", file=file, line=line, value=value)
-    return value

@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import click
+from pydantic import StrictInt
 
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import MAX_TEXT_BYTES, refuse_named_pipe
 from ssp_core.hashing import sha256_file
-from ssp_eval.data import json_fields
-from ssp_eval.data.json_fields import Location
-from ssp_eval.data.records import BehaviourRecord, record_to_json
+from ssp_core.run_file.values import Strict
+from ssp_eval.data.labels import Text
+from ssp_eval.data.records import BehaviourRecord, parse_line, record_to_json
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.extract.llm import Extracted, Extractor
 from ssp_eval.extract.llm.options import extractor_of, llm_options
@@ -25,7 +26,7 @@ from ssp_eval.extract.review.agreement import compare
 from ssp_eval.extract.review.answers import load_answers, load_key
 from ssp_eval.extract.review.form import write_review
 from ssp_eval.extract.review.subset import Candidate, choose, make_subset
-from ssp_eval.extract.tables import show_measure, show_review
+from ssp_eval.extract.review.tables import show_measure, show_review
 
 _PATH = click.Path(path_type=Path)
 
@@ -147,6 +148,11 @@ def _prepare(file: str, out: Path, extractor: Extractor, count: int, seed: int) 
     )
 
 
+class _Input(Strict):
+    id: Text | StrictInt
+    text: Text
+
+
 def _read(file: str) -> Iterator[tuple[str | int, str]]:
     """The ids and texts of a file, one line at a time; blank lines are passed over."""
     lines: dict[str | int, int] = {}
@@ -162,21 +168,16 @@ def _read(file: str) -> Iterator[tuple[str | int, str]]:
                     raise InputError(problem, file=file)
                 if not line.removeprefix("\ufeff").strip():
                     continue
-                place = Location(file, number)
-                key, text = _text(line.removeprefix("\ufeff") if number == 1 else line, place)
-                if (first := lines.setdefault(key, number)) != number:
+                content = line.removeprefix("\ufeff") if number == 1 else line
+                found = parse_line(_Input, content, file, number)
+                if (first := lines.setdefault(found.id, number)) != number:
                     problem = f"stands in line {first} already"
-                    raise place.at("id").error(problem, key, remedy="give each text its own id")
-                yield key, text
+                    raise InputError(
+                        problem, file=file, line=number, field="id", value=found.id,
+                        remedy="give each text its own id",
+                    )  # fmt: skip
+                yield found.id, found.text
     except UnicodeDecodeError as error:
         raise InputError("is not UTF-8", file=file, line=number + 1) from error
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", file=file) from error
-
-
-def _text(content: str, place: Location) -> tuple[str | int, str]:
-    found = json_fields.mapping(json_fields.parse_json(content, place), place, ("id", "text"))
-    key = found["id"]
-    if isinstance(key, bool) or not isinstance(key, str | int):
-        raise place.at("id").error("must be a string or a whole number", key)
-    return key, json_fields.string(found["text"], place.at("text"))

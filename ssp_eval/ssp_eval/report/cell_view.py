@@ -9,12 +9,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from ssp_core.hashing import sha256_bytes, sha256_file
 from ssp_eval.data.labels import Label
-from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord
+from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord, parse_line
 from ssp_eval.evaluate.cell_file import CELLS, RECORDS_FILE, SCORE_FILE, frame_path
 from ssp_eval.evaluate.requests import RAW_FILE, REQUESTS_FILE
-from ssp_eval.evaluate.results import CellData, json_object
+from ssp_eval.evaluate.results import CellData
 from ssp_eval.figures.projection import overlay, top_view
 from ssp_eval.score.cell import Judgement, SlotScore
 from ssp_eval.score.cli import NULL
@@ -85,6 +87,12 @@ class _Line:
         return sha256_bytes(self.text.encode())
 
 
+class _Answer(BaseModel):
+    """What is read of a line of raw.jsonl here."""
+
+    request_id: str = ""
+
+
 class Walks:
     """The ways back of one cell's records; its files are read once.
 
@@ -100,7 +108,7 @@ class Walks:
         self._requests = _lines(cell.folder / REQUESTS_FILE)
         raw = cell.folder / RAW_FILE
         self._raw = {
-            str(json_object(line.text, raw, line.number).get("request_id")): line
+            parse_line(_Answer, line.text, raw, line.number).request_id: line
             for line in _lines(raw)
         }
 
