@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ssp_eval.extract.clause import EGO, PEOPLE, RIDERS, SCENE, Clause
-from ssp_eval.extract.match import Hit
+from ssp_eval.extract.match import NOTHING, Hit
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.world import Actor, Statement, World
 
@@ -120,8 +120,8 @@ class Binder(Clause):
         around = self.words[hit.first - 1 : hit.first], self.words[hit.stop : hit.stop + 1]
         if hit.value == "but" and around == ([","], [","]):
             return
-        after = self.hits[self._at + 1] if self._at + 1 < self.stop else None
-        if hit.value == "while" and after is not None and after.form == "ing":
+        after = self._after(self._at)
+        if hit.value == "while" and after.form == "ing":
             return  # braking while turning
         if hit.value == "but" and self.planned:
             self.step += 1
@@ -177,11 +177,11 @@ class Binder(Clause):
         after = self.words[hit.stop] if hit.stop < len(self.words) else "."
         if after in self.known.sets["openers_of_attributes"] or after.endswith("ing"):
             return False
-        following = self.hits[index + 1] if index + 1 < self.stop else None
-        if following is not None and following.kind == "cue" and following.value == "must":
+        following = self._after(index)
+        if following.kind == "cue" and following.value == "must":
             return True
-        beyond = self.hits[index + 2] if index + 2 < self.stop else None
-        if following is not None and following.value == "is" and beyond is not None:
+        beyond = self._after(index, 2)
+        if following.value == "is" and beyond is not NOTHING:
             told = beyond.kind in ("place", "towards", "state", "conflict", "affects", "critical")
             moves = (
                 beyond.kind == "verb"
@@ -190,13 +190,13 @@ class Binder(Clause):
             )
             if told or moves:
                 return False
-        attributed = following is not None and following.kind in ("place", "relative", "towards")
+        attributed = following.kind in ("place", "relative", "towards")
         return (known is None or known.background or known.parked) and not attributed
 
     def _user(self, index: int, hit: Hit, flags: Scope) -> None:
         if self._is_ego(index, hit, self._known(hit)):
-            after = self.hits[index + 1] if index + 1 < self.stop else None
-            if after is not None and after.value == "is" and not self.busy:
+            after = self._after(index)
+            if after.value == "is" and not self.busy:
                 self.subject, self.near = SCENE, None  # what the VUT is doing is no plan
                 return
             self.subject, self.near = EGO, None
@@ -205,8 +205,8 @@ class Binder(Clause):
         if alone and hit.first and self.words[hit.first - 1] in ("one", "only", "per", "moving"):
             self.near, self.void = None, True
             return
-        following = self.hits[index + 1] if index + 1 < self.stop else None
-        if hit.form != "the" and following is not None and following.value == "may" and (
+        following = self._after(index)
+        if hit.form != "the" and following.value == "may" and (
             following.first == hit.stop
         ):  # fmt: skip
             flags |= Scope.POSSIBLE  # a child may run out: there is none
@@ -339,8 +339,8 @@ class Binder(Clause):
             actor.mentions.append(actor.first)
 
     def _state(self, index: int, hit: Hit, flags: Scope) -> None:
-        following = self.hits[index + 1] if index + 1 < self.stop else None
-        if following is not None and following.kind == "user" and following.first - hit.stop < 3:
+        following = self._after(index)
+        if following.kind == "user" and following.first - hit.stop < 3:
             self.states.append(hit)
             return
         owner = self._owner(index)
@@ -423,7 +423,7 @@ class Binder(Clause):
         """Whether a verb is somebody else's, not the VUT's."""
         if self.field in ("motion", "position"):
             return True
-        following = self.hits[index + 1] if index + 1 < self.stop else None
+        following = self._after(index)
         attribute = (
             following is not None
             and following.kind == "user"
@@ -434,7 +434,7 @@ class Binder(Clause):
         if self._adjoins(index) and hit.form in ("ing", "s", "ed"):
             return True
         if isinstance(self.subject, Actor):
-            before = self.hits[index - 1] if index > self.start else None
+            before = self._before(index)
             finite = before is not None and (
                 before.kind in ("user", "pronoun", "relative")
                 or (before.kind == "cue" and before.value in _AUXILIARIES)
@@ -523,8 +523,8 @@ class Binder(Clause):
             return
         if hit.kind == "action" and self.field in ("motion", "position", "objects", "conflict"):
             return
-        after = self.hits[index + 1] if index + 1 < self.stop else None
-        if hit.value == "straight" and after is not None and after.first == hit.stop and (
+        after = self._after(index)
+        if hit.value == "straight" and after.first == hit.stop and (
             after.kind in ("place", "towards")
         ):  # fmt: skip
             return  # no steering to the left
@@ -577,8 +577,8 @@ class Binder(Clause):
             return
         said = self._with_cue(value, index, ("no", "not", "may"))
         owner = self.subject if isinstance(self.subject, Actor) else self.near
-        following = self.hits[index + 1] if index + 1 < self.stop else None
-        if following is not None and following.kind == "user" and following.first - hit.stop < 5:
+        following = self._after(index)
+        if following.kind == "user" and following.first - hit.stop < 5:
             owner = self._known(following) or self._identify(following)
         present = [one for one in self.world.actors if one.mentions and not one.background]
         if owner is None and self.field and self.last is not None and present == [self.last]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.extract.lexicon import lexicon
-from ssp_eval.extract.match import Hit
+from ssp_eval.extract.match import NOTHING, Hit
 from ssp_eval.extract.plan import Plan
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.world import Actor, Statement, World
@@ -16,6 +16,9 @@ PEOPLE = frozenset({"pedestrian"})
 RIDERS = frozenset({"pedestrian", "cyclist", "motorcycle"})
 _GENERIC = frozenset({"vehicle", "car", "vehicles", "cars"})
 _CALLED = frozenset({("bike", "motorcycle"), ("cab", "truck"), ("bike", "cyclist")})
+_LEADING_ON = frozenset({"go", "drift", "step", "cross", "leave"})
+_UNSEEN = frozenset({"someone", "somebody", "one", "anyone", "child", "car", "pedestrian",
+                     "person", "he", "it"})  # fmt: skip
 _ANY_MORE = ("no longer", "any more", "anymore", "any longer", "no more", "no further")
 
 
@@ -69,6 +72,16 @@ class Clause:
             hit.kind == "field" for hit in self.hits[start : min(self.stop, start + REACH)]
         )
 
+    def _before(self, index: int) -> Hit:
+        return self.hits[index - 1] if index > self.start else NOTHING
+
+    def _after(self, index: int, ahead: int = 1) -> Hit:
+        return self.hits[index + ahead] if index + ahead < self.stop else NOTHING
+
+    def _back(self, index: int, most: int) -> list[Hit]:
+        """The hits before one in its sentence, the nearest first."""
+        return self.hits[max(index - most, self.start) : index][::-1]
+
     def _said(self, value: str, hit: Hit) -> Statement:
         return Statement(value, hit.first, hit.stop, self.unit)
 
@@ -76,21 +89,13 @@ class Clause:
         return self.hits[self.start].first if self.start < len(self.hits) else 0
 
     def _attributed(self, index: int) -> bool:
-        before = self.hits[index - 1] if index > self.start else None
-        return before is not None and before.kind in ("reacts", "goal", "verb")
+        return self._before(index).kind in ("reacts", "goal", "verb")
 
     def _directed(self, index: int) -> bool:
         """Whether "to the left" says where a movement goes, not where somebody is."""
-        for before in range(index - 1, max(index - 4, self.start - 1), -1):
-            hit = self.hits[before]
+        for hit in self._back(index, 3):
             if hit.kind == "verb":
-                return self.known.verbs[hit.value].other in (
-                    "go",
-                    "drift",
-                    "step",
-                    "cross",
-                    "leave",
-                )
+                return self.known.verbs[hit.value].other in _LEADING_ON
             if hit.kind not in ("goal", "from", "towards"):
                 return False
         return False
@@ -114,20 +119,19 @@ class Clause:
 
     def _hindered(self, index: int, hit: Hit) -> bool:
         """Whether somebody blocks the manoeuvre: a bus that is blocking a merge to the left."""
-        for before in range(index - 1, max(self.clause, index - 8) - 1, -1):
-            if self.hits[before].kind == "matters":
+        for before in self._back(index, min(8, index - self.clause)):
+            if before.kind == "matters":
                 return True
-            if self.hits[before].kind in ("user", "cue"):
+            if before.kind in ("user", "cue"):
                 break
-        after = self.hits[index + 1] if index + 1 < self.stop else None
-        return after is not None and after.kind == "matters" and after.first - hit.stop < 3
+        after = self._after(index)
+        return after.kind == "matters" and after.first - hit.stop < 3
 
     def _gerund(self, index: int, hit: Hit) -> bool:
         """Braking sends a wave through the traffic; the reason for braking: no action is taken."""
-        if (
+        if hit.first and (
             self.words[hit.first - 1] in self.known.sets["prepositions_before_gerunds"]
-            and hit.first
-        ):
+        ):  # fmt: skip
             return True
         if self.subject is EGO or self.planned or self._strong():
             return False
@@ -142,39 +146,19 @@ class Clause:
 
     def _nobody_known(self, index: int) -> bool:
         """Whether a possible movement is that of somebody unseen: someone may walk out."""
-        return any(
-            self.words[at]
-            in (
-                "someone",
-                "somebody",
-                "one",
-                "anyone",
-                "child",
-                "car",
-                "pedestrian",
-                "person",
-                "he",
-                "it",
-            )
-            for at in range(max(self.hits[index].first - 6, 0), self.hits[index].first)
-        )
+        first = self.hits[index].first
+        return not _UNSEEN.isdisjoint(self.words[max(first - 6, 0) : first])
 
     def _strong(self) -> bool:
         return self.field in ("lon_action", "lat_action", "action")
 
     def _adjoins(self, index: int) -> bool:
-        for before in range(index - 1, max(index - 5, self.start - 1), -1):
-            kind = self.hits[before].kind
-            if kind == "user":
-                return True
-            if kind not in ("place", "state"):
-                return False
-        return False
+        kinds = [hit.kind for hit in self._back(index, 4)]
+        return next((kind for kind in kinds if kind not in ("place", "state")), "") == "user"
 
     def _may(self, index: int) -> bool:
         """Whether it is may, could or might, not would, that makes a movement possible."""
-        for before in range(index - 1, max(self.start, index - REACH) - 1, -1):
-            hit = self.hits[before]
+        for hit in self._back(index, REACH):
             if hit.kind == "cue" and hit.value == "may":
                 return self.words[hit.first] not in self.known.sets["modals_without_risk"]
         return False
@@ -182,8 +166,7 @@ class Clause:
     def _goals(self, index: int) -> list[Hit]:
         """The places and directions that belong to a verb."""
         found = []
-        for before in range(index - 1, max(index - 4, self.start - 1), -1):
-            hit = self.hits[before]
+        for hit in self._back(index, 3):
             if hit.kind == "from":
                 found.append(hit)
             elif hit.kind in ("verb", "ego") or (hit.kind == "cue" and hit.value != "is"):
@@ -217,16 +200,12 @@ class Clause:
         return any(f" {end}" in f" {around}" for end in _ANY_MORE)
 
     def _trailing(self, index: int) -> bool:
-        return not any(
-            hit.kind == "cue" and hit.value == "if"
-            for hit in self.hits[max(self.start, index - REACH) : index]
-        )
+        return not any(hit.kind == "cue" and hit.value == "if" for hit in self._back(index, REACH))
 
     def _is_a(self, index: int, hit: Hit) -> Actor | None:
         """The vehicle that matters is a truck: the one who was called a vehicle."""
-        before = self.hits[index - 1] if index > self.start else None
-        actor = self.subject
-        if hit.form != "a" or before is None or before.value != "is" or hit.first - before.stop > 3:
+        before, actor = self._before(index), self.subject
+        if hit.form != "a" or before.value != "is" or hit.first - before.stop > 3:
             return None
         if not isinstance(actor, Actor) or actor.noun not in ("vehicle", "car"):
             return None
@@ -234,14 +213,8 @@ class Clause:
         return actor
 
     def _noun_of(self, hit: Hit) -> tuple[str, str]:
-        colour = next(
-            (
-                w
-                for w in self.words[max(hit.first - 4, 0) : hit.first]
-                if w in self.known.sets["colours"]
-            ),
-            "",
-        )
+        before = self.words[max(hit.first - 4, 0) : hit.first]
+        colour = next((word for word in before if word in self.known.sets["colours"]), "")
         label = self.words[hit.stop] if hit.stop < len(self.words) else ""
         named = [label] if label in self.known.sets["labels"] else []
         return " ".join([*self.words[hit.first : hit.stop], *named]), colour
@@ -279,9 +252,8 @@ class Clause:
         if known is not None and not fresh:
             known.colour = known.colour or colour
             return known
-        plural = (
-            self.words[hit.stop - 1].endswith("s") or self.words[hit.stop - 1] in self.known.plurals
-        )
+        last = self.words[hit.stop - 1]
+        plural = last.endswith("s") or last in self.known.plurals
         actor = Actor(hit.value, len(self.world.actors), noun, colour, plural)
         self.world.actors.append(actor)
         return actor

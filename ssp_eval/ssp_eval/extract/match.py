@@ -37,6 +37,9 @@ class Hit(NamedTuple):
     stop: int
 
 
+NOTHING = Hit("", "", "", -1, -1)  # before a sentence and behind it
+
+
 def find(words: list[str]) -> list[Hit]:
     """The hits of a text in order, not overlapping."""
     known = lexicon()
