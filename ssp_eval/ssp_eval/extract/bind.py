@@ -201,10 +201,6 @@ class Binder(Clause):
                 return
             self.subject, self.near = EGO, None
             return
-        alone = hit.form == "" and self.words[hit.first : hit.stop] in (["car"], ["vehicle"])
-        if alone and hit.first and self.words[hit.first - 1] in ("one", "only", "per", "moving"):
-            self.near, self.void = None, True
-            return
         following = self._after(index)
         if hit.form != "the" and following.value == "may" and (
             following.first == hit.stop
@@ -323,8 +319,6 @@ class Binder(Clause):
             return
         if owner is None or (self.subject is EGO and self.near is None):
             self.pending.append((index, hit))
-        elif hit.stop < len(self.words) and self.words[hit.stop] == "of" and self._other(index):
-            return
         else:
             self._put(owner, hit, flags)
 
@@ -407,10 +401,6 @@ class Binder(Clause):
                  "oncoming": "oncoming"}  # fmt: skip
         if other not in kinds or not (hit.form == "ed" or (hit.form == "ing" and article)):
             return False
-        if hit.form == "ed" and other != "stand":
-            return False
-        if hit.value == "stop" and hit.form == "ing":
-            return False
         self.states.append(Hit("state", kinds[other], "", hit.first, hit.stop))
         return True
 
@@ -423,14 +413,6 @@ class Binder(Clause):
         """Whether a verb is somebody else's, not the VUT's."""
         if self.field in ("motion", "position"):
             return True
-        following = self._after(index)
-        attribute = (
-            following is not None
-            and following.kind == "user"
-            and (following.first == hit.stop and self.words[hit.first - 1] in ("the", "a", "an"))
-        )
-        if hit.form == "ing" and attribute:
-            return False
         if self._adjoins(index) and hit.form in ("ing", "s", "ed"):
             return True
         if isinstance(self.subject, Actor):
@@ -461,8 +443,6 @@ class Binder(Clause):
         value = self._motion(actor, kind, goals, hit)
         if value is None:
             return
-        if kind == "parked":
-            actor.parked = True
         stop = max([hit.stop, *(goal.stop for goal in goals)]) if "_from_" in value else hit.stop
         actor.motions.append(Statement(value, hit.first, stop, self.unit))
         self._show(actor)
@@ -580,9 +560,6 @@ class Binder(Clause):
         following = self._after(index)
         if following.kind == "user" and following.first - hit.stop < 5:
             owner = self._known(following) or self._identify(following)
-        present = [one for one in self.world.actors if one.mentions and not one.background]
-        if owner is None and self.field and self.last is not None and present == [self.last]:
-            owner = self.last
         if owner is None:
             self.world.loose.append(said)
         else:

@@ -129,18 +129,11 @@ def _position(actor: Actor, frames: bool) -> Found | None:
         if changes
         else max((at for at in sets if sets[at] >= sets[last]), key=lambda at: (len(sets[at]), at))
     )
-    every = frozenset().union(*sets.values())
     unlike = [at for at in sets if not (sets[at] <= sets[best] or sets[best] <= sets[at])]
     if unlike and not changes:
         return None
-    if _excludes(sets[best]) or (_excludes(every) and not changes):
-        return None
     order = ("front", "rear", "left", "right")
     return "_".join(part for part in order if part in sets[best]), tuple(spoken[best])
-
-
-def _excludes(parts: frozenset[str]) -> bool:
-    return {"left", "right"} <= parts or {"front", "rear"} <= parts
 
 
 def _motion(actor: Actor) -> Found | None:
@@ -187,9 +180,6 @@ def _conflict(actor: Actor | None, world: World) -> Found | None:
     last = said[-1]
     if last.value == "potential":  # a possible turn of what is active already
         last = next((one for one in said if one.value == "active"), last)
-    for other in said:
-        if other.sentence == last.sentence and other.value == "active":
-            last = other
     return last.value, (last,)
 
 
@@ -208,6 +198,4 @@ def _action(world: World, slot: str) -> Found | None:
         for step in (one for one in said if one.unit == first.unit):
             if step.value == "stop" and 0 < step.first - first.stop < 5:
                 return "stop", (Statement("stop", step.first, step.stop, step.unit),)
-    if first.value == "left" and any(step.value == "right" for step in steps):
-        return None
     return first.value, (Statement(first.value, first.first, first.stop, first.unit),)

@@ -218,8 +218,6 @@ class _Sentence:
         if following.kind == "user" and self.hits[index - 1].kind == "user":
             return
         if following.kind == "verb" and self.verb is not None and following.form == self.verb.form:
-            if following.form == "base" and self.local & Scope.DENIED:
-                self._end(index)
             return
         self._end(index)
 
