@@ -316,11 +316,11 @@ def parameters() -> str:
     parts = [
         """# Parameters
 
-Made by `python docs/generate.py` from the tables in each package's `params.py`; don't edit. `ros2
-param describe` says the same. They are read when a node starts: `ros2 param set` is refused as
-read-only unless the table says *can be set*. A value of another type or out of its range ends the
-node with one message. `scenario_manager` has no parameters of its own: it is given the run file
-with `load_scenario` or `run_scenario`.
+`python docs/generate.py` makes this page from each package's `ros/parameters.py`; don't edit it.
+`ros2 param describe` says the same. Nodes read parameters when they start: `ros2 param set` is
+refused as read-only unless the table says *can be set*. A value of another type or out of its
+range ends the node with one message. `scenario_manager` has no parameters of its own: it is given
+the run file with `load_scenario` or `run_scenario`.
 """
     ]
     for package, nodes in PARAMETERS.items():
@@ -344,7 +344,7 @@ def parameter_file(node: str, table: Iterable[Parameter]) -> str:
     # A bridge is named after its model.
     whole = "/**" if node == "vla_bridge" else f"/ssp/{node}"
     lines = [
-        f"# Defaults of the node `{node}`, made by `python docs/generate.py` from params.py.",
+        f"# Defaults of the node `{node}`, made by `python docs/generate.py`.",
         f"{whole}:",
         "  ros__parameters:",
     ]
