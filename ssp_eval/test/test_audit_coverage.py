@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Camera
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.camera import Mounting, intrinsics
 from ssp_eval.recordings.sight import (
     Moment,
@@ -23,15 +23,11 @@ from ssp_eval.recordings.sight import (
     zone_share,
     zone_sight,
 )
+from tests.support.states import object_state as box
 
 CAMERA = Camera()
 OPTICS = Optics(intrinsics(CAMERA), Mounting.of(CAMERA))
 ZONE = ((20.0, -1.2), (24.0, -1.2), (24.0, 1.2), (20.0, 1.2))
-
-
-def box(name: str, cls: ObjectClass, x_m: float, y_m: float) -> ObjectState:
-    role = Role.VUT if name == "vut" else Role.OT
-    return ObjectState(name, cls, role, 0, x_m, y_m, 0.0, 0.0, 0.0, 0.0, DEFAULT_SIZES[cls])
 
 
 VUT = box("vut", ObjectClass.CAR, 0.0, 0.0)

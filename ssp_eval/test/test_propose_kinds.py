@@ -13,34 +13,19 @@ from hypothesis import strategies as st
 from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
 from ssp_core.motion.event import Corridor, find_event, instants_of
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_eval.labels.check import response_problems
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.truth import Truth
 from ssp_eval.recordings.event import NO_RULES, rules_of
 from ssp_eval.recordings.sight import blocked, clear_share, surface_points
 from ssp_scenario_manager.event_spec.load import load_event
+from tests.support.states import object_state as state
 
 STEP_S = 0.04
 TTC_ONLY = ConflictThresholds(ttc_s=3.0, arrival_gap_s=None)
-
-
-def state(
-    name: str,
-    cls: ObjectClass,
-    x_m: float,
-    y_m: float,
-    yaw_rad: float = 0.0,
-    speed_mps: float = 0.0,
-    acceleration_mps2: float = 0.0,
-) -> ObjectState:
-    role = Role.VUT if name == "vut" else Role.OT
-    size = DEFAULT_SIZES[cls]
-    return ObjectState(
-        name, cls, role, 0, x_m, y_m, yaw_rad, speed_mps, acceleration_mps2, 0.0, size
-    )
 
 
 def truth(
@@ -77,8 +62,8 @@ def lead_braking(touch_s: float = 0.0) -> Truth:
         lead_a = lead_a if lead_v > 0.0 else 0.0
         vut_a = -5.0 if t_s >= 5.5 and vut_v > 0.0 else 0.0
         cars = [
-            state("ot1", ObjectClass.CAR, lead_x, 0.1, 0.0, lead_v, lead_a),
-            state("vut", ObjectClass.CAR, vut_x, 0.0, 0.0, vut_v, vut_a),
+            state("ot1", ObjectClass.CAR, lead_x, 0.1, 0.0, lead_v, acceleration_mps2=lead_a),
+            state("vut", ObjectClass.CAR, vut_x, 0.0, 0.0, vut_v, acceleration_mps2=vut_a),
         ]
         series.append((t_s, cars))
         lead_x, lead_v = lead_x + lead_v * STEP_S, max(0.0, lead_v + lead_a * STEP_S)

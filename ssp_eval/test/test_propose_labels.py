@@ -17,8 +17,8 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.motion.event import Corridor, find_event, instants_of
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import ObjectClass
 from ssp_eval.data.labels import Labels, labels_to_json, load_labels, parse_labels
 from ssp_eval.labels.check import response_problems
 from ssp_eval.labels.cli import labels as labels_command
@@ -28,27 +28,14 @@ from ssp_eval.labels.truth import ProposalRules, Truth
 from ssp_eval.recordings.geometry import motion_word, position_word
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import Interval
+from tests.support.states import object_state as state
 
 LANE_M = 3.5
 STEP_S = 0.04
 
 
-def state(
-    name: str,
-    cls: ObjectClass,
-    role: Role,
-    x_m: float,
-    y_m: float,
-    yaw_rad: float = 0.0,
-    speed_mps: float = 0.0,
-) -> ObjectState:
-    return ObjectState(
-        name, cls, role, 0, x_m, y_m, yaw_rad, speed_mps, 0.0, 0.0, DEFAULT_SIZES[cls]
-    )
-
-
 def vut(x_m: float, speed_mps: float = 10.0) -> ObjectState:
-    return state("vut", ObjectClass.CAR, Role.VUT, x_m, 0.0, 0.0, speed_mps)
+    return state("vut", ObjectClass.CAR, x_m, 0.0, 0.0, speed_mps)
 
 
 def truth(series: list[tuple[float, list[ObjectState]]], target: str) -> Truth:
@@ -75,7 +62,7 @@ def cut_in(side: float = -1.0, vut_mps: float = 10.0, car_mps: float = 9.0) -> T
         y_m = side * LANE_M * 0.5 * (1.0 + math.cos(math.pi * progress))
         left_mps = -side * rate * LANE_M * 0.5 * math.pi / 2.5 * math.sin(math.pi * progress)
         car = state(
-            "ot1", ObjectClass.CAR, Role.OT, 14.0 + car_mps * t_s, y_m,
+            "ot1", ObjectClass.CAR, 14.0 + car_mps * t_s, y_m,
             math.atan2(left_mps, car_mps), math.hypot(car_mps, left_mps),
         )  # fmt: skip
         series.append((t_s, [car, vut(vut_mps * t_s, vut_mps)]))
@@ -91,7 +78,7 @@ def crossing(from_left: bool = False) -> Truth:
         walked_m = max(0.0, t_s - 4.0) * 1.5
         walking = t_s >= 4.0
         walker = state(
-            "ot1", ObjectClass.PEDESTRIAN, Role.OT, 80.0, sign * (7.0 - walked_m),
+            "ot1", ObjectClass.PEDESTRIAN, 80.0, sign * (7.0 - walked_m),
             -sign * math.pi / 2.0, 1.5 if walking else 0.0,
         )  # fmt: skip
         # The VUT brakes at 3 m/s² from 5 s on, to a standstill before the pedestrian.
@@ -254,7 +241,7 @@ CORRIDOR = Corridor.of([vut(0.0), vut(100.0)])
     ],
 )
 def test_position(x_m: float, y_m: float, word: str) -> None:
-    other = state("ot1", ObjectClass.CAR, Role.OT, x_m, y_m)
+    other = state("ot1", ObjectClass.CAR, x_m, y_m)
     assert position_word(CORRIDOR, vut(0.0), other) == word
 
 
@@ -275,7 +262,7 @@ def test_position(x_m: float, y_m: float, word: str) -> None:
     ],
 )
 def test_motion(y_m: float, yaw_deg: float, speed_mps: float, word: str) -> None:
-    other = state("ot1", ObjectClass.CAR, Role.OT, 30.0, y_m, math.radians(yaw_deg), speed_mps)
+    other = state("ot1", ObjectClass.CAR, 30.0, y_m, math.radians(yaw_deg), speed_mps)
     assert motion_word(CORRIDOR, vut(0.0), other) == word
 
 

@@ -43,7 +43,7 @@ def changed_run(
     *,
     logged: bool = True,
     program: str | None = None,
-    size_px: tuple[int, int] = (240, 135),
+    size_px: tuple[int, int] = (640, 360),
 ) -> None:
     """A run of the simulation in ``folder/run``, compiled in ``folder/task`` and then changed.
 
@@ -53,7 +53,7 @@ def changed_run(
         changes: by field of the run.
         logged: the changes stand in the log, with who made them and why.
         program: that runs the command line; None: ssp.
-        size_px: width and height of the pictures; small ones are drawn in a quarter of the time.
+        size_px: width and height of the pictures, no smaller than K* takes them.
     """
     task, site = folder / "task", folder / "boulevard.site.yaml"
     size = "width_px: {}, height_px: {}".format

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,8 @@ from ssp_eval.importers.options import (
     pairs,
 )
 from ssp_eval.importers.ros_bag import Clock, Datum
-from ssp_eval.importers.target import ImportSummary, log_source
-from ssp_eval.importers.video import LensOptions, TableOptions, VideoOptions, import_clip
+from ssp_eval.importers.target import CameraFacts, ImportSummary, log_source, pinhole
+from ssp_eval.importers.video import TableOptions, VideoOptions, import_clip
 
 
 @click.command("import-video")
@@ -112,29 +112,35 @@ def import_video(
         table = TableOptions(states, vut, pairs("--object", objects), time_offset)
     elif objects or time_offset or options.motion != MotionOptions() or vut != VUT_ID:
         raise click.UsageError("options about objects and road are of no use without --states")
-    hfov_deg, assumed = given["hfov_deg"], given["camera_assumed"]
-    mounting = _camera_place(given)
-    if hfov_deg is None and (mounting is not None or assumed):
-        raise click.UsageError("a camera's place is of no use without --hfov-deg")
-    lens = LensOptions(hfov_deg, mounting, assumed)
+    camera = _camera(given)
     with progress("importing", None) as bar:
         task = bar.task_ids[0]
         summary = import_clip(
-            VideoOptions(video, options, lens, ego_speed, table, most_damaged),
+            VideoOptions(video, options, camera, ego_speed, table, most_damaged),
             lambda count: bar.advance(task, count),
         )
     finish(summary, "ssp import-video", json_)
 
 
-def _camera_place(given: Mapping[str, Any]) -> Mounting | None:
+def _camera(given: Mapping[str, Any]) -> Callable[[int, int], CameraFacts]:
+    """The camera as a person describes it, by the size of its frames, px."""
+    hfov_deg, assumed = given["hfov_deg"], given["camera_assumed"]
     height_m, pitch_deg = given["camera_height"], given["camera_pitch_deg"]
+    forward_m = given["camera_forward"]
     if (height_m is None) != (pitch_deg is None):
         raise click.UsageError("--camera-height and --camera-pitch-deg belong together")
-    if given["camera_forward"] is not None and height_m is None:
+    if forward_m is not None and height_m is None:
         raise click.UsageError("--camera-forward needs --camera-height and --camera-pitch-deg")
-    if height_m is None:
-        return None
-    return Mounting(given["camera_forward"] or 0.0, height_m, math.radians(pitch_deg))
+    if hfov_deg is None and (height_m is not None or assumed):
+        raise click.UsageError("a camera's place is of no use without --hfov-deg")
+    if hfov_deg is None:
+        return lambda width_px, height_px: CameraFacts()
+    mounting = None
+    if height_m is not None:
+        mounting = Mounting(forward_m or 0.0, height_m, math.radians(pitch_deg))
+    return lambda width_px, height_px: CameraFacts(
+        "assumed" if assumed else "declared", pinhole(width_px, height_px, hfov_deg), mounting
+    )
 
 
 def finish(summary: ImportSummary, who: str, json_: bool) -> None:

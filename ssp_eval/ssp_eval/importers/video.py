@@ -21,7 +21,6 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import VUT_ID
 from ssp_core.video import Video, sound_video
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_core.world.camera import Mounting
 from ssp_eval.importers import target
 from ssp_eval.importers.options import ImportOptions
 from ssp_eval.importers.table import Table, read_table
@@ -37,7 +36,6 @@ from ssp_eval.importers.target import (
     make_bag,
     measured_motion,
     output_size,
-    pinhole,
     write_states,
 )
 from ssp_eval.importers.tracks import LEAST_SAMPLES, Track, make_track
@@ -53,27 +51,6 @@ _LEAST_PAIRS = 5
 # Frames that change so many times as much while the VUT stands are another run's.
 _CONTRARY = 2.0
 _COMPARED_PX = (64, 36)
-
-
-@dataclass(frozen=True, slots=True)
-class LensOptions:
-    """The camera as a person describes it.
-
-    Args:
-        hfov_deg: horizontal field of view, None: unknown.
-        mounting: None: unknown.
-        assumed: the values are a guess.
-    """
-
-    hfov_deg: float | None = None
-    mounting: Mounting | None = None
-    assumed: bool = False
-
-    def facts(self, width_px: int, height_px: int) -> CameraFacts:
-        if self.hfov_deg is None:
-            return CameraFacts()
-        lens = pinhole(width_px, height_px, self.hfov_deg)
-        return CameraFacts("assumed" if self.assumed else "declared", lens, self.mounting)
 
 
 @dataclass(frozen=True)
@@ -97,6 +74,7 @@ class VideoOptions:
     """One import.
 
     Args:
+        camera: as a person describes it, declared or assumed; its lens is of the stored frames.
         ego_speed_mps: declared constant speed of the camera's vehicle on a straight line, None:
             unknown, or measured where there is a table.
         table: of states, None: there is none.
@@ -105,7 +83,7 @@ class VideoOptions:
 
     video: Path
     clip: ImportOptions
-    lens: LensOptions
+    camera: Callable[[int, int], CameraFacts]
     ego_speed_mps: float | None
     table: TableOptions | None
     most_damaged: int
@@ -177,7 +155,7 @@ def _write(
 ) -> ImportSummary:
     clip, info = options.clip, video.info
     size_px = output_size(info.width_px, info.height_px, clip.max_width_px)
-    camera = options.lens.facts(*size_px)
+    camera = options.camera(*size_px)
     writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
     start_s, stamps_ns, change = 0.0, list[int](), _FrameChange()
     for frame in video.frames(clip.start_s, clip.end_s, step):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from array import array
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -51,39 +51,6 @@ class NoQuestion:
 
     label_t_s: float
     reason: str
-
-
-class KeptQuestions:
-    """The questions of one clip under the rules that were used last, as far as there is room.
-
-    Models with the same rules are asked the same, one after the other, and each frame is looked
-    at by its hash: neither needs the bag again. Other rules empty the memory.
-    """
-
-    def __init__(self) -> None:
-        self._rules: Preprocessing | None = None
-        self._kept: dict[float, Question | NoQuestion] = {}
-        self._left_bytes = 0
-
-    def get(
-        self,
-        label_t_s: float,
-        rules: Preprocessing,
-        make: Callable[[float, Preprocessing], Question | NoQuestion],
-    ) -> Question | NoQuestion:
-        """The question about a label time, made where it isn't kept."""
-        if rules != self._rules:
-            self._rules, self._kept, self._left_bytes = rules, {}, _MOST_BYTES
-        question = self._kept.get(label_t_s)
-        if question is None:
-            question = make(label_t_s, rules)
-            size = 0
-            if isinstance(question, Question):
-                size = sum(len(frame.jpeg) for frame in question.request.frames)
-            if size <= self._left_bytes:
-                self._left_bytes -= size
-                self._kept[label_t_s] = question
-        return question
 
 
 class BagContent(Closing):
@@ -218,7 +185,9 @@ class Clip(Closing):
             raise
         self._state_stamps = self._states.stamps_ns
         self._frame_stamps = self._frames.stamps_ns
-        self._kept = KeptQuestions()
+        self._rules: Preprocessing | None = None
+        self._kept: dict[float, Question | NoQuestion] = {}
+        self._left_bytes = _MOST_BYTES
         self.crop: Crop | None = None
         start_ns = self._told.session_start_ns
         self.start_ns = self._frame_stamps[0] if start_ns is None else start_ns
@@ -311,7 +280,19 @@ class Clip(Closing):
         Raises:
             InputError: a file of the bag can't be read, or was changed since the clip was opened.
         """
-        return self._kept.get(label_t_s, rules, self._made)
+        if rules != self._rules:
+            self.forget_questions()
+            self._rules = rules
+        found = self._kept.get(label_t_s)
+        if found is None:
+            with self._content.watched():
+                found = self._question(label_t_s, rules)
+            frames = found.request.frames if isinstance(found, Question) else ()
+            size = sum(len(frame.jpeg) for frame in frames)
+            if size <= self._left_bytes:
+                self._left_bytes -= size
+                self._kept[label_t_s] = found
+        return found
 
     def crop_to(self, crop: Crop | None) -> None:
         """From here on the recording is as if it had been cut to a clip (METHOD 4.1).
@@ -333,12 +314,12 @@ class Clip(Closing):
         self.forget_questions()
 
     def forget_questions(self) -> None:
-        """Gives free what is kept of questions, once all models were asked."""
-        self._kept = KeptQuestions()
+        """Gives free what is kept of questions, once all models were asked.
 
-    def _made(self, label_t_s: float, rules: Preprocessing) -> Question | NoQuestion:
-        with self._content.watched():
-            return self._question(label_t_s, rules)
+        Those under the rules that were used last are kept as far as there is room: models with the
+        same rules are asked the same, one after the other.
+        """
+        self._rules, self._kept, self._left_bytes = None, {}, _MOST_BYTES
 
     def _question(self, label_t_s: float, rules: Preprocessing) -> Question | NoQuestion:
         label_ns = self.start_ns + seconds_to_ns(label_t_s)
