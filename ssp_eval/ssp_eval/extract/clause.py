@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from ssp_eval.extract.lexicon import lexicon
 from ssp_eval.extract.match import NOTHING, Hit
-from ssp_eval.extract.plan import Plan
 from ssp_eval.extract.scope import Scope
-from ssp_eval.extract.world import Actor, Statement, World
+from ssp_eval.extract.world import Actor, Plan, Statement, World
 
 EGO = "ego"
 SCENE = "scene"

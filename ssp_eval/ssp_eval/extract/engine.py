@@ -17,7 +17,7 @@ from ssp_eval.extract.tokens import tokenise
 RULES_VERSION = "2"
 _SOURCES = (
     "lexicon.yaml", "scope.yaml", "lexicon.py", "tokens.py", "match.py", "scope.py", "world.py",
-    "plan.py", "clause.py", "bind.py", "decide.py", "engine.py", "checks.py",
+    "clause.py", "bind.py", "decide.py", "engine.py", "checks.py",
 )  # fmt: skip
 
 

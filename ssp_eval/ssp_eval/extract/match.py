@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ssp_eval.extract.lexicon import Lexicon, lexicon
+from ssp_eval.extract.lexicon import lexicon
 
 MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "=", "|", "[", "(", "{", "<", ")", "}", ">"})
 _SENTENCE = frozenset({".", "?", "\n"})
@@ -17,6 +17,25 @@ _BARE = {"straight": "straight", "maintain": "maintain", "left": "left", "right"
 _ORDINALS = frozenset({"1", "2", "3", "4", "5", "6", "a", "b", "first", "second", "third"})
 _ACTIONS = {"stop": "lon", "decelerate": "lon", "maintain": "lon", "accelerate": "lon",
             "left": "lat", "straight": "lat", "right": "lat"}  # fmt: skip
+_DETERMINERS = frozenset(
+    {"its", "the", "a", "an", "this", "that", "their", "his", "no", "any", "right", "left", "at"}
+)
+_CROSSED = frozenset({"from", "the", "our", "in", "left", "right", "l", "r", "slowly"})
+_NOT_RELEVANT = frozenset({"no", "none", "low", "irrelevant", "not", "background", "ignore"})
+_LOW = frozenset({"low", "down", "safe", "appropriate", "into", "moderate"})
+_BEFORE_NAMES = frozenset({"the", "our", "ego", "its", "now", "and", "3", "2", "1", "4"})
+_OPEN = frozenset({"none", "keep", "hold", "same"})  # of speed, or of the lane
+_LEADING = frozenset({"lead", "leading", "preceding"})
+_DEFINITE = frozenset({"the", "this", "that", "these", "those", "same", "said"})
+_OTHERS = frozenset({"another", "second", "other", "third"})
+_INDEFINITE = (
+    frozenset(
+        {"a", "an", "one", "two", "three", "several", "some", "many", "few", "multiple", "no"}
+    )
+    | _OTHERS
+)
+_ENDS = frozenset({"of", "in", "on", "to", "and", "by", "for", "with", "from", "or", "at", "is",
+                   "are", "but"})  # fmt: skip
 
 
 class Hit(NamedTuple):
@@ -42,250 +61,200 @@ NOTHING = Hit("", "", "", -1, -1)  # before a sentence and behind it
 
 def find(words: list[str]) -> list[Hit]:
     """The hits of a text in order, not overlapping."""
-    known = lexicon()
-    hits: list[Hit] = []
-    at = 0
-    count = len(words)
-    header: list[str] = []
-    column = 0
-    opening = _bare([*words, "\n"], 0)
-    if opening is not None:
-        hits.append(Hit("action", opening[0], "", 0, opening[1]))
-        at = opening[1]
-    while at < count:
-        word = words[at]
-        if word in MARKS:
-            hits.append(Hit("mark", word, "", at, at + 1))
-            if word in ".,\n)" and _heads(words, at, known):
-                at = _field(words, at, hits, known)
-                continue
-            if word in ":=" or (word == "|" and _is_label(words, at, known)):
-                at = _field(words, at, hits, known)
-                continue
-            if word == "|" and not header and words[max(at - 1, 0)] in ("\n", "|")[: 1 + (at == 0)]:
-                header = _header(words, at, known)
-                column = -1
-            if word == "\n":
-                if words[at + 1 : at + 2] != ["|"]:
-                    header = []
-                column = -1
-            if word == "|" and header:
-                column += 1
-                if column < len(header) and header[column]:
-                    hits.append(Hit("field", header[column], "cell", at, at + 1))
-                    at = _value(words, at + 1, header[column], hits, known)
-                    continue
-            bare = _bare(words, at + 1)
-            if bare is not None and not header:
-                value, stop = bare
-                hits.append(Hit("action", value, "", at + 1, stop))
-                at = stop
-                continue
-            at += 1
-            continue
-        entry, stop = known.longest(words, at)
-        if (
-            entry is not None
-            and entry.kind == "verb"
-            and entry.form == "base"
-            and _is_noun(words, at)
+    return _Reader(words).run()
+
+
+class _Reader:
+    """One pass over the words; a table's head names the fields of the columns below it."""
+
+    def __init__(self, words: list[str]) -> None:
+        self.count, self.words = len(words), [*words, "\n"]
+        self.known = lexicon()
+        self.hits: list[Hit] = []
+        self.header: list[str] = []
+        self.column = 0
+
+    def run(self) -> list[Hit]:
+        """Reads all words."""
+        at = self._bare(0) or 0
+        while at < self.count:
+            at = self._mark(at) if self.words[at] in MARKS else self._phrase(at)
+        return self.hits
+
+    def _put(self, kind: str, value: str, form: str, first: int, stop: int) -> int:
+        self.hits.append(Hit(kind, value, form, first, stop))
+        return stop
+
+    # --- phrases
+
+    def _phrase(self, at: int) -> int:
+        words = self.words
+        entry, stop = self.known.longest(words, at)
+        if entry is None or (
+            entry.kind == "verb" and entry.form == "base" and at and words[at - 1] in _DETERMINERS
         ):
-            entry = None
-        if entry is not None and words[stop : stop + 1] and words[stop] in _LOW and (
-            entry.value in ("keep_speed", "stationary")
-        ):  # fmt: skip
-            entry, stop = known.longest(words[: at + 1], at)  # keep speed low, not moving into ours
-        if entry is None:
-            at += 1
-            continue
-        crosses = words[at : at + 2] == ["pedestrian", "crossing"] and words[stop : stop + 1]
-        if entry.kind == "skip" and crosses and words[stop] in _CROSSED:
-            entry, stop = known.longest(words[: at + 1], at)
-        if entry is not None and entry.kind == "user":
-            _user(words, at, stop, entry.value, hits)
-        elif entry is None:
-            pass
+            return at + 1  # its stop, a turn: a noun
+        # Keep speed low, not moving into ours; a pedestrian crossing from the left.
+        low = entry.value in ("keep_speed", "stationary") and words[stop] in _LOW
+        crosses = entry.kind == "skip" and words[at : at + 2] == ["pedestrian", "crossing"]
+        if low or (crosses and words[stop] in _CROSSED):
+            entry, stop = self.known.longest(words[: at + 1], at)
+        if entry is None or entry.kind == "skip":
+            return stop
+        if entry.kind == "user":
+            self._user(at, stop, entry.value)
         elif entry.kind == "riding":
-            _riding(at, stop, hits)
-        elif entry.kind != "skip":
-            hits.append(Hit(entry.kind, entry.value, entry.form, at, stop))
-        at = stop
-    return hits
-
-
-def _is_noun(words: list[str], at: int) -> bool:
-    """Whether a word that may be a verb is a noun here: its stop, a turn."""
-    return at > 0 and words[at - 1] in _DETERMINERS
-
-
-def _user(words: list[str], at: int, stop: int, name: str, hits: list[Hit]) -> None:
-    if hits and hits[-1].stop == at and hits[-1].kind == "user":
-        hits.pop()  # flatbed tow truck: the last noun is the head
-    form = ""
-    for back in range(at - 1, max(at - 6, -1), -1):
-        word = words[back]
-        if word in _DEFINITE or word in _INDEFINITE:
-            form = "the" if word in _DEFINITE else "another" if word in _OTHERS else "a"
-            break
-        if word in MARKS or word in _ENDS:
-            break
-    hits.extend(
-        Hit("place", "front", "lead", back, stop)
-        for back in range(max(at - 2, 0), at)
-        if words[back] in _LEADING
-    )
-    hits.append(Hit("user", name, form, at, stop))
-
-
-def _riding(at: int, stop: int, hits: list[Hit]) -> None:
-    """A boy on a bicycle is a cyclist."""
-    for index in range(len(hits) - 1, max(len(hits) - 3, -1), -1):
-        hit = hits[index]
-        if hit.kind == "user" and at - hit.stop < 4:
-            hits[index] = Hit("user", "cyclist", hit.form, hit.first, stop)
-            return
-
-
-def _label(words: list[str], mark: int) -> tuple[int, list[str]]:
-    """The words before a colon that may be a field's name, and where they begin."""
-    first = mark
-    while first > 0 and words[first - 1] == '"':
-        first -= 1
-    stop = first
-    while first > 0 and stop - first < MAX_FIELD and words[first - 1] not in MARKS:
-        first -= 1
-    return first, words[first:stop]
-
-
-def _slot(label: list[str], known: Lexicon) -> str | None:
-    while label and (label[-1].isdigit() or label[-1] in _ORDINALS):
-        label = label[:-1]
-    while label and label[0] in ("the", "our", "ego", "its", "now", "and", "3", "2", "1", "4"):
-        label = label[1:]
-    return known.fields.get(" ".join(label)) if label else None
-
-
-def _heads(words: list[str], mark: int, known: Lexicon) -> bool:
-    """Whether the words before a mark are a heading: a line that is a field's name."""
-    first, label = _label(words, mark)
-    while first > 0 and (words[first - 1] in "[()." or words[first - 1].isdigit()):
-        first -= 1
-    opens = first == 0 or words[first - 1] == "\n"
-    return opens and bool(label) and _slot(label, known) in ("objects", "action")
-
-
-def _is_label(words: list[str], at: int, known: Lexicon) -> bool:
-    """Whether a bar parts a field's name from its value: | Lateral | straight |."""
-    first, label = _label(words, at)
-    slot = _slot(label, known)
-    if slot is None or words[first - 1 : first] != ["|"] or words[first - 2 : first - 1] not in (
-        ["\n"], []
-    ):  # fmt: skip
-        return False
-    stop = at + 1
-    while stop < len(words) and words[stop] not in ("|", "\n"):
-        stop += 1
-    rest = words[stop + 1 : stop + 2]
-    return _slot(words[at + 1 : stop], known) is None and rest in (["\n"], [])
-
-
-def _header(words: list[str], at: int, known: Lexicon) -> list[str]:
-    """The fields of a table's columns, if the row that begins here is its head."""
-    stop = at
-    while stop < len(words) and words[stop] != "\n":
-        stop += 1
-    cells: list[list[str]] = [[]]
-    for word in words[at + 1 : stop]:
-        if word == "|":
-            cells.append([])
+            self._riding(at, stop)
         else:
-            cells[-1].append(word)
-    slots = [_slot(cell, known) or "" for cell in cells]
-    return slots if sum(bool(slot) for slot in slots) >= 2 else []
+            self._put(entry.kind, entry.value, entry.form, at, stop)
+        return stop
 
+    def _user(self, at: int, stop: int, name: str) -> None:
+        if self.hits and self.hits[-1].stop == at and self.hits[-1].kind == "user":
+            self.hits.pop()  # flatbed tow truck: the last noun is the head
+        form = ""
+        for word in self.words[max(at - 5, 0) : at][::-1]:
+            if word in _DEFINITE or word in _INDEFINITE:
+                form = "the" if word in _DEFINITE else "another" if word in _OTHERS else "a"
+                break
+            if word in MARKS or word in _ENDS:
+                break
+        for back in range(max(at - 2, 0), at):
+            if self.words[back] in _LEADING:
+                self._put("place", "front", "lead", back, stop)
+        self._put("user", name, form, at, stop)
 
-def _field(words: list[str], mark: int, hits: list[Hit], known: Lexicon) -> int:
-    first, label = _label(words, mark)
-    slot = _slot(label, known)
-    if slot is None:
-        hits.append(Hit("field", "", "", mark, mark + 1))
-        return mark + 1
-    last = hits.pop()
-    while hits and hits[-1].first >= first and hits[-1].kind != "cue":
-        hits.pop()
-    hits.append(last)
-    hits.append(Hit("field", slot, "", first, mark))
-    return _value(words, mark + 1, slot, hits, known)
+    def _riding(self, at: int, stop: int) -> None:
+        """A boy on a bicycle is a cyclist."""
+        for index in range(len(self.hits) - 1, max(len(self.hits) - 3, -1), -1):
+            hit = self.hits[index]
+            if hit.kind == "user" and at - hit.stop < 4:
+                self.hits[index] = Hit("user", "cyclist", hit.form, hit.first, stop)
+                return
 
+    # --- marks, and the fields of structured answers
 
-def _value(words: list[str], at: int, slot: str, hits: list[Hit], known: Lexicon) -> int:
-    """Adds what a field says in one of its own words; the word after that."""
-    if slot == "relevance":
-        word = next((one for one in words[at : at + 2] if one.isalpha()), "")
-        if word:
-            kind = "background" if word in _NOT_RELEVANT else "critical"
-            hits.append(Hit(kind, "", "value", at, at + 1))
-        return at
-    if slot not in _LEVELS:
-        return at
-    while at < len(words) and words[at] in ('"', "[", "("):
-        hits.append(Hit("mark", words[at], "", at, at + 1))
-        at += 1
-    stop = at
-    while stop < len(words) and words[stop] not in MARKS:
-        stop += 1
-    if words[stop : stop + 1] == ["|"] and " ".join(words[stop + 1 : stop + 2]) in _BARE:
-        while slot != "action" and stop < len(words) and words[stop] != "\n":
+    def _mark(self, at: int) -> int:
+        words, word = self.words, self.words[at]
+        self._put("mark", word, "", at, at + 1)
+        heads = word in ".,\n)" and self._heads(at)
+        if heads or word in ":=" or (word == "|" and self._is_label(at)):
+            return self._field(at)
+        if word == "|" and not self.header and (at == 0 or words[at - 1] == "\n"):
+            self.header = self._header_at(at)
+            self.column = -1
+        if word == "\n":
+            self.header = self.header if words[at + 1] == "|" else []
+            self.column = -1
+        if word == "|" and self.header:
+            self.column += 1
+            slot = self.header[self.column] if self.column < len(self.header) else ""
+            if slot:
+                self._put("field", slot, "cell", at, at + 1)
+                return self._value(at + 1, slot)
+        return (None if self.header else self._bare(at + 1)) or at + 1
+
+    def _label(self, mark: int) -> tuple[int, str | None]:
+        """The field that the words before a colon name, and where they begin."""
+        first = mark
+        while first > 0 and self.words[first - 1] == '"':
+            first -= 1
+        stop = first
+        while first > 0 and stop - first < MAX_FIELD and self.words[first - 1] not in MARKS:
+            first -= 1
+        return first, self._slot(self.words[first:stop])
+
+    def _slot(self, label: list[str]) -> str | None:
+        while label and (label[-1].isdigit() or label[-1] in _ORDINALS):
+            label = label[:-1]
+        while label and label[0] in _BEFORE_NAMES:
+            label = label[1:]
+        return self.known.fields.get(" ".join(label))
+
+    def _heads(self, mark: int) -> bool:
+        """Whether the words before a mark are a heading: a line that is a field's name."""
+        first, slot = self._label(mark)
+        while first > 0 and (self.words[first - 1] in "[()." or self.words[first - 1].isdigit()):
+            first -= 1
+        opens = first == 0 or self.words[first - 1] == "\n"
+        return opens and slot in ("objects", "action")
+
+    def _is_label(self, at: int) -> bool:
+        """Whether a bar parts a field's name from its value: | Lateral | straight |."""
+        first, slot = self._label(at)
+        opening = self.words[max(first - 2, 0) : max(first, 0)]
+        if slot is None or opening not in (["\n", "|"], ["|"]):
+            return False
+        stop = at + 1
+        while stop < self.count and self.words[stop] not in ("|", "\n"):
             stop += 1
-        return at if slot == "action" else stop  # accelerate | maintain | stop: one that is open
-    for end in range(min(stop, at + MAX_VALUE), at, -1):
-        phrase = " ".join(words[at:end])
-        whole = end == stop
-        if slot == "conflict":
-            value = known.values[slot].get(phrase) if whole else None
-            if value is not None:
-                hits.append(Hit("conflict", value, "value", at, end))
-                return end
-            continue
+        ends = stop + 1 >= self.count or self.words[stop + 1] == "\n"
+        return ends and self._slot(self.words[at + 1 : stop]) is None
+
+    def _header_at(self, at: int) -> list[str]:
+        """The fields of a table's columns, if the row that begins here is its head."""
+        cells: list[list[str]] = [[]]
+        for word in self.words[at + 1 : self.words.index("\n", at)]:
+            if word == "|":
+                cells.append([])
+            else:
+                cells[-1].append(word)
+        slots = [self._slot(cell) or "" for cell in cells]
+        return slots if sum(bool(slot) for slot in slots) >= 2 else []
+
+    def _field(self, mark: int) -> int:
+        first, slot = self._label(mark)
+        if slot is None:
+            return self._put("field", "", "", mark, mark + 1)
+        last = self.hits.pop()
+        while self.hits and self.hits[-1].first >= first and self.hits[-1].kind != "cue":
+            self.hits.pop()
+        self.hits.append(last)
+        self._put("field", slot, "", first, mark)
+        return self._value(mark + 1, slot)
+
+    def _value(self, at: int, slot: str) -> int:
+        """Adds what a field says in one of its own words; the word after that."""
+        words = self.words
+        if slot == "relevance":
+            word = next((one for one in words[at : at + 2] if one.isalpha()), "")
+            if word:
+                kind = "background" if word in _NOT_RELEVANT else "critical"
+                self._put(kind, "", "value", at, at + 1)
+            return at
+        if slot not in _LEVELS:
+            return at
+        while at < self.count and words[at] in ('"', "[", "("):
+            at = self._put("mark", words[at], "", at, at + 1)
+        stop = at
+        while words[stop : stop + 1] and words[stop] not in MARKS:
+            stop += 1
+        if words[stop : stop + 1] == ["|"] and words[stop + 1] in _BARE:
+            while slot != "action" and stop < self.count and words[stop] != "\n":
+                stop += 1
+            return at if slot == "action" else stop  # accelerate | maintain | stop: one is open
         slots = ("lon_action", "lat_action") if slot == "action" else (slot,)
-        for name in slots:
-            value = known.values[name].get(phrase)
-            if value is not None and (whole or len(slots) == 1) and not (
-                slot == "action" and phrase in ("none", "keep", "hold", "same")
-            ):  # fmt: skip
-                hits.append(Hit("action", value, "value", at, end))
-                return end
-    return at
+        kind = "conflict" if slot == "conflict" else "action"
+        for end in range(min(stop, at + MAX_VALUE), at, -1):
+            phrase = " ".join(words[at:end])
+            for name in slots:
+                value = self.known.values[name].get(phrase)
+                whole = end == stop or slot in ("lon_action", "lat_action")
+                if value is not None and whole and not (slot == "action" and phrase in _OPEN):
+                    return self._put(kind, value, "value", at, end)
+        return at
 
-
-def _bare(words: list[str], at: int) -> tuple[str, int] | None:
-    """A value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
-    for stop in (at + 2, at + 1):
-        phrase = " ".join(words[at:stop])
-        if phrase in _BARE and words[stop : stop + 1] and words[stop] in MARKS:
-            if words[stop] in ":=" or (phrase in ("left", "right") and words[stop] not in "\"'|]["):
-                return None
-            return _BARE[phrase], stop
-    return None
-
-
-_DETERMINERS = frozenset(
-    {"its", "the", "a", "an", "this", "that", "their", "his", "no", "any", "right", "left", "at"}
-)
-_CROSSED = frozenset({"from", "the", "our", "in", "left", "right", "l", "r", "slowly"})
-_NOT_RELEVANT = frozenset({"no", "none", "low", "irrelevant", "not", "background", "ignore"})
-_LOW = frozenset({"low", "down", "safe", "appropriate", "into", "moderate"})
-_LEADING = frozenset({"lead", "leading", "preceding"})
-_DEFINITE = frozenset({"the", "this", "that", "these", "those", "same", "said"})
-_OTHERS = frozenset({"another", "second", "other", "third"})
-_INDEFINITE = (
-    frozenset(
-        {"a", "an", "one", "two", "three", "several", "some", "many", "few", "multiple", "no"}
-    )
-    | _OTHERS
-)
-_ENDS = frozenset({"of", "in", "on", "to", "and", "by", "for", "with", "from", "or", "at", "is",
-                   "are", "but"})  # fmt: skip
+    def _bare(self, at: int) -> int | None:
+        """Takes a value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
+        for stop in (at + 2, at + 1):
+            phrase = " ".join(self.words[at:stop])
+            ends = stop < self.count or (at == 0 and stop == self.count)
+            if phrase in _BARE and ends and self.words[stop] in MARKS:
+                side = phrase in ("left", "right") and self.words[stop] not in "\"'|]["
+                if self.words[stop] in ":=" or side:
+                    return None
+                return self._put("action", _BARE[phrase], "", at, stop)
+        return None
 
 
 def sentences(hits: list[Hit]) -> list[tuple[int, int]]:
