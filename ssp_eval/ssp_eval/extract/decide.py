@@ -115,25 +115,19 @@ def _position(actor: Actor, frames: bool) -> Found | None:
     places = [place for place in actor.places if place.value != "beside"]
     if not places:
         return None
-    changes = frames or len({place.sentence for place in actor.places}) > 2
-    spoken: dict[int, list[Statement]] = {}
+    parts: dict[int, set[str]] = {}
     for place in places:
-        spoken.setdefault(place.sentence, []).append(place)
-    sets = {
-        at: frozenset(p for one in said for p in one.value.split("_"))
-        for at, said in spoken.items()
-    }
-    last = places[-1].sentence
-    best = (
-        last
-        if changes
-        else max((at for at in sets if sets[at] >= sets[last]), key=lambda at: (len(sets[at]), at))
-    )
-    unlike = [at for at in sets if not (sets[at] <= sets[best] or sets[best] <= sets[at])]
-    if unlike and not changes:
-        return None
+        parts.setdefault(place.sentence, set()).update(place.value.split("_"))
+    best = last = places[-1].sentence
+    if not frames and len({place.sentence for place in actor.places}) <= 2:
+        best = max(
+            (at for at in parts if parts[at] >= parts[last]), key=lambda at: (len(parts[at]), at)
+        )
+        if any(not (one <= parts[best] or parts[best] <= one) for one in parts.values()):
+            return None
+    support = tuple(place for place in places if place.sentence == best)
     order = ("front", "rear", "left", "right")
-    return "_".join(part for part in order if part in sets[best]), tuple(spoken[best])
+    return "_".join(part for part in order if part in parts[best]), support
 
 
 def _motion(actor: Actor) -> Found | None:
@@ -185,17 +179,16 @@ def _conflict(actor: Actor | None, world: World) -> Found | None:
 
 def _action(world: World, slot: str) -> Found | None:
     """The final plan's first step; slowing down and then stopping is a stop."""
-    units = {one.unit for one in world.commitments}
+    units = {one.said.sentence for one in world.commitments}
     revision = max((unit for unit in world.revised if unit in units), default=0)
-    said = [one for one in world.commitments if one.slot == slot and one.unit >= revision]
-    said = [one for one in said if one.final] or said
-    now = [one for one in said if not one.later] or (said if slot == "lat_action" else [])
+    plan = [c for c in world.commitments if c.slot == slot and c.said.sentence >= revision]
+    plan = [one for one in plan if one.final] or plan
+    now = [one for one in plan if not one.later] or (plan if slot == "lat_action" else [])
     if not now:
         return None
-    steps = [one for one in now if one.unit == now[-1].unit]
-    first = steps[0]
-    if first.value == "decelerate":
-        for step in (one for one in said if one.unit == first.unit):
-            if step.value == "stop" and 0 < step.first - first.stop < 5:
-                return "stop", (Statement("stop", step.first, step.stop, step.unit),)
-    return first.value, (Statement(first.value, first.first, first.stop, first.unit),)
+    unit = now[-1].said.sentence
+    first = next(one.said for one in now if one.said.sentence == unit)
+    for step in (one.said for one in plan if one.said.sentence == unit):
+        if (first.value, step.value) == ("decelerate", "stop") and 0 < step.first - first.stop < 5:
+            return "stop", (step,)
+    return first.value, (first,)

@@ -34,19 +34,14 @@ class Commitment(NamedTuple):
 
     Args:
         slot: lon_action or lat_action.
-        value: the action.
-        first: index of the first word.
-        stop: index after the last word.
-        unit: the plan's number; a later plan revises an earlier one.
+        said: the action; instead of a sentence it has the number of its plan, of which a later one
+            revises an earlier one.
         later: it is a later step of its plan.
         final: it stands under a heading such as "Final plan", or in a field.
     """
 
     slot: str
-    value: str
-    first: int
-    stop: int
-    unit: int
+    said: Statement
     later: bool
     final: bool
 
@@ -117,27 +112,29 @@ class Plan:
                 later = later or slot in self.sequence
                 self.sequence.add(slot)
             final = self.final or strong
-            made = Commitment(slot, value, hit.first, hit.stop, unit, later, final)
-            self.world.commitments.append(made)
+            said = Statement(value, hit.first, hit.stop, unit)
+            self.world.commitments.append(Commitment(slot, said, later, final))
         return True
+
+    def _last(self, unit: int) -> Commitment | None:
+        """The last commitment, where it stands in the same sentence."""
+        last = self.world.commitments[-1] if self.world.commitments else None
+        return last if last is not None and last.said.sentence == unit else None
 
     def _is_purpose(self, hit: Hit, unit: int) -> bool:
         """Whether an action is only what the one before is for: accelerate to merge left."""
-        last = self.world.commitments[-1] if self.world.commitments else None
+        last = self._last(unit)
         return (
             hit.form == "base"
             and self.words[hit.first - 1 : hit.first] == ["to"]
             and self.words[hit.first - 2] not in ("and", "or", ",")
             and last is not None
-            and last.unit == unit
-            and hit.first - last.stop < 4
+            and hit.first - last.said.stop < 4
         )
 
     def in_lane(self, hit: Hit, unit: int) -> None:
         """Brakes in its lane: the lane is kept."""
-        last = self.world.commitments[-1] if self.world.commitments else None
-        if last is not None and last.unit == unit and last.value in _SPEEDS:
-            made = last._replace(
-                slot="lat_action", value="straight", first=hit.first, stop=hit.stop
-            )
-            self.world.commitments.append(made)
+        last = self._last(unit)
+        if last is not None and last.said.value in _SPEEDS:
+            said = Statement("straight", hit.first, hit.stop, unit)
+            self.world.commitments.append(last._replace(slot="lat_action", said=said))
