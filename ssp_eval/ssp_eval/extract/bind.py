@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ssp_eval.extract.clause import EGO, PEOPLE, RIDERS, SCENE, Clause
-from ssp_eval.extract.match import NOTHING, Hit
+from ssp_eval.extract.match import Hit
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.world import Actor, Statement, World
 
@@ -83,17 +83,9 @@ class Binder(Clause):
             self._state(index, hit, flags)
         elif kind == "braked_in_lane":
             actor = self._owner(index)
-            if actor is not None and self.words[hit.first : hit.first + 2] in (
-                ["in", "our"],
-                ["in", "the"],
-            ):
+            if actor is not None:
                 actor.matters = actor.matters or "our" in self.words[hit.first : hit.stop]
-            if (
-                self.planned
-                and self.near is None
-                and self.subject in (None, EGO)
-                and not flags & ~Scope.FUTURE
-            ):
+            if self.planned and self.near is None:
                 self.plan.in_lane(hit, self.step)
         elif kind in ("conflict", "risk", "affects"):
             self._conflict(index, hit, flags)
@@ -178,10 +170,10 @@ class Binder(Clause):
         if after in self.known.sets["openers_of_attributes"] or after.endswith("ing"):
             return False
         following = self._after(index)
-        if following.kind == "cue" and following.value == "must":
+        if following.value == "must":
             return True
         beyond = self._after(index, 2)
-        if following.value == "is" and beyond is not NOTHING:
+        if following.value == "is":
             told = beyond.kind in ("place", "towards", "state", "conflict", "affects", "critical")
             moves = (
                 beyond.kind == "verb"
@@ -190,16 +182,12 @@ class Binder(Clause):
             )
             if told or moves:
                 return False
-        attributed = following.kind in ("place", "relative", "towards")
-        return (known is None or known.background or known.parked) and not attributed
+        return known is None or known.parked
 
     def _user(self, index: int, hit: Hit, flags: Scope) -> None:
         if self._is_ego(index, hit, self._known(hit)):
-            after = self._after(index)
-            if after.value == "is" and not self.busy:
-                self.subject, self.near = SCENE, None  # what the VUT is doing is no plan
-                return
-            self.subject, self.near = EGO, None
+            # What the VUT is doing is no plan.
+            self.subject, self.near = SCENE if self._after(index).value == "is" else EGO, None
             return
         following = self._after(index)
         if hit.form != "the" and following.value == "may" and (
@@ -215,9 +203,7 @@ class Binder(Clause):
                 known = self._identify(hit)
                 known.first = self._said(known.name, hit)
             if known is None or flags & Scope.QUOTED:
-                if not self.busy:
-                    self.subject = SCENE
-                self.near, self.void = None, True
+                self.subject, self.near, self.void = SCENE, None, True
                 self.pending, self.states = [], []
                 return
             actor = known
@@ -295,26 +281,19 @@ class Binder(Clause):
             return
         if self.words[hit.first] in _OTHER_SIDE and self.words[hit.first - 1] in ("the", "a"):
             return  # blocks the left lane
-        if hit.value == "rear" and after in self.known.sets["articles_and_pronouns"]:
-            if self.planned or self.subject is EGO:
-                self.reacting = True
-            return
+        behind = after in self.known.sets["articles_and_pronouns"]
+        if hit.value == "rear" and (behind or self._after(index).kind == "user"):
+            self.reacting = self.reacting or bool(self.planned) or self.subject is EGO
+            return  # behind the van
         if hit.form == "lead":
             self.pending.append((index, hit))
             return
         if self.words[hit.first] == "straight" and hit.stop - hit.first == 2 and (
             self.planned and (owner is None or self.subject is EGO)
         ):  # fmt: skip
-            if not flags & ~(Scope.FUTURE | Scope.LATER):
-                straight = Hit("action", "straight", "", hit.first, hit.stop)
-                self.plan.act(straight, flags, self.step, self._strong())
+            straight = Hit("action", "straight", "", hit.first, hit.stop)
+            self.plan.act(straight, flags, self.step, self._strong())
             return
-        if hit.value == "rear" and index + 1 < self.stop:
-            following = self.hits[index + 1]
-            if following.kind == "user" and following.first - hit.stop < 4:
-                if self.planned or self.subject is EGO:
-                    self.reacting = True
-                return  # behind the van
         if self.void or (self.subject is SCENE and self.near is None):
             return
         if owner is None or (self.subject is EGO and self.near is None):
@@ -356,7 +335,7 @@ class Binder(Clause):
             return
         if flags == Scope.POSSIBLE and self.subject in (None, SCENE) and self.near is None:
             if self.subject is None and self.last is not None and (
-                self.hits[index - 1].value == "may" and self._may(index)
+                self._may(index)
             ):  # fmt: skip
                 self._move(self.last, index, hit, flags)
                 return
@@ -399,7 +378,7 @@ class Binder(Clause):
         article = self.words[hit.first - 1] in ("the", "a", "an", "slow", "slower")
         kinds = {"stand": "stationary", "with": "same_direction", "along": ALONG, "go": ALONG,
                  "oncoming": "oncoming"}  # fmt: skip
-        if other not in kinds or not (hit.form == "ed" or (hit.form == "ing" and article)):
+        if other not in kinds or not (hit.form == "ed" or article):
             return False
         self.states.append(Hit("state", kinds[other], "", hit.first, hit.stop))
         return True
@@ -432,9 +411,7 @@ class Binder(Clause):
         goals = self._goals(index)
         if flags & Scope.POSSIBLE and not flags & ~(Scope.POSSIBLE | Scope.FUTURE | Scope.LATER):
             into = {goal.value for goal in goals} & {"into_ours", "across"}
-            if (
-                kind in _ENDANGERS or (kind == "go" and into) or hit.value in _UNSAFE
-            ) and self._may(index):
+            if (kind in _ENDANGERS or into or hit.value in _UNSAFE) and self._may(index):
                 actor.conflicts.append(self._with_cue("potential", index, ("may",)))
             return
         perfect = hit.form == "ed" and kind not in ("stand", "parked")
@@ -476,19 +453,14 @@ class Binder(Clause):
         if kind == "intrude" or (kind in ("drift", "go", "step") and "into_ours" in names):
             word = CROSSING if people else CUTTING_IN
             return f"{word}_from_{side}" if side else word
-        if (
-            kind in ("step", "go", "drift")
-            and (both or "across" in names)
-            and (light or both or kind != "drift")
-        ):
-            side = side or (_OTHER_SIDE.get(end, "") if "across" in names else "")
+        if kind == "drift" and not both:
+            names.discard("across")
+        if kind in ("step", "go", "drift") and (both or "across" in names):
+            side = side or _OTHER_SIDE.get(end, "")
             return f"crossing_from_{side}" if side else CROSSING if people else None
         if kind == "drift" and side:
-            return (
-                f"{CUTTING_IN}_from_{side}"
-                if hit.value == "drift" and self.words[hit.first].startswith("merg")
-                else None
-            )
+            merges = self.words[hit.first].startswith("merg")
+            return f"{CUTTING_IN}_from_{side}" if merges else None
         if kind in ("along", "go") and not side:
             return ALONG
         return None
@@ -525,15 +497,14 @@ class Binder(Clause):
             if denied and value == "active" and "without" in self._sentence():
                 denied = False
             if denied:
-                gone = "resolved" if self._no_longer(hit) else "no_conflict"
-                value = gone if value == "potential" else ""
+                value = "no_conflict" if value == "potential" else ""
             elif value == "no_conflict" and self._no_longer(hit):
                 value = "resolved"
             elif flags & Scope.POSSIBLE and value == "active":
                 would = {"would", "i'd"} & set(self._sentence())
-                value = ("active" if self._unless() else "") if would else "potential"
+                value = "" if would else "potential"
             if flags & Scope.IMAGINED and (value != "active" or not self._unless()):
-                value = "active" if value == "active" and self._trailing(index) else ""
+                value = ""
             if value == "resolved" and flags & (Scope.POSSIBLE | Scope.FUTURE):
                 return
         elif denied:
@@ -559,7 +530,7 @@ class Binder(Clause):
         owner = self.subject if isinstance(self.subject, Actor) else self.near
         following = self._after(index)
         if following.kind == "user" and following.first - hit.stop < 5:
-            owner = self._known(following) or self._identify(following)
+            owner = self._identify(following)
         if owner is None:
             self.world.loose.append(said)
         else:
@@ -567,37 +538,32 @@ class Binder(Clause):
 
     def _unless(self) -> bool:
         """Whether something happens unless something is done: without braking."""
-        around = set(self._sentence())
-        return bool(self.known.sets["words_of_certainty"] & around or {"if", "not"} <= around)
+        return not self.known.sets["words_of_certainty"].isdisjoint(self._sentence())
 
     def _salience(self, index: int, hit: Hit, flags: Scope) -> None:
         owner = self._owner(index)
         if hit.kind == "nobody":
             after = self.hits[index + 1 : index + 3]
             acts = any(one.kind in ("verb", "relative") for one in after)
-            alone = (
-                self.words[hit.first] in ("nobody", "no_one", "noone") or hit.stop - hit.first < 3
-            )
-            if not flags & ~Scope.DENIED and not (acts and alone):
+            if not flags & ~Scope.DENIED and not (acts and hit.stop - hit.first < 3):
                 self.world.nobody.append(self._said("", hit))
         elif hit.kind == "reacts":
-            if (self.planned or self.subject in (EGO, None)) and not flags & Scope.QUOTED:
-                self.reacting = True
+            self.reacting = self.reacting or self.subject in (EGO, None)
         elif flags & (Scope.QUOTED | Scope.IMAGINED):
             return
         elif hit.kind == "critical":
             if flags & Scope.DENIED:
                 if owner is not None:
                     owner.background = True
-            elif owner is not None and self.near is not None:
-                owner.critical = True
+            elif self.near is not None:
+                self.near.critical = True
             else:
                 self.critical = True
         elif hit.kind == "background":
-            whom = self.subject if isinstance(self.subject, Actor) and not self.void else owner
+            whom = self.subject if isinstance(self.subject, Actor) else owner
             for actor in [whom] if whom else self.named[-1:]:
                 actor.background = True
-        elif hit.kind == "matters":
+        else:  # matters
             if owner is not None:
                 owner.matters = True
                 if flags == Scope.POSSIBLE and self.words[hit.first].startswith(("hid", "conceal")):

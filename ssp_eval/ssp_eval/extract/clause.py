@@ -61,15 +61,8 @@ class Clause:
         self.shows = self.because = self.void = False
         self.in_path = self.was_in_path
         self.was_in_path = None
-        self.field = self.field if self.field in ("action", "lon_action", "lat_action") and (
-            start < len(self.hits) and self._continues(start)
-        ) else ""  # fmt: skip
-
-    def _continues(self, start: int) -> bool:
-        """Whether a line goes on with the list under a heading of objects."""
-        return start < len(self.hits) and not any(
-            hit.kind == "field" for hit in self.hits[start : min(self.stop, start + REACH)]
-        )
+        goes_on = not any(h.kind == "field" for h in self.hits[start : min(stop, start + REACH)])
+        self.field = self.field if self._strong() and goes_on else ""
 
     def _before(self, index: int) -> Hit:
         return self.hits[index - 1] if index > self.start else NOTHING
@@ -137,7 +130,7 @@ class Clause:
         for after in self.hits[index + 1 : min(self.stop, index + REACH)]:
             if after.kind == "mark" and after.value != ",":
                 return False
-            if (after.kind == "verb" and after.form == "s") or after.value in ("is", "may", "past"):
+            if after.form == "s" or after.value in ("is", "may", "past"):
                 return True
             if after.kind in ("user", "ego", "cue"):
                 return False
@@ -158,7 +151,7 @@ class Clause:
     def _may(self, index: int) -> bool:
         """Whether it is may, could or might, not would, that makes a movement possible."""
         for hit in self._back(index, REACH):
-            if hit.kind == "cue" and hit.value == "may":
+            if hit.value == "may":
                 return self.words[hit.first] not in self.known.sets["modals_without_risk"]
         return False
 
@@ -197,9 +190,6 @@ class Clause:
     def _no_longer(self, hit: Hit) -> bool:
         around = " ".join(self.words[max(hit.first - 6, 0) : hit.stop + 4])
         return any(f" {end}" in f" {around}" for end in _ANY_MORE)
-
-    def _trailing(self, index: int) -> bool:
-        return not any(hit.kind == "cue" and hit.value == "if" for hit in self._back(index, REACH))
 
     def _is_a(self, index: int, hit: Hit) -> Actor | None:
         """The vehicle that matters is a truck: the one who was called a vehicle."""

@@ -182,14 +182,10 @@ class _Reader:
     def _is_label(self, at: int) -> bool:
         """Whether a bar parts a field's name from its value: | Lateral | straight |."""
         first, slot = self._label(at)
-        opening = self.words[max(first - 2, 0) : max(first, 0)]
-        if slot is None or opening not in (["\n", "|"], ["|"]):
-            return False
-        stop = at + 1
-        while stop < self.count and self.words[stop] not in ("|", "\n"):
-            stop += 1
-        ends = stop + 1 >= self.count or self.words[stop + 1] == "\n"
-        return ends and self._slot(self.words[at + 1 : stop]) is None
+        row = self.words[at + 1 : self.words.index("\n", at)]
+        opens = self.words[first - 1] == "|" and (first < 2 or self.words[first - 2] == "\n")
+        value = row[:-1] if row[-1:] == ["|"] else row
+        return opens and slot is not None and "|" not in value and self._slot(value) is None
 
     def _header_at(self, at: int) -> list[str]:
         """The fields of a table's columns, if the row that begins here is its head."""
@@ -230,9 +226,9 @@ class _Reader:
         while words[stop : stop + 1] and words[stop] not in MARKS:
             stop += 1
         if words[stop : stop + 1] == ["|"] and words[stop + 1] in _BARE:
-            while slot != "action" and stop < self.count and words[stop] != "\n":
-                stop += 1
-            return at if slot == "action" else stop  # accelerate | maintain | stop: one is open
+            return (
+                at if slot == "action" else words.index("\n", stop)
+            )  # accelerate | maintain | stop: one is open
         slots = ("lon_action", "lat_action") if slot == "action" else (slot,)
         kind = "conflict" if slot == "conflict" else "action"
         for end in range(min(stop, at + MAX_VALUE), at, -1):

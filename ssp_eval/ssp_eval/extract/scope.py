@@ -161,10 +161,7 @@ class _Sentence:
             self.wide |= Scope.QUOTED  # not recommended: speed up; …
         elif reach in ("back", "clause"):
             for before in range(max(self._back(index), index - REACH), index):
-                if self.hits[before].kind in ("verb", "noun", "action", "state", "conflict") or (
-                    reach == "clause" and self.hits[before].kind != "ego"
-                ):
-                    self.flags[before] |= flag
+                self.flags[before] |= flag
             if reach == "clause":
                 self.local |= flag
         elif name == "is":
@@ -254,7 +251,7 @@ def _echoes(
         before = words[first - 1] if first else "\n"
         after = words[last + 1] if last + 1 < len(words) else ""
         data = before in "[{,:=|(" or after in ":]},=|"
-        spoken = before == "," or (before == ":" and words[first - 2 : first - 1] != ['"'])
+        spoken = before == "," or before == ":"
         if last - first > 2 and (not data or (spoken and after not in ("}", "]", ":", ","))):
             for inner in range(opened, index):
                 flags[inner] |= Scope.QUOTED
