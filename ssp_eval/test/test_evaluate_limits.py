@@ -81,3 +81,12 @@ def test_settings_that_fit_are_all_named() -> None:
     assert decodings([]) == []
     huge = Response("r", 1, "m", "m/1", "", (), {"all": "x" * (1 << 16)})
     assert "more than 65536" in unusable(huge)
+
+
+def test_what_a_model_thought_is_no_setting() -> None:
+    stages = [{"name": "motion", "reasoning": "x" * 100_000} for _ in range(4)]
+    thoughtful = Response("r", 1, "m", "m/1", "I stop.", (), {"seed": 1, "stages": stages})
+    assert unusable(thoughtful) == ""
+    assert decodings([thoughtful]) == [{"seed": 1}]
+    endless = Response("r", 1, "m", "m/1", "", (), {"stages": ["x" * (1 << 20)]})
+    assert "more than 1048576" in unusable(endless)

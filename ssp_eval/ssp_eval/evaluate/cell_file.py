@@ -15,7 +15,7 @@ from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.data.labels import Labels, phase_counts
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
-from ssp_eval.evaluate.model_client import MOST_REASON, IgnoredAnswers, Loss
+from ssp_eval.evaluate.model_client import MOST_REASON, IgnoredAnswers, Loss, settings_of
 from ssp_eval.evaluate.models import CONDITION_SEED, ModelSpec
 from ssp_eval.evaluate.requests import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Asked
 from ssp_eval.extract.llm import Extractor
@@ -23,10 +23,6 @@ from ssp_eval.recordings.clip import Clip
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 from ssp_vla_bridge.messages import Response
 
-# In decoding facts these tell of one answer, not of how a model was set.
-_PER_ANSWER = (
-    "stages", "usage", "latency_s", "notes", "frames", "prompt_sha256", "previous_intent_sha256",
-)  # fmt: skip
 _MOST_REASONS = 20
 
 
@@ -46,7 +42,7 @@ def decodings(answers: Sequence[Response]) -> list[dict[str, Any]]:
     """The different settings that answers were decoded with; what differs by answer is raw."""
     found = {}
     for answer in answers:
-        settings = {k: v for k, v in answer.decoding.items() if k not in _PER_ANSWER}
+        settings = settings_of(answer)
         found[json.dumps(settings, sort_keys=True)] = settings
     return [found[key] for key in sorted(found)]
 

@@ -146,8 +146,25 @@ MOST_CHARACTERS = 1 << 20
 MOST_NUMBERS = 1 << 18
 # Settings are a few lines; all of a cell's answers' together must fit into its summary.
 MOST_DECODING = 1 << 16
+# Decoding facts that differ by answer and stay with it, such as a model's thoughts.
+PER_ANSWER = frozenset(
+    (
+        "stages",
+        "usage",
+        "latency_s",
+        "notes",
+        "frames",
+        "prompt_sha256",
+        "previous_intent_sha256",
+    )
+)
 # A name is listed in every summary.
 MOST_NAME = 1000
+
+
+def settings_of(response: Response) -> dict[str, Any]:
+    """What an answer was decoded with, without what differs by answer."""
+    return {key: value for key, value in response.decoding.items() if key not in PER_ANSWER}
 
 
 def unusable(response: Response) -> str:
@@ -163,10 +180,12 @@ def unusable(response: Response) -> str:
         return f"the answer has {numbers} numbers, more than {MOST_NUMBERS}"
     try:
         decoding = len(json.dumps(dict(response.decoding), allow_nan=False))
+        settings = len(json.dumps(settings_of(response), allow_nan=False))
     except (ValueError, TypeError, RecursionError) as error:
         return f"the answer's decoding is no JSON: {error}"
-    if decoding > MOST_DECODING:
-        return f"the answer's decoding has {decoding} characters, more than {MOST_DECODING}"
+    for count, most in ((decoding, MOST_CHARACTERS), (settings, MOST_DECODING)):
+        if count > most:
+            return f"the answer's decoding has {count} characters, more than {most}"
     return ""
 
 
