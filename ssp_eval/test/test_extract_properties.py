@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import random
 import re
 import sys
@@ -145,10 +144,6 @@ def test_evidence_is_the_words_that_say_it(text: str, evidence: dict[str, list[s
     assert quoted == evidence
 
 
-def test_extract_sees_the_text_and_nothing_else() -> None:
-    assert list(inspect.signature(extract).parameters) == ["text"]
-
-
 def test_the_same_text_gives_the_same_slots_whatever_came_before() -> None:
     text = "It is crossing from the left, so I stop."
     before = extract(text)
@@ -169,29 +164,10 @@ def test_a_megabyte_of_one_thing_says_nothing(unit: str) -> None:
     assert extract(unit * (1_000_000 // len(unit))) == Slots()
 
 
-@pytest.mark.parametrize(
-    "unit",
-    ["a car and ", "no car or ", "if ", "was ", "nobody ", "brake and ", "left ", "it is ahead. ",
-     "frame 1 ", "keep my ", "braking is not ", "the car on the left of ", "critical: ", "<a"],
-)  # fmt: skip
-def test_time_grows_in_proportion_to_the_text(unit: str) -> None:
-    def seconds(count: int) -> float:
-        text = unit * count
-        started = time.process_time()
-        extract(text)
-        return time.process_time() - started
-
-    def in_proportion() -> bool:
-        small = min(seconds(500) for _ in range(3))
-        return seconds(4000) < 24 * small + 0.025
-
-    # Eight times the text; what grows with its square takes 64 times as long, however busy the
-    # machine is, and never comes through.
-    assert any(in_proportion() for _ in range(4))
-
-
-GROWING = ["if ", "[", "\n", "brake ", "7 ", "car and ", "no car or ", '{"a":', "- ", "?\n", "it ",
-           "a car ahead, ", "<think>", "frame 1 ", "\"if\" "]  # fmt: skip
+GROWING = ["if ", "[", "\n", "brake ", "7 ", "a car and ", "no car or ", '{"a":', "- ", "?\n",
+           "it ", "a car ahead, ", "<think>", "<a", "frame 1 ", "\"if\" ", "was ", "nobody ",
+           "left ", "brake and ", "it is ahead. ", "keep my ", "braking is not ", "critical: ",
+           "the car on the left of "]  # fmt: skip
 
 
 @pytest.mark.parametrize("unit", GROWING)
