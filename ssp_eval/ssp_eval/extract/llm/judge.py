@@ -9,7 +9,7 @@ right one, the VUT for an action, and somebody else for a motion.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
@@ -68,41 +68,31 @@ class Judged:
 
 
 def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judged:
-    """The slots that proposals fill, in the order of the slots.
-
-    Args:
-        text: the model's text.
-        found: what the rules found; a slot that is filled stays as it is.
-        proposals: of the LLM.
-    """
+    """The slots that the LLM's proposals fill; one that the rules found stays as it is."""
     bench = _Bench(text)
     filled: dict[str, Slot] = {}
     dropped: list[str] = []
     for name in SLOT_NAMES:
         if getattr(found, name) is not None:
             continue
-        taken: list[tuple[str, tuple[int, int]]] = []
+        labels: set[str] = set()
+        spans: set[tuple[int, int]] = set()
         for proposal in (one for one in proposals if one.slot == name):
-            if taken and name != "objects":
+            if labels and name != "objects":
                 dropped.append(f"{name}: a second answer")
                 continue
             place = bench.weigh(proposal)
             if isinstance(place, str):
                 dropped.append(f"{name}: {place}")
             else:
-                taken.append((proposal.label, place))
-        slot = _slot(text, name, taken)
+                labels.add(proposal.label)
+                spans.add(place)
+        several = tuple(sorted(labels - {NOBODY}))
+        value = several if name == "objects" else several[0] if labels else ""
+        slot = check(text, name, Slot(value, tuple(sorted(spans))))
         if slot is not None:
             filled[name] = slot
     return Judged(filled, tuple(dropped))
-
-
-def _slot(text: str, name: str, taken: list[tuple[str, tuple[int, int]]]) -> Slot | None:
-    if not taken:
-        return None
-    labels = sorted({label for label, _ in taken if label != NOBODY})
-    spans = tuple(sorted({span for _, span in taken}))
-    return check(text, name, Slot(tuple(labels) if name == "objects" else labels[0], spans))
 
 
 class _Bench:
@@ -117,14 +107,15 @@ class _Bench:
     def weigh(self, proposal: Proposal) -> tuple[int, int] | str:
         """The first place that supports a proposal, or why none does."""
         problem = "the quote isn't in the text"
-        for start, end in self._places(proposal.quote):
-            first = bisect_right(self.tokens.ends, start)
-            stop = bisect_left(self.tokens.starts, end)
-            if (
-                first >= stop
-                or self.tokens.starts[first] < start
-                or self.tokens.ends[stop - 1] > end
-            ):
+        starts, ends = self.tokens.starts, self.tokens.ends
+        start = -1
+        for _ in range(MAX_PLACES):
+            start = self.text.find(proposal.quote, start + 1)
+            if start < 0:
+                break
+            end = start + len(proposal.quote)
+            first, stop = bisect_right(ends, start), bisect_left(starts, end)
+            if first >= stop or starts[first] < start or ends[stop - 1] > end:
                 problem = "the quote cuts a word"
                 continue
             problem = self._misquoted(proposal, first, stop) or self._unasserted(
@@ -133,14 +124,6 @@ class _Bench:
             if not problem:
                 return start, end
         return problem
-
-    def _places(self, quote: str) -> Iterator[tuple[int, int]]:
-        at = -1
-        for _ in range(MAX_PLACES):
-            at = self.text.find(quote, at + 1)
-            if at < 0:
-                return
-            yield at, at + len(quote)
 
     def _misquoted(self, proposal: Proposal, first: int, stop: int) -> str:
         """Why a quote by itself can't support its label; empty where nothing speaks against it."""
@@ -217,10 +200,10 @@ class _Bench:
         flags = scopes(self.words, hits, sentences(hits))[place]
         if flags & ~_allowed(proposal, self.words[first]):
             return "the text doesn't assert it"
-        subject = self._subject(place, hits, first, stop)
-        if proposal.slot in _ACTIONS and subject == "user":
-            return "the text doesn't assert it of the right one"
-        if proposal.slot == "motion" and subject == "ego":
+        wrong = (
+            "user" if proposal.slot in _ACTIONS else "ego" if proposal.slot == "motion" else None
+        )
+        if self._subject(place, hits, first, stop) == wrong:
             return "the text doesn't assert it of the right one"
         return ""
 
@@ -280,11 +263,8 @@ def _is_another(proposal: Proposal, hit: Hit) -> bool:
         known = lexicon().values[slot].values()
         return hit.kind in ("verb", "noun", "action") and action in known and action != label
     if slot == "conflict":
-        return (
-            hit.kind == "conflict"
-            and hit.value in ("no_conflict", "resolved")
-            and (hit.value != label)
-        )
+        over = hit.kind == "conflict" and hit.value in ("no_conflict", "resolved")
+        return over and hit.value != label
     if slot == "position" and hit.kind == "place":
         parts = {*hit.value.split("_"), *label.split("_")}
         return {"left", "right"} <= parts or {"front", "rear"} <= parts
