@@ -27,12 +27,6 @@ class Scope(IntFlag):
     INTENDED = 512
 
 
-_FLAGS = {
-    "denied": Scope.DENIED, "imagined": Scope.IMAGINED, "possible": Scope.POSSIBLE,
-    "future": Scope.FUTURE, "past": Scope.PAST, "planned": Scope.PLANNED,
-    "rejected": Scope.REJECTED, "quoted": Scope.QUOTED, "later": Scope.LATER,
-    "intended": Scope.INTENDED, "": Scope(0),
-}  # fmt: skip
 _SUBJECTS = frozenset({"user", "pronoun", "ego", "scene"})
 _NOT_OF_THINGS = Scope.REJECTED | Scope.PLANNED | Scope.FUTURE | Scope.LATER | Scope.INTENDED
 _OPTIONS = frozenset({"options", "alternatives", "candidates", "choices"})
@@ -121,7 +115,7 @@ class _Sentence:
     def _cue(self, index: int, hit: Hit) -> None:
         name = hit.value
         cue = lexicon().cues[name]
-        flag, reach = _FLAGS[cue["flag"]], cue["reach"]
+        flag, reach = Scope[cue["flag"].upper()] if cue["flag"] else Scope(0), cue["reach"]
         self.flags[index] |= self.local | self.wide
         if name == "ticked":
             self.wide = self.local = Scope(0)
@@ -169,16 +163,11 @@ class _Sentence:
 
     def _answers(self, index: int) -> bool:
         """Cyclists: none. | lead vehicle | none |"""
-        before = self.words[self.hits[index].first - 1] if self.hits[index].first else ""
-        following = self.hits[index + 1] if index + 1 < self.stop else None
-        ends = following is None or following.kind == "mark" or self.words[
-            self.hits[index].first
-        ] == "none"  # fmt: skip
-        return (
-            before in (":", "|", ",")
-            and ends
-            and (before != "," or self.words[self.hits[index].first] == "none")
-        )
+        hit = self.hits[index]
+        before = self.words[hit.first - 1] if hit.first else ""
+        is_none = self.words[hit.first] == "none"
+        ends = is_none or index + 1 == self.stop or self.hits[index + 1].kind == "mark"
+        return ends and (before in (":", "|") or (before == "," and is_none))
 
     def _parenthetic(self, index: int) -> bool:
         """The SUV, however, is turning."""
@@ -209,14 +198,13 @@ class _Sentence:
                 self.flags[self.verb_at] |= flag
 
     def _and(self, index: int) -> None:
-        following = self.hits[index + 1] if index + 1 < self.stop else None
-        if following is None:
+        if index + 1 == self.stop:
             return
-        if following.kind == "user" and self.hits[index - 1].kind == "user":
-            return
-        if following.kind == "verb" and self.verb is not None and following.form == self.verb.form:
-            return
-        self._end(index)
+        following = self.hits[index + 1]
+        users = following.kind == "user" and self.hits[index - 1].kind == "user"
+        verbs = following.kind == "verb" and self.verb and following.form == self.verb.form
+        if not users and not verbs:
+            self._end(index)
 
 
 def _echoes(
