@@ -161,10 +161,8 @@ class Binder(Clause):
         """Whether "the car" is the VUT: no other is there, or it is said what it should do."""
         if hit.form != "the" or self.words[hit.first : hit.stop] not in (["car"], ["vehicle"]):
             return False
-        if (
-            self.words[hit.first - 1] != "the"
-            or self.words[hit.first - 2] in self.known.sets["prepositions_before_us"]
-        ):
+        article, before = self.words[hit.first - 1], self.words[hit.first - 2]
+        if article != "the" or before in self.known.sets["prepositions_before_us"]:
             return False
         after = self.words[hit.stop] if hit.stop < len(self.words) else "."
         if after in self.known.sets["openers_of_attributes"] or after.endswith("ing"):
@@ -175,12 +173,8 @@ class Binder(Clause):
         beyond = self._after(index, 2)
         if following.value == "is":
             told = beyond.kind in ("place", "towards", "state", "conflict", "affects", "critical")
-            moves = (
-                beyond.kind == "verb"
-                and beyond.value not in ("go", "say")
-                and (not self.known.verbs[beyond.value].ego)
-            )
-            if told or moves:
+            moves = beyond.kind == "verb" and beyond.value not in ("go", "say")
+            if told or (moves and not self.known.verbs[beyond.value].ego):
                 return False
         return known is None or known.parked
 
@@ -190,15 +184,11 @@ class Binder(Clause):
             self.subject, self.near = SCENE if self._after(index).value == "is" else EGO, None
             return
         following = self._after(index)
-        if hit.form != "the" and following.value == "may" and (
-            following.first == hit.stop
-        ):  # fmt: skip
+        if hit.form != "the" and following.value == "may" and following.first == hit.stop:
             flags |= Scope.POSSIBLE  # a child may run out: there is none
         if flags & (Scope.QUOTED | Scope.DENIED | Scope.IMAGINED | Scope.POSSIBLE | Scope.PAST):
-            known = self._known(hit)
-            kept = (
-                hit.form == "the" or flags == Scope.PAST or not self.words[hit.first - 1].isalpha()
-            )
+            known, alone = self._known(hit), not self.words[hit.first - 1].isalpha()
+            kept = hit.form == "the" or flags == Scope.PAST or alone
             if known is None and kept and not flags & (Scope.QUOTED | Scope.DENIED):
                 known = self._identify(hit)
                 known.first = self._said(known.name, hit)
@@ -212,7 +202,7 @@ class Binder(Clause):
             actor.mentions.append(self._said(actor.name, hit))
         self.named.append(actor)
         self.void = False
-        adjoining = index > self.start and self.hits[index - 1].kind == "user"
+        adjoining = self._before(index).kind == "user"
         self.near = self.last = actor
         if not self.busy and self.subject is not EGO and not adjoining:
             self.subject = actor
@@ -233,8 +223,7 @@ class Binder(Clause):
 
     def _reacted_to(self, index: int) -> bool:
         """Whether a commitment of the VUT stands right before: yield to the cyclist."""
-        for before in range(index - 1, max(index - 4, self.start - 1), -1):
-            hit = self.hits[before]
+        for hit in self._back(index, 3):
             if hit in self.planned:
                 return self.hits[index].first - hit.stop < 7
             if hit.kind not in ("place", "state", "braked_in_lane", "reacts", "noun"):
@@ -396,10 +385,8 @@ class Binder(Clause):
             return True
         if isinstance(self.subject, Actor):
             before = self._before(index)
-            finite = before is not None and (
-                before.kind in ("user", "pronoun", "relative")
-                or (before.kind == "cue" and before.value in _AUXILIARIES)
-            )
+            auxiliary = before.kind == "cue" and before.value in _AUXILIARIES
+            finite = auxiliary or before.kind in ("user", "pronoun", "relative")
             return hit.form != "base" or self.subject.plural or finite
         if self.subject is SCENE:
             return True
