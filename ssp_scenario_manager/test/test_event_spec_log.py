@@ -10,7 +10,7 @@ from typing import Any, get_args
 import pytest
 from pydantic import ValidationError
 
-from ssp_scenario_manager.event_spec.log import Kind, Record
+from ssp_scenario_manager.event_spec.log import EntryKind, Record
 
 
 def entry(**changes: Any) -> Record:
@@ -48,4 +48,4 @@ def test_the_document_shows_entries_that_are_valid_and_every_kind() -> None:
     entries = [Record.model_validate(json.loads(line)) for b in blocks for line in b.splitlines()]
     assert entries
     kinds = re.findall(r"`(\w+)`", " ".join(re.findall(r"^\| (.*?) \|", text, re.MULTILINE)))
-    assert set(get_args(Kind)) <= set(kinds)
+    assert set(get_args(EntryKind)) <= set(kinds)

@@ -111,7 +111,7 @@ def under(
     """A question under a condition.
 
     Args:
-        condition: one of controls.CONDITIONS; empty: the question itself.
+        condition: one of models.CONDITIONS; empty: the question itself.
         another: what would be asked at other_label_time; None where there is none. It is used
             where a request holds a single frame.
     """
@@ -158,7 +158,7 @@ class Repeats:
 
     Args:
         fresh: also where an answer is stored.
-        errors: at most this often after an error that may pass (client.PASSING).
+        errors: at most this often after an error that may pass (model_client.PASSING).
         pause_s: before the first repetition; doubled from each to the next, to 30 s at most.
     """
 

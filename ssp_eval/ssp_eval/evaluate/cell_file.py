@@ -111,7 +111,7 @@ class CellResult:
     Args:
         reasons: of a refusal or failure, the primary one first.
         score: METHOD 6.14, None unless ok.
-        losses: label times without an answer, counted by kind (client.Loss).
+        losses: label times without an answer, counted by kind (model_client.Loss).
         admission: admitted, refused, unpaired or unaudited (admission.py).
         admission_reasons: of a refusal, or why an audit of the recording doesn't hold any more.
         condition: under which the model was asked; empty: none.

@@ -47,7 +47,7 @@ class WrittenTopic:
 
 
 LIBRARY = f"ssp {__version__}"
-# A file's index is read as a whole, so it must stay far below bounds.MAX_SUMMARY_BYTES: when the
+# A file's index is read as a whole, so it must stay far below mcap_file.MAX_SUMMARY_BYTES: when the
 # chunk indexes reach this, the bag goes on in another file. With ten active topics and two chunks
 # a second that takes a day.
 INDEX_BYTES = 32 << 20

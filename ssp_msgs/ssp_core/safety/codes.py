@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class SafetyCode(IntEnum):
-    """1 to 19 are seen by the object itself, 20 and up by the supervisor of the session."""
+    """Names of limits that may be passed; docs/safety.md has a table of who judges which."""
 
     HEARTBEAT_LOST = 1
     STATE_STALE = 2

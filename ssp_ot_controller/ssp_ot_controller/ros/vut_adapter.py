@@ -21,7 +21,7 @@ _TELL_EVERY_S = 2.0
 
 
 class VutAdapter(Node):
-    """Thin node around vut.odometry.VutStates."""
+    """Thin node around bodies.odometry.VutStates."""
 
     def __init__(self, stop: ros.StopRequest) -> None:
         super().__init__(names.VUT_ADAPTER, namespace=names.NAMESPACE)

@@ -18,7 +18,7 @@ from ssp_core.run_file.values import Strict
 
 LOG_FILE = "log.jsonl"
 
-Kind = Literal[
+EntryKind = Literal[
     "source",  # hash, generator, original version and crop of the source clip
     "gate",  # a source clip that was refused, with one of the gate's reasons
     "extraction",  # a candidate was made: model, prompts, answers
@@ -55,7 +55,7 @@ class Record(Strict):
     """
 
     schema_: Literal["ssp.log/1"] = Field("ssp.log/1", alias="schema")
-    kind: Kind
+    kind: EntryKind
     when: Annotated[str, AfterValidator(_utc)]
     who: Text
     subject: Text = Field(description="what it is about: event, task, site or recording, by name")

@@ -119,7 +119,7 @@ class FaultEndpoints:
                         values.append(round(getattr(one, key), 5))
         return {"t_s": times, "wall_s": walls, "objects": objects}
 
-    # -- what faults ask for (inject.Hands) ------------------------------------------------------
+    # -- what faults ask for ---------------------------------------------------------------------
 
     def abort(self, reason: str) -> None:
         self._abort.call_async(SessionCommand.Request(requested_by=WHO, reason=reason))

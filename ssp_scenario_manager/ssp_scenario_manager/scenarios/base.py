@@ -1,6 +1,7 @@
 """What one kind of interaction says about itself: facts for the checks, a plan for the compiler.
 
-A further kind is one module with one ``Kind`` and one plan function, and a line in ``KINDS``.
+A further kind is one module with one ``Kind`` and one plan function, and a line in ``KINDS``;
+docs/architecture.md says what else knows of kinds.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ The way of a state of the VUT to a reference:
 3. ``inputs.StateInput.vut`` counts it and notes who was heard,
 4. ``session.Session.on_vut_state`` keeps it, and ``run.Run.see`` judges it by those before it,
 5. ``session.Session.judge_triggers`` asks
-6. ``progress.judge_triggers`` what the triggers want: for each of them
+6. ``progress.fire_due`` what the triggers want: for each of them
 7. ``triggers.evaluator.TriggerWatch.observe`` says whether it fires, and then
 8. ``dispatch.references.manoeuvre_reference`` plans what it sends;
 9. ``ros.endpoints.ObjectEndpoints.send`` publishes that.

@@ -42,7 +42,7 @@ def begin(run: Run, now_ns: int) -> list[outbox.Outgoing]:
     return facts
 
 
-def judge_triggers(
+def fire_due(
     run: Run, vut: ObjectState, targets: Mapping[str, ObjectState], now_ns: int
 ) -> list[outbox.Outgoing]:
     """What the triggers ask for at the VUT's newest state: references with their decision records.

@@ -210,7 +210,7 @@ class Session:
         run, vut = self._run, self.vut
         if run is None or vut is None or self.state is not SessionPhase.RUNNING:
             return []
-        return progress.judge_triggers(
+        return progress.fire_due(
             run, vut, self.targets if targets is None else targets, now_ns
         )
 

@@ -142,7 +142,7 @@ ABORT_STANDSTILL_S = 15.0
 SILENT_S = 1.0
 
 
-# What was measured over the links while the manager was late is believed for link_clock.WINDOW_S.
+# What was measured over the links while the manager was late is believed for link_quality.WINDOW_S.
 _REMEMBERED_S = WINDOW_S + 0.5
 
 

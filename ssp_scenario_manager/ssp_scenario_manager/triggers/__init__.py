@@ -1,3 +1,1 @@
-"""When a trigger fires: conditions, their evaluation, whether they could fire at all, and the
-phases.
-"""
+"""When a trigger fires: conditions, their evaluation, whether they could fire at all."""

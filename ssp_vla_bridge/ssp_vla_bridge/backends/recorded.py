@@ -28,7 +28,7 @@ RESPONSE_TYPE = "ssp_msgs/msg/VlaResponse"
 
 
 def response_of_message(message: Any) -> Response:
-    """The response in a decoded message (ssp_core.bag.BagReader.decode).
+    """The response in a decoded message (ssp_core.bag.reader.BagReader.decode).
 
     Raises:
         ValueError: its decoding facts are no JSON object.

@@ -16,7 +16,7 @@ from ssp_core.files import make_folder, write_bytes, write_json, write_text
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.run_file.shortlist import SHORTLIST_FILE
 from ssp_scenario_manager.compile.compiler import Compiled
-from ssp_scenario_manager.compile.targets.track import SHEET_FILE, write_sheet
+from ssp_scenario_manager.compile.targets.task_sheet import SHEET_FILE, write_sheet
 from ssp_scenario_manager.compile.task import (
     EVENT_FILE,
     RUN_FILE,

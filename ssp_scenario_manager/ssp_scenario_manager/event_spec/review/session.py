@@ -28,7 +28,7 @@ from ssp_scenario_manager.event_spec.checks.form import vocabulary
 from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
 from ssp_scenario_manager.event_spec.fields import get, within
 from ssp_scenario_manager.event_spec.load import body, event_text, event_version, load_event
-from ssp_scenario_manager.event_spec.log import Kind, Record, append_records
+from ssp_scenario_manager.event_spec.log import EntryKind, Record, append_records
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.event_spec.review.decisions import (
     NotAllowed,
@@ -64,7 +64,7 @@ class EventUnderReview:
 
     def record(
         self,
-        kind: Kind,
+        kind: EntryKind,
         reason: str,
         field: str | None = None,
         old: Any = None,
