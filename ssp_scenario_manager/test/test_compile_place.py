@@ -210,7 +210,13 @@ REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
         "cut_in",
         "north_track",
         {"camera.hfov_deg": 50.0},
-        r"camera\.hfov_deg is 50 deg, K\* needs 60\.0 to 100\.0",
+        r"camera\.hfov_deg is 50 deg, K\* needs at least 60",
+    ),
+    "small pictures": (
+        "cut_in",
+        "north_track",
+        {"camera.width_px": 240},
+        r"camera\.width_px is 240 px, K\* needs at least 640",
     ),
     "speed": ("cut_in", "north_track", {"limits.speed_mps": 10.0}, "the place allows 0 to 10 m/s"),
     "braking": (

@@ -23,7 +23,6 @@ from ssp_scenario_manager.maps.site import Region, Site, region_polygon
 from ssp_scenario_manager.scenarios.base import CannotPlace, Cross, Drive, Plan
 from ssp_scenario_manager.scenarios.block_places import left_kerb_m, right_kerb_m
 from ssp_scenario_manager.scenarios.motions import stopping_m
-from ssp_scenario_manager.scenarios.values import finite
 
 # A map says nothing about a fence: it is drawn this far beyond sidewalks and road.
 FENCE_MARGIN_M = 3.0
@@ -92,9 +91,10 @@ class OperatingArea:
             ("rate_hz", camera.rate_hz, need.rate.si, "Hz"),
         ):
             if needed.nearest(value) != value:
+                below = value < needed.low
                 raise CannotPlace(
-                    f"the site's camera.{name} is {value:g} {unit}, K* needs {finite(needed.low)} "
-                    f"to {finite(needed.high)}"
+                    f"the site's camera.{name} is {value:g} {unit}, K* needs at "
+                    f"{'least' if below else 'most'} {needed.low if below else needed.high:g}"
                 )
         return camera
 

@@ -23,7 +23,14 @@ from ssp_scenario_manager.compile.validate import Validated, read_validation
 from ssp_scenario_manager.event_spec.checks.base import Failure
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, read_event_file, refuse_old
-from ssp_scenario_manager.event_spec.log import EntryKind, Record, log_path, read_log, refusal, utc_now
+from ssp_scenario_manager.event_spec.log import (
+    EntryKind,
+    Record,
+    log_path,
+    read_log,
+    refusal,
+    utc_now,
+)
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library

@@ -210,9 +210,7 @@ class Session:
         run, vut = self._run, self.vut
         if run is None or vut is None or self.state is not SessionPhase.RUNNING:
             return []
-        return progress.fire_due(
-            run, vut, self.targets if targets is None else targets, now_ns
-        )
+        return progress.fire_due(run, vut, self.targets if targets is None else targets, now_ns)
 
     def step(self, now_ns: int) -> None:
         """Judges the states of one instant: triggers, limits, phases, the end of the run.
