@@ -15,7 +15,7 @@ from ssp_core.run_file.model import Camera
 from ssp_ot_controller.camera.kernels.jit import Array
 
 _QUICK_PX = 2_100_000  # 1920 x 1080 and a little
-_QUICK_FRAME_S, _SLOW_FRAME_S = 1.5, 15.0
+_QUICK_FRAME_S, _SLOW_FRAME_S = 3.0, 15.0
 HOLD_PERIOD_NS = NS_PER_S  # while the world holds at step 0
 
 
