@@ -17,6 +17,8 @@ _STAMP = struct.Struct("<iI")
 LOSS_NS = 1_000_000_000
 # The recorder has more to do than the load.
 LATE_FACTOR = 3
+# Messages of a topic that may be sent before its subscription is matched.
+UNMATCHED = 3
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,12 @@ def missing(
         Sentences; none when all is there, in the order in which it was sent.
     """
     problems = []
-    for name, messages in held(bag, topics).items():
+    found = held(bag, topics)
+    # Since when the recording surely listened: its first message, of whatever topic.
+    there = {(name, one.number) for name, messages in found.items() for one in messages}
+    since_ns = min((s.steady_ns for s in sent if (s.topic, s.number) in there), default=0)
+    latched = {topic.name for topic in topics if topic.latched}
+    for name, messages in found.items():
         numbers = [message.number for message in messages]
         due = [
             s.number
@@ -86,7 +93,10 @@ def missing(
             if s.topic == name and (until_ns is None or s.steady_ns <= until_ns)
         ]
         if not numbers:
-            if due:
+            # A subscription is matched some time after another one's first message.
+            listened = [s for s in sent if s.number in due and s.topic == name]
+            listened = [s for s in listened if s.steady_ns >= since_ns]
+            if due and (name in latched or len(listened) >= UNMATCHED):
                 problems.append(f"{name}: nothing of {due[0]} to {due[-1]}")
             continue
         expected = list(range(numbers[0], max([numbers[-1], *due]) + 1))
