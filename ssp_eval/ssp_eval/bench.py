@@ -65,9 +65,10 @@ def run_benchmark(folder: Path, name: str, long: bool) -> list[dict[str, Any]]:
     Raises:
         PeerError: it failed; the message ends with its last lines.
     """
+    path = os.pathsep.join(filter(None, (str(folder.parent), os.environ.get("PYTHONPATH"))))
     done = subprocess.run(
         [sys.executable, f"{name}.py"], cwd=folder, capture_output=True, text=True, check=False,
-        env={**os.environ, "SSP_BENCH_LONG": "1" if long else ""},
+        env={**os.environ, "PYTHONPATH": path, "SSP_BENCH_LONG": "1" if long else ""},
     )  # fmt: skip
     if done.returncode != 0:
         tail = "\n".join(done.stderr.splitlines()[-10:])

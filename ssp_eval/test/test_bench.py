@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from pathlib import Path
 from typing import Any
@@ -67,3 +68,12 @@ def test_programs_get_the_run_in_the_middle_and_how_many_missed(
     _, shown, _ = measured(monkeypatch, [MISSED, KEPT, KEPT | {"ours": 1.1}], "--json")
     told = json.loads(shown)
     assert (told["ours"], told["kept"], told["runs"], told["missed"]) == (1.2, True, 3, 1)
+
+
+@pytest.mark.parametrize("name", bench.BENCHMARKS)
+def test_each_benchmark_finds_all_that_it_imports(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "tests"))
+    monkeypatch.syspath_prepend(str(ROOT / "tests" / "bench"))
+    assert callable(importlib.import_module(name).main)

@@ -83,6 +83,10 @@ def measure(way: str) -> None:
     )
 
 
+def main() -> None:
+    for way in ("array", "single"):
+        measure(way)
+
+
 if __name__ == "__main__":
-    for case in ("array", "single"):
-        measure(case)
+    main()
