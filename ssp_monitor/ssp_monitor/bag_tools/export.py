@@ -6,7 +6,8 @@ import csv
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -22,7 +23,9 @@ from ssp_core.console import note, out, progress
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import new_folder
 from ssp_monitor.bag_tools.selection import chosen_span, chosen_topics, span_options
-from ssp_monitor.bag_tools.tables import CsvFile, Layout, ParquetFile, TableFile, layout_of
+from ssp_monitor.bag_tools.tables import Layout, layout_of
+
+Span = tuple[int | None, int | None]  # log times, ns
 
 
 class Losses:
@@ -42,7 +45,7 @@ def write_images(
     topic: str,
     folder: Path,
     suffix: str,
-    span: tuple[int | None, int | None],
+    span: Span,
     losses: Losses,
     advance: Callable[[int], None],
 ) -> int:
@@ -98,7 +101,7 @@ def write_video(
     bag: BagReader,
     topic: str,
     stem: Path,
-    span: tuple[int | None, int | None],
+    span: Span,
     losses: Losses,
     advance: Callable[[int], None],
 ) -> tuple[list[Path], int]:
@@ -169,31 +172,6 @@ _OPEN_TABLES = 64
 
 
 @dataclass(frozen=True, slots=True)
-class ExportOptions:
-    """What to export.
-
-    Args:
-        topics: of the bag.
-        start_ns: first log time, None: from the beginning.
-        stop_ns: the first log time that is left out, None: there is none.
-        frames: ``.jpg`` or ``.png`` for one file per frame, None for none.
-        video: an MP4 per image topic.
-    """
-
-    topics: Sequence[str]
-    start_ns: int | None = None
-    stop_ns: int | None = None
-    frames: str | None = None
-    video: bool = False
-    csv: bool = False
-    parquet: bool = False
-
-    @property
-    def span(self) -> tuple[int | None, int | None]:
-        return self.start_ns, self.stop_ns
-
-
-@dataclass(frozen=True, slots=True)
 class Written:
     """One thing that was exported: its topic, file or folder, and how many rows or frames."""
 
@@ -211,159 +189,153 @@ class ExportReport:
     notes: list[str] = field(default_factory=list)
 
 
-def export_bag(
-    bag: BagReader,
-    wanted: ExportOptions,
-    target: Path,
-    advance: Callable[[int], None] = lambda _: None,
-) -> ExportReport:
-    """Writes the files; the bag stays as it is, and memory doesn't grow with it.
+@dataclass(slots=True)
+class Export:
+    """One export; the bag stays as it is, and memory doesn't grow with it.
 
     Args:
         bag: open for reading.
-        target: folder to make; must not exist.
+        topics: of the bag.
+        span: first log time and the first that is left out; None: that side is open.
+        frames: ``.jpg`` or ``.png`` for one file per frame, None for none.
+        video: an MP4 per image topic.
+        tables: a CSV file per topic.
         advance: called with the number of messages and frames done since the last call.
-
-    Raises:
-        InputError: the target exists, the bag is damaged where it is read, or nothing in it can be
-            exported as it was asked for.
-        HostError: the disk doesn't take it, or pyarrow is missing for Parquet.
     """
-    try:
-        with new_folder(target, "name a new folder") as folder:
-            folder.mkdir()
-            export = _Export(bag, wanted, folder, advance)
-            export.pictures()
-            export.tables()
-            if not any(folder.iterdir()):
-                raise export.nothing()
-    except av.error.FFmpegError as error:
-        raise HostError(f"{target}: can't be written: {error.strerror or error}") from error
-    return export.report
+
+    bag: BagReader
+    topics: Sequence[str]
+    span: Span = (None, None)
+    frames: str | None = None
+    video: bool = False
+    tables: bool = False
+    advance: Callable[[int], None] = lambda _: None
+    report: ExportReport = field(default_factory=ExportReport)
+
+    def into(self, target: Path) -> ExportReport:
+        """Writes the files into a new folder.
+
+        Raises:
+            InputError: the folder exists, the bag is damaged where it is read, or nothing in it
+                can be exported as it was asked for.
+            HostError: the disk doesn't take it.
+        """
+        files = FileNames()
+        names = {topic: files.of(topic) for topic in self.topics}
+        try:
+            with new_folder(target, "name a new folder") as folder:
+                folder.mkdir()
+                if self.frames is not None or self.video:
+                    self._write_pictures(folder, names)
+                if self.tables:
+                    self._write_tables(folder, names)
+                if not any(folder.iterdir()):
+                    raise self._nothing()
+        except av.error.FFmpegError as error:
+            raise HostError(f"{target}: can't be written: {error.strerror or error}") from error
+        return self.report
+
+    def _write_pictures(self, folder: Path, names: Mapping[str, str]) -> None:
+        written, notes = self.report.written, self.report.notes
+        images = set(image_topics(self.bag))
+        chosen = [topic for topic in self.topics if topic in images]
+        if not chosen:
+            notes.append("none of the topics holds images")
+        for topic in chosen:
+            name, losses = names[topic], Losses()
+            if self.frames is not None:
+                count = write_images(
+                    self.bag, topic, folder / name, self.frames, self.span, losses, self.advance
+                )
+                written.append(Written(topic, f"{name}/", count, "frames"))
+            if self.video:
+                losses = Losses()  # the same ones once more
+                files, count = write_video(
+                    self.bag, topic, folder / name, self.span, losses, self.advance
+                )
+                listed = ", ".join(file.name for file in files) or "-"
+                written.append(Written(topic, listed, count, "frames"))
+                if len(files) > 1:
+                    notes.append(f"{topic}: the frames change their size; one file for each")
+            if losses.count:
+                notes.append(
+                    f"{topic}: {losses.count} frames left out that are no pictures; {losses.first}"
+                )
+
+    def _nothing(self) -> InputError:
+        """What to say when no file was made."""
+        if self.tables:
+            filled = [name for name, info in self.bag.topics.items() if info.count]
+            can = f"messages are in {_some(filled)}" if filled else "the bag holds no messages"
+        else:
+            images = image_topics(self.bag)
+            can = f"images are in {_some(images)}" if images else "the bag holds no images"
+            can += "; --csv exports tables of any topic"
+        why = f": {'; '.join(self.report.notes[:3])}" if self.report.notes else ""
+        return InputError(f"nothing to export{why}", file=self.bag.path, remedy=can)
+
+    def _write_tables(self, folder: Path, names: Mapping[str, str]) -> None:
+        layouts = dict(self._layouts())
+        topics = list(layouts)
+        for begin in range(0, len(topics), _OPEN_TABLES):
+            some = {topic: layouts[topic] for topic in topics[begin : begin + _OPEN_TABLES]}
+            self._write_some(folder, names, some)
+
+    def _layouts(self) -> Iterator[tuple[str, Layout]]:
+        notes = self.report.notes
+        for topic in self.topics:
+            info = self.bag.topics[topic]
+            if not info.count:
+                notes.append(f"{topic}: no messages, so no table")
+                continue
+            try:
+                layout = layout_of(self.bag.store(topic), info.msgtype)
+            except (InputError, ValueError) as error:
+                notes.append(f"{topic}: no table: {error}")
+                continue
+            if layout.left_out:
+                left_out = ", ".join(layout.left_out)
+                notes.append(f"{topic}: left out of the table: {left_out} (bytes)")
+            yield topic, layout
+
+    def _write_some(
+        self, folder: Path, names: Mapping[str, str], layouts: Mapping[str, Layout]
+    ) -> None:
+        """Tables in one pass; lists stand in a cell as JSON, seconds with all their digits."""
+        rows: Counter[str] = Counter()
+        damaged: Counter[str] = Counter()
+        first: dict[str, str] = {}
+        with ExitStack() as stack:
+            tables = {}
+            for topic, layout in layouts.items():
+                # What no UTF-8 can hold must not end the export.
+                stream = (folder / f"{names[topic]}.csv").open(
+                    "w", encoding="utf-8", errors="backslashreplace", newline=""
+                )
+                tables[topic] = csv.writer(stack.enter_context(stream), lineterminator="\n")
+                tables[topic].writerow(layout.names)
+            for message in self.bag.messages(list(layouts), *self.span):
+                try:
+                    decoded = self.bag.decode(message)
+                except InputError as error:
+                    damaged[message.topic] += 1
+                    first.setdefault(message.topic, str(error))
+                    continue
+                for row in layouts[message.topic].rows(message, decoded):
+                    tables[message.topic].writerow(row)
+                    rows[message.topic] += 1
+                self.advance(1)
+        for topic in layouts:
+            self.report.written.append(Written(topic, f"{names[topic]}.csv", rows[topic], "rows"))
+        for topic, count in damaged.items():
+            self.report.notes.append(
+                f"{topic}: {count} messages left out; the first: {first[topic]}"
+            )
 
 
 def _some(topics: Iterable[str], most: int = 8) -> str:
     named = sorted(topics)
     return ", ".join(named[:most]) + (f" and {len(named) - most} more" * (len(named) > most))
-
-
-class _Export:
-    def __init__(
-        self, bag: BagReader, wanted: ExportOptions, folder: Path, advance: Callable[[int], None]
-    ) -> None:
-        self._bag, self._wanted, self._folder, self._advance = bag, wanted, folder, advance
-        names = FileNames()
-        self._names = {topic: names.of(topic) for topic in wanted.topics}
-        self.report = ExportReport()
-
-    def pictures(self) -> None:
-        """Frames and videos, topic by topic."""
-        if self._wanted.frames is None and not self._wanted.video:
-            return
-        images = set(image_topics(self._bag))
-        chosen = [topic for topic in self._wanted.topics if topic in images]
-        if not chosen:
-            self.report.notes.append("none of the topics holds images")
-        for topic in chosen:
-            if self._wanted.frames is not None:
-                self._images(topic, self._wanted.frames)
-            if self._wanted.video:
-                self._video(topic)
-
-    def _images(self, topic: str, suffix: str) -> None:
-        name, losses = self._names[topic], Losses()
-        count = write_images(
-            self._bag, topic, self._folder / name, suffix, self._wanted.span, losses, self._advance
-        )
-        self.report.written.append(Written(topic, f"{name}/", count, "frames"))
-        self._lost(topic, losses)
-
-    def _video(self, topic: str) -> None:
-        losses = Losses()
-        stem = self._folder / self._names[topic]
-        files, count = write_video(self._bag, topic, stem, self._wanted.span, losses, self._advance)
-        listed = ", ".join(file.name for file in files) or "-"
-        self.report.written.append(Written(topic, listed, count, "frames"))
-        if len(files) > 1:
-            self.report.notes.append(f"{topic}: the frames change their size; one file for each")
-        if self._wanted.frames is None:
-            self._lost(topic, losses)
-
-    def _lost(self, topic: str, losses: Losses) -> None:
-        if losses.count:
-            self.report.notes.append(
-                f"{topic}: {losses.count} frames left out that are no pictures; {losses.first}"
-            )
-
-    def nothing(self) -> InputError:
-        """What to say when no file was made."""
-        if self._wanted.csv or self._wanted.parquet:
-            filled = [name for name, info in self._bag.topics.items() if info.count]
-            can = f"messages are in {_some(filled)}" if filled else "the bag holds no messages"
-        else:
-            images = image_topics(self._bag)
-            can = f"images are in {_some(images)}" if images else "the bag holds no images"
-            can += "; --csv and --parquet export tables of any topic"
-        why = f": {'; '.join(self.report.notes[:3])}" if self.report.notes else ""
-        return InputError(f"nothing to export{why}", file=self._bag.path, remedy=can)
-
-    def tables(self) -> None:
-        """All topics, a few dozen at a time."""
-        kinds: list[type[CsvFile | ParquetFile]] = []
-        kinds += [CsvFile] if self._wanted.csv else []
-        kinds += [ParquetFile] if self._wanted.parquet else []
-        topics = list(self._layouts()) if kinds else []
-        for begin in range(0, len(topics), _OPEN_TABLES):
-            self._pass(topics[begin : begin + _OPEN_TABLES], kinds)
-
-    def _layouts(self) -> Iterator[tuple[str, Layout]]:
-        for topic in self._wanted.topics:
-            info = self._bag.topics[topic]
-            if not info.count:
-                self.report.notes.append(f"{topic}: no messages, so no table")
-                continue
-            try:
-                layout = layout_of(self._bag.store(topic), info.msgtype)
-            except (InputError, ValueError) as error:
-                self.report.notes.append(f"{topic}: no table: {error}")
-                continue
-            if layout.left_out:
-                self.report.notes.append(
-                    f"{topic}: left out of the table: {', '.join(layout.left_out)} (bytes)"
-                )
-            yield topic, layout
-
-    def _pass(
-        self, topics: Sequence[tuple[str, Layout]], kinds: Sequence[type[CsvFile | ParquetFile]]
-    ) -> None:
-        layouts = dict(topics)
-        tables: dict[str, list[TableFile]] = {}
-        damaged: dict[str, tuple[int, str]] = {}
-        with ExitStack() as stack:
-            for topic, layout in topics:
-                tables[topic] = []
-                for kind in kinds:
-                    path = self._folder / f"{self._names[topic]}{kind.suffix}"
-                    table: TableFile = kind(path, layout.columns)
-                    stack.callback(table.close)
-                    tables[topic].append(table)
-            for message in self._bag.messages(list(layouts), *self._wanted.span):
-                try:
-                    decoded = self._bag.decode(message)
-                except InputError as error:
-                    count, first = damaged.get(message.topic, (0, str(error)))
-                    damaged[message.topic] = (count + 1, first)
-                    continue
-                for row in layouts[message.topic].rows(message, decoded):
-                    for table in tables[message.topic]:
-                        table.write(row)
-                self._advance(1)
-        for topic, written in tables.items():
-            for kind, filled in zip(kinds, written, strict=True):
-                name = f"{self._names[topic]}{kind.suffix}"
-                self.report.written.append(Written(topic, name, filled.rows, "rows"))
-        for topic, (count, first) in damaged.items():
-            self.report.notes.append(f"{topic}: {count} messages left out; the first: {first}")
 
 
 @click.command("export")
@@ -376,7 +348,6 @@ class _Export:
 )
 @click.option("--video", is_flag=True, help="An MP4 per image topic, at the recorded times.")
 @click.option("--csv", is_flag=True, help="A table per topic as CSV.")
-@click.option("--parquet", is_flag=True, help="A table per topic as Parquet (needs pyarrow).")
 @click.option(
     "-o", "--out", "target", type=click.Path(path_type=Path), required=True, help="New folder."
 )
@@ -390,7 +361,6 @@ def export_command(
     frames: str | None,
     video: bool,
     csv: bool,
-    parquet: bool,
     target: Path,
     json_: bool,
 ) -> None:
@@ -399,22 +369,23 @@ def export_command(
     Tables have one row per message, or per item where a message is an array of messages; nested
     fields have dotted names, and times stand in ns and in s.
     """
-    if not (frames or video or csv or parquet):
-        raise click.UsageError("nothing to export: give --frames, --video, --csv or --parquet")
+    if not (frames or video or csv):
+        raise click.UsageError("nothing to export: give --frames, --video or --csv")
     with BagReader(source) as bag:
-        start_ns, stop_ns = chosen_span(bag, start, end)
-        wanted = ExportOptions(
-            topics=chosen_topics(bag, topics, exclude),
-            start_ns=start_ns,
-            stop_ns=stop_ns,
-            frames=f".{frames}" if frames else None,
-            video=video,
-            csv=csv,
-            parquet=parquet,
-        )
+        span = chosen_span(bag, start, end)
+        chosen = chosen_topics(bag, topics, exclude)
         with progress("exporting", None) as bar:
             task = bar.task_ids[0]
-            report = export_bag(bag, wanted, target, lambda count: bar.advance(task, count))
+            export = Export(
+                bag,
+                chosen,
+                span,
+                f".{frames}" if frames else None,
+                video,
+                csv,
+                lambda count: bar.advance(task, count),
+            )
+            report = export.into(target)
     if json_:
         click.echo(json.dumps({"path": str(target), **asdict(report)}, indent=1))
         return
