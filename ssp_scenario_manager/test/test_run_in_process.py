@@ -19,7 +19,7 @@ from ssp_core.errors import InputError
 from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.run.in_process import result_json, run_in_process, save_states
-from ssp_scenario_manager.run.sweep import Choice, Row, Span, Sweep, for_one_process, run_sweep
+from ssp_scenario_manager.run.sweep import Row, Sweep, Variation, for_one_process, run_sweep
 
 MakeRun = Callable[..., RunSpec]
 
@@ -147,87 +147,26 @@ print(run_in_process(load_run({str(tmp_path / "run.json")!r}))[0].verdict.name)
 # -- sweeps ------------------------------------------------------------------------------------
 
 
-def small_sweep(spec: RunSpec, runs: int = 4) -> Sweep:
-    variations = (Span("driver.cruise_mps", 9.5, 10.5), Choice("limits.jump_m", (1.0, 2.0)))
-    return Sweep(spec, variations, runs)
-
-
-def ignore(row: Row) -> None:
-    """Nobody watches."""
-
-
 def test_a_sweep_has_a_row_per_run_and_the_same_bytes_for_any_number_of_jobs(
     make_run: MakeRun, tmp_path: Path
 ) -> None:
-    sweep = small_sweep(make_run(disturbance=LinkDisturbance(position_noise_m=0.02)))
+    spec = make_run(disturbance=LinkDisturbance(position_noise_m=0.02))
+    cruise = Variation("driver.cruise_mps", (9.5, 10.5), drawn=True)
+    sweep = Sweep(spec, (cruise, Variation("limits.jump_m", (1.0, 2.0))), 4)
     seen: list[Row] = []
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
     rows = run_sweep(sweep, tmp_path / "one", 1, seen.append)
-    run_sweep(sweep, tmp_path / "two", 2, ignore)
+    run_sweep(sweep, tmp_path / "two", 2, lambda _: None)
     text = (tmp_path / "one" / "runs.csv").read_bytes()
     assert text == (tmp_path / "two" / "runs.csv").read_bytes()
     table = list(csv.DictReader(text.decode().splitlines()))
     assert seen == rows
-    assert [(r["run"], r["seed"]) for r in table] == [
-        ("0", "1"),
-        ("1", "2"),
-        ("2", "3"),
-        ("3", "4"),
-    ]
+    assert [(r["run"], r["seed"]) for r in table] == [(str(k), str(k + 1)) for k in range(4)]
     assert [float(r["limits.jump_m"]) for r in table] == [1.0, 2.0, 1.0, 2.0]
     assert {r["verdict"] for r in table} == {"valid"}
     assert len({r["time_gap_s"] for r in table}) == 4
     assert all(math.isfinite(float(r["min_distance_m"])) for r in table)
-
-
-@pytest.mark.parametrize("cut_bytes", [0, 1, 30])
-def test_a_sweep_that_was_interrupted_goes_on_where_it_was(
-    make_run: MakeRun, tmp_path: Path, cut_bytes: int
-) -> None:
-    spec = make_run(end=make_run().end.model_copy(update={"at_latest_s": 0.5}))
-    whole = small_sweep(spec)
-    run_sweep(whole, tmp_path / "whole", 1, ignore)
-    expected = (tmp_path / "whole" / "runs.csv").read_bytes()
-    run_sweep(small_sweep(spec, 2), tmp_path / "part", 1, ignore)
-    path = tmp_path / "part" / "runs.csv"
-    kept = path.read_bytes()
-    assert expected.startswith(kept)
-    path.write_bytes(kept[: len(kept) - cut_bytes])
-    run_sweep(whole, tmp_path / "part", 1, ignore)
-    assert path.read_bytes() == expected
-
-
-def test_rows_that_are_there_are_not_run_again(
-    make_run: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    spec = make_run(end=make_run().end.model_copy(update={"at_latest_s": 0.5}))
-    sweep = small_sweep(spec, 3)
-    first = run_sweep(sweep, tmp_path, 1, ignore)
-
-    def refuse(*_: object) -> None:
-        raise AssertionError("it ran again")
-
-    monkeypatch.setattr("ssp_scenario_manager.run.sweep.run_in_process", refuse)
-    assert run_sweep(sweep, tmp_path, 1, ignore) == first
-    whole = (tmp_path / "runs.csv").read_bytes()
-    assert run_sweep(small_sweep(spec, 1), tmp_path, 1, ignore) == first[:1]
-    assert (tmp_path / "runs.csv").read_bytes() == whole
-
-
-def test_the_folder_of_another_sweep_is_refused(make_run: MakeRun, tmp_path: Path) -> None:
-    spec = make_run(end=make_run().end.model_copy(update={"at_latest_s": 0.5}))
-    run_sweep(small_sweep(spec, 1), tmp_path, 1, ignore)
-    for other, field in (
-        (small_sweep(spec.model_copy(update={"seed": 9}), 1), "seed"),
-        (Sweep(spec, (Choice("limits.jump_m", (1.0,)),), 1), "vary"),
-        (small_sweep(make_run(), 1), "run"),
-    ):
-        with pytest.raises(InputError, match="holds another sweep") as caught:
-            run_sweep(other, tmp_path, 1, ignore)
-        assert caught.value.field == field
-    rows = (tmp_path / "runs.csv").read_text().replace("\n0,1,", "\n0,2,")
-    (tmp_path / "runs.csv").write_text(rows)
-    with pytest.raises(InputError, match="isn't as the sweep left it"):
-        run_sweep(small_sweep(spec, 1), tmp_path, 1, ignore)
 
 
 @pytest.mark.parametrize(

@@ -32,18 +32,11 @@ from ssp_scenario_manager.faults.evidence import (
 )
 from ssp_scenario_manager.faults.judge import Judged, Nominal, fault_of, judge, nominal_of
 from ssp_scenario_manager.faults.matrix import Cell, Expected, NotApplicable, Row, Stage
-from ssp_scenario_manager.run.faults import RUNNER_KINDS
+from ssp_scenario_manager.run.faults import NEED_PROCESSES
 from ssp_scenario_manager.run.in_process import InProcessSession, Record, judged
 from ssp_scenario_manager.run.sweep import for_one_process
 
-# Of the runner's faults, those that need no process.
-_ALSO = ("operator_abort", "trigger_never")
 MANAGER = "scenario_manager"
-
-
-def possible(kind: str) -> bool:
-    """Whether a kind of fault can be injected without processes."""
-    return kind not in RUNNER_KINDS or kind in _ALSO
 
 
 def run_for_evidence(spec: RunSpec) -> Evidence:
@@ -231,7 +224,7 @@ def run_cells(scene: FaultScenario, cells: list[tuple[Row, Stage]]) -> Iterator[
     """Runs and judges cells; one that was run before, with the same run file, is judged again."""
     for row, stage in cells:
         cell = row.cell(stage, scene.nominal.moves[stage])
-        if isinstance(cell, Expected) and scene.way == "in_process" and not possible(row.kind):
+        if isinstance(cell, Expected) and scene.way == "in_process" and row.kind in NEED_PROCESSES:
             cell = NotApplicable("needs processes of its own")
         if isinstance(cell, NotApplicable):
             yield CellResult(scene, row, stage, cell)

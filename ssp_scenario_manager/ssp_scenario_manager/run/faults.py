@@ -29,7 +29,8 @@ _HELD_SHARE = 0.7
 # longer than the second isn't struck by the signal.
 _STANDS_S = 0.3
 _SETTLES_S = 1.0
-RUNNER_KINDS = frozenset((*_OF_NODES, *_OF_REFERENCES, "operator_abort", "trigger_never"))
+NEED_PROCESSES = frozenset((*_OF_NODES, *_OF_REFERENCES))
+RUNNER_KINDS = NEED_PROCESSES | {"operator_abort", "trigger_never"}
 
 
 class FaultActions(Protocol):

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import csv
-import difflib
-import io
 import itertools
 import json
+import math
 import multiprocessing
 import re
 import tempfile
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -26,19 +26,11 @@ import numpy as np
 from ssp_core import console
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import (
-    make_folder,
-    parse_model,
-    read_mapping,
-    write_bytes,
-    write_json,
-    write_text,
-)
-from ssp_core.hashing import sha256_json
+from ssp_core.files import make_folder, parse_model, write_json, write_text
 from ssp_core.run_file.model import RunSpec
 from ssp_core.terminal import ignore_stop_signals
 from ssp_core.vocabulary import Phase
-from ssp_scenario_manager.run.faults import RUNNER_KINDS, with_conditions_never_met
+from ssp_scenario_manager.run.faults import NEED_PROCESSES, RUNNER_KINDS, with_conditions_never_met
 from ssp_scenario_manager.run.in_process import (
     InProcessResult,
     result_json,
@@ -54,38 +46,24 @@ _WORDS = {"true": True, "false": False, "null": None}
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
-    """These values in turn."""
+class Variation:
+    """What one field of the run file is given.
+
+    Args:
+        field: its dotted path, such as ``driver.cruise_mps`` or ``triggers.0.lead_time_s``.
+        values: taken in turn; of a drawn one its lower and upper bound.
+        drawn: a number between the bounds is drawn for each run.
+    """
 
     field: str
     values: tuple[Any, ...]
-
-    def __str__(self) -> str:
-        return f"{self.field}={','.join(map(_word, self.values))}"
-
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """A number between two bounds, drawn evenly for each run."""
-
-    field: str
-    low: float
-    high: float
-
-    def __str__(self) -> str:
-        return f"{self.field}={self.low}:{self.high}"
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        return self.low, self.high
+    drawn: bool = False
 
     def draw(self, seed: int, run: int) -> float:
         """The value of one run: a function of seed, field and run alone."""
         random = np.random.default_rng([seed, zlib.crc32(self.field.encode()), run])
-        return self.low + (self.high - self.low) * float(random.random())
-
-
-Variation = Choice | Span
+        low, high = self.values
+        return float(low + (high - low) * float(random.random()))
 
 
 def parse_variation(text: str) -> Variation:
@@ -94,36 +72,24 @@ def parse_variation(text: str) -> Variation:
     Raises:
         InputError: no such form, or bounds that are no rising numbers.
     """
-    field, equals, values = text.partition("=")
+    field, _, values = text.partition("=")
     field = field.strip()
-    if not (equals and field and values.strip()):
+    if not (field and values.strip()):
         raise InputError(
             "is no FIELD=VALUES",
             field=OPTION,
             value=text,
             remedy="give one such as driver.cruise_mps=11:15 or disturbance.reorder=0,0.1",
         )
-    if ":" in values:
-        low, high = (_scalar(part, text) for part in _bounds(values, text))
-        if not (_is_number(low) and _is_number(high) and low < high):
-            raise InputError(
-                "needs a lower and an upper bound", field=OPTION, value=text, remedy="such as 11:15"
-            )
-        return Span(field, float(low), float(high))
-    return Choice(field, tuple(_scalar(part, text) for part in values.split(",")))
-
-
-def _bounds(values: str, text: str) -> list[str]:
-    parts = values.split(":")
-    if len(parts) != 2:
-        raise InputError(
-            "has more than two bounds", field=OPTION, value=text, remedy="such as 11:15"
-        )
-    return parts
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    if ":" not in values:
+        return Variation(field, tuple(_scalar(part, text) for part in values.split(",")))
+    with suppress(ValueError):
+        low, high = map(float, values.split(":"))
+        if low < high and math.isfinite(high - low):
+            return Variation(field, (low, high), drawn=True)
+    raise InputError(
+        "needs a lower and an upper bound", field=OPTION, value=text, remedy="such as 11:15"
+    )
 
 
 def _scalar(part: str, text: str) -> Any:
@@ -141,17 +107,12 @@ def _scalar(part: str, text: str) -> Any:
     return word
 
 
-def _word(value: Any) -> str:
-    """As ``_scalar`` reads it."""
-    return next((word for word, known in _WORDS.items() if known is value), str(value))
-
-
 def grid(variations: Sequence[Variation]) -> list[dict[str, Any]]:
     """Every combination of the values that are taken in turn; the last one changes fastest."""
-    choices = [v for v in variations if isinstance(v, Choice)]
+    in_turn = [v for v in variations if not v.drawn]
     return [
-        {choice.field: value for choice, value in zip(choices, values, strict=True)}
-        for values in itertools.product(*(choice.values for choice in choices))
+        {v.field: value for v, value in zip(in_turn, values, strict=True)}
+        for values in itertools.product(*(v.values for v in in_turn))
     ]
 
 
@@ -163,99 +124,46 @@ def values_of(variations: Sequence[Variation], seed: int, run: int) -> dict[str,
     """
     cells = grid(variations)
     cell = cells[run % len(cells)]
-    return {
-        v.field: v.draw(seed, run) if isinstance(v, Span) else cell[v.field] for v in variations
-    }
+    return {v.field: v.draw(seed, run) if v.drawn else cell[v.field] for v in variations}
 
 
-class Variable:
-    """A run of which single fields can be given other values."""
+def with_values(spec: RunSpec, values: dict[str, Any], seed: int) -> RunSpec:
+    """The run with other values of single fields, by their dotted paths.
 
-    def __init__(self, spec: RunSpec) -> None:
-        self._spec = spec
-        self._data = spec.model_dump(mode="json", by_alias=True)
-
-    def with_values(self, values: dict[str, Any], seed: int) -> RunSpec:
-        """The run with these values.
-
-        Args:
-            values: by dotted path, such as ``driver.cruise_mps`` or ``triggers.0.lead_time_s``.
-
-        Raises:
-            InputError: no such field, naming those that are near; or no valid value of it.
-        """
-        data: dict[str, Any] = {**self._data, "seed": seed}
-        for field, value in values.items():
-            data = _replaced(data, field.split("."), value, lambda f=field: self._unknown(f))
-        shown = ", ".join(f"{field}={value}" for field, value in values.items())
-        return parse_model(RunSpec, data, f"the run with {shown}" if shown else "the run")
-
-    def check(self, variations: Sequence[Variation]) -> None:
-        """Refuses what can't be varied, before the first run of a sweep.
-
-        Raises:
-            InputError: as ``with_values``, or a field that is given twice or belongs to the sweep.
-        """
-        seen: set[str] = set()
-        for variation in variations:
-            field = variation.field
-            if field in seen:
-                raise InputError(
-                    "is varied twice", field=OPTION, value=field, remedy="merge the two"
-                )
-            if field.split(".")[0] in _FIXED:
-                raise InputError(
-                    "can't be varied: it is the same over a sweep, or the sweep's own",
-                    field=OPTION,
-                    value=field,
-                )
-            seen.add(field)
-            ends: tuple[Any, ...]
-            ends = variation.values if isinstance(variation, Choice) else variation.ends
-            for value in ends:
-                self.with_values({field: value}, self._spec.seed)
-
-    def _unknown(self, field: str) -> InputError:
-        known = list(_leaves(self._data))
-        last = field.split(".")[-1]
-        near = [f for f in known if f.split(".")[-1] == last]
-        near += [f for f in difflib.get_close_matches(field, known, 4, 0.6) if f not in near]
-        remedy = f"did you mean {', '.join(near[:4])}?" if near else "see run.yaml of any run"
-        return InputError("is no single field of a run", field=OPTION, value=field, remedy=remedy)
+    Raises:
+        InputError: no such field, naming those that are there; or no valid value of it.
+    """
+    data: dict[str, Any] = {**spec.model_dump(mode="json", by_alias=True), "seed": seed}
+    for field, value in values.items():
+        *way, last = field.split(".")
+        holder: Any = data
+        for key in way:
+            holder = holder[_key(holder, key, field)]
+        single = _key(holder, last, field)
+        if isinstance(holder[single], dict | list):
+            raise _no_single_field(holder[single], field)
+        holder[single] = value
+    shown = ", ".join(f"{field}={value}" for field, value in values.items())
+    return parse_model(RunSpec, data, f"the run with {shown}" if shown else "the run")
 
 
-def _leaves(value: Any, path: str = "") -> Iterator[str]:
-    """Dotted paths of all single values."""
-    if isinstance(value, dict):
-        items: Iterator[tuple[Any, Any]] = iter(value.items())
-    elif isinstance(value, list):
-        items = enumerate(value)
-    else:
-        yield path
-        return
-    for key, inner in items:
-        yield from _leaves(inner, f"{path}.{key}" if path else str(key))
+def _key(holder: Any, key: str, field: str) -> Any:
+    """The key or index of a part of a value that was read from a file."""
+    if isinstance(holder, dict) and key in holder:
+        return key
+    if isinstance(holder, list) and key.isdecimal() and int(key) < len(holder):
+        return int(key)
+    raise _no_single_field(holder, field)
 
 
-def _replaced(value: Any, path: Sequence[str], new: Any, unknown: Any) -> Any:
-    """The value with a single one in it replaced; everything on the way is copied."""
-    if not path:
-        if isinstance(value, dict | list):
-            raise unknown()
-        return new
-    key = path[0]
-    if isinstance(value, dict) and key in value:
-        return {**value, key: _replaced(value[key], path[1:], new, unknown)}
-    if isinstance(value, list) and key.isdecimal() and int(key) < len(value):
-        copy = list(value)
-        copy[int(key)] = _replaced(value[int(key)], path[1:], new, unknown)
-        return copy
-    raise unknown()
+def _no_single_field(holder: Any, field: str) -> InputError:
+    known = range(len(holder)) if isinstance(holder, list) else holder
+    single = not isinstance(holder, dict | list)
+    remedy = "see run.yaml" if single else f"there is {', '.join(map(str, known))}"
+    return InputError("is no single field of a run", field=OPTION, value=field, remedy=remedy)
 
 
-SWEEP_FILE = "sweep.json"
 ROWS_FILE = "runs.csv"
-_SCHEMA = "ssp.sweep/1"
 _MEASURED = (
     "verdict", "reason", "trigger_s", "conflict_s", "resolution_s", "initiator_first",
     "time_gap_s", "min_distance_m", "error_longitudinal_rms_m", "error_lateral_rms_m", "session_s",
@@ -282,121 +190,67 @@ class Sweep:
         return ["run", "seed", *(v.field for v in self.variations), *_MEASURED]
 
     def check(self) -> None:
-        """Raises InputError where a value makes no valid run."""
-        Variable(self.spec).check(self.variations)
+        """Refuses what can't be varied, before the first run.
 
-    def record(self) -> dict[str, Any]:
-        """What a folder's rows were made of; the same for more or fewer runs of the same sweep."""
-        same = self.spec.model_copy(update={"run_id": ""}).model_dump(mode="json", by_alias=True)
-        return {
-            "schema": _SCHEMA,
-            "scenario": self.spec.scenario,
-            "site": self.spec.site,
-            "seed": self.spec.seed,
-            "run": sha256_json(same),
-            "vary": [str(v) for v in self.variations],
-        }
-
-
-def is_sweep(folder: Path) -> bool:
-    """True for a folder that a sweep has begun to fill."""
-    return (folder / SWEEP_FILE).is_file()
+        Raises:
+            InputError: as ``with_values``, or a field that is given twice or belongs to the sweep.
+        """
+        fields = [v.field for v in self.variations]
+        for variation in self.variations:
+            field = variation.field
+            if fields.count(field) > 1:
+                raise InputError(
+                    "is varied twice", field=OPTION, value=field, remedy="merge the two"
+                )
+            if field.split(".")[0] in _FIXED:
+                raise InputError(
+                    "can't be varied: it is the same over a sweep, or the sweep's own",
+                    field=OPTION,
+                    value=field,
+                )
+            for value in variation.values:
+                with_values(self.spec, {field: value}, self.spec.seed)
 
 
 def run_sweep(sweep: Sweep, folder: Path, jobs: int, on_row: Callable[[Row], None]) -> list[Row]:
-    """Runs what isn't there yet, and leaves ``runs.csv`` with one row per run.
-
-    A row is written when it and all before it are there, so that a sweep that was interrupted goes
-    on where it was. The file's bytes don't depend on ``jobs``, and no row is ever taken out of it.
+    """Leaves ``run.yaml`` and ``runs.csv`` with one row per run, written as soon as those before
+    it are. The file's bytes don't depend on ``jobs``.
 
     Args:
-        folder: new, or of the same sweep.
         jobs: processes that share the work.
-        on_row: is called for each row, those that were there included.
+        on_row: is called for each row.
 
     Returns:
-        The rows of these runs, without the header.
-
-    Raises:
-        InputError: the folder holds another sweep.
+        The rows without the header.
     """
-    there = _begin(sweep, folder)
-    rows = there[: sweep.runs]
-    for row in rows:
-        on_row(row)
-    path = folder / ROWS_FILE
-    write_bytes(path, _lines([sweep.header, *there]).encode())
-    todo = range(len(rows), sweep.runs)
-    with _mapper(sweep, min(jobs, len(todo))) as run_all, path.open("a", newline="") as stream:
-        for row in run_all(todo):
-            stream.write(_lines([row]))
+    write_text(folder / "run.yaml", sweep.spec.model_dump_json(by_alias=True, indent=1) + "\n")
+    rows = []
+    with (
+        _mapper(min(jobs, sweep.runs)) as run_all,
+        (folder / ROWS_FILE).open("w", newline="") as stream,
+    ):
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(sweep.header)
+        for row in run_all(partial(_row, sweep), range(sweep.runs)):
+            table.writerow(row)
             stream.flush()
             rows.append(row)
             on_row(row)
     return rows
 
 
-def _begin(sweep: Sweep, folder: Path) -> list[Row]:
-    """The rows that are there already, whole ones in order."""
-    record = sweep.record()
-    if not is_sweep(folder):
-        run = sweep.spec.model_dump_json(by_alias=True, indent=1)
-        write_text(folder / "run.yaml", run + "\n")
-        write_json(folder / SWEEP_FILE, record)
-        return []
-    found = read_mapping(folder / SWEEP_FILE)
-    for key, value in record.items():
-        if found.get(key) != value:
-            raise InputError(
-                "holds another sweep",
-                file=folder,
-                field=key,
-                value=found.get(key),
-                remedy=f"this one has {json.dumps(value)}; name another folder with --out",
-            )
-    return _whole_rows(sweep, folder / ROWS_FILE)
+def _row(sweep: Sweep, number: int) -> Row:
+    seed = sweep.spec.seed + number
+    values = values_of(sweep.variations, sweep.spec.seed, number)
+    spec = with_values(sweep.spec, values, seed)
+    result, _ = run_in_process(spec, Path(_work_dir().name))
+    return [str(number), str(seed), *map(str, values.values()), *_measured(result)]
 
 
-def _whole_rows(sweep: Sweep, path: Path) -> list[Row]:
-    if not path.is_file():
-        return []
-    text = path.read_bytes().decode("utf-8", errors="replace")
-    # The last line may have been cut off by whatever ended the sweep.
-    lines = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))
-    rows = []
-    for number, row in enumerate(lines[1:]):
-        if lines[0] != sweep.header or row[:2] != [str(number), str(sweep.spec.seed + number)]:
-            raise InputError("isn't as the sweep left it", file=path, line=number + 2, value=row)
-        rows.append(row)
-    return rows
-
-
-def _lines(rows: Iterable[Sequence[str]]) -> str:
-    stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerows(rows)
-    return stream.getvalue()
-
-
-# -- one run -----------------------------------------------------------------------------------
-
-
-class _Worker:
-    """Runs of one process: the run file is read once, and the road's network made once."""
-
-    def __init__(self, sweep: Sweep) -> None:
-        self._sweep = sweep
-        self._variable = Variable(sweep.spec)
-        self._work_dir = tempfile.TemporaryDirectory(prefix="ssp-sweep-")
-
-    def row(self, number: int) -> Row:
-        seed = self._sweep.spec.seed + number
-        values = values_of(self._sweep.variations, self._sweep.spec.seed, number)
-        spec = self._variable.with_values(values, seed)
-        result, _ = run_in_process(spec, Path(self._work_dir.name))
-        return [str(number), str(seed), *map(str, values.values()), *_measured(result)]
-
-    def close(self) -> None:
-        self._work_dir.cleanup()
+@cache
+def _work_dir() -> tempfile.TemporaryDirectory[str]:
+    """Of this process: the road's network is made once in it."""
+    return tempfile.TemporaryDirectory(prefix="ssp-sweep-")
 
 
 def _measured(result: InProcessResult) -> Row:
@@ -422,48 +276,21 @@ def _shown(value: float | None) -> str:
     return "" if kept is None else str(kept)
 
 
-# -- sharing the work --------------------------------------------------------------------------
-
-_worker: _Worker | None = None
-
-
-def _start_worker(sweep: Sweep) -> None:
-    global _worker
-    ignore_stop_signals()
-    _worker = _Worker(sweep)
-
-
-def _row_of_worker(number: int) -> Row:
-    if _worker is None:
-        raise RuntimeError("the worker was not started")
-    return _worker.row(number)
-
-
 @contextmanager
-def _mapper(sweep: Sweep, jobs: int) -> Iterator[Callable[[range], Iterator[Row]]]:
-    """A map from run numbers to rows that keeps the order."""
+def _mapper(jobs: int) -> Iterator[Callable[..., Iterator[Row]]]:
+    """A map that keeps the order."""
     if jobs <= 1:
-        worker = _Worker(sweep)
-        try:
-            yield lambda numbers: map(worker.row, numbers)
-        finally:
-            worker.close()
+        yield map
         return
     # A fresh interpreter each: libsumo holds one simulation per process and doesn't like forks.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, context, _start_worker, (sweep,)) as pool:
+    with ProcessPoolExecutor(jobs, context, ignore_stop_signals) as pool:
         try:
-            yield lambda numbers: pool.map(_row_of_worker, numbers)
+            yield pool.map
         except BrokenProcessPool as error:
-            raise HostError(
-                "a process of the sweep was killed; the same command goes on where it was"
-            ) from error
+            raise HostError("a process of the sweep was killed") from error
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-# Of the faults that the runner injects, the session itself can do these.
-_IN_PROCESS = ("operator_abort", "trigger_never")
 
 
 def for_one_process(spec: RunSpec) -> RunSpec:
@@ -473,7 +300,7 @@ def for_one_process(spec: RunSpec) -> RunSpec:
         InputError: a fault needs processes of their own.
     """
     for index, fault in enumerate(spec.faults):
-        if fault.kind in RUNNER_KINDS and fault.kind not in _IN_PROCESS:
+        if fault.kind in NEED_PROCESSES:
             raise InputError(
                 f"{fault.kind} needs processes of their own",
                 field=f"faults[{index}].kind",
@@ -540,10 +367,10 @@ def _told(spec: RunSpec, result: InProcessResult) -> list[str]:
 def run_many(
     spec: RunSpec, folder: Path, vary: tuple[str, ...], runs: int | None, jobs: int, as_json: bool
 ) -> int:
-    """A sweep; leaves run.yaml, sweep.json and runs.csv. Exit status 0 when all runs are valid."""
+    """A sweep; leaves run.yaml and runs.csv. Exit status 0 when all runs are valid."""
     spec = for_one_process(spec)
     variations = tuple(parse_variation(text) for text in vary)
-    if runs is None and any(isinstance(v, Span) for v in variations):
+    if runs is None and any(v.drawn for v in variations):
         raise InputError(
             "a range has no number of values",
             field="--vary",

@@ -10,8 +10,9 @@ import pytest
 
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS
-from ssp_scenario_manager.faults.campaign import FaultScenario, possible, prepare_scene, run_cells
+from ssp_scenario_manager.faults.campaign import FaultScenario, prepare_scene, run_cells
 from ssp_scenario_manager.faults.matrix import MATRIX, Expected, NotApplicable, Row, Stage
+from ssp_scenario_manager.run.faults import NEED_PROCESSES
 
 LIMITS = {meaning.limit_name for meaning in MEANINGS.values()}
 # What else a reason may begin with: words of the runner and of the readiness check.
@@ -26,7 +27,7 @@ WORDS = (
     "ot1 is ",
     "time gap at the conflict point",
 )
-FAST = [row for row in MATRIX if possible(row.kind)]
+FAST = [row for row in MATRIX if row.kind not in NEED_PROCESSES]
 EXPECTED = [
     (row, stage, cell)
     for row in MATRIX
