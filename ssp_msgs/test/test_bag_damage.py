@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import subprocess
 import sys
+import tracemalloc
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,13 +16,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
+from ssp_core.bag.check import check_bag
+from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
+from ssp_core.bag.split import Split
+from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
-from support.bags import clock
+from support.bags import CLOCK, STRING, clock, text
 
-CLOCK = "rosgraph_msgs/msg/Clock"
 CHUNKS, PER_CHUNK = 4, 5
 
 
@@ -29,6 +36,8 @@ def at_second(k: int) -> bytes:
 # Writes two flushed chunks and a third that was not, then is killed the hard way.
 KILLED = """
 import os, signal, sys
+from ssp_core.bag.split import Split
+from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.bag.types import serialize, typestore
 types = typestore().types
@@ -216,28 +225,194 @@ def test_any_cut_is_an_input_error_and_recovers_whole_chunks(
     assert report.count == PER_CHUNK * sum(end <= cut for end in ends)
 
 
-@settings(
-    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+# -- bytes changed, cut and moved -----------------------------------------------------------------
+
+
+def write_bag(path: Path, split: Split | None = None) -> None:
+    """A latched topic with two messages, another one with twenty, two attachments."""
+    with BagWriter(path, split=split) as writer:
+        writer.add_topic(
+            "/map", STRING, offered_qos(2, transient_local=True), latched=split is not None
+        )
+        writer.add_topic("/text", STRING, offered_qos(5))
+        writer.write("/map", text("old map"), 10**9, 7, 1)
+        writer.write("/map", text("new map"), 10**9, 8, 2)
+        for k in range(20):
+            writer.write("/text", text(f"number {k}"), (k + 1) * 10**9, k, k)
+            if k % 4 == 3:
+                writer.flush()
+            if k in (5, 13):
+                writer.attach(f"{k}.yaml", b"seed: %d\n" % k, "application/yaml")
+
+
+def contents(path: Path) -> tuple[Counter[BagMessage], Counter[tuple[str, bytes | None]]]:
+    with BagReader(path) as reader:
+        names = reader.attachments
+        return Counter(reader.messages()), Counter((n, reader.attachment(n)) for n in names)
+
+
+@pytest.fixture(scope="module")
+def varied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("varied") / "bag"
+    write_bag(path)
+    return path
+
+
+Change = Callable[[bytes], bytes]
+PLACE = st.floats(0, 1, exclude_max=True)
+
+
+def flipped(place: float, mask: int) -> Change:
+    def change(data: bytes) -> bytes:
+        at = int(place * len(data))
+        return data[:at] + bytes([data[at] ^ mask]) + data[at + 1 :]
+
+    return change
+
+
+def cut(place: float) -> Change:
+    return lambda data: data[: int(place * len(data))]
+
+
+def over(source: float, length: int, place: float) -> Change:
+    """Some bytes over those of another place."""
+
+    def change(data: bytes) -> bytes:
+        begin, at = int(source * len(data)), int(place * len(data))
+        piece = data[begin : begin + length]
+        return data[:at] + piece + data[at + len(piece) :]
+
+    return change
+
+
+def without(place: float, length: int) -> Change:
+    def change(data: bytes) -> bytes:
+        at = int(place * len(data))
+        return data[:at] + data[at + length :]
+
+    return change
+
+
+LENGTH = st.integers(1, 1500)
+CHANGES = st.one_of(
+    st.builds(flipped, PLACE, st.integers(1, 255)),
+    st.builds(cut, PLACE),
+    st.builds(over, PLACE, st.integers(1, 100), PLACE),
+    st.builds(without, PLACE, LENGTH),
 )
-@given(
-    flips=st.lists(
-        st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), min_size=1, max_size=3
-    )
-)
-def test_flipped_bytes_never_give_a_traceback_nor_wrong_messages(
-    bag: Path, tmp_path_factory: pytest.TempPathFactory, flips: list[tuple[float, int]]
+COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.function_scoped_fixture]}
+
+
+@settings(max_examples=120, **COMMON)
+@given(change=CHANGES)
+def test_check_finds_a_change_or_nothing_has_changed(
+    varied: Path, tmp_path_factory: pytest.TempPathFactory, change: Change
 ) -> None:
-    data = bytearray((bag / "bag_0.mcap").read_bytes())
-    for fraction, mask in flips:
-        data[int(fraction * len(data))] ^= mask
-    folder = tmp_path_factory.mktemp("flip")
-    (folder / "flip.mcap").write_bytes(data)
-    messages = []
-    for path in (folder / "flip.mcap", folder / "out"):
-        try:
-            if path.name == "out":
-                recover(folder / "flip.mcap", path)
-            assert set(read_everything(path)) <= set(range(20))
-        except InputError as error:
-            messages.append(str(error))
-    assert all(str(folder) in message for message in messages)
+    folder = tmp_path_factory.mktemp("check") / "bag"
+    shutil.copytree(varied, folder)
+    file = folder / "bag_0.mcap"
+    file.write_bytes(change(file.read_bytes()))
+    if check_bag(folder).ok:
+        assert contents(folder) == contents(varied)
+
+
+@settings(max_examples=120, **COMMON)
+@given(change=CHANGES)
+def test_recover_keeps_nothing_but_what_was_there(
+    varied: Path, tmp_path_factory: pytest.TempPathFactory, change: Change
+) -> None:
+    folder = tmp_path_factory.mktemp("recover")
+    (folder / "a.mcap").write_bytes(change((varied / "bag_0.mcap").read_bytes()))
+    try:
+        report = recover(folder / "a.mcap", folder / "new")
+    except InputError:
+        assert sorted(p.name for p in folder.iterdir()) == ["a.mcap"]
+        return
+    assert sorted(p.name for p in folder.iterdir()) == ["a.mcap", "new"]
+    messages, attachments = contents(varied)
+    kept, kept_attachments = contents(folder / "new")
+    assert kept <= messages
+    assert kept_attachments <= attachments
+    assert report.count == kept.total()
+    assert report.complete or report.damage
+    assert check_bag(folder / "new").ok
+
+
+@settings(max_examples=60, **COMMON)
+@given(changes=st.lists(CHANGES, min_size=2, max_size=5))
+def test_any_number_of_changes_gives_a_whole_bag_or_an_input_error(
+    varied: Path, tmp_path_factory: pytest.TempPathFactory, changes: list[Change]
+) -> None:
+    folder = tmp_path_factory.mktemp("many")
+    data = (varied / "bag_0.mcap").read_bytes()
+    for change in changes:
+        data = change(data) or b"\x89"
+    (folder / "a.mcap").write_bytes(data)
+    check_bag(folder / "a.mcap")
+    try:
+        report = recover(folder / "a.mcap", folder / "new")
+    except InputError:
+        assert not (folder / "new").exists()
+        return
+    assert contents(folder / "new")[0].total() == report.count
+
+
+@pytest.mark.parametrize("keep_summary", [True, False])
+def test_a_damaged_length_costs_its_own_chunk_alone(
+    varied: Path, tmp_path: Path, keep_summary: bool
+) -> None:
+    data = bytearray((varied / "bag_0.mcap").read_bytes())
+    second = data.index(b"\x06", data.index(text("number 3")))
+    assert int.from_bytes(data[second + 1 : second + 9], "little") < 1000
+    data[second + 6] = 0xFF  # of the length
+    end = len(data) if keep_summary else data.rindex(text("number 19")) + 200
+    (tmp_path / "a.mcap").write_bytes(data[:end])
+    report = recover(tmp_path / "a.mcap", tmp_path / "new")
+    kept = {m.data for m in contents(tmp_path / "new")[0] if m.topic == "/text"}
+    assert kept == {text(f"number {k}") for k in range(20) if not 4 <= k < 6}
+    assert f"damaged at byte {second}" in report.damage[0]
+
+
+def test_repeated_latched_messages_are_recovered_once(tmp_path: Path) -> None:
+    write_bag(tmp_path / "bag", Split(max_s=6.0))
+    write_bag(tmp_path / "whole")
+    assert len(list((tmp_path / "bag").glob("*.mcap"))) == 4
+    assert check_bag(tmp_path / "bag").ok
+    assert recover(tmp_path / "bag", tmp_path / "all").complete
+    assert contents(tmp_path / "all")[0] == contents(tmp_path / "whole")[0]
+    # Without the file that held them first, the repeated ones are all there is, and are kept once.
+    (tmp_path / "bag" / "bag_0.mcap").unlink()
+    recover(tmp_path / "bag", tmp_path / "rest")
+    maps = [m.data for m in contents(tmp_path / "rest")[0] if m.topic == "/map"]
+    assert maps == [text("old map"), text("new map")]
+
+
+def test_recovering_a_large_file_takes_little_memory(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/text", STRING)
+        for k in range(40):
+            writer.write("/text", text("x" * (1 << 20)), k, k)
+    tracemalloc.start()
+    try:
+        assert recover(tmp_path / "bag", tmp_path / "new").count == 40
+        assert check_bag(tmp_path / "new").problems == ()
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("left", [40, 500, 900])
+def test_a_torn_last_chunk_is_not_searched(tmp_path: Path, left: int) -> None:
+    """A message may hold a bag itself, of which nothing is kept."""
+    write_bag(tmp_path / "inner")
+    inner = (tmp_path / "inner" / "inner_0.mcap").read_bytes()
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/ours", STRING)
+    for message in (b"one", inner + bytes(1000)):
+        writer.write("/ours", message, 1, 1)
+        writer.flush()
+    end = writer.file.stat().st_size - left
+    (tmp_path / "torn.mcap").write_bytes(writer.file.read_bytes()[:end])
+    writer.close()
+    recover(tmp_path / "torn.mcap", tmp_path / "new")
+    assert [m.data for m in contents(tmp_path / "new")[0]] == [b"one"]

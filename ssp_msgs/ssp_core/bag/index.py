@@ -22,7 +22,6 @@ from ssp_core.bag.mcap_file import (
     MAX_RECORD_BYTES,
     BoundedFile,
     McapFile,
-    UnpackBudget,
     chunk_parts,
     damaged,
     data_crc,
@@ -211,12 +210,10 @@ class ContentCache:
     """Content of the chunks that are being read, the longest unused dropped when it is too much.
 
     Args:
-        budget: what may be unpacked; chunks that overlap more than fits are unpacked again.
-        limit_bytes: kept at once.
+        limit_bytes: kept at once; chunks that overlap more than fits are unpacked again.
     """
 
-    def __init__(self, budget: UnpackBudget, limit_bytes: int = KEPT_BYTES) -> None:
-        self._budget = budget
+    def __init__(self, limit_bytes: int = KEPT_BYTES) -> None:
         self._limit = limit_bytes
         self._bytes = 0
         self._kept: OrderedDict[ChunkRun, memoryview] = OrderedDict()
@@ -228,7 +225,6 @@ class ContentCache:
         content = self._kept.get(run)
         if content is None:
             content = self._kept[run] = run.load()
-            self._budget.take(len(content))
             self._bytes += len(content)
             while self._bytes > self._limit and len(self._kept) > 1:
                 self._bytes -= len(self._kept.popitem(last=False)[1])
@@ -270,8 +266,6 @@ class ChunkRun:
             first, last = min(entries)[0], max(entries)[0]
             if first < index.message_start_time or last > index.message_end_time:
                 raise ValueError("a chunk holds messages outside the times of its index")
-            if len({at for _, at in entries}) != len(entries):
-                raise ValueError("a message index names a message twice")
         return iter(self._wanted.times(entries))
 
     def message(self, entry: Entry) -> BagMessage:

@@ -14,14 +14,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
 from ssp_core.bag.index import ChunkRun, ContentCache, LooseRun, Run, Scan, Selection, merged, scan
-from ssp_core.bag.mcap_file import (
-    DAMAGE,
-    MAX_REREADS,
-    McapFile,
-    UnpackBudget,
-    damage_of,
-    open_bounded,
-)
+from ssp_core.bag.mcap_file import DAMAGE, McapFile, damage_of, open_bounded
 from ssp_core.bag.metadata import read_metadata
 from ssp_core.bag.split import REPEATED_KEY
 from ssp_core.bag.types import BagMessage, TypeDefinition, store_from
@@ -116,8 +109,7 @@ class Part(McapFile):
         return runs
 
     def _chunk_runs(self, wanted: Selection) -> list[ChunkRun]:
-        unpacked = sum(index.uncompressed_size for index in self.chunks)
-        cache = ContentCache(UnpackBudget(unpacked, ratio=MAX_REREADS))
+        cache = ContentCache()
         return [
             ChunkRun(self, index, wanted, cache)
             for index in self.chunks
