@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+from dataclasses import fields
 from html.parser import HTMLParser
 
 import pytest
@@ -14,6 +15,8 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_eval.score.aggregate import Mean
+from ssp_eval.score.metrics import METRIC_NAMES, CellMetrics
+from ssp_eval.statistics.csv_rows import rows_from_csv
 from ssp_eval.statistics.table import (
     FORMATS,
     Column,
@@ -332,3 +335,16 @@ def test_a_page_shows_the_beginning_of_a_long_table_and_says_so():
     html = part.tables[0][1]
     assert html.count("<tr>") == MOST_ROWS + 1
     assert f"The first {MOST_ROWS} of {MOST_ROWS + 1} rows" in html
+
+
+@pytest.mark.parametrize("name", METRIC_NAMES)
+def test_a_metric_is_in_scores_rows_files_and_tables_by_its_one_entry(name, tmp_path):
+    assert name in {field.name for field in fields(CellMetrics)}
+    assert hasattr(row(), name)
+    (matrix,) = [table for table in all_tables([row()]) if table.name == "matrix"]
+    path = tmp_path / "matrix.csv"
+    path.write_text(to_csv(matrix))
+    assert name in path.read_text().splitlines()[0].split(",")
+    noted = []
+    rows_from_csv(path, noted.append)
+    assert noted == []

@@ -8,26 +8,10 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
+from ssp_eval.score.metrics import METRIC_NAMES
 from ssp_eval.score.thresholds import DEFAULT, Thresholds, ThresholdsFile, thresholds_of
 
-KEYS = [
-    "n",
-    "matched",
-    "jovr",
-    "sem_cov",
-    "sem_acc_cond",
-    "sem_acc_eff",
-    "sem_acc_soft",
-    "cia_eff",
-    "act_acc_eff",
-    "stfr",
-    "tqsr",
-    "atc_eff",
-    "rsr",
-    "rl_s",
-    "ivcs",
-    "denominators",
-]
+KEYS = ["n", "matched", *METRIC_NAMES, "denominators"]
 NAMES = ("objects", "position", "motion", "conflict", "lon_action", "lat_action")
 
 

@@ -12,24 +12,6 @@ from ssp_eval.data.records import load_records
 from ssp_eval.score.cell import STAGES, CellScore, score_cell
 
 CASES = sorted(path.parent for path in Path(__file__).parent.glob("*/expected.json"))
-KEYS = [
-    "n",
-    "matched",
-    "jovr",
-    "sem_cov",
-    "sem_acc_cond",
-    "sem_acc_eff",
-    "sem_acc_soft",
-    "cia_eff",
-    "act_acc_eff",
-    "stfr",
-    "tqsr",
-    "atc_eff",
-    "rsr",
-    "rl_s",
-    "ivcs",
-    "denominators",
-]
 
 
 def scored(case: Path) -> CellScore:
@@ -55,8 +37,7 @@ def test_the_readme_says_of_each_case_what_it_stands_for():
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_score_is_as_worked_out_by_hand(case):
     want, got = expected(case)["score"], scored(case).to_json()
-    assert list(got) == KEYS
-    assert list(want) == KEYS
+    assert list(got) == list(want)
     nulls = {key for key, value in want.items() if value is None}
     assert {key for key, value in got.items() if value is None} == nulls
     assert got.pop("denominators") == want.pop("denominators")

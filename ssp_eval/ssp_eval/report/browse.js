@@ -2,8 +2,8 @@
 (() => {
   const data = JSON.parse(document.getElementById("rows").textContent);
   const PAGE_ROWS = 50;
-  const COLUMNS = 13;
   const words = (text) => text.replaceAll("_", " ");
+  const COLUMNS = data.scores.length + 5;  // scenario, domain, model, risk, first failures
   const at = (name) => data.scores.indexOf(name);
   const cells = data.rows.map(
     ([id, scenario, domain, model, status, admission, control, stages, scores, rl, reason]) => ({
@@ -86,10 +86,10 @@
       line.append(why);
       return line;
     }
-    line.append(number(cell, "ivcs", 3));
-    for (const name of ["jovr", "sem_acc_eff", "cia_eff", "tqsr"]) line.append(number(cell, name, 2));
+    const scores = data.scores.map((name) => number(cell, name, name === "ivcs" ? 3 : 2));
+    line.append(...scores.slice(0, data.before_risk));
     line.append(make("td", cell.rl === null ? "F" : `S@${cell.rl.toFixed(2)}`, "num"));
-    for (const name of ["act_acc_eff", "stfr", "atc_eff"]) line.append(number(cell, name, 2));
+    line.append(...scores.slice(data.before_risk));
     const last = make("td");
     last.append(strip(cell.stages));
     line.append(last);

@@ -22,7 +22,7 @@ from ssp_eval.report.cell_view import RecordView, record_views, tolerated
 from ssp_eval.report.drawings import matrix, seeing_plot
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.cell import STAGES
-from ssp_eval.score.metrics import COMPONENTS, DIAGNOSTIC
+from ssp_eval.score.metrics import COMPONENTS, DIAGNOSTIC, METRIC_LABELS
 from ssp_eval.statistics.notices import notices
 from ssp_eval.statistics.rows import rows_from_cells
 from ssp_eval.statistics.statistics_tables import (
@@ -248,7 +248,9 @@ def _audit_links(cells: Sequence[CellData], audits: Mapping[str, str]) -> dict[s
 FOLDER = Path("report") / "cells"
 # In a row's word of stages: 0 to 6 for the stage that fails first, this where none does.
 CLEAN = "-"
-SCORES = ("ivcs", *COMPONENTS[:4], *DIAGNOSTIC)
+# Scores of a row before its risk response and after it.
+BEFORE_RISK = ("ivcs", *(name for name in COMPONENTS if name != "rsr"))
+SCORES = (*BEFORE_RISK, *DIAGNOSTIC)
 
 
 def load_lightly(
@@ -307,6 +309,7 @@ def rows(cells: Sequence[CellData]) -> dict[str, Any]:
     return {
         **names,
         "scores": SCORES,
+        "before_risk": len(BEFORE_RISK),
         "rows": [
             [
                 cell.id,
@@ -447,6 +450,13 @@ def _browsed(cells: list[CellData]) -> dict[str, Any]:
     controls = [cell for cell in cells if cell.is_control]
     return {
         "browse": True,
+        "browsed_columns": [
+            *((key, key) for key in ("scenario", "domain", "model")),
+            *((key, METRIC_LABELS[key]) for key in BEFORE_RISK),
+            ("risk", "risk"),
+            *((key, METRIC_LABELS[key]) for key in DIAGNOSTIC),
+            ("failures", "first failures"),
+        ],
         "failures": grid(failures_by_model(own)) if own else None,
         "controls_failures": grid(failures_by_model(controls)) if controls else None,
         "controls_matrix": "",

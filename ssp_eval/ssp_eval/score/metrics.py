@@ -4,73 +4,101 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, make_dataclass
+from typing import Any, Literal
 
 import numpy as np
 
 from ssp_eval.score.columns import Numbers, Whole
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 
+Role = Literal["component", "shown", "diagnostic", "behind", "response", "sum"]
+
 
 @dataclass(frozen=True)
 class Metric:
     """One metric of a cell.
 
+    Records, rows, CSV lines, tables and intervals have it by this entry. One with new terms needs
+    them in ssp_eval.score.engine.LabelTerms too, and a component needs a weight in Thresholds.
+
     Args:
         section: of METHOD.
         meaning: what it says, for people who read a column of it.
+        role: component of IVCS; shown among the components in tables, or as a diagnostic score
+            after IVCS; behind: in files alone; response: beside the risk; sum: IVCS itself.
         numerator, denominator: terms whose sums over the labels are divided, fields of
             ssp_eval.score.engine.LabelTerms, or LABELS; empty where the metric is no ratio.
+        unit: s, or empty for a share of 1.
     """
 
     name: str
     section: str
     label: str
     meaning: str
+    role: Role
     numerator: str = ""
     denominator: str = ""
+    unit: str = ""
 
 
 # A denominator that counts the labels.
 LABELS = "labels"
 METRICS = (
-    Metric("jovr", "6.2", "JOVR", "valid text and trajectory", "output_valid", LABELS),
-    Metric("sem_cov", "6.3", "SemCov", "answered semantic slots", "given", "evaluable"),
-    Metric("sem_acc_cond", "6.3", "SemAcc cond", "accuracy of answered slots", "hard", "given"),
+    Metric("jovr", "6.2", "JOVR", "valid text and trajectory", "component", "output_valid", LABELS),
     Metric(
-        "sem_acc_eff", "6.3", "SemAcc", "effective accuracy of the semantic slots",
+        "sem_cov", "6.3", "SemCov", "answered semantic slots", "shown", "given", "evaluable"
+    ),
+    Metric(
+        "sem_acc_cond", "6.3", "SemAcc cond", "accuracy of answered slots", "behind",
+        "hard", "given",
+    ),
+    Metric(
+        "sem_acc_eff", "6.3", "SemAcc", "effective accuracy of the semantic slots", "component",
         "hard", "evaluable",
     ),
-    Metric("sem_acc_soft", "6.3", "SemAcc soft", "the same, near ones half", "soft", "evaluable"),
     Metric(
-        "cia_eff", "6.4", "CIA", "critical interaction accuracy",
+        "sem_acc_soft", "6.3", "SemAcc soft", "the same, near ones half", "behind",
+        "soft", "evaluable",
+    ),
+    Metric(
+        "cia_eff", "6.4", "CIA", "critical interaction accuracy", "component",
         "interaction_correct", "interaction_evaluable",
     ),
     Metric(
-        "act_acc_eff", "6.5", "ActAcc", "admissible actions in the text (diagnostic)",
+        "act_acc_eff", "6.5", "ActAcc", "admissible actions in the text (diagnostic)", "diagnostic",
         "action_correct", LABELS,
     ),
-    Metric("stfr", "6.7", "STFR", "feasible trajectories (diagnostic)", "feasible", LABELS),
     Metric(
-        "tqsr", "6.7", "TQSR", "feasible trajectory with an admissible action",
+        "stfr", "6.7", "STFR", "feasible trajectories (diagnostic)", "diagnostic",
+        "feasible", LABELS,
+    ),
+    Metric(
+        "tqsr", "6.7", "TQSR", "feasible trajectory with an admissible action", "component",
         "trajectory_correct", LABELS,
     ),
     Metric(
-        "atc_eff", "6.8", "ATC", "text and trajectory agree (diagnostic)", "consistent", LABELS
+        "atc_eff", "6.8", "ATC", "text and trajectory agree (diagnostic)", "diagnostic",
+        "consistent", LABELS,
     ),
-    Metric("rsr", "6.9", "RSR", "risk response"),
-    Metric("rl_s", "6.9", "RL (s)", "latency of the risk response"),
-    Metric("ivcs", "6.10", "IVCS", "weighted sum of the components"),
+    Metric("rsr", "6.9", "RSR", "risk response", "component"),
+    Metric("rl_s", "6.9", "RL (s)", "latency of the risk response", "response", unit="s"),
+    Metric("ivcs", "6.10", "IVCS", "weighted sum of the components", "sum"),
 )  # fmt: skip
 BY_NAME = {metric.name: metric for metric in METRICS}
-# What IVCS is made of (METHOD 6.10), IVCS before and after it, and what stands beside it.
-COMPONENTS = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
-IVCS_FIRST, IVCS_LAST = ("ivcs", *COMPONENTS), (*COMPONENTS, "ivcs")
-DIAGNOSTIC = ("act_acc_eff", "stfr", "atc_eff")
-RATIOS = tuple(metric for metric in METRICS if metric.numerator)
-METRIC_NAMES = tuple(metric.name for metric in METRICS)
+METRIC_NAMES = tuple(BY_NAME)
 METRIC_LABELS = {metric.name: metric.label for metric in METRICS}
+
+
+def of_role(*roles: Role) -> tuple[str, ...]:
+    """The names of the metrics that have one of these roles."""
+    return tuple(metric.name for metric in METRICS if metric.role in roles)
+
+
+# What IVCS is made of (METHOD 6.10), IVCS before and after it, and what stands beside it.
+COMPONENTS, DIAGNOSTIC = of_role("component"), of_role("diagnostic")
+IVCS_FIRST, IVCS_LAST = ("ivcs", *COMPONENTS), (*COMPONENTS, "ivcs")
+RATIOS = tuple(metric for metric in METRICS if metric.numerator)
 SUMMED = tuple(dict.fromkeys(x for m in RATIOS for x in (m.numerator, m.denominator)))
 
 
@@ -143,31 +171,26 @@ def exact_totals(column: Numbers, start: Whole) -> Numbers:
     return result
 
 
-@dataclass(frozen=True)
-class CellMetrics:
-    """The metrics of a cell by the keys of METHOD 6.14; None where a denominator is 0."""
+_DENOMINATORS = ("semantic", "cia")
+_WHOLE = ("n", "matched", *(f"{name}_denominator" for name in _DENOMINATORS))
+_FIELDS = ("n", "matched", *METRIC_NAMES, *_WHOLE[2:])
 
-    n: int
-    matched: int
-    jovr: float
-    sem_cov: float | None
-    sem_acc_cond: float | None
-    sem_acc_eff: float | None
-    sem_acc_soft: float | None
-    cia_eff: float | None
-    act_acc_eff: float
-    stfr: float
-    tqsr: float
-    atc_eff: float
-    rsr: int
-    rl_s: float | None
-    ivcs: float
-    semantic_denominator: int
-    cia_denominator: int
+
+class CellMetrics(
+    make_dataclass(  # type: ignore[misc]  # its fields are the metrics
+        "CellMetrics",
+        [(name, int if name in _WHOLE else float | None) for name in _FIELDS],
+        frozen=True,
+    )
+):
+    """The metrics of a cell by the keys of METHOD 6.14; None where a denominator is 0.
+
+    Beside them ``n``, ``matched``, ``semantic_denominator`` and ``cia_denominator``.
+    """
 
     def to_json(self) -> dict[str, Any]:
         """The score output of METHOD 6.14: its keys, in its order, nothing rounded."""
         return {
             **{name: getattr(self, name) for name in ("n", "matched", *METRIC_NAMES)},
-            "denominators": {"semantic": self.semantic_denominator, "cia": self.cia_denominator},
+            "denominators": {n: getattr(self, f"{n}_denominator") for n in _DENOMINATORS},
         }

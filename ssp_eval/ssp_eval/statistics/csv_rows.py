@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model, model_validator
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_text
 from ssp_core.vocabulary import DOMAINS_READ, read_domain
 from ssp_eval.evaluate.models import is_control_name
 from ssp_eval.score.cli import NULL
-from ssp_eval.score.metrics import METRIC_NAMES
+from ssp_eval.score.metrics import METRIC_NAMES, METRICS
 from ssp_eval.score.thresholds import DEFAULT
 from ssp_eval.statistics.rows import MACRO, OK, CellRow
 from ssp_eval.statistics.table import unguarded
@@ -44,31 +44,27 @@ def _domain(text: str) -> str:
 
 Name = Annotated[str, AfterValidator(unguarded), Field(min_length=1)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Seconds = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Billions = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
 
-class _Line(BaseModel):
-    """One line; a field that is null in the file has its default."""
-
+class _Cell(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
     scenario: Annotated[Name, AfterValidator(lambda x: MACRO if x.casefold() == MACRO else x)]
     domain: Annotated[str, AfterValidator(_domain)]
     model: Name
-    jovr: Share | None = None
-    sem_acc_eff: Share | None = None
-    cia_eff: Share | None = None
-    act_acc_eff: Share | None = None
-    tqsr: Share | None = None
-    atc_eff: Share | None = None
-    sem_cov: Share | None = None
-    sem_acc_cond: Share | None = None
-    sem_acc_soft: Share | None = None
-    stfr: Share | None = None
+
+
+_SCORES: dict[str, Any] = {m.name: ((Seconds if m.unit else Share) | None, None) for m in METRICS}
+
+
+class _Line(
+    create_model("_Scores", __base__=_Cell, **_SCORES)  # type: ignore[misc]  # of METRICS
+):
+    """One line; a field that is null in the file has its default."""
+
     risk: str | None = None
-    rsr: Share | None = None
-    rl_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
-    ivcs: Share | None = None
     n: Annotated[int, Field(ge=1)] | None = None
     run: Annotated[str, AfterValidator(unguarded)] = ""
     seed: Annotated[int, Field(ge=0)] | None = None

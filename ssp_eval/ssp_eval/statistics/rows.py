@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, make_dataclass, replace
 from pathlib import Path
 
 from ssp_eval.data.labels import LabelComparison, compare_by_scenario
@@ -21,15 +21,22 @@ MACRO = "macro"
 OTHER_LABELS = "not comparable: labels at other places of the phases in other domains"
 
 
+# IVCS follows from the others.
+_GIVEN = tuple(name for name in METRIC_NAMES if name != "ivcs")
+
+
 @dataclass(frozen=True)
-class CellRow:
-    """One cell, scenario × domain × model, by the keys of METHOD 6.14; null is None.
+class CellRow(
+    make_dataclass(  # type: ignore[misc]  # its scores are the metrics
+        "Scores", [(name, float | None, None) for name in _GIVEN], frozen=True, kw_only=True
+    )
+):
+    """One cell, scenario × domain × model, with its scores by the keys of METHOD 6.14.
+
+    A score is None where it is null or not known. RSR is 1 or 0; where several runs of a cell are
+    taken together, and in a macro row, it is a mean.
 
     Args:
-        jovr, sem_acc_eff, cia_eff, act_acc_eff, tqsr, atc_eff: component scores, 0..1.
-        rsr: 1 or 0; where several runs of a cell are taken together, and in a macro row, a mean.
-        rl_s: latency of the risk response, s; None without one.
-        sem_cov, stfr, sem_acc_cond, sem_acc_soft: further scores; None where they aren't known.
         admitted: False keeps it out of domain means (METHOD 4 and 5.2b).
         status: ok, refused or failed; only an ok one has scores.
         reason: why it is not ok, or OTHER_LABELS.
@@ -41,18 +48,6 @@ class CellRow:
     scenario: str
     domain: str
     model: str
-    jovr: float | None
-    sem_acc_eff: float | None
-    cia_eff: float | None
-    act_acc_eff: float | None
-    tqsr: float | None
-    atc_eff: float | None
-    rsr: float | None
-    rl_s: float | None
-    sem_cov: float | None = None
-    stfr: float | None = None
-    sem_acc_cond: float | None = None
-    sem_acc_soft: float | None = None
     n: int | None = None
     run: str = ""
     seed: int | None = None
@@ -140,11 +135,10 @@ def merged(rows: Sequence[CellRow]) -> list[CellRow]:
 
 
 def _merge(group: Sequence[CellRow]) -> CellRow:
-    plain = [name for name in METRIC_NAMES if name != "ivcs"]
-    values = {name: mean(getattr(row, name) for row in group).value for name in plain}
+    values = {name: mean(getattr(row, name) for row in group).value for name in _GIVEN}
     return replace(
         group[0],
-        **values,  # type: ignore[arg-type]  # the names are those of METRIC_NAMES
+        **values,  # type: ignore[arg-type]  # the names are those of METRICS
         weighted=mean(row.ivcs for row in group).value,
         admitted=all(row.admitted for row in group),
         run=f"mean of {len(group)} runs",
@@ -197,11 +191,7 @@ def _row_of(cell: CellData, run: str, compared: LabelComparison | None) -> CellR
     is_comparable = score is None or compared is None or compared.comparable
     reasons = [*cell.facts.reasons, *([] if is_comparable else [OTHER_LABELS])]
 
-    scores = {
-        name: None if score is None else getattr(score, name)
-        for name in METRIC_NAMES
-        if name != "ivcs"
-    }
+    scores = {name: None if score is None else getattr(score, name) for name in _GIVEN}
     return CellRow(
         scenario=cell.scenario,
         domain=cell.domain,

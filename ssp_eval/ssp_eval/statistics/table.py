@@ -16,7 +16,7 @@ from markupsafe import escape
 
 from ssp_eval.score.aggregate import Mean, domain_order
 from ssp_eval.score.cli import DISCLAIMER, NULL, format_response
-from ssp_eval.score.metrics import DIAGNOSTIC, METRIC_LABELS
+from ssp_eval.score.metrics import BY_NAME, DIAGNOSTIC, of_role
 
 # text: words; count: a whole number; ratio, seconds, curvature: three, two and five decimals;
 # signed: a difference of ratios, with its sign; change: a relative difference, shown in percent;
@@ -193,13 +193,17 @@ def some(names: Sequence[str], separator: str = ", ") -> str:
 def metric_columns(*names: str, printed: bool = True) -> tuple[Column, ...]:
     """A column of each of these metrics."""
     return tuple(
-        Column(name, METRIC_LABELS[name], "seconds" if name == "rl_s" else "ratio", printed)
+        Column(name, metric.label, "seconds" if metric.unit else "ratio", printed)
         for name in names
+        for metric in [BY_NAME[name]]
     )
 
 
-SCORES = metric_columns("jovr", "sem_cov", "sem_acc_eff", "cia_eff", "tqsr", "ivcs", *DIAGNOSTIC)
-MEANS = (*SCORES[:5], *metric_columns("rsr", "rl_s"), *SCORES[5:])
+# Of a cell before its risk response and after it; of a mean with rsr and rl_s in their place.
+BEFORE_RISK = metric_columns(*(x for x in of_role("component", "shown") if x != "rsr"))
+AFTER_RISK = metric_columns("ivcs", *DIAGNOSTIC)
+BEHIND = metric_columns(*of_role("behind"), printed=False)
+MEANS = (*BEFORE_RISK, *metric_columns("rsr", "rl_s"), *AFTER_RISK)
 COUNT = Column("n", "n", "count")
 
 

@@ -35,9 +35,11 @@ from ssp_eval.statistics.rows import (
     repeated,
 )
 from ssp_eval.statistics.table import (
+    AFTER_RISK,
+    BEFORE_RISK,
+    BEHIND,
     COUNT,
     MEANS,
-    SCORES,
     Column,
     Outcome,
     Table,
@@ -51,7 +53,7 @@ from ssp_eval.statistics.table import (
 YES, NO = "yes", "no"
 # In CSV and JSON alone: what another analysis of the same cells needs, and no reader of a page.
 _BEHIND = (
-    *metric_columns("sem_acc_cond", "sem_acc_soft", printed=False),
+    *BEHIND,
     Column("total_b", "total (B)", "billions", printed=False),
     Column("active_b", "active (B)", "billions", printed=False),
     *(
@@ -77,9 +79,9 @@ def matrix_table(rows: Sequence[CellRow]) -> Table:
         *((Column("run", "run", "text"),) if runs else ()),
         *((Column("seed", "seed", "count"),) if seeds else ()),
         COUNT,
-        *SCORES[:5],
+        *BEFORE_RISK,
         Column("response", "risk", "response"),
-        *SCORES[5:],
+        *AFTER_RISK,
         Column("remark", "remark", "text"),
         *_BEHIND,
     )
@@ -88,26 +90,27 @@ def matrix_table(rows: Sequence[CellRow]) -> Table:
         seed = -1 if row.seed is None else row.seed
         return row.scenario, in_order([row.domain]), row.control, row.model, row.run, seed
 
-    table_rows: list[tuple[Value, ...]] = []
-    for row in sorted(rows, key=key):
-        scores = [getattr(row, column.key) for column in SCORES]
-        table_rows.append(
-            (
-                row.scenario, row.domain, row.model, *((row.run,) if runs else ()),
-                *((row.seed,) if seeds else ()), row.n, *scores[:5],
-                Outcome(row.rsr, row.rl_s, bool(row.over)), *scores[5:], _remark(row),
-                row.sem_acc_cond, row.sem_acc_soft, row.total_b, row.active_b, row.architecture,
-                YES if row.control else NO, YES if row.admitted else NO,
-                YES if row.stand_in else NO, row.status, row.reason,
-                row.thresholds,
-            )
-        )  # fmt: skip
+    table_rows: list[tuple[Value, ...]] = [
+        (
+            row.scenario, row.domain, row.model, *((row.run,) if runs else ()),
+            *((row.seed,) if seeds else ()), row.n, *_scores(row, BEFORE_RISK),
+            Outcome(row.rsr, row.rl_s, bool(row.over)), *_scores(row, AFTER_RISK), _remark(row),
+            *_scores(row, BEHIND), row.total_b, row.active_b, row.architecture,
+            YES if row.control else NO, YES if row.admitted else NO,
+            YES if row.stand_in else NO, row.status, row.reason, row.thresholds,
+        )
+        for row in sorted(rows, key=key)
+    ]  # fmt: skip
     notes = ["n counts labels."]
     if over_what(rows):
         notes.append("risk of a macro row: the share of cells with a response, @ their mean RL.")
     if any(row.ivcs_nulls for row in rows):
         notes.append("A component without a denominator counts as 0 in IVCS.")
     return Table("matrix", "Scores per cell", columns, tuple(table_rows), tuple(notes))
+
+
+def _scores(row: CellRow, columns: Iterable[Column]) -> list[float | None]:
+    return [getattr(row, column.key) for column in columns]
 
 
 def _remark(row: CellRow) -> str:
