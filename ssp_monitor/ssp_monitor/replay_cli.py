@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -16,10 +17,9 @@ from ssp_core.options import Number, usage_errors
 from ssp_core.processes import live_environment, session_environment
 from ssp_monitor.recorder.topics import Pattern
 from ssp_monitor.replay.plan import DEFAULT_CLOCK_HZ, ReplayOptions, is_name
-from ssp_monitor.replay.player import FASTEST, SLOWEST, Settings
+from ssp_monitor.replay.player import FASTEST, SLOWEST
 
 _PROFILES = Path(ssp_core.__file__).parent / "config"
-_MOST_S = 1e6  # what a wait of the operating system takes
 
 
 def _environment(network: bool) -> dict[str, str]:
@@ -60,9 +60,6 @@ def _expressions(
 @click.option("--loop", is_flag=True, help="Begin again at the end.")
 @click.option("--paused", is_flag=True, help="Begin with a pause.")
 @click.option(
-    "--delay", "delay_s", type=Number(0, _MOST_S), default=0.0, help="Seconds before it begins."
-)
-@click.option(
     "--clock",
     "clock_hz",
     type=Number(0, 1000),
@@ -94,67 +91,26 @@ def _expressions(
 @click.option(
     "--network", is_flag=True, help="Let other hosts hear it; otherwise this one alone does."
 )
-@click.option("--strict", is_flag=True, help="Refuse a bag with a type that isn't installed.")
 @click.option(
     "--wait-for",
     type=click.IntRange(0),
     default=0,
-    help="Begin when each topic has so many subscribers.",
+    help="Begin when each topic has so many subscribers, within 30 s.",
 )
-@click.option(
-    "--wait-limit",
-    "wait_limit_s",
-    type=Number(0, _MOST_S, low_open=True),
-    default=30.0,
-    show_default=True,
-    help="Seconds to wait for them.",
-)
-@click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
-def replay(
-    bag: Path,
-    rate: float,
-    start_s: float,
-    end_s: float | None,
-    loop: bool,
-    paused: bool,
-    delay_s: float,
-    clock_hz: float | None,
-    topics: tuple[str, ...],
-    exclude: tuple[str, ...],
-    remap: dict[str, str],
-    commands: bool,
-    beside_session: bool,
-    network: bool,
-    strict: bool,
-    wait_for: int,
-    wait_limit_s: float,
-    json_: bool,
-) -> int:
+@click.option("--json", is_flag=True, help="Print JSON for programs.")
+def replay(bag: Path, network: bool, **wishes: Any) -> int:
     """Publish a bag as it was recorded: a bag directory or an .mcap file.
 
     Topics that may move real objects are left out, and a ROS domain with a session in it is
     refused. Keys: space pauses, right arrow sends one message, s goes on to the next camera frame,
-    + and - change the rate, q ends. The node /ssp/replay offers pause, resume, toggle_paused, step
-    and step_frame as std_srvs/Trigger, and the parameter rate. Ctrl-C ends it as q does: exit
-    status 0.
+    + and - change the rate, q ends. The node /ssp/replay offers pause, resume, step and step_frame
+    as std_srvs/Trigger, and the parameter rate. Ctrl-C ends it as q does: exit status 0.
     """
-    wishes = ReplayOptions(topics, exclude, remap, commands, clock_hz, strict)
     environment = _environment(network)
     reader = BagReader(bag)
-    from ssp_monitor.ros.replay_node import Options
     from ssp_monitor.ros.replay_node import replay as replay_bag
 
-    options = Options(
-        wishes,
-        Settings(rate, paused, loop, delay_s),
-        start_s,
-        end_s,
-        beside_session,
-        wait_for,
-        wait_limit_s,
-        json_,
-    )
-    return replay_bag(reader, options, environment)
+    return replay_bag(reader, ReplayOptions(**wishes), environment)
 
 
 def main() -> int:

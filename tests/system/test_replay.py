@@ -333,9 +333,7 @@ def test_a_session_that_comes_later_ends_the_replay(bag: Path, stage: Stage) -> 
     assert "a session is under way" in err
 
 
-def test_types_that_are_missing_or_differ_are_named_or_refused(
-    tmp_path: Path, stage: Stage
-) -> None:
+def test_types_that_are_missing_or_differ_are_named(tmp_path: Path, stage: Stage) -> None:
     bag = tmp_path / "foreign"
     with BagWriter(bag) as writer:
         unknown = TypeDefinition("odd_msgs/msg/Odd", "ros2msg", "int32 a\n")
@@ -354,11 +352,6 @@ def test_types_that_are_missing_or_differ_are_named_or_refused(
     why = {one["topic"]: one["why"] for one in told["left_out"]}
     assert "odd_msgs/msg/Odd is not installed" in why["/odd"]
     assert "another definition of std_msgs/msg/Int32" in why["/changed"]
-    strict = stage.replay(str(bag), "--strict")
-    _, err = strict.communicate(timeout=DEADLINE_S)
-    assert strict.returncode == 1
-    assert "--strict" in err
-    assert "Traceback" not in err
 
 
 def test_services_pause_step_and_change_the_rate(bag: Path, stage: Stage) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ssp_core import names
@@ -192,15 +192,28 @@ class ReplayOptions:
         remap: recorded name to the name to publish under.
         commands: topics that may move objects too.
         clock_hz: of a /clock that is made here; 0: none is; None: only where none is recorded.
-        strict: a topic that can't be published is an error.
+        rate: bag seconds per second.
+        start_s: from the bag's first message.
+        end_s: from the bag's first message; None: to the end.
+        loop: from the beginning again at the end.
+        paused: it begins with a pause.
+        wait_for: subscribers of each topic, without which it doesn't begin.
+        beside_session: also where a session is under way.
     """
 
     topics: tuple[str, ...] = ()
     exclude: tuple[str, ...] = ()
-    remap: Mapping[str, str] | None = None
+    remap: Mapping[str, str] = field(default_factory=dict)
     commands: bool = False
     clock_hz: float | None = None
-    strict: bool = False
+    rate: float = 1.0
+    start_s: float = 0.0
+    end_s: float | None = None
+    loop: bool = False
+    paused: bool = False
+    wait_for: int = 0
+    beside_session: bool = False
+    json: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,10 +261,9 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing:
     """The plan for a bag's topics.
 
     Raises:
-        InputError: a wish names nothing in the bag, nothing is left, or, if strict, a topic can't
-            be published.
+        InputError: a wish names nothing in the bag, or nothing is left.
     """
-    remap = _remapped(recorded, wishes.remap or {})
+    remap = _remapped(recorded, wishes.remap)
     wanted = _matching(recorded, wishes.topics, "--topics") if wishes.topics else set(recorded)
     wanted -= _matching(recorded, wishes.exclude, "--exclude")
     if not wanted:
@@ -271,7 +283,7 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing:
         else:
             offer = offer_of(name, info.offered_qos)
             lines.append(PlannedTopic(name, topic, info.msgtype, offer, info.count))
-    _check(lines, left_out, wishes)
+    _check(lines, left_out)
     clock_recorded = any(line.topic == names.CLOCK for line in lines)
     clock_hz = DEFAULT_CLOCK_HZ if wishes.clock_hz is None else wishes.clock_hz
     return Plan(tuple(lines), tuple(left_out), 0.0 if clock_recorded else clock_hz, clock_recorded)
@@ -322,13 +334,7 @@ def _obstacle(topic: str, info: TopicInfo, missing: Missing) -> str | None:
     return missing(info.msgtype, info.type_hash)
 
 
-def _check(lines: list[PlannedTopic], left_out: list[OmittedTopic], wishes: ReplayOptions) -> None:
-    unable = [one for one in left_out if not one.is_command]
-    if wishes.strict and unable:
-        raise InputError(
-            "can't be published: " + "; ".join(f"{one.topic} {one.why}" for one in unable),
-            field="--strict",
-        )
+def _check(lines: list[PlannedTopic], left_out: list[OmittedTopic]) -> None:
     kinds: dict[str, str] = {}
     for line in lines:
         if kinds.setdefault(line.topic, line.msgtype) != line.msgtype:

@@ -14,31 +14,26 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_monitor.replay.plan import PlannedTopic
+from ssp_monitor.replay.plan import Plan, PlannedTopic, ReplayOptions
 
 AHEAD_BYTES = 64 << 20
 AHEAD_MESSAGES = 20_000
 
 
 class MessageSource:
-    """A stretch of a bag.
+    """The stretch of a bag that is asked for.
 
     Args:
         reader: stays open as long as this is used.
-        start_s: from the bag's first message.
-        end_s: from the bag's first message; None: to the end.
 
     Raises:
         InputError: the stretch lies outside the bag.
     """
 
     def __init__(
-        self,
-        reader: BagReader,
-        lines: tuple[PlannedTopic, ...],
-        start_s: float = 0.0,
-        end_s: float | None = None,
+        self, reader: BagReader, lines: tuple[PlannedTopic, ...], wishes: ReplayOptions
     ) -> None:
+        start_s, end_s = wishes.start_s, wishes.end_s
         first_ns, last_ns = reader.start_ns, reader.end_ns
         if first_ns is None or last_ns is None:
             raise InputError("holds no message", file=reader.path)
@@ -56,10 +51,6 @@ class MessageSource:
                 remedy=f"the bag is {ns_to_seconds(last_ns - first_ns):.3f} s long"
                 + ("" if end_s is None else f", --end is {end_s:g}"),
             )
-
-    @property
-    def length_ns(self) -> int:
-        return self.end_ns - self.start_ns
 
     def kept(self) -> list[BagMessage]:
         """What latched publishers kept from before the start: the newest messages of each, as many
@@ -376,26 +367,6 @@ class Lateness:
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
-    """How a tape is played.
-
-    Args:
-        paused: it begins with a pause.
-        loop: from the beginning again at the end.
-        delay_s: before the first message.
-        clock_hz: ticks a second; 0: none.
-        frames: recorded topics with camera frames.
-    """
-
-    rate: float = 1.0
-    paused: bool = False
-    loop: bool = False
-    delay_s: float = 0.0
-    clock_hz: float = 0.0
-    frames: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True, slots=True)
 class Progress:
     """Where the replay is.
 
@@ -417,19 +388,25 @@ class Player:
     """Plays until the tape's end, or until it is told to stop. Commands may come from any thread.
 
     Args:
-        over: called at the end, from the player's thread.
+        tape: what is played.
+        send: publishes a message, in the player's thread.
+        tick: publishes a bag time, ns, in that thread.
+        over: called at the end, in that thread.
     """
 
     def __init__(
         self,
         tape: MessageSource,
-        settings: Settings,
+        plan: Plan,
+        wishes: ReplayOptions,
         send: Callable[[BagMessage], None],
         tick: Callable[[int], None],
         over: Callable[[], None] = lambda: None,
     ) -> None:
         self._tape = tape
-        self._settings = settings
+        self._loop = wishes.loop
+        self._tick_ns = seconds_to_ns(1.0 / plan.clock_hz) if plan.clock_hz else None
+        self._frames = plan.frames
         self._send = send
         self._tick = tick
         self._over = over
@@ -438,7 +415,7 @@ class Player:
         self._sent = 0
         self._lap = 0
         self._stopped = False
-        self._begin = Timeline(tape.start_ns, 0, settings.rate, settings.paused)
+        self._begin = Timeline(tape.start_ns, 0, wishes.rate, wishes.paused)
         self._playback: Playback | None = None
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
@@ -503,7 +480,7 @@ class Player:
 
     def _run(self) -> None:
         try:
-            while self._play_once() and self._settings.loop and not self._stopped:
+            while self._play_once() and self._loop and not self._stopped:
                 pass
         except BaseException as error:  # whoever waits for the end is told of it
             self.error = error
@@ -515,15 +492,10 @@ class Player:
         for message in self._tape.kept():
             self._publish(message)
         with closing(self._tape.messages()) as messages:
-            delay_ns = 0 if self._lap else seconds_to_ns(self._settings.delay_s)
-            hz = self._settings.clock_hz
             with self._changed:
                 last = self._timeline
-                begin = Timeline(
-                    self._tape.start_ns, time.monotonic_ns() + delay_ns, last.rate, last.paused
-                )
-                tick_ns = seconds_to_ns(1.0 / hz) if hz else None
-                self._playback = Playback(messages, begin, tick_ns, self._settings.frames)
+                begin = Timeline(self._tape.start_ns, time.monotonic_ns(), last.rate, last.paused)
+                self._playback = Playback(messages, begin, self._tick_ns, self._frames)
                 self._lap += 1
             return self._play(self._playback)
 

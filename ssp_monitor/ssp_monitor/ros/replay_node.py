@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import click
 from rcl_interfaces.msg import SetParametersResult
@@ -28,7 +28,7 @@ from ssp_core.bag.types import BagMessage
 from ssp_core.console import err, note
 from ssp_core.errors import HostError
 from ssp_monitor.replay.plan import ReplayOptions, make_plan, session_signs
-from ssp_monitor.replay.player import MessageSource, Player, Settings
+from ssp_monitor.replay.player import MessageSource, Player
 from ssp_monitor.replay.terminal import (
     HELP,
     Key,
@@ -48,22 +48,9 @@ COMMANDS_LOOK_S = 3.0
 WATCH_S = 1.0
 KEYS_S = 0.1
 MATCH_S = 5.0
+WAIT_FOR_S = 30.0
 ACKNOWLEDGED_S = 3.0
 POLL_S = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """Everything that the command line asks for; the settings' clock and frames come later."""
-
-    wishes: ReplayOptions
-    settings: Settings
-    start_s: float = 0.0
-    end_s: float | None = None
-    beside_session: bool = False
-    wait_for: int = 0
-    wait_limit_s: float = 30.0
-    json: bool = False
 
 
 class ReplayNode(Node):
@@ -77,13 +64,13 @@ class ReplayNode(Node):
         HostError: a session is under way, or nobody listens who was waited for.
     """
 
-    def __init__(self, reader: BagReader, options: Options, stop: ros.StopRequest) -> None:
+    def __init__(self, reader: BagReader, wishes: ReplayOptions, stop: ros.StopRequest) -> None:
         super().__init__(NODE, namespace=names.NAMESPACE)
-        self._options = options
+        self._wishes = wishes
         self._stop = stop
         self._error: HostError | None = None
-        self._plan = make_plan(reader.topics, options.wishes, why_not_installed)
-        self._tape = MessageSource(reader, self._plan.lines, options.start_s, options.end_s)
+        self._plan = make_plan(reader.topics, wishes, why_not_installed)
+        self._tape = MessageSource(reader, self._plan.lines, wishes)
         self._keyboard = Keyboard()
         self._stack = ExitStack()
         for line in plan_lines(self._plan):
@@ -101,7 +88,8 @@ class ReplayNode(Node):
         self._await_subscribers()
         self.player = Player(
             self._tape,
-            replace(options.settings, clock_hz=self._plan.clock_hz, frames=self._plan.frames),
+            self._plan,
+            wishes,
             self._send,
             self._tick,
             lambda: stop.set("end"),
@@ -127,9 +115,9 @@ class ReplayNode(Node):
 
     def _look(self) -> None:
         """Listens for a session, for longer when commands would be published."""
-        if self._options.beside_session:
+        if self._wishes.beside_session:
             return
-        look_s = COMMANDS_LOOK_S if self._options.wishes.commands else LOOK_S
+        look_s = COMMANDS_LOOK_S if self._wishes.commands else LOOK_S
         until = time.monotonic() + look_s
         while time.monotonic() < until and self._stop.reason is None:
             if signs := self._signs():
@@ -152,8 +140,8 @@ class ReplayNode(Node):
 
     def _await_subscribers(self) -> None:
         """Until everybody who is there hears it, and as many as were asked for."""
-        wait_for = self._options.wait_for
-        limit_s = self._options.wait_limit_s if wait_for else MATCH_S
+        wait_for = self._wishes.wait_for
+        limit_s = WAIT_FOR_S if wait_for else MATCH_S
         until = time.monotonic() + limit_s
         topics = [line.topic for line in self._plan.lines]
         while self._stop.reason is None:
@@ -180,18 +168,17 @@ class ReplayNode(Node):
         offered: dict[str, Callable[[], None]] = {
             "pause": lambda: player.set_paused(True),
             "resume": lambda: player.set_paused(False),
-            "toggle_paused": player.toggle_paused,
             "step": player.step,
             "step_frame": player.step_frame,
         }
         for name, do in offered.items():
             self.create_service(Trigger, f"~/{name}", self._answer(do))
-        ros.declare(self, [replace(one, default=self._options.settings.rate) for one in REPLAY])
+        ros.declare(self, [replace(one, default=self._wishes.rate) for one in REPLAY])
         self.add_on_set_parameters_callback(self._set_parameters)
         # Steady: /clock may be paused, or be published by this very node.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(KEYS_S, self._each_moment, clock=steady)
-        if not self._options.beside_session:
+        if not self._wishes.beside_session:
             self.create_timer(WATCH_S, self._watch, clock=steady)
 
     def _answer(
@@ -259,7 +246,7 @@ class ReplayNode(Node):
         )
         if err.is_terminal:
             err.print()
-        if self._options.json:
+        if self._wishes.json:
             click.echo(json.dumps(outcome.as_json(), indent=1))
         else:
             for line in outcome.lines():
@@ -278,11 +265,11 @@ def _refusal(signs: list[str]) -> str:
     )
 
 
-def replay(reader: BagReader, options: Options, environment: dict[str, str]) -> int:
+def replay(reader: BagReader, wishes: ReplayOptions, environment: dict[str, str]) -> int:
     """Replays a bag in this process, which ends with it; see ros.run_node."""
     os.environ.update(environment)
     return ros.run_node(
-        lambda stop: ReplayNode(reader, options, stop),
+        lambda stop: ReplayNode(reader, wishes, stop),
         ReplayNode.close,
         # ROS would apply --remap once more, after it was checked where a topic goes.
         args=[],
