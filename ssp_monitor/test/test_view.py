@@ -10,30 +10,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+from visualization_msgs.msg import Marker
 
 from ssp_core.clock import NS_PER_S
-from ssp_core.geometry import Polyline, Pose2, point_in_polygon
+from ssp_core.geometry import Polyline, point_in_polygon
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.node_interface import Level, Status
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase, Verdict
 from ssp_core.world.road_drawing import drawing_of
-from ssp_monitor.status.board import Board, LinkFact, Received, RecorderFact, SessionFact
-from ssp_monitor.status.health import ClockWatch, health
-from ssp_monitor.status.markers import (
+from ssp_monitor.ros.view_node import (
     COLOURS,
     FORGOTTEN_S,
     STALE,
     TRAIL_POINTS,
     VUT,
-    Mark,
     Moving,
-    RemovedMark,
-    Shape,
-    Trails,
-    colour_of,
+    Trail,
     standing_marks,
 )
+from ssp_monitor.status.board import Board, LinkFact, Received, RecorderFact, SessionFact
+from ssp_monitor.status.health import ClockWatch, health
 from support.states import object_state
 
 NOW_NS = 100 * NS_PER_S
@@ -45,12 +42,23 @@ def _state(object_id: str = "vut", x_m: float = 0.0, **changes: Any) -> ObjectSt
 
 
 def _moving(*states: ObjectState, age_s: float = 0.0, over: Moving | None = None) -> Any:
+    """Marks by space and number, and those that are to disappear."""
     at_ns = NOW_NS - round(age_s * NS_PER_S)
     board = Board(objects={state.object_id: Received(state, at_ns) for state in states})
     marks = (over or Moving()).marks(board, NOW_NS)
-    return {(mark.space, mark.number): mark for mark in marks}
+    gone = {(mark.ns, mark.id) for mark in marks if mark.action == Marker.DELETE}
+    return {(mark.ns, mark.id): mark for mark in marks if mark.action == Marker.ADD}, gone
 
 
+def _points(mark: Marker) -> list[tuple[float, float]]:
+    return [(point.x, point.y) for point in mark.points]
+
+
+def _colour(mark: Marker) -> Any:
+    return pytest.approx((mark.color.r, mark.color.g, mark.color.b, mark.color.a))
+
+
+@pytest.mark.ros
 def test_a_state_that_was_held_up_on_its_way_is_shown_as_old() -> None:
     """It arrives now and would look new, were it not for the manager's clock."""
     board = Board(
@@ -58,82 +66,89 @@ def test_a_state_that_was_held_up_on_its_way_is_shown_as_old() -> None:
         manager_at_ns=NOW_NS,
         manager_stamp_ns=_state().stamp_ns + 2 * NS_PER_S,
     )
-    marks = {(m.space, m.number): m for m in Moving().marks(board, NOW_NS) if isinstance(m, Mark)}
-    assert marks["object", 0].colour == STALE
-    assert "silent for 2.0 s" in marks["name", 0].text
+    box, name = Moving().marks(board, NOW_NS)
+    assert _colour(box) == STALE
+    assert "silent for 2.0 s" in name.text
 
 
+@pytest.mark.ros
 def test_standing_marks_have_names_of_their_own_and_two_points_a_line(
     run_mapping: dict[str, Any],
 ) -> None:
-    marks = standing_marks(drawing_of(RunSpec.model_validate(run_mapping)))
-    assert len({(mark.space, mark.number) for mark in marks}) == len(marks)
-    assert {mark.space for mark in marks} == {"fence", "road", "start", "start heading"}
-    fence = next(mark for mark in marks if mark.space == "fence")
-    assert fence.points == ((0.0, 0.0), (300.0, -9.0), (300.0, 9.0), (0.0, 0.0))
+    marks = [*standing_marks(drawing_of(RunSpec.model_validate(run_mapping)))]
+    assert len({(mark.ns, mark.id) for mark in marks}) == len(marks)
+    assert {mark.ns for mark in marks} == {"fence", "road", "start", "start heading"}
+    fence = next(mark for mark in marks if mark.ns == "fence")
+    assert _points(fence) == [(0.0, 0.0), (300.0, -9.0), (300.0, 9.0), (0.0, 0.0)]
     for mark in marks:
-        if mark.shape is Shape.LINE_STRIP:
-            assert len(mark.points) >= 2
-            assert mark.size_m[0] > 0.0
+        assert mark.type == Marker.LINE_STRIP
+        assert len(mark.points) >= 2
+        assert mark.scale.x > 0.0
 
 
+@pytest.mark.ros
 def test_a_box_stands_about_the_middle_of_its_object() -> None:
-    quarter = math.pi / 2
-    marks = _moving(_state(x_m=5.0, y_m=1.0, yaw_rad=quarter))
+    marks, _ = _moving(_state(x_m=5.0, y_m=1.0, yaw_rad=math.pi / 2))
     box = marks["object", 0]
     # A car's reference point is its rear axle: 3.6 m to the front, 0.9 m to the rear.
-    assert box.shape is Shape.CUBE
-    assert (box.at.x_m, box.at.y_m, box.at.yaw_rad) == pytest.approx((5.0, 1.0 + 1.35, quarter))
-    assert box.size_m == (4.5, 1.8, 1.5)
-    assert box.z_m == 0.75
+    assert (box.type, box.header.frame_id) == (Marker.CUBE, "map")
+    at, turn = box.pose.position, box.pose.orientation
+    assert (at.x, at.y, at.z) == pytest.approx((5.0, 1.0 + 1.35, 0.75))
+    assert (turn.z, turn.w) == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
+    assert (box.scale.x, box.scale.y, box.scale.z) == (4.5, 1.8, 1.5)
     assert marks["name", 0].text == "vut  10.0 m/s"
 
 
+@pytest.mark.ros
 def test_every_class_has_a_colour_and_the_vut_its_own() -> None:
     assert set(COLOURS) == set(ObjectClass)
-    assert colour_of(_state()) == VUT
     walker = _state("walker", object_class=ObjectClass.PEDESTRIAN)
-    assert colour_of(walker) == COLOURS[ObjectClass.PEDESTRIAN]
+    marks, _ = _moving(_state(), walker)
+    assert _colour(marks["object", 0]) == VUT
+    assert _colour(marks["object", 1]) == COLOURS[ObjectClass.PEDESTRIAN]
 
 
+@pytest.mark.ros
 def test_a_silent_object_turns_grey_says_so_and_disappears_at_last() -> None:
     moving = Moving()
-    assert _moving(_state(), over=moving)["object", 0].colour == VUT
-    stale = _moving(_state(), age_s=2.0, over=moving)
-    assert stale["object", 0].colour == STALE
+    assert _colour(_moving(_state(), over=moving)[0]["object", 0]) == VUT
+    stale, _ = _moving(_state(), age_s=2.0, over=moving)
+    assert _colour(stale["object", 0]) == STALE
     assert stale["name", 0].text == "vut  silent for 2.0 s"
-    gone = _moving(_state(), age_s=FORGOTTEN_S + 1, over=moving)
-    assert set(gone.values()) == {RemovedMark("name", 0), RemovedMark("object", 0)}
-    assert _moving(_state(), age_s=FORGOTTEN_S + 2, over=moving) == {}
+    for gone in ({("name", 0), ("object", 0)}, set()):
+        assert _moving(_state(), age_s=FORGOTTEN_S + 1, over=moving) == ({}, gone)
 
 
+@pytest.mark.ros
 def test_an_object_whose_state_is_no_number_is_not_drawn_somewhere() -> None:
-    assert _moving(_state(x_m=math.nan)) == {}
+    assert _moving(_state(x_m=math.nan)) == ({}, set())
 
 
+@pytest.mark.ros
 def test_numbers_of_marks_stay_with_their_objects() -> None:
     moving = Moving()
     _moving(_state("b"), _state("a"), over=moving)
-    again = _moving(_state("a"), _state("b"), over=moving)
+    again, _ = _moving(_state("a"), _state("b"), over=moving)
     assert again["name", 0].text.startswith("b")
     assert again["name", 1].text.startswith("a")
 
 
+@pytest.mark.ros
 def test_trails_have_steps_an_end_and_no_jumps() -> None:
-    trails = Trails()
+    trail = Trail()
     for k in range(10 * TRAIL_POINTS):
-        trails.add(_state(x_m=0.1 * k, stamp_ns=k))
-    trail = trails.of("vut")
-    assert len(trail) == TRAIL_POINTS
-    steps = [b[0] - a[0] for a, b in pairwise(trail)]
+        trail.add(_state(x_m=0.1 * k, stamp_ns=k))
+    assert len(trail.points) == TRAIL_POINTS
+    steps = [b[0] - a[0] for a, b in pairwise(trail.points)]
     assert steps == pytest.approx([0.3] * len(steps))
-    trails.add(_state(x_m=5000.0, stamp_ns=10**6))
-    assert trails.of("vut") == ((5000.0, 0.0),)
-    trails.add(_state(x_m=5001.0, stamp_ns=10**6 + 1))
-    trails.add(_state(x_m=5002.0, stamp_ns=7))  # a replay that begins again
-    assert trails.of("vut") == ((5002.0, 0.0),)
+    trail.add(_state(x_m=5000.0, stamp_ns=10**6))
+    assert list(trail.points) == [(5000.0, 0.0)]
+    trail.add(_state(x_m=5001.0, stamp_ns=10**6 + 1))
+    trail.add(_state(x_m=5002.0, stamp_ns=7))  # a replay that begins again
+    assert list(trail.points) == [(5002.0, 0.0)]
 
 
+@pytest.mark.ros
 def test_the_gap_is_drawn_to_whom_the_vut_is_about_to_meet() -> None:
     moving = Moving(Polyline([(0.0, 0.0), (200.0, 0.0)]))
     crossing = _state(
@@ -145,16 +160,14 @@ def test_the_gap_is_drawn_to_whom_the_vut_is_about_to_meet() -> None:
         object_class=ObjectClass.PEDESTRIAN,
         size=DEFAULT_SIZES[ObjectClass.PEDESTRIAN],
     )
-    marks = _moving(_state(), crossing, over=moving)
-    assert marks["gap", 1].points == ((0.0, 0.0), (30.0, 5.0))
+    marks, _ = _moving(_state(), crossing, over=moving)
+    assert _points(marks["gap", 1]) == [(0.0, 0.0), (30.0, 5.0)]
     # The VUT's front reaches the walker's corridor after 30 - 0.55 - 3.6 m at 10 m/s, the walker
     # the VUT's after 5 - 0.25 - 1.2 m at 2 m/s: 2.585 s and 1.775 s.
     assert marks["gap time", 1].text.startswith("gap 0.8 s")
     away = dataclasses.replace(crossing, yaw_rad=math.pi / 2, y_m=20.0)
-    later = _moving(_state(), away, over=moving)
-    assert later["gap", 1] == RemovedMark("gap", 1)
-    silent = _moving(_state(), crossing, age_s=2.0, over=moving)
-    assert ("gap", 1) not in silent
+    assert ("gap", 1) in _moving(_state(), away, over=moving)[1]
+    assert ("gap", 1) not in _moving(_state(), crossing, age_s=2.0, over=moving)[0]
 
 
 def _board(run_mapping: dict[str, Any], **changes: Any) -> Board:
@@ -294,27 +307,6 @@ def test_a_replay_is_said_to_be_one(run_mapping: dict[str, Any]) -> None:
     found = _health(_board(run_mapping, replay=True))["replay"]
     assert found.level is Level.WARN
     assert "nothing of this is live" in found.message
-
-
-def test_marks_and_statuses_become_messages() -> None:
-    from rclpy.serialization import deserialize_message, serialize_message
-    from visualization_msgs.msg import MarkerArray
-
-    from ssp_core.ros import diagnostic_array
-    from ssp_monitor.ros.view_node import marker_array
-
-    box = Mark("object", 3, Shape.CUBE, VUT, Pose2(1.0, 2.0, math.pi), 0.5, (4.0, 2.0, 1.0))
-    path = Mark("trail", 3, Shape.LINE_STRIP, VUT, z_m=0.1, points=((0.0, 0.0), (1.0, 2.0)))
-    sent = serialize_message(marker_array([box, path, RemovedMark("gap", 1)], 1_500_000_000))
-    first, second, third = deserialize_message(sent, MarkerArray).markers
-    assert (first.header.frame_id, first.header.stamp.nanosec) == ("map", 500_000_000)
-    assert (first.ns, first.id, first.type, first.action) == ("object", 3, 1, 0)
-    assert (first.pose.orientation.z, first.scale.x) == (1.0, 4.0)
-    assert first.color.a == 1.0
-    assert [(p.x, p.y, p.z) for p in second.points] == [(0.0, 0.0, 0.1), (1.0, 2.0, 0.1)]
-    assert (third.ns, third.id, third.action) == ("gap", 1, 2)
-    (status,) = diagnostic_array([Status("n", "p", Level.ERROR, "m", (("k", "v"),))], 0).status
-    assert (status.level, status.hardware_id, status.values[0].key) == (b"\x02", "p", "k")
 
 
 def _with(run_mapping: dict[str, Any], **changes: Any) -> RunSpec:
