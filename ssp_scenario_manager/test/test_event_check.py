@@ -25,6 +25,7 @@ from ssp_scenario_manager.maps.site import LIBRARY
 from ssp_scenario_manager.run.in_process import InProcessSession, run_in_process, why_not
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.session import outbox
 
 SITES = ("boulevard", "north_track", "south_loop")
 _OTHER_SIDE = {"left": "right", "right": "left"}
@@ -346,7 +347,11 @@ def test_references_end_soon_after_the_event_however_long_the_road_is(
     session = InProcessSession(run, make_plant(run))
     session.run()
     assert session.session.verdict is Verdict.VALID, session.session.reasons
-    (over,) = [c for c in session.account.changes if c.state is SessionPhase.STOPPING]
-    last = session.account.references[-1]
+    (over,) = [
+        change
+        for change in session.of_kind(outbox.StateChanged)
+        if change.state is SessionPhase.STOPPING
+    ]
+    last = session.of_kind(outbox.Dispatch)[-1].reference
     ends_s = ns_to_seconds(last.execute_at_ns) + last.points[-1].t_s
     assert 5.0 < ends_s - ns_to_seconds(over.stamp_ns) < 30.0

@@ -14,6 +14,7 @@ import pytest
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run.in_process import InProcessSession, run_in_process
+from ssp_scenario_manager.session import outbox
 
 BENCH = Path(__file__).parents[1] / "bench"
 # Seeds whose VUT is far enough off to tell with from without.
@@ -105,9 +106,9 @@ def test_a_link_that_is_too_slow_ends_the_adaptation_and_not_the_run(study: Modu
     finally:
         plant.close()
     assert (session.session.verdict, session.session.reasons) == (Verdict.VALID, ())
-    notes = [note.text for note in session.account.notes]
+    notes = [note.text for note in session.of_kind(outbox.Note)]
     assert any("adaptation ends" in note and "was refused" in note for note in notes)
-    assert sum(r.purpose == "adapted" for r in session.account.references) < 40
+    assert sum(d.reference.purpose == "adapted" for d in session.of_kind(outbox.Dispatch)) < 40
 
 
 def test_the_adapted_references_are_the_same_in_every_run(study: ModuleType) -> None:

@@ -25,7 +25,6 @@ from ssp_scenario_manager.faults.matrix import MATRIX, Row, Stage
 from ssp_scenario_manager.faults.report import (
     as_json,
     junit_cases,
-    markdown,
     measured_parts,
     page,
 )
@@ -96,7 +95,7 @@ def faults(
     """Run the fault matrix and write its table.
 
     Every cell is one session with one injected fault. It leaves its bag, logs and result below the
-    folder of its row; the table is written as faults.md, faults.html and faults.json. Exit status 1
+    folder of its row; the table is written as faults.html and faults.json. Exit status 1
     when any cell is not as expected.
     """
     cells = _chosen(only, stages)
@@ -119,7 +118,6 @@ def faults(
     run = results[0].scene.run
     facts = as_json(results)
     write_json(out / "faults.json", facts)
-    write_text(out / "faults.md", markdown(results, run))
     write_text(out / "faults.html", page(results, run))
     if junit is not None:
         write_junit(junit, "faults", junit_cases(results))

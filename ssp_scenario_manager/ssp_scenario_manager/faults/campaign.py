@@ -12,6 +12,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder, read_mapping, write_json, write_text
 from ssp_core.hashing import sha256_json
+from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.state import ObjectState
 from ssp_core.processes import others_share_memory, remove_stale_shared_memory
 from ssp_core.run_file.model import Fault, RunSpec
@@ -35,6 +36,7 @@ from ssp_scenario_manager.faults.matrix import Cell, Expected, NotApplicable, Ro
 from ssp_scenario_manager.run.faults import NEED_PROCESSES
 from ssp_scenario_manager.run.in_process import InProcessSession, Record, judged
 from ssp_scenario_manager.run.sweep import for_one_process
+from ssp_scenario_manager.session import outbox
 
 MANAGER = "scenario_manager"
 
@@ -56,7 +58,6 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
         session.run()
     finally:
         plant.close()
-    account = session.account
     outcome, _ = judged(spec, session, Record(reports))
     verdict = outcome.verdict
     if verdict is Verdict.NONE:
@@ -75,7 +76,7 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
         SafetyNote(
             ns_to_seconds(seen.stamp_ns), MEANINGS[seen.code].limit_name, MANAGER, seen.object_id
         )
-        for seen in account.violations
+        for seen in (passed.violation for passed in session.of_kind(outbox.LimitPassed))
     ]
     return Evidence(
         spec=spec,
@@ -83,9 +84,11 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
         reasons=outcome.reasons,
         truth=_truth(reports),
         own_states=own_states(state for report in reports for state in report.target_states),
-        session=tuple((ns_to_seconds(c.stamp_ns), c.state) for c in account.changes),
-        phases=tuple((ns_to_seconds(p.stamp_ns), p.phase) for p in account.phases),
-        triggers=tuple(ns_to_seconds(t.dispatched_ns) for t in account.triggers),
+        session=tuple(
+            (ns_to_seconds(c.stamp_ns), c.state) for c in session.of_kind(outbox.StateChanged)
+        ),
+        phases=tuple((ns_to_seconds(p.stamp_ns), p.phase) for p in session.of_kind(PhaseBegan)),
+        triggers=tuple(ns_to_seconds(t.dispatched_ns) for t in session.of_kind(outbox.Triggered)),
         safety=tuple(sorted(safety, key=lambda note: note.t_s)),
         faults=_faults(spec, reports),
         has_wall=False,

@@ -1,4 +1,4 @@
-"""The fault matrix as measured: JSON and JUnit XML for programs, a page and Markdown for people."""
+"""The fault matrix as measured: JSON and JUnit XML for programs, a page for people."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from ssp_scenario_manager.session.run_script import RunOutcome
 
 SCHEMA = "ssp.fault_matrix/1"
 _TEMPLATES = Path(__file__).parent.parent / "library" / "templates"
-_HEAD = ("fault", "stages", "verdict", "who reacts", "within", "why")
 
 
 def as_json(results: Sequence[CellResult]) -> dict[str, Any]:
@@ -133,43 +132,12 @@ def _expected(cell: Cell, run: RunSpec) -> list[str]:
     return [" or ".join(sorted(cell.verdicts)), cell.by or "–", within, cell.why]
 
 
-def markdown(results: Sequence[CellResult], run: RunSpec) -> str:
-    """The measured table of each scenario, and what is expected of each row.
+def page(results: Sequence[CellResult], run: RunSpec) -> str:
+    """The measured table of each scenario, and what is expected of each row, as HTML.
 
     Args:
         run: gives the limits that the bounds are made of.
     """
-    parts = []
-    for scenario in _scenarios(results):
-        cells = [cell for row in scenario["rows"].values() for cell in row["cells"].values()]
-        counted = [cell for cell in cells if cell.judged is not None]
-        well = sum(cell.ok for cell in counted)
-        rows = [
-            [f"`{name}`", *(_measured(row["cells"].get(stage)) for stage in scenario["stages"])]
-            for name, row in scenario["rows"].items()
-        ]
-        parts += [
-            f"### {scenario['title']}\n\n{well} of {len(counted)} cells as expected.\n",
-            _table(["fault", *(stage.title for stage in scenario["stages"])], rows),
-        ]
-    expected = [[f"`{name}`", *columns] for name, columns in _expectations(results, run)]
-    return "\n".join([*parts, "### What is expected, and why\n", _table(_HEAD, expected)])
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
-def _measured(result: CellResult | None) -> str:
-    if result is None or result.judged is None:
-        return "" if result is None else "not applicable"
-    text = "<br>".join(measured_parts(result.judged))
-    return text if result.ok else f"**NOT AS EXPECTED**<br>{text}"
-
-
-def page(results: Sequence[CellResult], run: RunSpec) -> str:
-    """The same as HTML; arguments as for markdown."""
     templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
         autoescape=True,

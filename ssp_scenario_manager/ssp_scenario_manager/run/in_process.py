@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,10 +20,10 @@ from ssp_core.files import write_bytes
 from ssp_core.motion.event import Passing, PhaseBegan
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.model import Fault, RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
-from ssp_core.world.plant import FaultFact, LimitFact, ManagerUpdate, Plant, StepReport, make_plant
+from ssp_core.world.plant import FaultFact, ManagerUpdate, Plant, StepReport, make_plant
 from ssp_scenario_manager.run.result import Happened, misses, result_keys, rounded
 from ssp_scenario_manager.session import limits, outbox
 from ssp_scenario_manager.session.link_quality import LinkEstimate
@@ -50,17 +50,7 @@ def _ignore(_: StepReport) -> None:
     pass
 
 
-@dataclass
-class Account:
-    """What a session sent that belongs to its record, in its order."""
-
-    changes: list[outbox.StateChanged] = field(default_factory=list)
-    triggers: list[outbox.Triggered] = field(default_factory=list)
-    phases: list[PhaseBegan] = field(default_factory=list)
-    violations: list[limits.Violation] = field(default_factory=list)
-    references: list[Reference] = field(default_factory=list)
-    notes: list[outbox.Note] = field(default_factory=list)
-    faults: list[FaultFact] = field(default_factory=list)
+Fact = TypeVar("Fact", bound=outbox.Outgoing)
 
 
 class InProcessSession:
@@ -69,6 +59,10 @@ class InProcessSession:
     Args:
         on_report: is given every report of the running world.
         on_hold: is given every report of the world that holds.
+
+    Attributes:
+        sent: everything that the session sent, in its order.
+        faults: that began or ended.
     """
 
     def __init__(
@@ -79,7 +73,8 @@ class InProcessSession:
         on_hold: OnReport = _ignore,
     ) -> None:
         self.session = Session()
-        self.account = Account()
+        self.sent: list[outbox.Outgoing] = []
+        self.faults: list[FaultFact] = []
         self.problems: tuple[str, ...] = ()
         self._spec = spec
         self._plant = plant
@@ -93,7 +88,7 @@ class InProcessSession:
         self._heard_ns: dict[str, int] = {}
         self._links: dict[str, LinkEstimate] = {}
         self._fresh: list[Reference] = []
-        self._aborts = _operator_aborts(spec)
+        self._aborts = [fault for fault in spec.faults if fault.kind == "operator_abort"]
 
     def run(self) -> None:
         """Loads, connects, arms, starts, and steps until everything is over."""
@@ -167,7 +162,7 @@ class InProcessSession:
             report = self._plant.advance(self._word())
             self._on_report(report)
             if not report.running:
-                self.account.faults += report.faults
+                self.faults += report.faults
                 return
             self._steady_ns += report.now_ns - self._now_ns
             self._take(report)
@@ -198,12 +193,12 @@ class InProcessSession:
     def _take(self, report: StepReport) -> None:
         session = self.session
         self._now_ns = report.now_ns
-        self.account.faults += report.faults
+        self.faults += report.faults
+        for state in (*report.vut_states, *report.target_states):
+            self._heard_ns[state.object_id] = self._steady_ns
         for state in report.vut_states:
-            self._hear(state)
             session.on_vut_state(state)
         for state in report.target_states:
-            self._hear(state)
             session.on_target_state(state)
         for link in report.links:
             self._links[link.object_id] = LinkEstimate(
@@ -215,20 +210,20 @@ class InProcessSession:
             )
             self._flush()
         for seen in report.limits:
-            session.fail(_violation(seen), announced=True)
+            of_other = f"seen by {seen.source}"
+            session.fail(
+                limits.Violation(
+                    seen.code, seen.object_id, seen.measured, seen.limit, seen.stamp_ns, of_other
+                ),
+                announced=True,
+            )
             self._flush()
-
-    def _hear(self, state: ObjectState) -> None:
-        self._heard_ns[state.object_id] = self._steady_ns
 
     def _abort_by_operator(self, now_ns: int | None) -> None:
         """Those aborts that are due: with None, the ones of the armed session."""
         for fault in list(self._aborts):
-            if now_ns is None:
-                due = fault.at_s is None
-            else:
-                due = fault.at_s is None or now_ns >= seconds_to_ns(fault.at_s)
-            if due:
+            at_s = fault.at_s
+            if at_s is None or (now_ns is not None and now_ns >= seconds_to_ns(at_s)):
                 self._aborts.remove(fault)
                 self.session.command(SessionEvent.ABORT, self._now_ns, "operator", "injected fault")
                 self._flush()
@@ -240,26 +235,19 @@ class InProcessSession:
         return ManagerUpdate(self.session.state, self._now_ns, references)
 
     def _flush(self) -> None:
-        account = self.account
         while self.session.outbox:
             fact = self.session.outbox.pop(0)
+            self.sent.append(fact)
             if isinstance(fact, outbox.Dispatch):
                 self._fresh.append(fact.reference)
-                account.references.append(fact.reference)
-            elif isinstance(fact, outbox.StateChanged):
-                account.changes.append(fact)
-            elif isinstance(fact, outbox.Triggered):
-                account.triggers.append(fact)
-            elif isinstance(fact, PhaseBegan):
-                account.phases.append(fact)
-            elif isinstance(fact, outbox.LimitPassed):
-                account.violations.append(fact.violation)
-            elif isinstance(fact, outbox.Note):
-                account.notes.append(fact)
             elif isinstance(fact, outbox.ArmObjects):
                 self._command_objects(_ARM if fact.armed else _DISARM)
-            else:
+            elif isinstance(fact, outbox.ClearObjects):
                 self._command_objects(_ALL_CLEAR)
+
+    def of_kind(self, kind: type[Fact]) -> list[Fact]:
+        """What the session sent of one kind, in its order."""
+        return [fact for fact in self.sent if isinstance(fact, kind)]
 
     def _command_objects(self, command: int) -> None:
         for target in self._spec.targets:
@@ -268,21 +256,6 @@ class InProcessSession:
                 reason = f"{target.id} refused: {refusal}"
                 self._script.on_setback(reason)
                 self.session.arming_failed(self._now_ns, reason)
-
-
-def _operator_aborts(spec: RunSpec) -> list[Fault]:
-    return [fault for fault in spec.faults if fault.kind == "operator_abort"]
-
-
-def _violation(seen: LimitFact) -> limits.Violation:
-    return limits.Violation(
-        seen.code,
-        seen.object_id,
-        seen.measured,
-        seen.limit,
-        seen.stamp_ns,
-        f"seen by {seen.source}",
-    )
 
 
 _COLUMNS = ("stamp_ns", "x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps")
@@ -392,13 +365,12 @@ def run_in_process(spec: RunSpec, work_dir: Path | None = None) -> tuple[InProce
 
 def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[RunOutcome, Happened]:
     """How a session that is over ended, and what happened in it."""
-    account = session.account
     happened = Happened.seen(
         spec,
         0,
-        account.phases,
-        account.triggers,
-        account.faults,
+        session.of_kind(PhaseBegan),
+        session.of_kind(outbox.Triggered),
+        session.faults,
         {i: record.truths(i) for i in spec.object_ids},
     )
     told = RunOutcome(session.session.verdict, tuple(session.session.reasons or session.problems))
