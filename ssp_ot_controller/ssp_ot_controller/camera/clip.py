@@ -6,21 +6,20 @@ frames; the truth file is for labels and for the K* that `ssp spec clip` binds t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import cv2
 
-from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import HostError
 from ssp_core.files import write_json
 from ssp_core.motion.state import ObjectState
-from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.camera.frames import Odometer
 from ssp_ot_controller.camera.renderer.render import render
-from ssp_ot_controller.camera.renderer.scene import AHEAD_S, Indicator, Indicators, Scene, side_of
+from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
 from ssp_ot_controller.camera.storyboards import LaneCounts, Storyboard, storyboard
 
 TRUTH_SCHEMA = "ssp.truth/1"
@@ -76,17 +75,6 @@ def truth(board: Storyboard) -> dict[str, Any]:
     }
 
 
-def foreseen(board: Storyboard) -> Callable[[Mapping[str, ObjectState], int], dict[str, Indicator]]:
-    """Who is going to move sideways: a clip's motion is known beforehand."""
-    line = ReferenceLine.of_road(board.road)
-
-    def soon(_: Mapping[str, ObjectState], now_ns: int) -> dict[str, Indicator]:
-        later = board.states(ns_to_seconds(now_ns) + AHEAD_S)
-        return {state.object_id: side_of(state, line) for state in later}
-
-    return soon
-
-
 def write_clip(board: Storyboard, video: Path, advance: Callable[[], None] = lambda: None) -> None:
     """Draws the clip into an MP4 file and writes its truth file beside it.
 
@@ -104,7 +92,7 @@ def write_clip(board: Storyboard, video: Path, advance: Callable[[], None] = lam
         raise HostError(
             f"{video}: OpenCV can't write MP4 (mp4v) here; check folder and OpenCV build"
         )
-    odometer, indicators = Odometer(), Indicators(board.road, foreseen(board))
+    odometer, indicators = Odometer(), Indicators(board.road)
     try:
         for index, t_s in enumerate(board.times()):
             states = board.states(t_s)

@@ -26,7 +26,7 @@ from ssp_core.world.scenery import left_out
 from ssp_msgs.msg import StepDone, WorldTick
 from ssp_ot_controller.camera.frames import Odometer, Schedule, jpeg, steps_per_frame
 from ssp_ot_controller.camera.renderer.render import render, warm_up
-from ssp_ot_controller.camera.renderer.scene import Foreseen, Indicators, Scene
+from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
 from ssp_ot_controller.ros.endpoints import CameraPublishers
 from ssp_ot_controller.ros.parameters import FRONT_CAMERA
 
@@ -59,7 +59,7 @@ class FrontCamera(Node):
             self.get_logger().warning(text)
         self._schedule = Schedule(steps_per_frame(self._camera.rate_hz, self._run.step_s))
         self._odometer = Odometer()
-        self._indicators = Indicators(self._run.road, Foreseen(self._run))
+        self._indicators = Indicators(self._run.road)
         # Compiling or loading kernels takes seconds: do it before anybody can see this node.
         warm_up(self._run.road, self._run.look, self._camera, self._run.seed)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)

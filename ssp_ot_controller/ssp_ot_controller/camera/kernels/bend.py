@@ -13,6 +13,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree  # type: ignore[import-untyped] # has no types
 
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.road import Road
@@ -22,8 +23,7 @@ from ssp_ot_controller.camera.kernels.jit import Array, compiled, inlined
 _NODE_STEP_M = 0.25
 _CELL_M = 2.0
 _MOST_CELLS = 250_000
-_MARGIN_M = 100.0  # of the grid around the line
-_SEED_STRIDE = 8  # of the nodes that cells are compared with
+_MARGIN_M = 100.0  # of the nodes beyond the line's ends, and of the grid around them
 # Where the map along the line shrinks to less than this there is nothing of the road any more.
 _LEAST_STRETCH = 0.05
 _STEPS = 6
@@ -37,7 +37,7 @@ class Bend(NamedTuple):
 
     Args:
         nodes: shape (n, 5): x, y, cosine and sine of the heading, curvature; the first and the last
-            lie on the straight extensions.
+            100 m lie on the straight extensions.
         cells: shape (rows, columns), int32: the node that is nearest to a cell's middle.
         x_m: of the grid's corner.
         y_m: of the grid's corner.
@@ -55,29 +55,6 @@ class Bend(NamedTuple):
     step_m: float
 
 
-@compiled
-def _fill(bend: Bend, stride: int) -> None:
-    """Finds each cell's node; the line goes on straight from its first and last."""
-    nodes, cells = bend.nodes, bend.cells
-    last = nodes.shape[0] - 1
-    for row in range(cells.shape[0]):
-        y = bend.y_m + (row + 0.5) / bend.cells_per_m
-        for column in range(cells.shape[1]):
-            x = bend.x_m + (column + 0.5) / bend.cells_per_m
-            best, nearest = 0, math.inf
-            for i in range(0, last + stride, stride):
-                j = min(i, last)
-                dx, dy = x - nodes[j, N_X], y - nodes[j, N_Y]
-                away = dx * dx + dy * dy
-                if j == 0 or j == last:
-                    along = nodes[j, N_COS] * dx + nodes[j, N_SIN] * dy
-                    if (along > 0.0) == (j == last):
-                        away -= along * along
-                if away < nearest:
-                    best, nearest = j, away
-            cells[row, column] = best
-
-
 def build_bend(road: Road) -> Bend | None:
     """The tables of a road's line; None for a straight road."""
     line = block_line(road)
@@ -85,20 +62,25 @@ def build_bend(road: Road) -> Bend | None:
         return None
     count = math.ceil(line.length_m / _NODE_STEP_M)
     step = line.length_m / count
-    stations = step * np.arange(-1, count + 2)
+    # At both ends the line goes on straight.
+    beyond = math.ceil(_MARGIN_M / step)
+    stations = step * np.arange(-beyond, count + beyond + 1)
     nodes = np.empty((len(stations), 5))
-    for node, s in zip(nodes, stations, strict=True):
-        pose = line.pose(float(s))
+    for node, s in zip(nodes, stations.tolist(), strict=True):
+        pose = line.pose(s)
         node[:4] = pose.x_m, pose.y_m, math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-        node[N_CURVATURE] = line.curvature_1pm(float(s))
+        node[N_CURVATURE] = line.curvature_1pm(s)
     low = nodes[:, :2].min(axis=0) - _MARGIN_M
     size = nodes[:, :2].max(axis=0) + _MARGIN_M - low
     cell = max(_CELL_M, math.sqrt(float(size[0] * size[1]) / _MOST_CELLS))
     columns, rows = np.ceil(size / cell).astype(int)
-    cells = np.empty((rows, columns), np.int32)
-    bend = Bend(nodes, cells, float(low[0]), float(low[1]), 1.0 / cell, -step, step)
-    _fill(bend, _SEED_STRIDE)
-    return bend
+    row, column = np.mgrid[0:rows, 0:columns]
+    middles = low + cell * (np.stack([column, row], axis=2) + 0.5)
+    _, nearest = cKDTree(nodes[:, :2]).query(middles)
+    return Bend(
+        nodes, nearest.astype(np.int32), float(low[0]), float(low[1]), 1.0 / cell,
+        float(stations[0]), step,
+    )  # fmt: skip
 
 
 def block_line(road: Road) -> ReferenceLine:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from ssp_core.run_file.model import Camera
@@ -111,47 +112,21 @@ def level_camera(camera: Camera) -> Camera:
     )
 
 
-@inlined
-def _weight(away: float) -> float:
-    t = abs(away)
-    if t < 1.0:
-        return 1.0 + t * t * (1.5 * t - 2.5)
-    if t < 2.0:
-        return 2.0 + t * (-4.0 + t * (2.5 - 0.5 * t))
-    return 0.0
-
-
-@compiled
-def _turn(source: Array, c: float, s: float, out: Array) -> None:
-    """Bicubic (Catmull-Rom) samples of ``source`` turned about the middle of both."""
-    rows, columns, _ = source.shape
-    height, width, _ = out.shape
-    for v in range(height):
-        y = v - 0.5 * (height - 1)
-        for u in range(width):
-            x = u - 0.5 * (width - 1)
-            p = c * x - s * y + 0.5 * (columns - 1)
-            q = s * x + c * y + 0.5 * (rows - 1)
-            i, j = math.floor(p), math.floor(q)
-            fx, fy = p - i, q - j
-            for k in range(3):
-                total = 0.0
-                for b in range(-1, 3):
-                    wy = _weight(b - fy)
-                    row = min(max(j + b, 0), rows - 1)
-                    part = 0.0
-                    for a in range(-1, 3):
-                        column = min(max(i + a, 0), columns - 1)
-                        part += _weight(a - fx) * source[row, column, k]
-                    total += wy * part
-                out[v, u, k] = max(0.0, total)
-
-
 def rolled(light: Array, camera: Camera) -> Array:
     """The light of a leaning camera from that of its level one, shape (height, width, 3)."""
     if camera.roll_right_rad == 0.0:
         return light
-    out = np.empty((camera.height_px, camera.width_px, 3), np.float32)
     c, s = math.cos(camera.roll_right_rad), math.sin(camera.roll_right_rad)
-    _turn(light, c, s, out)
-    return out
+    rows, columns, _ = light.shape
+    # From a place in the picture to one in the level picture, about the middle of both.
+    turn = np.array([[c, -s], [s, c]])
+    middle = np.array([camera.width_px - 1, camera.height_px - 1]) / 2
+    shift = np.array([columns - 1, rows - 1]) / 2 - turn @ middle
+    turned = cv2.warpAffine(
+        light,
+        np.column_stack([turn, shift]),
+        (camera.width_px, camera.height_px),
+        flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.maximum(turned, np.float32(0.0))

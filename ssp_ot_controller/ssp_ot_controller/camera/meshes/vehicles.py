@@ -1,4 +1,4 @@
-"""Bodies of cars, trucks and buses, fitted to the extents of an ObjectState; parts that they share.
+"""Bodies of cars, trucks and buses, fitted to the extents of an ObjectState.
 
 The origin is the reference point (on the ground under the rear axle), x forward. Shares along the
 body are counted from the rear end (0) to the front end (1).
@@ -7,32 +7,38 @@ body are counted from the rear end (0) to the front end (1).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 
 from ssp_core.motion.state import Size
 from ssp_ot_controller.camera.kernels.palettes import rgb
 from ssp_ot_controller.camera.kernels.shading import GLASS, GLOSSY, LAMP, MATTE
-from ssp_ot_controller.camera.meshes.mesh import Colour, Mesh, Vec, box, fan, join, loft, quad, tube
+from ssp_ot_controller.camera.meshes.mesh import (
+    Colour,
+    Mesh,
+    Vec,
+    box,
+    fan,
+    hexahedron,
+    join,
+    loft,
+    quad,
+    tube,
+)
 
-_TYRE = rgb("1c1c1e")
-_RIM = rgb("a9adb1")
-PLASTIC = rgb("26282b")
-PANE = rgb("1d242b")
-PLATE = rgb("e9e6d8")
-TAIL = rgb("7d1418")
-_TAIL_LIT = rgb("a81c20")
-_BRAKE = rgb("ff4a3c")
-_HEAD = rgb("dfe6ea")
-_HEAD_LIT = rgb("fffbe8")
-AMBER = rgb("d98a2b")
-_TURN = rgb("8a4f1a")
-_TURN_LIT = rgb("ffae1c")
-_SPOKES = 5
-WHEEL_STEPS = 8  # poses of a wheel between two spokes, so that bodies can be kept
+Surface = tuple[Colour, int]  # colour and kind
+Range = tuple[float, float]
+
+_TYRE, _RIM, _ARCH = rgb("1c1c1e"), rgb("a9adb1"), rgb("26282b")
+_PLASTIC: Surface = (rgb("26282b"), MATTE)
+_PANE: Surface = (rgb("1d242b"), GLASS)
+_PLATE: Surface = (rgb("e9e6d8"), MATTE)
+_SIGN: Surface = (rgb("d98a2b"), LAMP)
+_TAIL: Surface = (rgb("7d1418"), GLOSSY)
 
 
 @dataclass(frozen=True)
@@ -45,23 +51,23 @@ class Lights:
     right: bool = False
 
     @property
-    def tail(self) -> tuple[Colour, int]:
+    def tail(self) -> Surface:
         if self.brake:
-            return _BRAKE, LAMP
-        return (_TAIL_LIT, LAMP) if self.lamps else (TAIL, GLOSSY)
+            return rgb("ff4a3c"), LAMP
+        return (rgb("a81c20"), LAMP) if self.lamps else _TAIL
 
     @property
-    def head(self) -> tuple[Colour, int]:
-        return (_HEAD_LIT, LAMP) if self.lamps else (_HEAD, GLOSSY)
+    def head(self) -> Surface:
+        return (rgb("fffbe8"), LAMP) if self.lamps else (rgb("dfe6ea"), GLOSSY)
 
-    def turn(self, side: float) -> tuple[Colour, int]:
+    def turn(self, side: float) -> Surface:
         """Of the indicators of one side, + is left."""
         lit = self.left if side > 0.0 else self.right
-        return (_TURN_LIT, LAMP) if lit else (_TURN, GLOSSY)
+        return (rgb("ffae1c"), LAMP) if lit else (rgb("8a4f1a"), GLOSSY)
 
 
 @dataclass(frozen=True)
-class Frame:
+class _Frame:
     """Turns shares of a body's extents into metres."""
 
     size: Size
@@ -72,106 +78,63 @@ class Frame:
     def y(self, share: float) -> float:
         return share * self.size.width_m / 2
 
-    def z(self, share: float) -> float:
-        return share * self.size.height_m
-
-    def ys(self, side: float, inner: float, outer: float) -> tuple[float, float]:
+    def ys(self, side: float, inner: float, outer: float) -> Range:
         """Between two shares of one side, + is left, in rising order."""
         a, b = side * self.y(inner), side * self.y(outer)
         return min(a, b), max(a, b)
 
+    def across(self, share: float) -> Range:
+        """As far to both sides."""
+        return -self.y(share), self.y(share)
 
-def on_face(
-    face: Sequence[Vec],
-    u: tuple[float, float],
-    v: tuple[float, float],
-    colour: Colour,
-    kind: int,
-    lift_m: float = 0.012,
-) -> Mesh:
+    def zs(self, low: float, high: float) -> Range:
+        return low * self.size.height_m, high * self.size.height_m
+
+
+def _panel(
+    face: Literal["rear", "front", "left", "right"], at_m: float, along: Range, z: Range,
+    surface: Surface,
+) -> Mesh:  # fmt: skip
+    """An upright rectangle that looks to one side of the body; ``along`` is in x or in y."""
+    a, b = along if face in ("front", "right") else along[::-1]
+    if face in ("rear", "front"):
+        (x0, y0), (x1, y1) = (at_m, a), (at_m, b)
+    else:
+        (x0, y0), (x1, y1) = (a, at_m), (b, at_m)
+    return quad((x0, y0, z[0]), (x1, y1, z[0]), (x1, y1, z[1]), (x0, y0, z[1]), *surface)
+
+
+def _on_face(face: Sequence[Vec], u: Range, v: Range, surface: Surface, lift_m: float) -> Mesh:
     """A panel on a quadrilateral, between shares u along its base and v up, lifted off it."""
     a, b, c, d = (np.asarray(p, dtype=np.float64) for p in face)
     normal = np.cross(b - a, d - a)
     normal *= lift_m / np.linalg.norm(normal)
 
     def at(i: float, j: float) -> Vec:
-        point = (1 - j) * ((1 - i) * a + i * b) + j * ((1 - i) * d + i * c) + normal
-        return float(point[0]), float(point[1]), float(point[2])
+        x, y, z = (1 - j) * ((1 - i) * a + i * b) + j * ((1 - i) * d + i * c) + normal
+        return float(x), float(y), float(z)
 
-    return quad(at(u[0], v[0]), at(u[1], v[0]), at(u[1], v[1]), at(u[0], v[1]), colour, kind)
-
-
-def wheel_step(travelled_m: float, radius_m: float) -> int:
-    """Pose of wheels with this way behind them, 0 to WHEEL_STEPS - 1."""
-    between = 2.0 * math.pi / _SPOKES * radius_m
-    return round(travelled_m / between * WHEEL_STEPS) % WHEEL_STEPS
+    return quad(at(u[0], v[0]), at(u[1], v[0]), at(u[1], v[1]), at(u[0], v[1]), *surface)
 
 
-@lru_cache(maxsize=64)
-def wheel(
-    x_m: float, y_m: float, radius_m: float, width_m: float, outward: float, step: int = 0
-) -> Mesh:
-    """A wheel with tyre and rim; its outer face stands at y_m, on the side ``outward`` (+ left).
+def _wheels(xs: Iterable[float], flank_m: float, radius_m: float, width_m: float) -> list[Mesh]:
+    """Wheels under dark arches on both flanks."""
 
-    ``step`` turns its spokes: as the vehicle rolls forward, the upper ones move forward.
-    """
-    inner = y_m - outward * width_m
-    tyre = tube((x_m, inner, radius_m), (x_m, y_m, radius_m), radius_m, radius_m, _TYRE, 16)
-    offset = y_m + outward * 0.008
-    turned = 2.0 * math.pi / _SPOKES * step / WHEEL_STEPS
+    def disc(x: float, y: float, z: float, radius: float, colour: Colour) -> Mesh:
+        angles = math.copysign(2.0, y) * math.pi * np.arange(12) / 12
+        rim = [(x + radius * math.sin(t), y, z + radius * math.cos(t)) for t in angles]
+        return fan(rim, colour)
 
-    def place(share: float, angle: float, y: float) -> Vec:
-        # From straight up, forward.
-        x = x_m + share * radius_m * math.sin(angle)
-        return x, y, radius_m * (1.0 + share * math.cos(angle))
-
-    def disc(share: float, y: float, colour: Colour) -> Mesh:
-        angles = outward * 2.0 * math.pi * np.arange(12) / 12
-        return fan([place(share, float(t), y) for t in angles], colour)
-
-    parts = [tyre, disc(0.66, offset, _RIM)]
-    for i in range(_SPOKES):
-        middle = turned + 2.0 * math.pi * (i + 0.5) / _SPOKES
-        gap = [
-            place(share, middle + outward * half, offset + outward * 0.004)
-            for share, half in ((0.24, -0.3), (0.24, 0.3), (0.56, 0.42), (0.56, -0.42))
-        ]
-        parts.append(quad(gap[3], gap[2], gap[1], gap[0], _TYRE))
-    parts.append(disc(0.16, offset + outward * 0.008, PLASTIC))
-    return join(parts)
-
-
-def arch(x_m: float, y_m: float, radius_m: float, floor_m: float, outward: float) -> Mesh:
-    angles = outward * math.pi * np.arange(11) / 10
-    rim = [
-        (
-            x_m - radius_m * math.cos(t),
-            y_m,
-            max(floor_m, 0.87 * radius_m + radius_m * math.sin(abs(t))),
-        )
-        for t in angles
-    ]
-    return fan([*rim, (x_m + radius_m, y_m, floor_m), (x_m - radius_m, y_m, floor_m)], PLASTIC)
-
-
-def rear_panel(
-    x: float, y0: float, y1: float, z0: float, z1: float, colour: Colour, kind: int
-) -> Mesh:
-    return quad((x, y1, z0), (x, y0, z0), (x, y0, z1), (x, y1, z1), colour, kind)
-
-
-def front_panel(
-    x: float, y0: float, y1: float, z0: float, z1: float, colour: Colour, kind: int
-) -> Mesh:
-    return quad((x, y0, z0), (x, y1, z0), (x, y1, z1), (x, y0, z1), colour, kind)
-
-
-def side_panel(
-    side: float, y: float, x0: float, x1: float, z0: float, z1: float, colour: Colour, kind: int
-) -> Mesh:
-    """On the flank of a side, + is left."""
-    near, far = (x1, x0) if side > 0.0 else (x0, x1)
-    return quad((near, y, z0), (far, y, z0), (far, y, z1), (near, y, z1), colour, kind)
+    parts = []
+    for x in xs:
+        for side in (-1.0, 1.0):
+            inner, outer = side * (flank_m - width_m), side * (flank_m + 0.012)
+            parts += [
+                disc(x, side * (flank_m + 0.004), 1.3 * radius_m, 1.1 * radius_m, _ARCH),
+                tube((x, inner, radius_m), (x, outer, radius_m), radius_m, radius_m, _TYRE, 16),
+                disc(x, outer + side * 0.008, radius_m, 0.62 * radius_m, _RIM),
+            ]
+    return parts
 
 
 @dataclass(frozen=True)
@@ -186,12 +149,42 @@ class _CarShape:
     windscreen_base: float
 
 
-_SEDAN = _CarShape(0.60, 0.66, 0.10, 0.27, 0.53, 0.71)
-_HATCHBACK = _CarShape(0.61, 0.64, 0.015, 0.13, 0.55, 0.74)
-CAR_SHAPES = (_SEDAN, _HATCHBACK)
+CAR_SHAPES = (
+    _CarShape(0.60, 0.66, 0.10, 0.27, 0.53, 0.71),  # sedan
+    _CarShape(0.61, 0.64, 0.015, 0.13, 0.55, 0.74),  # hatchback
+)
 
 
-def _car_hull(f: Frame, shape: _CarShape, paint: Colour) -> Mesh:
+@lru_cache(maxsize=64)
+def car(size: Size, paint: Colour, variant: int, lights: Lights) -> Mesh:
+    """A car; ``variant`` picks sedan or hatchback."""
+    f, shape = _Frame(size), CAR_SHAPES[variant % len(CAR_SHAPES)]
+    rear, front = -size.rear_m - 0.006, size.front_m + 0.006
+    top, nose = shape.deck_z - 0.1, shape.bonnet_z - 0.18
+    parts = [
+        _car_hull(f, shape, paint),
+        *_car_cabin(f, shape, paint, lights),
+        *_wheels((0.0, f.x(0.805)), f.y(1.0), 0.215 * size.height_m, 0.2),
+        _panel("rear", rear, f.across(0.24), f.zs(0.37, 0.44), _PLATE),
+        _panel("rear", rear, f.across(0.84), f.zs(0.245, 0.3), _PLASTIC),
+        _panel("front", front, f.across(0.45), f.zs(0.23, 0.36), _PLASTIC),
+    ]
+    for side in (-1.0, 1.0):
+        turn, behind = lights.turn(side), f.zs(top - 0.115, top - 0.045)
+        ahead = f.zs(nose - 0.15, nose - 0.095)
+        tail, head = f.zs(top - 0.1, top), f.zs(nose - 0.09, nose)
+        parts += [
+            _panel("rear", rear, f.ys(side, 0.46, 0.86), tail, lights.tail),
+            _panel("rear", rear - 0.004, f.ys(side, 0.73, 0.89), behind, turn),
+            _panel("front", front, f.ys(side, 0.48, 0.79), head, lights.head),
+            _panel("front", front + 0.004, f.ys(side, 0.58, 0.82), ahead, turn),
+            box((f.x(0.0), f.x(0.035)), f.ys(side, 0.9, 0.965), tail, *lights.tail),
+            box((f.x(0.955), f.x(0.985)), f.ys(side, 0.85, 0.95), head, *lights.head),
+        ]
+    return join(parts)
+
+
+def _car_hull(f: _Frame, shape: _CarShape, paint: Colour) -> Mesh:
     stations = (
         (0.000, 0.24, shape.deck_z - 0.09, 0.86),
         (0.012, 0.18, shape.deck_z - 0.03, 0.93),
@@ -203,280 +196,134 @@ def _car_hull(f: Frame, shape: _CarShape, paint: Colour) -> Mesh:
         (0.97, 0.15, shape.bonnet_z - 0.11, 0.92),
         (1.000, 0.20, shape.bonnet_z - 0.17, 0.80),
     )
+    # Half a cross-section from the bottom up: shares of the station's width and rise.
+    profile = np.array(
+        [(0.86, 0.0), (0.99, 0.18), (1.0, 0.45), (0.985, 0.75), (0.93, 0.95), (0.80, 1.0)]
+    )
     rings = []
     for share, low, high, width in stations:
-        rise = high - low
-        half = [
-            (0.86 * width, low),
-            (0.99 * width, low + 0.18 * rise),
-            (width, low + 0.45 * rise),
-            (0.985 * width, low + 0.75 * rise),
-            (0.93 * width, low + 0.95 * rise),
-            (0.80 * width, high),
-        ]
-        ring = [(f.x(share), f.y(y), f.z(z)) for y, z in half]
-        ring += [(f.x(share), -f.y(y), f.z(z)) for y, z in reversed(half)]
-        rings.append(ring)
+        y = f.y(width) * profile[:, 0]
+        z = f.size.height_m * (low + (high - low) * profile[:, 1])
+        half = np.stack([np.full(len(y), f.x(share)), y, z], axis=1)
+        rings.append(np.concatenate([half, half[::-1] * (1.0, -1.0, 1.0)]))
     hull = loft(rings, paint, GLOSSY)
-    skirt = hull.corners[..., 2] < f.z(0.2)
-    hull.colours[skirt] = PLASTIC
+    hull.colours[hull.corners[..., 2] < 0.2 * f.size.height_m] = _PLASTIC[0]
     return hull
 
 
-def _car_cabin(f: Frame, shape: _CarShape, paint: Colour, lights: Lights) -> Mesh:
-    base, roof = shape.deck_z - 0.02, 0.965
+def _car_cabin(f: _Frame, shape: _CarShape, paint: Colour, lights: Lights) -> list[Mesh]:
     levels = (
-        (base, shape.backlight_base, shape.windscreen_base + 0.015, 0.93),
-        (roof, shape.roof_rear, shape.roof_front, 0.70),
+        (shape.deck_z - 0.02, shape.backlight_base, shape.windscreen_base + 0.015, 0.93),
+        (0.965, shape.roof_rear, shape.roof_front, 0.70),
         (1.0, shape.roof_rear + 0.05, shape.roof_front - 0.05, 0.58),
     )
     rings = []
     for level, rear, front, width in levels:
-        x0, x1, y, z = f.x(rear), f.x(front), f.y(width), f.z(level)
-        cx, cy = 0.03 * f.size.length_m, 0.08 * f.size.width_m
-        rings.append(
-            [
-                (x1, -y + cy, z),
-                (x1, y - cy, z),
-                (x1 - cx, y, z),
-                (x0 + cx, y, z),
-                (x0, y - cy, z),
-                (x0, -y + cy, z),
-                (x0 + cx, -y, z),
-                (x1 - cx, -y, z),
-            ]
-        )
+        x0, x1, y, z = f.x(rear), f.x(front), f.y(width), level * f.size.height_m
+        dx, edge = 0.03 * f.size.length_m, y - 0.08 * f.size.width_m
+        left = [(x1, edge, z), (x1 - dx, y, z), (x0 + dx, y, z), (x0, edge, z)]
+        rings.append([*left, *((x, -y, z) for x, y, z in reversed(left))])
     low, high = rings[0], rings[1]
-    faces = {
-        "front": (low[0], low[1], high[1], high[0]),
-        "left": (low[2], low[3], high[3], high[2]),
-        "rear": (low[4], low[5], high[5], high[4]),
-        "right": (low[6], low[7], high[7], high[6]),
-    }
-    parts = [loft(rings, paint, GLOSSY)]
-    parts.append(on_face(faces["front"], (0.0, 1.0), (0.08, 0.93), PANE, GLASS))
-    parts.append(on_face(faces["rear"], (0.04, 0.96), (0.18, 0.9), PANE, GLASS))
-    for side, windows in (
-        ("left", ((0.06, 0.45), (0.49, 0.9))),
-        ("right", ((0.1, 0.51), (0.55, 0.94))),
-    ):
-        parts += [on_face(faces[side], w, (0.12, 0.9), PANE, GLASS) for w in windows]
-    colour, kind = lights.tail if lights.brake else (TAIL, GLOSSY)
-    parts.append(on_face(faces["rear"], (0.4, 0.6), (0.92, 0.99), colour, kind, 0.02))
-    return join(parts)
 
+    def face(i: int) -> tuple[Vec, ...]:
+        j = (i + 1) % 8
+        return low[i], low[j], high[j], high[i]
 
-def _car_details(f: Frame, shape: _CarShape, paint: Colour, lights: Lights) -> Mesh:
-    rear, front = -f.size.rear_m - 0.006, f.size.front_m + 0.006
-    top, nose = shape.deck_z - 0.1, shape.bonnet_z - 0.18
-    mirror_x = f.x(shape.windscreen_base - 0.03)
-    parts = [
-        rear_panel(rear, -f.y(0.24), f.y(0.24), f.z(0.37), f.z(0.44), PLATE, MATTE),
-        rear_panel(rear, -f.y(0.84), f.y(0.84), f.z(0.245), f.z(0.3), PLASTIC, MATTE),
-        front_panel(front, -f.y(0.45), f.y(0.45), f.z(0.23), f.z(0.36), PLASTIC, MATTE),
-        front_panel(front + 0.01, -f.y(0.22), f.y(0.22), f.z(0.27), f.z(0.33), PLATE, MATTE),
+    ahead, left_side, behind, right_side = face(7), face(1), face(3), face(5)
+    panes = (
+        (ahead, (0.0, 1.0), (0.08, 0.93)),
+        (behind, (0.04, 0.96), (0.18, 0.9)),
+        (left_side, (0.06, 0.45), (0.12, 0.9)),
+        (left_side, (0.49, 0.9), (0.12, 0.9)),
+        (right_side, (0.1, 0.51), (0.12, 0.9)),
+        (right_side, (0.55, 0.94), (0.12, 0.9)),
+    )
+    third_lamp = lights.tail if lights.brake else _TAIL
+    return [
+        loft(rings, paint, GLOSSY),
+        *(_on_face(*pane, _PANE, 0.012) for pane in panes),
+        _on_face(behind, (0.4, 0.6), (0.92, 0.99), third_lamp, 0.02),
     ]
-    for side in (-1.0, 1.0):
-        turn, tail = lights.turn(side), (f.z(top - 0.1), f.z(top))
-        lamp, above = (f.z(top - 0.115), f.z(top - 0.045)), (f.z(nose - 0.15), f.z(nose - 0.095))
-        repeater = (f.x(0.745), f.x(0.785), f.z(0.42), f.z(0.48))
-        head = (f.z(nose - 0.08), f.z(nose))
-        parts += [
-            rear_panel(rear, *f.ys(side, 0.46, 0.86), *tail, *lights.tail),
-            rear_panel(rear - 0.004, *f.ys(side, 0.73, 0.89), *lamp, *turn),
-            front_panel(front, *f.ys(side, 0.48, 0.79), f.z(nose - 0.09), f.z(nose), *lights.head),
-            front_panel(front + 0.004, *f.ys(side, 0.58, 0.82), *above, *turn),
-            side_panel(side, side * (f.y(1.0) + 0.01), *repeater, *turn),
-            box((f.x(0.0), f.x(0.035)), f.ys(side, 0.9, 0.965), tail, *lights.tail),
-            box((f.x(0.955), f.x(0.985)), f.ys(side, 0.85, 0.95), head, *lights.head),
-            box((mirror_x - 0.06, mirror_x + 0.06), f.ys(side, 0.97, 1.14),
-                (f.z(0.64), f.z(0.72)), paint, GLOSSY),
-        ]  # fmt: skip
-        y, dx = side * (f.y(1.0) + 0.006), 0.009 * side
-        for x in (f.x(0.26), f.x(0.46), f.x(0.68)):  # door gaps
-            low, high = f.z(0.2), f.z(0.56)
-            gap = ((x + dx, y, low), (x - dx, y, low), (x - dx, y, high), (x + dx, y, high))
-            parts.append(quad(*gap, PLASTIC))
-    return join(parts)
 
 
-def car(size: Size, paint: Colour, variant: int, lights: Lights, travelled_m: float = 0.0) -> Mesh:
-    """A car; ``variant`` picks sedan or hatchback, ``travelled_m`` turns its wheels."""
-    step = wheel_step(travelled_m, _radius(size))
-    return _car(size, paint, variant % len(CAR_SHAPES), lights, step)
-
-
-def _radius(size: Size) -> float:
-    return 0.215 * size.height_m
-
-
-@lru_cache(maxsize=256)
-def _car(size: Size, paint: Colour, variant: int, lights: Lights, step: int) -> Mesh:
-    f, radius = Frame(size), _radius(size)
-    parts = [_car_body(size, paint, variant, lights)]
-    for x in (0.0, f.x(0.805)):
-        for side in (-1.0, 1.0):
-            y = side * (f.y(1.0) + 0.012)
-            parts.append(wheel(x, y, radius, 0.2, side, step))
-    return join(parts)
+_RADIUS_M = 0.48  # of the wheels of trucks and buses
 
 
 @lru_cache(maxsize=64)
-def _car_body(size: Size, paint: Colour, variant: int, lights: Lights) -> Mesh:
-    f, shape = Frame(size), CAR_SHAPES[variant]
-    parts = [
-        _car_hull(f, shape, paint),
-        _car_cabin(f, shape, paint, lights),
-        _car_details(f, shape, paint, lights),
-    ]
-    for x in (0.0, f.x(0.805)):
-        for side in (-1.0, 1.0):
-            y = side * (f.y(1.0) + 0.004)
-            parts.append(arch(x, y, 1.18 * _radius(size), f.z(0.13), side))
-    return join(parts)
-
-
-_RADIUS_M = 0.48  # of the wheels of both
-_DARK = (PLASTIC, MATTE)
-
-
-def truck(size: Size, paint: Colour, lights: Lights, travelled_m: float = 0.0) -> Mesh:
+def truck(size: Size, paint: Colour, lights: Lights) -> Mesh:
     """A box truck: cab, gap, cargo box with rear doors, underrun guard."""
-    return _truck(size, paint, lights, wheel_step(travelled_m, _RADIUS_M))
-
-
-def bus(size: Size, paint: Colour, lights: Lights, travelled_m: float = 0.0) -> Mesh:
-    """A city bus: one long body with a band of windows, doors on the right, a destination sign."""
-    return _bus(size, paint, lights, wheel_step(travelled_m, _RADIUS_M))
-
-
-@lru_cache(maxsize=128)
-def _truck(size: Size, paint: Colour, lights: Lights, step: int) -> Mesh:
-    f = Frame(size)
-    wheels = [
-        wheel(x, side * f.y(0.98), _RADIUS_M, 0.32, side, step)
-        for side in (-1.0, 1.0)
-        for x in (0.0, f.x(0.86))
-    ]
-    return join([_truck_body(size, paint, lights), *wheels])
-
-
-@lru_cache(maxsize=64)
-def _truck_body(size: Size, paint: Colour, lights: Lights) -> Mesh:
-    f = Frame(size)
-    cargo, frame_z, slope = rgb("d9dad6"), 0.95, 0.28
-    cab0, cab1 = f.x(0.77), f.x(1.0)
-    top, cab_top = size.height_m, 0.86 * size.height_m
+    f, floor, top = _Frame(size), 0.95, size.height_m
+    cab, rear = (f.x(0.77), f.x(1.0)), f.x(0.0) - 0.008
 
     def level(half: float, front: float, z: float) -> list[Vec]:
         y = f.y(half)
-        return [(cab0, -y, z), (front, -y, z), (front, y, z), (cab0, y, z)]
+        return [(cab[0], -y, z), (front, -y, z), (front, y, z), (cab[0], y, z)]
 
-    low, middle = level(0.96, cab1, 0.45), level(0.96, cab1, 1.55)
-    high = level(0.9, cab1 - slope, cab_top)
-    rear = f.x(0.0) - 0.008
+    low, middle = level(0.96, cab[1], 0.45), level(0.96, cab[1], 1.55)
+    high = level(0.9, cab[1] - 0.28, 0.86 * top)
+
+    def pane(i: int, u: Range, v: Range) -> Mesh:
+        return _on_face((middle[i], middle[i + 1], high[i + 1], high[i]), u, v, _PANE, 0.012)
+
     parts = [
-        _solid(low, middle, paint, GLOSSY),
-        _solid(middle, high, paint, GLOSSY),
-        on_face((middle[1], middle[2], high[2], high[1]), (0.06, 0.94), (0.05, 0.78), PANE, GLASS),
-        on_face((middle[2], middle[3], high[3], high[2]), (0.1, 0.62), (0.05, 0.7), PANE, GLASS),
-        on_face((middle[0], middle[1], high[1], high[0]), (0.38, 0.9), (0.05, 0.7), PANE, GLASS),
-        front_panel(cab1 + 0.01, -f.y(0.6), f.y(0.6), 0.85, 1.4, PLASTIC, MATTE),
-        front_panel(cab1 + 0.01, -f.y(0.95), f.y(0.95), 0.45, 0.65, PLASTIC, MATTE),
-        box((f.x(0.0), f.x(0.75)), (-f.y(1.0), f.y(1.0)), (frame_z, top), cargo, MATTE),
-        box((f.x(0.01), f.x(0.8)), (-f.y(0.4), f.y(0.4)), (0.5, frame_z), PLASTIC, MATTE),
-        box((f.x(0.0), f.x(0.012)), (-f.y(0.95), f.y(0.95)), (0.42, 0.58), PLASTIC, MATTE),
+        hexahedron(low, middle, paint, GLOSSY),
+        hexahedron(middle, high, paint, GLOSSY),
+        pane(0, (0.38, 0.9), (0.05, 0.7)),
+        pane(1, (0.06, 0.94), (0.05, 0.78)),
+        pane(2, (0.1, 0.62), (0.05, 0.7)),
+        _panel("front", cab[1] + 0.01, f.across(0.6), (0.85, 1.4), _PLASTIC),
+        _panel("front", cab[1] + 0.01, f.across(0.95), (0.45, 0.65), _PLASTIC),
+        box((f.x(0.0), f.x(0.75)), f.across(1.0), (floor, top), rgb("d9dad6")),
+        box((f.x(0.01), f.x(0.8)), f.across(0.4), (0.5, floor), *_PLASTIC),
+        box((f.x(0.0), f.x(0.012)), f.across(0.95), (0.42, 0.58), *_PLASTIC),
+        _panel("rear", rear - 0.004, f.across(0.2), (0.6, 0.72), _PLATE),
+        *_wheels((0.0, f.x(0.86)), f.y(0.98), _RADIUS_M, 0.32),
     ]
-    parts += [  # frame and hinge line of the rear doors
-        rear_panel(rear, f.y(y), f.y(y + 0.04), frame_z, top, rgb("8d908f"), MATTE)
-        for y in (-0.97, -0.02, 0.93)
-    ]
-    stripe, doors = rgb("b23a34"), rear - 0.004
-    band = (frame_z + 0.25 * (top - frame_z), frame_z + 0.45 * (top - frame_z))
-    parts += [
-        rear_panel(doors, -f.y(0.96), f.y(0.96), frame_z, frame_z + 0.12, stripe, MATTE),
-        rear_panel(doors, -f.y(0.2), f.y(0.2), 0.6, 0.72, PLATE, MATTE),
-        side_panel(1.0, f.y(1.0) + 0.008, f.x(0.03), f.x(0.72), *band, paint, MATTE),
-        side_panel(-1.0, -f.y(1.0) - 0.008, f.x(0.03), f.x(0.72), *band, paint, MATTE),
-    ]
+    for y in (-0.97, -0.02, 0.93):  # frame and middle of the rear doors
+        edge = (f.y(y), f.y(y + 0.04))
+        parts.append(_panel("rear", rear, edge, (floor, top), (rgb("8d908f"), MATTE)))
     for side in (-1.0, 1.0):
-        turn = lights.turn(side)
-        y = side * (f.y(0.96) + 0.012)
-        mirror = ((cab1 - 0.35, cab1 - 0.25), f.ys(side, 1.0, 1.15), (1.7, 2.3))
+        turn, lamp = lights.turn(side), f.ys(side, 0.6, 0.94)
         parts += [
-            rear_panel(doors, *f.ys(side, 0.6, 0.94), 0.62, 0.84, *lights.tail),
-            front_panel(cab1 + 0.012, *f.ys(side, 0.6, 0.94), 0.7, 0.9, *lights.head),
-            box(*mirror, PLASTIC, MATTE),
-            rear_panel(rear - 0.008, *f.ys(side, 0.74, 0.96), 0.6, 0.72, *turn),
-            front_panel(cab1 + 0.014, *f.ys(side, 0.78, 0.96), 0.92, 1.06, *turn),
-            side_panel(side, y, cab1 - 0.45, cab1 - 0.2, 1.3, 1.42, *turn),
+            _panel("rear", rear - 0.004, lamp, (0.62, 0.84), lights.tail),
+            _panel("rear", rear - 0.008, f.ys(side, 0.74, 0.96), (0.6, 0.72), turn),
+            _panel("front", cab[1] + 0.012, lamp, (0.7, 0.9), lights.head),
+            _panel("front", cab[1] + 0.014, f.ys(side, 0.78, 0.96), (0.92, 1.06), turn),
+            box((cab[1] - 0.35, cab[1] - 0.25), f.ys(side, 1.0, 1.15), (1.7, 2.3), *_PLASTIC),
         ]
     return join(parts)
 
 
-def _solid(low: Sequence[Vec], high: Sequence[Vec], colour: Colour, kind: int) -> Mesh:
-    """A solid between two rectangles, each counter-clockwise as seen from above."""
-    faces = [quad(high[0], high[1], high[2], high[3], colour, kind)]
-    for i in range(4):
-        j = (i + 1) % 4
-        faces.append(quad(low[i], low[j], high[j], high[i], colour, kind))
-    return join(faces)
-
-
-@lru_cache(maxsize=128)
-def _bus(size: Size, paint: Colour, lights: Lights, step: int) -> Mesh:
-    f = Frame(size)
-    wheels = [
-        wheel(x, side * (f.y(1.0) + 0.016), _RADIUS_M, 0.3, side, step)
-        for side in (-1.0, 1.0)
-        for x in (0.0, f.x(0.79))
-    ]
-    return join([_bus_body(size, paint, lights), *wheels])
-
-
 @lru_cache(maxsize=64)
-def _bus_body(size: Size, paint: Colour, lights: Lights) -> Mesh:
-    f = Frame(size)
-    floor, top = 0.32, size.height_m
-    window = (0.42 * top, 0.82 * top)
-    left, right = f.y(1.0) + 0.01, -f.y(1.0) - 0.01
-    rear, front = f.x(0.0) - 0.01, f.x(1.0) + 0.01
-
-    def level(half: float, inset: float, z: float) -> list[Vec]:
-        x0, x1, y = f.x(inset), f.x(1.0 - inset), f.y(half)
-        return [(x0, -y, z), (x1, -y, z), (x1, y, z), (x0, y, z)]
-
+def bus(size: Size, paint: Colour, lights: Lights) -> Mesh:
+    """A city bus: one long body with a band of windows, doors on the right, a destination sign."""
+    f, panes = _Frame(size), 7
+    rear, front, side_m = f.x(0.0) - 0.01, f.x(1.0) + 0.01, f.y(1.0) + 0.01
     parts = [
-        box((f.x(0.0), f.x(1.0)), (-f.y(1.0), f.y(1.0)), (floor, 0.9 * top), paint, GLOSSY),
-        _solid(level(1.0, 0.0, 0.9 * top), level(0.88, 0.01, top), rgb("dcdcd8"), MATTE),
-        rear_panel(rear, -f.y(0.86), f.y(0.86), 0.52 * top, 0.82 * top, PANE, GLASS),
-        rear_panel(rear, -f.y(0.8), f.y(0.8), 0.26 * top, 0.44 * top, rgb("3b3e42"), MATTE),
-        rear_panel(rear - 0.004, -f.y(0.2), f.y(0.2), 0.17 * top, 0.21 * top, PLATE, MATTE),
-        rear_panel(rear, -f.y(0.3), f.y(0.3), 0.84 * top, 0.9 * top, AMBER, LAMP),
-        front_panel(front, -f.y(0.92), f.y(0.92), 0.36 * top, 0.8 * top, PANE, GLASS),
-        front_panel(front, -f.y(0.7), f.y(0.7), 0.82 * top, 0.9 * top, AMBER, LAMP),
-        front_panel(front, -f.y(0.98), f.y(0.98), floor, 0.18 * top, PLASTIC, MATTE),
+        box((f.x(0.0), f.x(1.0)), f.across(1.0), (0.32, 0.9 * size.height_m), paint, GLOSSY),
+        box((f.x(0.01), f.x(0.99)), f.across(0.9), f.zs(0.9, 1.0), rgb("dcdcd8")),
+        _panel("rear", rear, f.across(0.86), f.zs(0.52, 0.82), _PANE),
+        _panel("rear", rear, f.across(0.8), f.zs(0.26, 0.44), (rgb("3b3e42"), MATTE)),
+        _panel("rear", rear, f.across(0.3), f.zs(0.84, 0.9), _SIGN),
+        _panel("front", front, f.across(0.92), f.zs(0.36, 0.8), _PANE),
+        _panel("front", front, f.across(0.7), f.zs(0.82, 0.9), _SIGN),
+        *_wheels((0.0, f.x(0.79)), f.y(1.0), _RADIUS_M, 0.3),
     ]
-    panes = 7
     for i in range(panes):
-        x0 = f.x(0.02 + 0.95 * i / panes)
-        x1 = f.x(0.02 + 0.95 * (i + 0.92) / panes)
-        low = 0.45 if i in (3, 6) else window[0]  # doors
-        parts.append(side_panel(1.0, left, x0, x1, *window, PANE, GLASS))
-        parts.append(side_panel(-1.0, right, x0, x1, low, window[1], PANE, GLASS))
+        x = (f.x(0.02 + 0.95 * i / panes), f.x(0.02 + 0.95 * (i + 0.92) / panes))
+        is_door = i in (3, 6)
+        parts += [
+            _panel("left", side_m, x, f.zs(0.42, 0.82), _PANE),
+            _panel("right", -side_m, x, f.zs(0.15 if is_door else 0.42, 0.82), _PANE),
+        ]
     for side in (-1.0, 1.0):
         turn, lamp = lights.turn(side), f.ys(side, 0.72, 0.94)
-        flank = left if side > 0.0 else right
         parts += [
-            rear_panel(rear - 0.002, *f.ys(side, 0.68, 0.97), 0.22 * top, 0.45 * top, *_DARK),
-            rear_panel(rear - 0.004, *lamp, 0.24 * top, 0.34 * top, *lights.tail),
-            rear_panel(rear - 0.004, *lamp, 0.37 * top, 0.43 * top, *turn),
-            front_panel(front + 0.004, *f.ys(side, 0.76, 0.96), 0.29 * top, 0.34 * top, *turn),
-            side_panel(side, flank, f.x(0.93), f.x(0.955), 0.3 * top, 0.345 * top, *turn),
-            front_panel(front + 0.004, *lamp, 0.2 * top, 0.27 * top, *lights.head),
-            box((f.x(1.0), f.x(1.012)), f.ys(side, 1.0, 1.16), (0.55 * top, 0.72 * top), PLASTIC,
-                MATTE),
-        ]  # fmt: skip
-        y = side * (f.y(1.0) + 0.012)
-        parts += [arch(x, y, 1.2 * _RADIUS_M, floor, side) for x in (0.0, f.x(0.79))]
+            _panel("rear", rear - 0.002, f.ys(side, 0.68, 0.97), f.zs(0.22, 0.45), _PLASTIC),
+            _panel("rear", rear - 0.004, lamp, f.zs(0.24, 0.34), lights.tail),
+            _panel("rear", rear - 0.004, lamp, f.zs(0.37, 0.43), turn),
+            _panel("front", front + 0.004, lamp, f.zs(0.2, 0.27), lights.head),
+            _panel("front", front + 0.004, f.ys(side, 0.76, 0.96), f.zs(0.29, 0.34), turn),
+            box((f.x(1.0), f.x(1.012)), f.ys(side, 1.0, 1.16), f.zs(0.55, 0.72), *_PLASTIC),
+        ]
     return join(parts)

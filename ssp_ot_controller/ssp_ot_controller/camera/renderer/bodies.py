@@ -21,7 +21,7 @@ from ssp_ot_controller.camera.meshes import people, vehicles
 from ssp_ot_controller.camera.meshes.mesh import Mesh
 from ssp_ot_controller.camera.meshes.vehicles import Lights
 from ssp_ot_controller.camera.renderer import light
-from ssp_ot_controller.camera.renderer.scene import OFF, Indicator, Scene, is_lit
+from ssp_ot_controller.camera.renderer.scene import Indicator, Scene, is_lit
 from ssp_ot_controller.camera.renderer.stage import Stage
 
 BRAKE_MPS2 = -0.5  # brake lamps shine below this acceleration
@@ -29,38 +29,38 @@ _BUS_PAINTS = (rgb("c9432f"), rgb("2f6fae"), rgb("e0b23c"))
 
 
 def body(
-    state: ObjectState, palette: Palette, travelled_m: float, indicator: Indicator = OFF
+    state: ObjectState, palette: Palette, travelled_m: float, indicator: Indicator | None
 ) -> Mesh:
     """The mesh of an object in its own frame; colours follow from its id.
 
     Args:
         state: gives class, extents, acceleration (brake lamps) and stamp (blinking).
-        travelled_m: way so far; turns wheels and moves limbs.
+        travelled_m: way so far; moves limbs.
     """
     number = zlib.crc32(state.object_id.encode())
     lit = is_lit(state.stamp_ns)
     lights = Lights(
         state.acceleration_mps2 < BRAKE_MPS2,
         palette.lamps_on,
-        left=lit and indicator in (Indicator.LEFT, Indicator.BOTH),
-        right=lit and indicator in (Indicator.RIGHT, Indicator.BOTH),
+        left=lit and indicator is Indicator.LEFT,
+        right=lit and indicator is Indicator.RIGHT,
     )
     paint = palette.paints[number % len(palette.paints)]
     look = people.outfit(number, palette.clothes, palette.trousers)
     match state.object_class:
         case ObjectClass.TRUCK:
-            return vehicles.truck(state.size, paint, lights, travelled_m)
+            return vehicles.truck(state.size, paint, lights)
         case ObjectClass.BUS:
             livery = _BUS_PAINTS[number % len(_BUS_PAINTS)]
-            return vehicles.bus(state.size, livery, lights, travelled_m)
+            return vehicles.bus(state.size, livery, lights)
         case ObjectClass.MOTORCYCLE:
-            return people.motorcycle(state.size, look, lights, travelled_m)
+            return people.motorcycle(state.size, look, lights)
         case ObjectClass.CYCLIST:
             return people.cyclist(state.size, look, travelled_m, lights.lamps)
         case ObjectClass.PEDESTRIAN:
             return people.pedestrian(state.size, look, travelled_m, state.speed_mps)
         case _:
-            return vehicles.car(state.size, paint, number // 16, lights, travelled_m)
+            return vehicles.car(state.size, paint, number // 16, lights)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def bodies_of(scene: Scene, stage: Stage) -> list[Body]:
         floor = ground.ground_height(scene.road, float(offset))
         key = state.object_id
         mesh = body(
-            state, stage.palette, scene.travelled_m.get(key, 0.0), scene.indicators.get(key, OFF)
+            state, stage.palette, scene.travelled_m.get(key, 0.0), scene.indicators.get(key)
         )
         placed = light.lit(mesh, stage.palette, stage.sun, pose, floor)
         size = state.size

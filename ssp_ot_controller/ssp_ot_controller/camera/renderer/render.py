@@ -59,11 +59,10 @@ def exposed(
         weather.illuminate(field, stage, bodies)
     if look.rain > 0.0:
         weather.add_reflections(field, stage, scene.road, look.rain)
-    if stage.palette.lamps_on and (look.rain > 0.0 or look.light == "dusk"):
-        weather.halos(field, stage, bodies)
     light = sensor.rolled(field.light, camera)
     if look.rain > 0.0:
-        light = weather.add_rain(light, stage, scene, look, camera, frame_index, seed)
+        sky, speed = stage.palette.sky_horizon, scene.vut.speed_mps
+        light = weather.add_rain(light, sky, look.rain, speed, camera, [seed, frame_index])
     return light
 
 
