@@ -4,39 +4,27 @@ from __future__ import annotations
 
 import heapq
 import struct
-from array import array
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TypeAlias
 
-import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
-from mcap.writer import MCAP0_MAGIC
 
 from ssp_core.bag.mcap_file import (
     DAMAGE,
     HEAD,
     MAX_RECORD_BYTES,
-    BoundedFile,
     McapFile,
     chunk_parts,
     damaged,
-    data_crc,
-    inner_records,
-    open_bounded,
-    parse_message,
-    read_frame,
     unpack_chunk,
 )
 from ssp_core.bag.mcap_output import INDEX_ENTRY_BYTES, INDEX_HEAD, MESSAGE_BODY_BYTES, MESSAGE_HEAD
 from ssp_core.bag.types import BagMessage
 
 _ENTRY = struct.Struct("<QQ")
-_CHUNK_BEGIN = struct.Struct("<QQQ")  # of its body: earliest and latest log time, unpacked bytes
-
 # A message's log time, and where it begins in what its chunk holds.
 Entry: TypeAlias = tuple[int, int]
 
@@ -81,79 +69,6 @@ def indexed_entries(region: bytes, index: ChunkIndex, channels: Collection[int])
             raise ValueError(f"the message index of channel {channel} is damaged")
         entries += _ENTRY.iter_unpack(region[begin : begin + size])
     return entries
-
-
-def scanned_entries(content: memoryview, channels: Collection[int]) -> list[Entry]:
-    """Messages of some channels in a chunk that has no message index.
-
-    Raises:
-        ValueError: the chunk's records are cut off.
-    """
-    entries = []
-    for record in inner_records(content):
-        if record.opcode == Opcode.MESSAGE:
-            if len(record.body) < MESSAGE_BODY_BYTES:
-                raise ValueError(f"a message of {len(record.body)} bytes")
-            _, _, channel, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(content, record.offset)
-            if channel in channels:
-                entries.append((log_time_ns, record.offset))
-    return entries
-
-
-@dataclass(slots=True)
-class Scan:
-    """Chunks, and the messages outside chunks: per message 18 bytes, whatever its size."""
-
-    chunks: list[ChunkIndex] = field(default_factory=list)
-    times_ns: array[int] = field(default_factory=lambda: array("Q"))
-    offsets: array[int] = field(default_factory=lambda: array("Q"))
-    channels: array[int] = field(default_factory=lambda: array("H"))
-
-    def entries(
-        self, channels: Collection[int], start_ns: int | None, stop_ns: int | None
-    ) -> Iterator[Entry]:
-        """Log time and offset in the file of messages outside chunks, in order of both."""
-        times = np.frombuffer(self.times_ns, dtype=np.uint64)
-        wanted = np.isin(np.frombuffer(self.channels, dtype=np.uint16), list(channels))
-        if start_ns is not None:
-            wanted &= times >= max(0, start_ns)
-        if stop_ns is not None:
-            wanted &= times < max(0, stop_ns)
-        which = np.flatnonzero(wanted)
-        for at in which[np.argsort(times[which], kind="stable")]:
-            yield self.times_ns[at], self.offsets[at]
-
-    def counts(self) -> Counter[int]:
-        """Messages outside chunks by channel."""
-        return Counter(self.channels)
-
-
-def scan(stream: BoundedFile) -> Scan:
-    """Goes through a file from its beginning to the end of its data.
-
-    Raises:
-        ValueError: the file is cut off, or the CRC of its data is wrong.
-        struct.error: a record is shorter than its kind.
-    """
-    if data_crc(stream) is False:
-        raise ValueError("the CRC of the data is wrong")
-    found = Scan()
-    frame = read_frame(stream, len(MCAP0_MAGIC))
-    while frame.opcode != Opcode.DATA_END:
-        if frame.opcode == Opcode.MESSAGE:
-            stream.seek(frame.offset)
-            head = MESSAGE_HEAD.unpack(stream.read(MESSAGE_HEAD.size))
-            found.times_ns.append(head[4])
-            found.offsets.append(frame.offset)
-            found.channels.append(head[2])
-        elif frame.opcode == Opcode.CHUNK:
-            start_ns, end_ns, size = _CHUNK_BEGIN.unpack(stream.read(_CHUNK_BEGIN.size))
-            length = HEAD.size + frame.length
-            found.chunks.append(
-                ChunkIndex(length, frame.offset, "", 0, end_ns, 0, {}, start_ns, size)
-            )
-        frame = read_frame(stream, frame.end)
-    return found
 
 
 # Content of chunks that is kept while their times overlap; the rest is read again.
@@ -257,11 +172,7 @@ class ChunkRun:
     def entries(self) -> Iterator[Entry]:
         """The wanted messages by log time, then by their order in the file."""
         index = self._index
-        if index.message_index_offsets:
-            region = self._file.message_index(index)
-            entries = indexed_entries(region, index, self._wanted.topics)
-        else:
-            entries = scanned_entries(self._cache.content(self), self._wanted.topics)
+        entries = indexed_entries(self._file.message_index(index), index, self._wanted.topics)
         if entries:
             first, last = min(entries)[0], max(entries)[0]
             if first < index.message_start_time or last > index.message_end_time:
@@ -271,69 +182,20 @@ class ChunkRun:
     def message(self, entry: Entry) -> BagMessage:
         return self._wanted.message(self._cache.content(self), entry[1], entry[0])
 
-    def counts(self) -> Counter[int]:
-        """Messages by channel, from the chunk itself."""
-        return Counter(
-            parse_message(record.body).channel_id
-            for record in inner_records(self._cache.content(self))
-            if record.opcode == _MESSAGE
-        )
-
     def load(self) -> memoryview:
         index = self._index
-        record = self._file.read_at(index.chunk_start_offset, bounded(index.chunk_length))
+        if index.chunk_length > MAX_RECORD_BYTES:
+            raise ValueError(
+                f"a record of {index.chunk_length} bytes, more than {MAX_RECORD_BYTES} are not read"
+            )
+        record = self._file.read_at(index.chunk_start_offset, index.chunk_length)
         return chunk_content(memoryview(record))
 
     def close(self) -> None:
         self._cache.drop(self)
 
 
-class LooseRun:
-    """The messages of a file that stand outside chunks."""
-
-    def __init__(self, path: Path, scan: Scan, wanted: Selection) -> None:
-        self.path = path
-        self.start_ns = min(scan.times_ns, default=0)
-        self._scan = scan
-        self._wanted = wanted
-        self._stream: BoundedFile | None = None
-
-    def entries(self) -> Iterator[Entry]:
-        self._stream = open_bounded(self.path)
-        return self._scan.entries(
-            self._wanted.topics.keys(), self._wanted.start_ns, self._wanted.stop_ns
-        )
-
-    def message(self, entry: Entry) -> BagMessage:
-        if self._stream is None:
-            raise ValueError("the run was closed")
-        self._stream.seek(entry[1])
-        head = self._stream.read(HEAD.size)
-        _, length = HEAD.unpack(head)
-        record = memoryview(head + self._stream.read(bounded(length)))
-        return self._wanted.message(record, 0, entry[0])
-
-    def close(self) -> None:
-        if self._stream is not None:
-            self._stream.close()
-
-
-# Messages that lie together in a file.
-Run: TypeAlias = ChunkRun | LooseRun
-
-
-def bounded(length: int) -> int:
-    """A length from a file, when it is one that a record may have.
-
-    Raises:
-        ValueError: it is larger.
-    """
-    if length > MAX_RECORD_BYTES:
-        raise ValueError(f"a record of {length} bytes, more than {MAX_RECORD_BYTES} are not read")
-    return length
-
-
-def merged(runs: Iterable[Run]) -> Iterator[BagMessage]:
+def merged(runs: Iterable[ChunkRun]) -> Iterator[BagMessage]:
     """Messages of all runs by log time; of equal times, in the order of the runs and of the file.
 
     A run is read when its time comes, so only those that overlap are held.
@@ -354,17 +216,17 @@ def merged(runs: Iterable[Run]) -> Iterator[BagMessage]:
 
 
 # Log time of the next message, number of the run, the next message, those behind it, the run.
-_Cursor = tuple[int, int, Entry, Iterator[Entry], Run]
+_Cursor = tuple[int, int, Entry, Iterator[Entry], ChunkRun]
 
 
-def _entries(run: Run) -> Iterator[Entry]:
+def _entries(run: ChunkRun) -> Iterator[Entry]:
     try:
         return run.entries()
     except DAMAGE as error:
         raise damaged(run.path, error) from error
 
 
-def _push(active: list[_Cursor], number: int, run: Run, entries: Iterator[Entry]) -> None:
+def _push(active: list[_Cursor], number: int, run: ChunkRun, entries: Iterator[Entry]) -> None:
     entry = next(entries, None)
     if entry is None:
         run.close()
