@@ -5,11 +5,13 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import os
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+from ssp_core.credentials import check_key, is_http_address
 from ssp_core.errors import InputError, PeerError, SspError
 from ssp_vla_bridge.messages import Answer, ErrorCode, Request, Response, request_problems
 from ssp_vla_bridge.window import find_interface
@@ -198,6 +200,42 @@ def number_option(
             f"must lie in [{least:g}, {most:g}]", field=f"backend_options.{key}", value=number
         )
     return number
+
+
+def address_option(url: str, field: str, example: str) -> str:
+    """The address of a service, without a slash at its end.
+
+    Raises:
+        InputError: it is no address of HTTP, or may hold a key or password, which would be stored
+            with the results; it isn't shown then.
+    """
+    if set(url) & set("@?#"):
+        raise InputError(
+            "holds a name, a password, a query or a fragment",
+            field=f"backend_options.{field}",
+            remedy="name the environment variable that holds a key with api_key_env",
+        )
+    if not url.isascii() or not url.isprintable() or " " in url or not is_http_address(url):
+        raise InputError(
+            "is no address of HTTP",
+            field=f"backend_options.{field}",
+            value=url,
+            remedy=f"give such as {example}",
+        )
+    return url.rstrip("/")
+
+
+def key_option(options: Mapping[str, Any]) -> str | None:
+    """The key in the environment variable that the option ``api_key_env`` names; None: none.
+
+    Raises:
+        InputError: the variable holds no key; the message doesn't show what it holds.
+    """
+    variable = options.get("api_key_env") or ""
+    if not variable:
+        return None
+    remedy = "leave api_key_env out where the service wants no key; a key is never an option"
+    return check_key(variable, os.environ.get(variable), remedy)
 
 
 def respond(backend: Backend, model: str, request: Request) -> BackendResult:

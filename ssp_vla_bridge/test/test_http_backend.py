@@ -387,7 +387,7 @@ def test_one_request_at_a_time(make_request):
         ({"url": "ftp://h"}, "is no address of HTTP"),
         ({"url": "http://"}, "is no address of HTTP"),
         ({"url": "http://h:99999"}, "is no address"),
-        ({"url": "http://h/?key=1"}, "must end with its path"),
+        ({"url": "http://h/?key=1"}, "a query or a fragment"),
         ({"url": "http://h\r\nX: 1"}, "is no address"),
         ({"url": "http://h/\r\nX:"}, "is no address of HTTP"),
         ({"url": "http://h", "timeout_s": 0}, "timeout_s: must lie in"),
@@ -395,8 +395,7 @@ def test_one_request_at_a_time(make_request):
         ({"url": "http://h", "tries": 0}, "tries: must lie in"),
         ({"url": "http://h", "max_mb": -1}, "max_mb: must lie in"),
         ({"url": "http://h", "interface": "x"}, "unknown interface"),
-        ({"url": "http://h", "api_key_env": "NOT_THERE"}, "isn't set or is empty"),
-        ({"url": "http://h", "api_key_env": ""}, "isn't set or is empty"),
+        ({"url": "http://h", "api_key_env": "NOT_THERE"}, "the environment has no NOT_THERE"),
         ({"url": "http://h", "colour": 1}, "is no option of http"),
     ],
 )
@@ -414,7 +413,7 @@ def test_a_password_in_the_address_is_refused_and_not_shown():
 
 
 def test_a_key_that_can_be_none_is_refused_and_not_shown(monkeypatch):
-    for wrong in ("short", "with space in it", "new\nline-of-a-header"):
+    for wrong in ("with space in it", "new\nline-of-a-header"):
         monkeypatch.setenv("TESTED_KEY", wrong)
         with pytest.raises(InputError) as caught:
             make({"url": "http://127.0.0.1:9", "api_key_env": "TESTED_KEY"})

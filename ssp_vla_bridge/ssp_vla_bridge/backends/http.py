@@ -15,7 +15,6 @@ import asyncio
 import errno
 import ipaddress
 import json
-import os
 import threading
 import time
 import urllib.request
@@ -29,7 +28,14 @@ import aiohttp
 
 from ssp_core.credentials import gives_away, redact
 from ssp_core.errors import InputError, PeerError
-from ssp_vla_bridge.backend import NoTimeError, NotTakenError, check_options, number_option
+from ssp_vla_bridge.backend import (
+    NoTimeError,
+    NotTakenError,
+    address_option,
+    check_options,
+    key_option,
+    number_option,
+)
 from ssp_vla_bridge.http_messages import (
     ServiceAnswer,
     answer_from_json,
@@ -46,7 +52,6 @@ _POLL_S = 0.25
 _HEALTH_S = 5.0
 _FIRST_WAIT_S = 0.25
 _SHOWN = 200
-_SHORTEST_KEY = 8
 
 Read = TypeVar("Read")
 
@@ -339,9 +344,9 @@ def make(
     start_s = number_option(chosen, "start_s", 20.0, 0.0, 86400.0)
     tries = int(number_option(chosen, "tries", 3, 1, 100))
     max_bytes = round(number_option(chosen, "max_mb", 16.0, 0.001, 1024.0) * (1 << 20))
-    key_name = chosen.get("api_key_env", "")
-    key = _key(key_name) if "api_key_env" in chosen else None
-    line = Line(_checked(chosen["url"]), key, key_name, max_bytes, timeout_s, start_s, tries)
+    url = address_option(chosen["url"], "url", "http://127.0.0.1:8300")
+    key, key_name = key_option(chosen), chosen.get("api_key_env", "")
+    line = Line(url, key, key_name, max_bytes, timeout_s, start_s, tries)
     service = HttpService(line, find_interface(chosen["interface"]).name)
     service.wait_ready()
     return service
@@ -357,50 +362,6 @@ def make_alpamayo(options: Mapping[str, Any]) -> HttpService:
     """The backend ``http`` with Alpamayo's interface, its sidecar's port and more patience."""
     defaults = {"interface": "alpamayo", "url": "http://127.0.0.1:8301", "timeout_s": 120.0}
     return make(options, "alpamayo", defaults)
-
-
-def _key(name: str) -> str:
-    """The key in an environment variable; no message shows it."""
-    key = os.environ.get(name, "") if name and "\0" not in name else ""
-    field = "backend_options.api_key_env"
-    if not key:
-        raise InputError(
-            "names an environment variable that isn't set or is empty",
-            field=field,
-            value=name if len(name) < 40 else None,
-            remedy="export the key under that name; a key itself is never an option",
-        )
-    if len(key) < _SHORTEST_KEY or not key.isascii() or not key.isprintable() or " " in key:
-        raise InputError(
-            f"the variable {name} holds no key: at least {_SHORTEST_KEY} printable characters "
-            "without spaces",
-            field=field,
-        )
-    return key
-
-
-def _checked(url: str) -> str:
-    def refused(problem: str) -> InputError:
-        remedy = "give one such as http://127.0.0.1:8300"
-        return InputError(problem, field="backend_options.url", value=url, remedy=remedy)
-
-    try:
-        parts = urlsplit(url)
-        host, _ = parts.hostname, parts.port
-    except ValueError as error:
-        raise refused(f"is no address: {error}") from error
-    if "@" in parts.netloc:
-        raise InputError(
-            "has a user or password in it, which would be stored with the results",
-            field="backend_options.url",
-            remedy="put the key into an environment variable and name that with api_key_env",
-        )
-    plain = url.isascii() and url.isprintable() and " " not in url
-    if parts.scheme not in ("http", "https") or not host or not plain:
-        raise refused("is no address of HTTP")
-    if parts.query or parts.fragment or url.endswith(("?", "#")):
-        raise refused("must end with its path")
-    return url.rstrip("/")
 
 
 def _proxy(url: str) -> str | None:

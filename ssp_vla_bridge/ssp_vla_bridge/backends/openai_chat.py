@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import base64
-import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
-from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
@@ -24,10 +22,17 @@ from ssp_core.chat import (
     looks_like_html,
     read_completion,
 )
-from ssp_core.credentials import check_key, gives_away, is_http_address
+from ssp_core.credentials import gives_away
 from ssp_core.errors import InputError, PeerError
 from ssp_core.hashing import canonical_json, sha256_bytes, sha256_json
-from ssp_vla_bridge.backend import NoTimeError, NotTakenError, check_options, number_option
+from ssp_vla_bridge.backend import (
+    NoTimeError,
+    NotTakenError,
+    address_option,
+    check_options,
+    key_option,
+    number_option,
+)
 from ssp_vla_bridge.messages import Answer, Frame, Request
 from ssp_vla_bridge.native_history import previous_stage
 from ssp_vla_bridge.prompts import Prompt, find_stages
@@ -82,7 +87,7 @@ class Options:
         return {**sent, "stream": False, **self.extra}
 
 
-def read_options(given: Mapping[str, Any], environ: Mapping[str, str] = os.environ) -> Options:
+def read_options(given: Mapping[str, Any]) -> Options:
     """The options, with the key from the environment.
 
     Raises:
@@ -113,20 +118,16 @@ def read_options(given: Mapping[str, Any], environ: Mapping[str, str] = os.envir
             remedy = "it is an option of its own"
         raise InputError("is no extra parameter", field=f"backend_options.extra.{name}",
                          remedy=remedy)  # fmt: skip
-    variable = given.get("api_key_env") or ""
-    key = None
-    if variable:
-        remedy = "leave api_key_env out where the server wants no key"
-        key = check_key(variable, environ.get(variable), remedy)
-        if gives_away(shown, key):
-            raise InputError(
-                "the key stands in model or extra, which are recorded",
-                field="backend_options",
-                remedy="leave the key to the environment",
-            )
+    key = key_option(given)
+    if gives_away(shown, key):
+        raise InputError(
+            "the key stands in model or extra, which are recorded",
+            field="backend_options",
+            remedy="leave the key to the environment",
+        )
     width = given.get("image_width")
     return Options(
-        base_url=_address(given["base_url"]),
+        base_url=address_option(given["base_url"], "base_url", "http://localhost:8000/v1"),
         model=given["model"],
         interface=interface,
         decoding={name: _decoding(given, name) for name in _DECODING},
@@ -136,7 +137,7 @@ def read_options(given: Mapping[str, Any], environ: Mapping[str, str] = os.envir
         if width is None
         else int(number_option(given, "image_width", 0, 16, 8192)),
         extra=dict(extra),
-        api_key_env=variable,
+        api_key_env=given.get("api_key_env") or "",
         key=key,
     )
 
@@ -146,28 +147,6 @@ def _decoding(given: Mapping[str, Any], name: str) -> float | None:
     if name in given and given[name] is None:
         return None
     return number_option(given, name, *_DECODING[name])
-
-
-def _address(url: str) -> str:
-    try:
-        parts = urlsplit(url)
-        clean = not (parts.username or parts.password or parts.query or parts.fragment)
-    except ValueError:
-        clean = True
-    if not clean:
-        raise InputError(
-            "holds a name, a password, a query or a fragment",  # which is not shown: it is a secret
-            field="backend_options.base_url",
-            remedy="name the environment variable that holds a key with api_key_env",
-        )
-    if not is_http_address(url):
-        raise InputError(
-            "is no address",
-            field="backend_options.base_url",
-            value=url,
-            remedy="give such as http://localhost:8000/v1",
-        )
-    return url
 
 
 STAGE_GAP = "\n\n"

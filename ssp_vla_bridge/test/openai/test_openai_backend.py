@@ -325,21 +325,23 @@ def test_an_address_with_a_secret_is_refused_and_not_shown(url):
     assert "hunter22" not in str(refused.value)
 
 
-@pytest.mark.parametrize("key", ["", "  ", "two words", "line\nbreak", "schlüssel", "a\x00b"])
-def test_a_key_that_no_header_carries_is_refused_and_not_shown(key):
+@pytest.mark.parametrize("key", ["", "  ", "two words", "line\nbreak", "schlüssel"])
+def test_a_key_that_no_header_carries_is_refused_and_not_shown(key, monkeypatch):
+    monkeypatch.setenv("SEER_KEY", key)
     with pytest.raises(InputError, match="SEER_KEY") as refused:
-        read_options({**OPTIONS, "api_key_env": "SEER_KEY"}, {"SEER_KEY": key})
+        read_options({**OPTIONS, "api_key_env": "SEER_KEY"})
     assert not key.strip() or key.strip() not in str(refused.value)
 
 
-def test_a_line_break_behind_a_key_is_a_shells_and_no_part_of_it():
-    given = {**OPTIONS, "api_key_env": "SEER_KEY"}
-    assert read_options(given, {"SEER_KEY": "abc-123\n"}).key == "abc-123"
+def test_a_line_break_behind_a_key_is_a_shells_and_no_part_of_it(monkeypatch):
+    monkeypatch.setenv("SEER_KEY", "abc-123\n")
+    assert read_options({**OPTIONS, "api_key_env": "SEER_KEY"}).key == "abc-123"
 
 
 @pytest.mark.parametrize("changes", [{"model": "x-hunter22-y"}, {"extra": {"user": "hunter22"}}])
-def test_a_key_among_the_recorded_options_is_refused(changes):
+def test_a_key_among_the_recorded_options_is_refused(changes, monkeypatch):
+    monkeypatch.setenv("SEER_KEY", "hunter22")
     given = {**OPTIONS, "api_key_env": "SEER_KEY", **changes}
     with pytest.raises(InputError, match="leave the key to the environment") as refused:
-        read_options(given, {"SEER_KEY": "hunter22"})
+        read_options(given)
     assert "hunter22" not in str(refused.value)
