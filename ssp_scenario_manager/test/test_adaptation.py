@@ -11,7 +11,7 @@ import pytest
 from ssp_core.geometry import Polyline
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.model import Limits
+from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import (
     Adaptation,
     FollowPath,
@@ -19,18 +19,12 @@ from ssp_core.run_file.participants import (
     Motion,
     ParticipantSpec,
 )
-from ssp_scenario_manager.dispatch.adaptation import (
-    Adapting,
-    Bounds,
-    Decision,
-    answered,
-    begin,
-    decide,
-)
+from ssp_scenario_manager.dispatch.adaptation import AdaptedManoeuvre, Decision
 from ssp_scenario_manager.dispatch.planned_motion import (
     PlannedMotion,
     VutTrack,
     arrival_ns,
+    as_planned,
     follow_vut,
     foreseen_gap_s,
     planned_motion_of,
@@ -41,6 +35,7 @@ from ssp_scenario_manager.dispatch.references import (
     approach_reference,
     manoeuvre_reference,
 )
+from tests.support.runs import cut_in_run
 from tests.support.states import object_state
 
 S = 1_000_000_000
@@ -113,10 +108,11 @@ class Drive:
     def __init__(
         self, planned_motion: PlannedMotion, asked: Adaptation, x_m: float, limits: Limits = LIMITS
     ):
-        self.known: Adapting = begin(planned_motion, 10 * S, asked.lead_time_s)
         self.asked = asked
         who = WALKER if planned_motion.zone.start_m < planned_motion.zone.end_m else CAR
-        self.bounds = Bounds(limits, FENCE, who, 0.02, asked)
+        run = RunSpec.model_validate(cut_in_run())
+        run = run.model_copy(update={"limits": limits, "geofence": FENCE, "step_s": 0.02})
+        self.known = AdaptedManoeuvre(planned_motion, run, who, asked, PATH, 10 * S)
         self.t_s, self.x_m = 10.0, x_m
         self.sent: list[tuple[float, Decision]] = []
         self.notes: list[str] = []
@@ -130,8 +126,7 @@ class Drive:
         for _ in range(round(seconds / 0.02)):
             dx, dv = noise * rng.standard_normal(2)
             seen = vut(self.t_s, self.x_m + dx, speed_mps + dv, acceleration)
-            found = decide(self.known, self.bounds, seen, PATH, round(self.t_s * S))
-            self.known = found.adapting
+            found = self.known.judge(seen, round(self.t_s * S))
             if found.pace is not None:
                 self.sent.append((self.t_s, found))
             self.notes += [found.note] if found.note else []
@@ -368,7 +363,7 @@ def test_every_reference_goes_on_where_the_one_before_has_led() -> None:
     drive.go(0.6, 11.0)
     drive.go(1.0, 14.0)
     assert len(drive.sent) > 4
-    before = begin(planned_motion, 0, 0.1).pace
+    before = as_planned(planned_motion.execute_at_ns)
     for _, decision in drive.sent:
         pace = decision.pace
         assert pace is not None
@@ -381,13 +376,14 @@ def test_a_late_reference_is_forgotten_and_the_next_one_gets_more_time() -> None
     drive.go(0.3, 8.5)
     known = drive.known
     assert known.pace != known.taken
-    refused = answered(known, known.pace, accepted=False, most_lead_ns=S // 4)
-    assert refused.pace == known.taken
-    assert (refused.lead_ns, refused.refused) == (S // 5, 1)
-    again = answered(refused, known.pace, accepted=False, most_lead_ns=S // 4)
-    assert (again.lead_ns, again.refused) == (S // 4, 2)
-    taken = answered(again, known.pace, accepted=True, most_lead_ns=S)
-    assert (taken.taken, taken.refused) == (known.pace, 0)
+    pace = known.pace
+    known.answered(pace, accepted=False)
+    assert (known.pace, known.lead_ns, known.refused) == (known.taken, S // 5, 1)
+    for _ in range(2):
+        known.answered(pace, accepted=False)
+    assert (known.lead_ns, known.refused) == (2 * S // 5, 3)
+    known.answered(pace, accepted=True)
+    assert (known.taken, known.refused) == (pace, 0)
 
 
 def test_references_play_as_references() -> None:

@@ -286,17 +286,18 @@ def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Out
         now_ns: session time, that of a dispatch.
     """
     facts: list[outbox.Outgoing | Violation] = []
-    for trigger, decision in run.adaptations.judge(run.spec, run.path, vut, now_ns):
+    for adapted, decision in run.adaptations.judge(run.spec, run.path, vut, now_ns):
+        object_id, pace = adapted.target.id, decision.pace
         if decision.wrong_order:
-            facts.append(_missing(run, trigger.object_id, now_ns, decision.wrong_order))
+            facts.append(_missing(run, object_id, now_ns, decision.wrong_order))
             continue
-        if (pace := decision.pace) is not None:
+        if pace is not None:
             lead_s = ns_to_seconds(pace.start_ns - now_ns)
-            address = run.address(trigger.object_id, ADAPTED, now_ns, lead_s)
-            points = play(decision.adapting.planned_motion.columns, pace)
-            run.adaptations.send(address.reference_id, trigger.id, pace)
+            address = run.address(object_id, ADAPTED, now_ns, lead_s)
+            points = play(adapted.planned_motion.columns, pace)
+            run.adaptations.send(address.reference_id, adapted, pace)
             facts.append(run.send(references.reference(address, points)))
         if decision.note:
-            facts.append(outbox.Note(now_ns, f"{trigger.object_id}: {decision.note}"))
+            facts.append(outbox.Note(now_ns, f"{object_id}: {decision.note}"))
     facts += [outbox.Note(now_ns, text) for text in run.adaptations.take_notes()]
     return facts
