@@ -1,10 +1,10 @@
 """The HTTP half of a sidecar: `ssp.vla_http/1` in front of one model, in the model's own Python.
 
-Needs Python 3.10 and nothing else; it imports nothing of SSP. One thread, the main one, loads the
-model and works, one request after the other. Requests that wait are bounded: a further one gets
-503 with `Retry-After`, which tells the bridge that it may ask again. A request whose sender has
-gone before its turn is dropped. SIGTERM lets the answer in the works go out, for `--stop-s`, and
-ends with status 0.
+Needs Python 3.10 and nothing else; it imports nothing of SSP. One thread loads the model and works,
+one request after the other. Requests that wait are bounded: a further one gets 503 with
+`Retry-After`, which tells the bridge that it may ask again. A request whose sender has gone before
+its turn is dropped. SIGTERM lets the answer in the works go out, for `--stop-s`, and ends with
+status 0.
 
     python sidecar_service.py --loader my_module:load --port 8300
 
@@ -27,6 +27,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -39,6 +40,7 @@ FLUSH_S = 1.0
 
 Json = dict[str, Any]
 Answerer = Callable[[Json], Json]
+Outcome = tuple[int, Json]  # status of HTTP, and the body
 
 
 class LoadError(Exception):
@@ -49,19 +51,12 @@ class UnanswerableError(Exception):
     """The request lacks what this model needs; one line for people."""
 
 
-class Job:
-    """A request on its way through the queue."""
+class RefusedError(Exception):
+    """A request gets this status and line instead of an answer."""
 
-    def __init__(self, request: Json) -> None:
-        self.request = request
-        self.abandoned = False
-        self.done = threading.Event()
-        self.status = 500
-        self.reply: Json = {}
-
-    def finish(self, status: int, reply: Json) -> None:
-        self.status, self.reply = status, reply
-        self.done.set()
+    def __init__(self, status: int, problem: str, retry_after_s: int | None = None) -> None:
+        super().__init__(problem)
+        self.status, self.retry_after_s = status, retry_after_s
 
 
 class Handler(BaseHTTPRequestHandler):
@@ -71,82 +66,67 @@ class Handler(BaseHTTPRequestHandler):
     timeout = READ_TIMEOUT_S
 
     def do_GET(self) -> None:
-        service = self.service
-        if not self._allowed() or not self._known("/health"):
-            return
-        self._send(
-            200,
-            {
-                "schema": SCHEMA,
-                "model_id": service.model_id,
-                "ready": service.ready,
-                "detail": service.detail,
-            },
-        )
+        self._reply("/health", self._health)
 
     def do_POST(self) -> None:
-        with self.service.lock:
-            self.service.open_exchanges += 1
+        service = self.service
+        with service.lock:
+            service.open_exchanges += 1
         try:
-            self._answer()
+            self._reply("/answer", self._answer)
         finally:
-            with self.service.lock:
-                self.service.open_exchanges -= 1
+            with service.lock:
+                service.open_exchanges -= 1
 
-    def _answer(self) -> None:
-        if not self._allowed() or not self._known("/answer"):
+    def _reply(self, path: str, make: Callable[[], Outcome | None]) -> None:
+        try:
+            self._check_sender(path)
+            outcome = make()
+        except RefusedError as error:
+            self._send(error.status, {"error": str(error)}, error.retry_after_s)
             return
-        request = self._request()
-        if request is None:
-            return
-        if not self.service.ready:
-            self._send(503, {"error": self.service.detail}, LOADING_RETRY_AFTER_S)
-            return
-        job = Job(request)
-        if not self.service.offer(job):
-            self._send(503, {"error": "another request is in the works"}, RETRY_AFTER_S)
-            return
-        while not job.done.wait(LOOK_S):
-            if _has_gone(self.connection):
-                job.abandoned = True
-                return
-        self._send(job.status, job.reply)
+        if outcome is not None:
+            self._send(*outcome)
 
-    def _request(self) -> Json | None:
+    def _health(self) -> Outcome:
+        service = self.service
+        said = {"model_id": service.model_id, "ready": service.ready, "detail": service.detail}
+        return 200, {"schema": SCHEMA, **said}
+
+    def _answer(self) -> Outcome | None:
+        """None where the sender has gone before its turn."""
+        future = self.service.offer(self._request())
+        while not wait([future], LOOK_S).done:
+            if _has_gone(self.connection) and future.cancel():
+                return None
+        if future.cancelled():
+            raise RefusedError(503, "the service is stopping")
+        outcome: Outcome = future.result()
+        return outcome
+
+    def _request(self) -> Json:
         length = self.headers.get("Content-Length", "")
         if not (length.isascii() and length.isdigit()) or len(length) > 12:
-            self._send(411, {"error": "a request needs its Content-Length"})
-            return None
+            raise RefusedError(411, "a request needs its Content-Length")
         if int(length) > self.service.max_bytes:
-            self._send(413, {"error": f"a request has at most {self.service.max_bytes} bytes"})
-            return None
+            raise RefusedError(413, f"a request has at most {self.service.max_bytes} bytes")
         try:
-            body = self.rfile.read(int(length))
-            value = json.loads(body)
+            value = json.loads(self.rfile.read(int(length)))
         except (OSError, ValueError, RecursionError) as error:
-            self._send(400, {"error": f"the request is no JSON: {error}"})
-            return None
+            raise RefusedError(400, f"the request is no JSON: {error}") from error
         if not isinstance(value, dict) or value.get("schema") != SCHEMA:
-            self._send(400, {"error": f"the request must be an object of schema {SCHEMA}"})
-            return None
+            raise RefusedError(400, f"the request must be an object of schema {SCHEMA}")
         if not isinstance(value.get("request_id"), str):
-            self._send(400, {"error": "request_id must be a string"})
-            return None
+            raise RefusedError(400, "request_id must be a string")
         return value
 
-    def _allowed(self) -> bool:
+    def _check_sender(self, path: str) -> None:
         given = self.headers.get("Authorization", "").encode("utf-8", "replace")
         wanted = f"Bearer {self.service.token}".encode()
-        if not self.service.token or hmac.compare_digest(given, wanted):
-            return True
-        self._send(401, {"error": "a bearer token is needed"})
-        return False
-
-    def _known(self, path: str) -> bool:
-        if self.path == path:
-            return True
-        self._send(404, {"error": "there are GET /health and POST /answer"})
-        return False
+        if self.service.token and not hmac.compare_digest(given, wanted):
+            raise RefusedError(401, "a bearer token is needed")
+        if self.path != path:
+            raise RefusedError(404, "there are GET /health and POST /answer")
 
     def _send(self, status: int, value: Json, retry_after_s: int | None = None) -> None:
         body = json.dumps(value).encode()
@@ -176,10 +156,6 @@ def _has_gone(connection: socket.socket) -> bool:
         return True
 
 
-class _Stop(BaseException):
-    """SIGTERM or SIGINT came while the model was being loaded."""
-
-
 class Service:
     """One model behind HTTP, with the arguments of parser.
 
@@ -195,12 +171,13 @@ class Service:
         self.detail = "the model is being loaded"
         self.open_exchanges = 0
         self.lock = threading.Lock()
+        self._answer: Answerer = _no_model
         self._stop_s = arguments.stop_s
-        self._loading = True
-        self._stopping = False
         self._limit = max(1, arguments.queue)
-        self._waiting: list[Job] = []
-        self._changed = threading.Condition()
+        self._waiting: list[Future[Outcome]] = []
+        self._stop = threading.Event()
+        # One thread for loading and for all answers: frameworks keep state for each.
+        self._worker = ThreadPoolExecutor(1)
         handler = type("Handler", (Handler,), {"service": self})
         self._server = ThreadingHTTPServer((arguments.host, arguments.port), handler)
         self._server.daemon_threads = True
@@ -211,23 +188,23 @@ class Service:
         return f"http://{host!s}:{port}"
 
     def run(self, load: Callable[[], tuple[str, Answerer]]) -> int:
-        """Serves until SIGTERM or SIGINT; returns the exit status.
+        """Serves until SIGTERM or SIGINT, which end the process; returns where loading fails.
 
         Args:
             load: gives the model's id and the function that answers; raises LoadError.
         """
-        self._watch_signals()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: self._stop.set())
         threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
+        print(f"listening on {self.url}", flush=True)
+        loading = self._worker.submit(load)
+        while not (loading.done() or self._stop.is_set()):
+            wait([loading], LOOK_S)
         try:
-            print(f"listening on {self.url}", flush=True)
-            self.model_id, answer = load()
-            self._loading = False
-            self.ready, self.detail = True, ""
-            print(f"ready: {self.model_id}", flush=True)
-            while (job := self._next()) is not None:
-                job.finish(*self._outcome(answer, job.request))
-        except _Stop:
-            pass
+            if not self._stop.is_set():
+                self.model_id, self._answer = loading.result()
+                self.ready, self.detail = True, ""
+                print(f"ready: {self.model_id}", flush=True)
         except LoadError as error:
             print(f"error: {error}", file=sys.stderr, flush=True)
             return 1
@@ -235,60 +212,29 @@ class Service:
             traceback.print_exc()
             print(f"error: the model can't be loaded: {error}", file=sys.stderr, flush=True)
             return 1
-        finally:
-            self._close()
+        self._stop.wait()
+        self._end()
         return 0
 
-    def offer(self, job: Job) -> bool:
-        """Takes a job in; False when the queue is full of jobs that somebody waits for."""
-        with self._changed:
-            self._waiting = [one for one in self._waiting if not one.abandoned]
-            if len(self._waiting) >= self._limit:
-                return False
-            self._waiting.append(job)
-            self._changed.notify()
-        return True
+    def offer(self, request: Json) -> Future[Outcome]:
+        """Takes a request in.
 
-    def _watch_signals(self) -> None:
-        """A thread learns of a signal at once, whatever the main one is waiting for.
-
-        Python runs handlers in the main thread between two steps of Python, which a model, or a
-        lock that is taken just then, may keep it from.
+        Raises:
+            RefusedError: the model isn't ready, or as many requests wait as may.
         """
-        self._told, self._tells = socket.socketpair()
-        self._tells.setblocking(False)
-        signal.set_wakeup_fd(self._tells.fileno())
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self._on_signal)
-        threading.Thread(target=self._end_in_time, daemon=True).start()
+        with self.lock:
+            if not self.ready:
+                raise RefusedError(503, self.detail, LOADING_RETRY_AFTER_S)
+            self._waiting = [one for one in self._waiting if not (one.running() or one.done())]
+            if len(self._waiting) >= self._limit:
+                raise RefusedError(503, "another request is in the works", RETRY_AFTER_S)
+            future = self._worker.submit(self._outcome, request)
+            self._waiting.append(future)
+            return future
 
-    def _on_signal(self, *_: Any) -> None:
-        if self._loading:
-            raise _Stop
-
-    def _end_in_time(self) -> None:
-        while not set(self._told.recv(64)) & {signal.SIGTERM, signal.SIGINT}:
-            pass
-        with self._changed:
-            self._stopping = True
-            self._changed.notify()
-        time.sleep(self._stop_s)
-        os._exit(0)  # a model can't be interrupted; its process can
-
-    def _next(self) -> Job | None:
-        """The next job that somebody waits for; None when the service is to stop."""
-        with self._changed:
-            while not self._stopping:
-                while self._waiting:
-                    job = self._waiting.pop(0)
-                    if not job.abandoned:
-                        return job
-                self._changed.wait()
-        return None
-
-    def _outcome(self, answer: Answerer, request: Json) -> tuple[int, Json]:
+    def _outcome(self, request: Json) -> Outcome:
         try:
-            given = answer(request)
+            given = self._answer(request)
             reply = {
                 "schema": SCHEMA,
                 "request_id": request["request_id"],
@@ -305,16 +251,19 @@ class Service:
             return 500, {"error": f"{type(error).__name__}: {error}"}
         return 200, reply
 
-    def _close(self) -> None:
-        self.ready, self.detail = False, "the service is stopping"
-        self._server.shutdown()
-        with self._changed:
-            for job in self._waiting:
-                job.finish(503, {"error": self.detail})
-        deadline_s = time.monotonic() + FLUSH_S
+    def _end(self) -> None:
+        """Lets the answer in the works go out, and ends the process."""
+        with self.lock:
+            was_ready, self.ready, self.detail = self.ready, False, "the service is stopping"
+            self._worker.shutdown(wait=False, cancel_futures=True)
+        deadline_s = time.monotonic() + (self._stop_s + FLUSH_S if was_ready else FLUSH_S)
         while self.open_exchanges and time.monotonic() < deadline_s:
             time.sleep(0.01)
-        self._server.server_close()
+        os._exit(0)  # a model can't be interrupted; its process can
+
+
+def _no_model(_: Json) -> Json:
+    raise UnanswerableError("the model isn't loaded")
 
 
 def named(path: str) -> Callable[..., Any]:
