@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,7 +15,7 @@ START = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
 
 
 @pytest.fixture
-def run_mapping() -> dict[str, Any]:
+def run_mapping():
     """A valid run with two object targets."""
     walker = {"id": "walker", "object_class": "pedestrian", "start": START}
     car = {"id": "ot1", "object_class": "car", "start": START}
@@ -40,20 +37,20 @@ def run_mapping() -> dict[str, Any]:
 
 
 @pytest.fixture
-def run_file(tmp_path: Path, run_mapping: dict[str, Any]) -> Path:
+def run_file(tmp_path, run_mapping):
     path = tmp_path / "run.yaml"
     path.write_text(json.dumps(run_mapping, indent=1))  # JSON is YAML too
     return path
 
 
 @pytest.fixture
-def clock_cdr() -> Callable[[int], bytes]:
+def clock_cdr():
     """Serialised /clock message at a time in ns."""
     return clock
 
 
 @pytest.fixture
-def small_bag(tmp_path: Path, clock_cdr: Callable[[int], bytes]) -> Path:
+def small_bag(tmp_path, clock_cdr):
     """Ten /clock messages and an attachment."""
     path = tmp_path / "small"
     with BagWriter(path) as writer:

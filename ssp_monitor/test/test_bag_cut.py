@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -51,7 +50,7 @@ def video_messages(count: int) -> list[BagMessage]:
 
 
 @pytest.fixture
-def session(tmp_path: Path, clock_cdr: Callable[[int], bytes]) -> Path:
+def session(tmp_path, clock_cdr):
     """10 s: /clock at 10 Hz, a latched state that changes at 1, 2, 3 and 6 s, video at 10 Hz."""
     messages = [BagMessage("/clock", at(k / 10), at(k / 10), clock_cdr(k), k) for k in range(101)]
     messages += [
@@ -81,9 +80,7 @@ def read(path: Path, *topics: str) -> list[BagMessage]:
         return list(bag.messages(topics or None))
 
 
-def test_a_span_keeps_state_video_and_attachments(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_span_keeps_state_video_and_attachments(session, tmp_path, capsys):
     target = tmp_path / "cut"
     status, shown, notes = run(capsys, session, "--start", "4.5", "--end", "7", "-o", target)
     assert status == 0
@@ -112,23 +109,21 @@ def test_a_span_keeps_state_video_and_attachments(
     assert all(np.array_equal(a.image, b.image) for a, b in zip(pictures, whole, strict=True))
 
 
-def test_others_read_the_cut(session: Path, tmp_path: Path) -> None:
+def test_others_read_the_cut(session, tmp_path):
     cut_bag(session, tmp_path / "cut", ["/clock", "/state"], at(2.05), None)
     with RosbagsReader(tmp_path / "cut") as reader:
         assert reader.message_count == 80 + 2 + 2
         assert {c.topic for c in reader.connections} == {"/clock", "/state"}
 
 
-def test_everything_without_a_span_is_the_same_bag(session: Path, tmp_path: Path) -> None:
+def test_everything_without_a_span_is_the_same_bag(session, tmp_path):
     report = cut_bag(session, tmp_path / "copy", ["/clock", "/state", "/never", IMAGE])
     assert (report.repeated, report.led_in) == ({}, {})
     assert report.messages == {"/clock": 101, "/state": 4, "/never": 0, IMAGE: 101}
     assert read(tmp_path / "copy") == read(session)
 
 
-def test_topics_are_chosen_by_pattern(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_topics_are_chosen_by_pattern(session, tmp_path, capsys):
     status, shown, _ = run(
         capsys, session, "--topics", "/c*", "--topics", "/state", "--exclude", "/cam/*",
         "-o", tmp_path / "a", "--json",
@@ -142,9 +137,7 @@ def test_topics_are_chosen_by_pattern(
         assert not (tmp_path / "b").exists()
 
 
-def test_times_from_the_end_and_absolute(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_times_from_the_end_and_absolute(session, tmp_path, capsys):
     run(capsys, session, "--topics", "/clock", "--start", "-1", "-o", tmp_path / "a")
     assert [m.log_time_ns for m in read(tmp_path / "a")] == [at(k / 10) for k in range(90, 101)]
     absolute = ["--start", f"{at(9.9)}ns", "--end", f"{at(10)}ns"]
@@ -163,30 +156,21 @@ def test_times_from_the_end_and_absolute(
         (("--end", "5ns"), 1, "lies before the beginning of the bag"),
     ],
 )
-def test_impossible_spans_are_one_message(
-    session: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    given: tuple[str, ...],
-    code: int,
-    problem: str,
-) -> None:
+def test_impossible_spans_are_one_message(session, tmp_path, capsys, given, code, problem):
     status, _, errors = run(capsys, session, *given, "-o", tmp_path / "cut")
     assert status == code
     assert problem in errors
     assert not (tmp_path / "cut").exists()
 
 
-def test_times_are_exact_to_the_nanosecond() -> None:
+def test_times_are_exact_to_the_nanosecond():
     assert parse_time("0.000000001", "t", START_NS, 0) == START_NS + 1
     assert parse_time("-0.000000001 s", "t", 0, START_NS) == START_NS - 1
     assert parse_time("12345678901.123456789", "t", 0, 0) == 12345678901123456789
     assert parse_time("-99", "t", 0, NS_PER_S) == 0
 
 
-def test_a_target_that_exists_stays_as_it_is(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_target_that_exists_stays_as_it_is(session, tmp_path, capsys):
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "mine.txt").write_text("keep")
     status, _, errors = run(capsys, session, "-o", tmp_path / "there")
@@ -194,7 +178,7 @@ def test_a_target_that_exists_stays_as_it_is(
     assert (tmp_path / "there" / "mine.txt").read_text() == "keep"
 
 
-def test_a_damaged_source_leaves_nothing_behind(session: Path, tmp_path: Path) -> None:
+def test_a_damaged_source_leaves_nothing_behind(session, tmp_path):
     file = session / "session_0.mcap"
     data = bytearray(file.read_bytes())
     data[data.index(text("state 2"))] ^= 1
@@ -205,9 +189,7 @@ def test_a_damaged_source_leaves_nothing_behind(session: Path, tmp_path: Path) -
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_a_foreign_bag_keeps_its_own_definition(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_foreign_bag_keeps_its_own_definition(tmp_path, capsys):
     """A type that nobody here knows, in a compressed file without metadata.yaml."""
     path = tmp_path / "foreign.mcap"
     written = b"# theirs\nuint8 level\n"
@@ -236,7 +218,7 @@ def test_a_foreign_bag_keeps_its_own_definition(
         ("{", False),
     ],
 )
-def test_latched_topics_are_known_by_their_qos(qos: str, latched: bool) -> None:
+def test_latched_topics_are_known_by_their_qos(qos, latched):
     assert is_latched(qos) is latched
 
 
@@ -254,7 +236,7 @@ def test_latched_topics_are_known_by_their_qos(qos: str, latched: bool) -> None:
         ("- {durability: 1, depth: 2}\n- {durability: 1, depth: 3}", 5),
     ],
 )
-def test_any_depth_is_taken_with_sense(tmp_path: Path, qos: str, kept: int) -> None:
+def test_any_depth_is_taken_with_sense(tmp_path, qos, kept):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/state", STRING, qos)
         for k in range(8):
@@ -263,16 +245,14 @@ def test_any_depth_is_taken_with_sense(tmp_path: Path, qos: str, kept: int) -> N
     assert report.repeated == {"/state": kept}
 
 
-def test_the_type_of_video_is_kept(session: Path, tmp_path: Path) -> None:
+def test_the_type_of_video_is_kept(session, tmp_path):
     cut_bag(session, tmp_path / "cut", [IMAGE], at(3.0), at(3.05))
     with BagReader(tmp_path / "cut") as bag:
         assert bag.topics[IMAGE].type_hash == definition(VIDEO_TYPE).type_hash
         assert bag.count == 1
 
 
-def test_folders_above_are_made_unless_a_file_is_in_the_way(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_folders_above_are_made_unless_a_file_is_in_the_way(session, tmp_path, capsys):
     status, _, errors = run(capsys, session, "-o", tmp_path / "new" / "deep" / "cut")
     assert status == 0, errors
     (tmp_path / "file").write_text("mine")

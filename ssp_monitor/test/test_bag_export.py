@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +69,7 @@ def image_message(stamp_ns: int, data: bytes, form: str = "jpeg") -> bytes:
 
 
 @pytest.fixture
-def camera_bag(tmp_path: Path) -> Path:
+def camera_bag(tmp_path):
     path = tmp_path / "camera"
     with BagWriter(path) as writer:
         writer.add_topic(IMAGE, COMPRESSED_TYPE)
@@ -96,7 +95,7 @@ def states(names: list[str]) -> bytes:
 
 
 @pytest.fixture
-def states_bag(tmp_path: Path) -> Path:
+def states_bag(tmp_path):
     path = tmp_path / "states"
     with BagWriter(path) as writer:
         writer.add_topic("/ssp/object_states", "ssp_msgs/msg/ObjectStates")
@@ -105,9 +104,7 @@ def states_bag(tmp_path: Path) -> Path:
     return path
 
 
-def test_jpegs_are_copied_byte_for_byte(
-    camera_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_jpegs_are_copied_byte_for_byte(camera_bag, tmp_path, capsys):
     status, shown, _ = export(capsys, camera_bag, tmp_path / "out", "--frames", "jpg")
     assert status == 0
     assert "ssp.cam.image/         7 frames" in shown
@@ -119,9 +116,7 @@ def test_jpegs_are_copied_byte_for_byte(
     assert index[1]["file"] == f"000001_{STAMPS_NS[1]}.jpg"
 
 
-def test_pngs_are_decoded_pictures(
-    camera_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_pngs_are_decoded_pictures(camera_bag, tmp_path, capsys):
     span = ("--start", f"{STAMPS_NS[2]}ns", "--end", f"{STAMPS_NS[4]}ns")
     assert export(capsys, camera_bag, tmp_path / "out", "--frames", "png", *span)[0] == 0
     files = sorted((tmp_path / "out" / "ssp.cam.image").glob("*.png"))
@@ -129,9 +124,7 @@ def test_pngs_are_decoded_pictures(
     assert [shows(cv2.imread(str(file))) for file in files] == [2, 3]
 
 
-def test_a_video_plays_at_the_recorded_times(
-    camera_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_video_plays_at_the_recorded_times(camera_bag, tmp_path, capsys):
     status, shown, _ = export(capsys, camera_bag, tmp_path / "out", "--video")
     assert status == 0
     assert "ssp.cam.image.mp4         7 frames" in shown
@@ -142,9 +135,7 @@ def test_a_video_plays_at_the_recorded_times(
     assert [shows(frame.to_ndarray(format="bgr24")) for frame in frames] == list(range(7))
 
 
-def test_video_topics_become_images_and_videos(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_video_topics_become_images_and_videos(tmp_path, capsys):
     encoder = VideoEncoder(COMPRESSED_TYPE)
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic(IMAGE, VIDEO_TYPE)
@@ -159,9 +150,7 @@ def test_video_topics_become_images_and_videos(
     assert (out / "ssp.cam.image.mp4").stat().st_size > 500
 
 
-def test_new_sizes_and_damaged_frames_are_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_new_sizes_and_damaged_frames_are_said(tmp_path, capsys):
     frames = [jpeg_of(0), b"no picture", jpeg_of(2, width=81, height=33), jpeg_of(3)]
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic(IMAGE, COMPRESSED_TYPE)
@@ -174,9 +163,7 @@ def test_new_sizes_and_damaged_frames_are_said(
     assert "change their size" in notes
 
 
-def test_stamps_that_stand_still_fall_back_to_the_recorders_time(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_stamps_that_stand_still_fall_back_to_the_recorders_time(tmp_path, capsys):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic(IMAGE, COMPRESSED_TYPE)
         for k, stamp_ns in enumerate((9 * NS_PER_S, 9 * NS_PER_S, NS_PER_S, 2 * NS_PER_S)):
@@ -188,7 +175,7 @@ def test_stamps_that_stand_still_fall_back_to_the_recorders_time(
     assert times == [0.0, 0.5, 1.0, 2.0]
 
 
-def test_raw_images_are_exported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_raw_images_are_exported(tmp_path, capsys):
     image = scene(1)
     raw = message(
         RAW_TYPE, header=header(START_NS), height=48, width=64, encoding="rgb8", is_bigendian=0,
@@ -204,9 +191,7 @@ def test_raw_images_are_exported(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (row["width"], row["encoding"], "data" in row) == ("64", "rgb8", False)
 
 
-def test_an_array_of_messages_makes_a_row_of_each(
-    states_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_array_of_messages_makes_a_row_of_each(states_bag, tmp_path, capsys):
     assert export(capsys, states_bag, tmp_path / "out", "--csv")[0] == 0
     rows = table(tmp_path / "out" / "ssp.object_states.csv")
     assert [r["states.object_id"] for r in rows] == ["a", "b", "", "c"]
@@ -222,7 +207,7 @@ def test_an_array_of_messages_makes_a_row_of_each(
     assert first["states.error_longitudinal"] == "nan"
 
 
-def test_types_of_every_shape(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_types_of_every_shape(tmp_path, capsys):
     """A foreign type: scalars, lists, bytes, times, two arrays of messages, a field of our name."""
     definition = (
         b"float32 tenth\nbool yes\nuint64 large\nint32[] numbers\nstring[2] words\n"
@@ -263,7 +248,7 @@ def test_types_of_every_shape(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     }  # fmt: skip
 
 
-def test_a_bag_of_rosbags_is_exported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bag_of_rosbags_is_exported(tmp_path, capsys):
     store = get_typestore(Stores.ROS2_HUMBLE)
     path = tmp_path / "theirs"
     with RosbagsWriter(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -281,9 +266,7 @@ def test_a_bag_of_rosbags_is_exported(tmp_path: Path, capsys: pytest.CaptureFixt
     assert [row["data"] for row in table(tmp_path / "out" / "chatter.csv")][4] == "=cmd4"
 
 
-def test_more_topics_than_are_written_at_once(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_more_topics_than_are_written_at_once(tmp_path, clock_cdr, capsys):
     with BagWriter(tmp_path / "bag") as writer:
         for k in range(150):
             writer.add_topic(f"/t{k}", "rosgraph_msgs/msg/Clock")
@@ -298,9 +281,7 @@ def test_more_topics_than_are_written_at_once(
     ]
 
 
-def test_damaged_messages_are_counted_and_left_out(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damaged_messages_are_counted_and_left_out(tmp_path, clock_cdr, capsys):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/clock", "rosgraph_msgs/msg/Clock")
         for k, data in enumerate((clock_cdr(1), b"\x00\x01\x00\x00\x01", clock_cdr(2))):
@@ -322,9 +303,7 @@ HOSTILE = [
 ]
 
 
-def test_no_file_is_written_outside(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_file_is_written_outside(tmp_path, clock_cdr, capsys):
     with BagWriter(tmp_path / "bag") as writer:
         for topic in HOSTILE:
             writer.add_topic(topic, "rosgraph_msgs/msg/Clock")
@@ -339,7 +318,7 @@ def test_no_file_is_written_outside(
 
 @settings(deadline=None)
 @given(st.lists(st.text(max_size=130) | st.sampled_from(HOSTILE), unique=True, max_size=20))
-def test_names_are_safe_and_differ(topics: list[str]) -> None:
+def test_names_are_safe_and_differ(topics):
     names = FileNames()
     found = [names.of(topic) for topic in topics]
     assert len({name.lower() for name in found}) == len(topics)
@@ -351,18 +330,14 @@ def test_names_are_safe_and_differ(topics: list[str]) -> None:
         assert name not in (".", "..")
 
 
-def test_what_was_there_stays(
-    camera_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_there_stays(camera_bag, tmp_path, capsys):
     (tmp_path / "there").mkdir()
     status, _, errors = export(capsys, camera_bag, tmp_path / "there", "--csv")
     assert (status, "exists already" in errors) == (1, True)
     assert not list((tmp_path / "there").iterdir())
 
 
-def test_nothing_asked_for_is_wrong_usage(
-    camera_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_asked_for_is_wrong_usage(camera_bag, tmp_path, capsys):
     status, _, errors = export(capsys, camera_bag, tmp_path / "out")
     assert status == 2
     assert "give --frames, --video or --csv" in errors
@@ -371,8 +346,8 @@ def test_nothing_asked_for_is_wrong_usage(
 
 
 def test_a_choice_without_anything_to_export_is_one_message_and_no_folder(
-    camera_bag: Path, states_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    camera_bag, states_bag, tmp_path, capsys
+):
     before = sorted(tmp_path.iterdir())
     status, _, errors = export(capsys, states_bag, tmp_path / "out", "--video")
     assert status == 1

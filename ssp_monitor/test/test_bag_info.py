@@ -57,13 +57,7 @@ def mcap_file(
         (CompressionType.LZ4, "lz4"),
     ],
 )
-def test_compressed_chunks_and_rates_per_topic(
-    tmp_path: Path,
-    clock_cdr: Callable[[int], bytes],
-    capsys: pytest.CaptureFixture[str],
-    compression: CompressionType,
-    name: str,
-) -> None:
+def test_compressed_chunks_and_rates_per_topic(tmp_path, clock_cdr, capsys, compression, name):
     path = mcap_file(tmp_path / "x.mcap", clock_cdr, compression)
     status, shown, _ = info(capsys, path, "--json")
     assert status == 0
@@ -82,9 +76,7 @@ def test_compressed_chunks_and_rates_per_topic(
     assert (name in shown) == (name != "none")
 
 
-def test_a_file_without_chunks_has_no_rates(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes]
-) -> None:
+def test_a_file_without_chunks_has_no_rates(tmp_path, clock_cdr):
     """A file without any index of chunks has no times per topic, and that is no rate of 0."""
     path = tmp_path / "x.mcap"
     with path.open("wb") as stream:
@@ -100,7 +92,7 @@ def test_a_file_without_chunks_has_no_rates(
     assert found.topics["/a"].rate_hz is None
 
 
-def test_a_bag_of_rosbags(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bag_of_rosbags(tmp_path, capsys):
     store = get_typestore(Stores.ROS2_HUMBLE)
     path = tmp_path / "theirs"
     with RosbagsWriter(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -115,9 +107,7 @@ def test_a_bag_of_rosbags(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert row.split()[:4] == ["/chatter", "std_msgs/msg/String", "11", "10.0"]
 
 
-def test_a_bag_of_several_files_counts_repeated_messages_once(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_of_several_files_counts_repeated_messages_once(tmp_path, clock_cdr, capsys):
     path = tmp_path / "bag"
     with BagWriter(path, split=Split(max_s=2.0)) as writer:
         writer.add_topic("/a", CLOCK, offered_qos(50))
@@ -137,9 +127,7 @@ def test_a_bag_of_several_files_counts_repeated_messages_once(
     assert "reliable, latched, depth 1" in shown
 
 
-def test_files_without_metadata_are_shown_and_said_to_be_so(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_files_without_metadata_are_shown_and_said_to_be_so(tmp_path, clock_cdr, capsys):
     folder = tmp_path / "bag"
     for k in (0, 2, 10):
         mcap_file(folder / f"bag_{k}.mcap", clock_cdr, CompressionType.NONE, 100)
@@ -155,9 +143,7 @@ def test_files_without_metadata_are_shown_and_said_to_be_so(
     assert json.loads(info(capsys, folder, "--json")[1])["messages"] == 2 * 105
 
 
-def test_folders_without_a_readable_bag_are_one_message(
-    tmp_path: Path, small_bag: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_folders_without_a_readable_bag_are_one_message(tmp_path, small_bag, capsys):
     empty = tmp_path / "empty"
     empty.mkdir()
     status, _, errors = info(capsys, empty)
@@ -176,13 +162,7 @@ def test_folders_without_a_readable_bag_are_one_message(
         (CompressionMode.FILE, "are compressed as a whole", "`zstd -d packed.mcap.zstd"),
     ],
 )
-def test_compression_by_rosbag2_is_refused_with_a_way_out(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    mode: CompressionMode,
-    problem: str,
-    remedy: str,
-) -> None:
+def test_compression_by_rosbag2_is_refused_with_a_way_out(tmp_path, capsys, mode, problem, remedy):
     store = get_typestore(Stores.ROS2_HUMBLE)
     path = tmp_path / "packed"
     writer = RosbagsWriter(path, version=8, storage_plugin=StoragePlugin.MCAP)
@@ -197,7 +177,7 @@ def test_compression_by_rosbag2_is_refused_with_a_way_out(
     assert remedy in errors
 
 
-def test_a_foreign_encoding_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_foreign_encoding_is_shown(tmp_path, capsys):
     path = tmp_path / "x.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)
@@ -208,9 +188,7 @@ def test_a_foreign_encoding_is_shown(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "Point (json/jsonschema)" in info(capsys, path)[1]
 
 
-def test_what_the_recorder_said_is_told(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_the_recorder_said_is_told(tmp_path, clock_cdr, capsys):
     report = {
         "schema": "ssp.recording/1", "received": 9, "written": 7, "lost": 1, "dropped": 2,
         "lost_limit": 0, "warnings": ["the disk was slow"],
@@ -234,7 +212,7 @@ def test_what_the_recorder_said_is_told(
     assert (status, "recording.json: is no report of a recording" in errors) == (1, True)
 
 
-def test_columns_are_aligned(small_bag: Path, tmp_path: Path) -> None:
+def test_columns_are_aligned(small_bag, tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/a", CLOCK, offered_qos(5))
         writer.add_topic("/a/much/longer/name", "ssp_msgs/msg/ObjectState", offered_qos(5))
@@ -257,11 +235,11 @@ def test_columns_are_aligned(small_bag: Path, tmp_path: Path) -> None:
          "2 x reliable, depth 1; ?, depth ?"),
     ],
 )  # fmt: skip
-def test_quality_of_service_in_words(profiles: list[dict[str, object]] | None, text: str) -> None:
+def test_quality_of_service_in_words(profiles, text):
     assert qos_text(profiles) == text
 
 
-def test_sizes_and_times_in_words() -> None:
+def test_sizes_and_times_in_words():
     assert [size_text(n) for n in (0, 999, 1000, 45_200_000, 10**16)] == [
         "0 B", "999 B", "1.0 kB", "45.2 MB", "10000.0 TB",
     ]  # fmt: skip
@@ -270,9 +248,7 @@ def test_sizes_and_times_in_words() -> None:
     assert "2554-07-21" in span_text(2**64 - 2, 2**64 - 1)  # the last time that MCAP can hold
 
 
-def test_damaged_indexes_are_one_message(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damaged_indexes_are_one_message(tmp_path, clock_cdr, capsys):
     """Bytes of the indexes are spoiled one by one: an answer or an error, never a traceback."""
     path = mcap_file(tmp_path / "x.mcap", clock_cdr, CompressionType.NONE, 40)
     whole = path.read_bytes()
@@ -285,9 +261,7 @@ def test_damaged_indexes_are_one_message(
         assert status == 0 or errors.startswith("error: ")
 
 
-def test_topics_without_messages_are_counted_apart(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], clock_cdr: Callable[[int], bytes]
-) -> None:
+def test_topics_without_messages_are_counted_apart(tmp_path, capsys, clock_cdr):
     with BagWriter(tmp_path / "bag") as writer:
         for name in ("/clock", "/silent"):
             writer.add_topic(name, "rosgraph_msgs/msg/Clock")

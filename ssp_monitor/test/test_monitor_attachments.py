@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from ssp_core.errors import InputError
@@ -12,17 +10,17 @@ from ssp_monitor.recorder.plan import run_attachments
 
 
 @pytest.fixture
-def run_file(tmp_path: Path) -> Path:
+def run_file(tmp_path):
     path = tmp_path / "run.yaml"
     path.write_text("schema: ssp.run/1\n")
     return path
 
 
-def test_a_run_without_a_task_is_attached_alone(run_file: Path) -> None:
+def test_a_run_without_a_task_is_attached_alone(run_file):
     assert run_attachments(run_file) == [("run.yaml", "application/yaml", b"schema: ssp.run/1\n")]
 
 
-def test_every_file_of_the_task_is_attached_under_its_name(run_file: Path) -> None:
+def test_every_file_of_the_task_is_attached_under_its_name(run_file):
     task = run_file.parent / "task"
     (task / "deeper").mkdir(parents=True)
     for name, text in (
@@ -41,7 +39,7 @@ def test_every_file_of_the_task_is_attached_under_its_name(run_file: Path) -> No
     ]
 
 
-def test_a_run_in_the_task_would_hide_the_executed_one(run_file: Path) -> None:
+def test_a_run_in_the_task_would_hide_the_executed_one(run_file):
     task = run_file.parent / "task"
     task.mkdir()
     (task / "run.yaml").write_text("another")
@@ -49,9 +47,7 @@ def test_a_run_in_the_task_would_hide_the_executed_one(run_file: Path) -> None:
         run_attachments(run_file)
 
 
-def test_what_is_too_large_is_refused_together(
-    run_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_too_large_is_refused_together(run_file, monkeypatch):
     task = run_file.parent / "task"
     task.mkdir()
     (task / "a.xodr").write_bytes(b"a" * 40)
@@ -64,6 +60,6 @@ def test_what_is_too_large_is_refused_together(
         run_attachments(run_file)
 
 
-def test_a_missing_run_is_said(tmp_path: Path) -> None:
+def test_a_missing_run_is_said(tmp_path):
     with pytest.raises(InputError, match=r"run\.yaml: can't be read"):
         run_attachments(tmp_path / "run.yaml")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -19,9 +17,7 @@ def run(capsys: pytest.CaptureFixture[str], *args: object) -> tuple[int, str, st
     return status, captured.out, captured.err
 
 
-def test_info_shows_topics_and_attachments(
-    small_bag: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_info_shows_topics_and_attachments(small_bag, capsys):
     status, shown, _ = run(capsys, "info", small_bag)
     assert status == 0
     assert "10 messages of 1 topics, 1 file" in shown
@@ -34,7 +30,7 @@ def test_info_shows_topics_and_attachments(
     assert summary["end_ns"] == 9_000_000_000
 
 
-def test_info_on_an_empty_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_on_an_empty_bag(tmp_path, capsys):
     BagWriter(tmp_path / "empty").close()
     status, shown, _ = run(capsys, "info", tmp_path / "empty")
     assert status == 0
@@ -43,15 +39,13 @@ def test_info_on_an_empty_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize("verb", ["info", "check", "recover"])
-def test_a_bag_that_is_not_there_is_one_message(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str
-) -> None:
+def test_a_bag_that_is_not_there_is_one_message(tmp_path, capsys, verb):
     status, _, errors = run(capsys, verb, tmp_path / "nowhere")
     assert status == 1
     assert f"{tmp_path / 'nowhere'}: is not there" in errors
 
 
-def test_a_sound_bag_passes(small_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_sound_bag_passes(small_bag, capsys):
     for path in (small_bag, small_bag / "small_0.mcap"):
         status, shown, _ = run(capsys, "check", path, "--json")
         assert status == 0
@@ -60,9 +54,7 @@ def test_a_sound_bag_passes(small_bag: Path, capsys: pytest.CaptureFixture[str])
         }  # fmt: skip
 
 
-def test_a_flipped_byte_fails(
-    small_bag: Path, capsys: pytest.CaptureFixture[str], clock_cdr: Callable[[int], bytes]
-) -> None:
+def test_a_flipped_byte_fails(small_bag, capsys, clock_cdr):
     file = small_bag / "small_0.mcap"
     data = bytearray(file.read_bytes())
     data[data.index(clock_cdr(5_000_000_000)) + 6] ^= 1
@@ -74,7 +66,7 @@ def test_a_flipped_byte_fails(
     assert "problems: 1" in shown
 
 
-def test_counts_that_disagree_fail(small_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_counts_that_disagree_fail(small_bag, capsys):
     metadata = small_bag / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("message_count: 10", "message_count: 11"))
     status, shown, _ = run(capsys, "check", small_bag)
@@ -83,9 +75,7 @@ def test_counts_that_disagree_fail(small_bag: Path, capsys: pytest.CaptureFixtur
     assert "10 messages stored, 11 in metadata.yaml" in shown
 
 
-def test_messages_that_are_not_of_their_type_fail(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_messages_that_are_not_of_their_type_fail(tmp_path, capsys):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/clock", "rosgraph_msgs/msg/Clock")
         writer.write("/clock", b"\x00\x01\x00\x00\x01", 0, 0)
@@ -97,9 +87,7 @@ def test_messages_that_are_not_of_their_type_fail(
     assert problems[1] == "/clock: 2 of 2 messages can't be decoded"
 
 
-def test_recover_makes_a_bag_of_a_cut_file(
-    small_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_recover_makes_a_bag_of_a_cut_file(small_bag, tmp_path, capsys):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((small_bag / "small_0.mcap").read_bytes()[:-100])
     status, _, _ = run(capsys, "check", cut)

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -77,7 +77,7 @@ def topic(name: str, profile: Profile = Profile.STATE, msgtype: str = STRING) ->
 
 
 @pytest.fixture
-def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
+def node(monkeypatch):
     """A node that publishes, in a domain of its own."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     with free_domain() as domain_id:
@@ -119,7 +119,7 @@ class Reception:
 
 
 @pytest.fixture
-def receive(tmp_path: Path, node: Node) -> Iterator[Callable[..., Reception]]:
+def receive(tmp_path, node):
     made: list[Reception] = []
 
     def make(*topics: TopicSpec, **options: Any) -> Reception:
@@ -144,7 +144,7 @@ def acked(*publishers: Publisher) -> None:
         assert one.wait_for_all_acked(Duration(seconds=DEADLINE_S))
 
 
-def test_what_is_taken_is_what_rclpy_takes(node: Node) -> None:
+def test_what_is_taken_is_what_rclpy_takes(node):
     sizes = (0, 1, 100, 70_000, 5, 300_000, 2)
     ours, theirs = (
         node.create_subscription(String, "/a", lambda _: None, ros.STATE, raw=True)
@@ -184,7 +184,7 @@ def test_what_is_taken_is_what_rclpy_takes(node: Node) -> None:
     assert list(numbers.values()) == [list(range(1, len(sizes) + 1))] * 2
 
 
-def test_a_take_is_bounded_and_says_that_there_is_more(node: Node) -> None:
+def test_a_take_is_bounded_and_says_that_there_is_more(node):
     subscription = node.create_subscription(
         String, "/a", lambda _: None, recording_profile(Profile.STATE), raw=True
     )
@@ -205,7 +205,7 @@ def test_a_take_is_bounded_and_says_that_there_is_more(node: Node) -> None:
     assert [one[0] for one in first + rest] == [text(str(k)) for k in range(count)]
 
 
-def test_stop_takes_all_that_has_arrived(node: Node, receive: Callable[..., Reception]) -> None:
+def test_stop_takes_all_that_has_arrived(node, receive):
     reception = receive(topic("/a"), topic("/b"))
     pubs = [publisher(node, name, ros.STATE) for name in ("/a", "/b")]
     for k in range(40):
@@ -218,9 +218,7 @@ def test_stop_takes_all_that_has_arrived(node: Node, receive: Callable[..., Rece
     assert reception.recorded("/a") == reception.recorded("/b") == [str(k) for k in range(40)]
 
 
-def test_publishers_that_come_and_go_are_no_loss(
-    node: Node, receive: Callable[..., Reception]
-) -> None:
+def test_publishers_that_come_and_go_are_no_loss(node, receive):
     reception = receive(topic("/a"))
     lasting = publisher(node, "/a", ros.STATE)
     for _ in range(3):
@@ -234,9 +232,7 @@ def test_publishers_that_come_and_go_are_no_loss(
     assert reception.intake.lost_by_topic() == {"/a": 0}
 
 
-def test_a_history_that_overflows_is_counted_of_each_publisher(
-    node: Node, receive: Callable[..., Reception]
-) -> None:
+def test_a_history_that_overflows_is_counted_of_each_publisher(node, receive):
     """Two publishers send while the reception is held up, more than the history keeps."""
     held, go_on = threading.Event(), threading.Event()
 
@@ -266,9 +262,7 @@ def test_a_history_that_overflows_is_counted_of_each_publisher(
     assert reception.intake.lost_by_topic() == {"/gate": 0, "/a": 50}
 
 
-def test_what_the_middleware_loses_is_counted(
-    node: Node, receive: Callable[..., Reception]
-) -> None:
+def test_what_the_middleware_loses_is_counted(node, receive):
     reception = receive()
     reception.add(topic("/flood"), QoSProfile(depth=50, reliability=BEST_EFFORT))
     # Through shared memory, which the settings of sessions prefer, none would be lost.
@@ -290,9 +284,7 @@ def test_what_the_middleware_loses_is_counted(
     assert 0 < reception.intake.lost_by_topic()["/flood"] <= sent - received
 
 
-def test_a_late_topic_is_taken_and_one_that_cannot_be_does_no_harm(
-    node: Node, receive: Callable[..., Reception]
-) -> None:
+def test_a_late_topic_is_taken_and_one_that_cannot_be_does_no_harm(node, receive):
     reception = receive(topic("/a"))
     early = publisher(node, "/a", ros.STATE)
     latched = QoSProfile(depth=3, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -312,7 +304,7 @@ def test_a_late_topic_is_taken_and_one_that_cannot_be_does_no_harm(
     assert reception.intake.lost_by_topic() == {"/a": 0, "/late": 0}
 
 
-def test_best_effort_publishers_are_heard(node: Node, receive: Callable[..., Reception]) -> None:
+def test_best_effort_publishers_are_heard(node, receive):
     reception = receive()
     offered = QoSProfile(depth=50, reliability=BEST_EFFORT)
     reception.add(topic("/a"), QoSProfile(depth=100, reliability=BEST_EFFORT))
@@ -323,9 +315,7 @@ def test_best_effort_publishers_are_heard(node: Node, receive: Callable[..., Rec
     assert reception.recorded("/a") == ["hello"]
 
 
-def test_a_topic_that_was_silent_is_taken_again(
-    node: Node, receive: Callable[..., Reception]
-) -> None:
+def test_a_topic_that_was_silent_is_taken_again(node, receive):
     spoken = [f"/a{k}" for k in range(QUIET_PARTS + 1)]
     reception = receive(*(topic(name) for name in spoken))
     pubs = [publisher(node, name, ros.STATE) for name in spoken]
@@ -337,9 +327,7 @@ def test_a_topic_that_was_silent_is_taken_again(
         reception.wait_for(name, 1)
 
 
-def test_a_publishers_own_count_shows_a_missing_end(
-    node: Node, receive: Callable[..., Reception]
-) -> None:
+def test_a_publishers_own_count_shows_a_missing_end(node, receive):
     heartbeat = names.absolute(names.HEARTBEAT)
     reference = names.absolute(names.reference_topic("ot1"))
     reception = receive(
@@ -357,9 +345,7 @@ def test_a_publishers_own_count_shows_a_missing_end(
     assert reception.intake.lost_by_topic() == {heartbeat: 0, reference: 2}
 
 
-def test_a_listener_that_fails_costs_no_message(
-    node: Node, receive: Callable[..., Reception], capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_listener_that_fails_costs_no_message(node, receive, capfd):
     heard: list[bytes] = []
 
     def listen(data: bytes) -> None:
@@ -381,9 +367,7 @@ def test_a_listener_that_fails_costs_no_message(
     assert capfd.readouterr().err.count(said) == 1
 
 
-def test_what_was_taken_before_an_error_is_not_lost(
-    node: Node, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_was_taken_before_an_error_is_not_lost(node, monkeypatch):
     subscription = node.create_subscription(String, "/a", lambda _: None, ros.STATE, raw=True)
     pub = publisher(node, "/a", ros.STATE)
     for k in range(5):
@@ -402,9 +386,7 @@ def test_what_was_taken_before_an_error_is_not_lost(
     taker.close()
 
 
-def test_times_before_1970_are_no_times_of_a_bag(
-    node: Node, receive: Callable[..., Reception], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_times_before_1970_are_no_times_of_a_bag(node, receive, monkeypatch):
     reception = receive(topic("/a"))
     real = reception.intake._taker.take
 
@@ -424,7 +406,7 @@ def offered(qos: QoSProfile) -> TopicEndpointInfo:
     return TopicEndpointInfo(node_name="n", node_namespace="/", topic_type=STRING, qos_profile=qos)
 
 
-def test_offers_of_many_publishers_fit_into_a_bag() -> None:
+def test_offers_of_many_publishers_fit_into_a_bag():
     same = [offered(QoSProfile(depth=10))] * 1000
     assert len(parse_offered_qos(offered_profiles([*same, offered(QoSProfile(depth=20))]))) == 2
     different = [offered(QoSProfile(depth=k)) for k in range(1, 400)]
@@ -434,9 +416,7 @@ def test_offers_of_many_publishers_fit_into_a_bag() -> None:
     assert offered_profiles([]) == ""
 
 
-def test_a_reception_that_ends_is_a_problem_of_the_recording(
-    node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_reception_that_ends_is_a_problem_of_the_recording(node, tmp_path, monkeypatch):
     raised: list[BaseException | None] = []
     monkeypatch.setattr(threading, "excepthook", lambda args: raised.append(args.exc_value))
     plan = RecordingPlan(tmp_path / "bag", Selection(), DiskNeeds(0), (topic("/a"),))
@@ -455,9 +435,7 @@ def test_a_reception_that_ends_is_a_problem_of_the_recording(
     assert closed.problems == ("reception ended: rcl answers 1",)
 
 
-def test_losses_beside_the_run_do_not_count_and_a_stranger_on_its_topics_does(
-    node: Node, tmp_path: Path
-) -> None:
+def test_losses_beside_the_run_do_not_count_and_a_stranger_on_its_topics_does(node, tmp_path):
     plan = RecordingPlan(
         tmp_path / "bag", Selection(everything=True), DiskNeeds(0), (topic("/own"),)
     )
@@ -493,9 +471,7 @@ def test_losses_beside_the_run_do_not_count_and_a_stranger_on_its_topics_does(
     assert recording.close().lost == 1
 
 
-def test_types_are_judged_within_the_time_that_a_poll_has(
-    node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_types_are_judged_within_the_time_that_a_poll_has(node, tmp_path, monkeypatch):
     judged: list[str] = []
 
     def slow(msgtype: str) -> str | None:

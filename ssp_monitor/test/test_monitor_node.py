@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +111,7 @@ class Session:
 
 
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+def domain(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     with free_domain() as domain_id:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
@@ -120,14 +120,14 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 @pytest.fixture
-def session(domain: int) -> Iterator[Session]:
+def session(domain):
     made = Session(domain)
     yield made
     made.close()
 
 
 @pytest.fixture
-def monitor(domain: int, run_file: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+def monitor(domain, run_file, tmp_path):
     """The recorder, recording into tmp_path/bag."""
     process = start(run_file, tmp_path / "bag")
     yield process
@@ -152,9 +152,7 @@ def start(run_file: Path, bag_dir: Path, *parameters: str) -> subprocess.Popen[s
     )
 
 
-def test_an_ordinary_stop_leaves_a_complete_bag(
-    session: Session, monitor: subprocess.Popen[str], run_file: Path, tmp_path: Path
-) -> None:
+def test_an_ordinary_stop_leaves_a_complete_bag(session, monitor, run_file, tmp_path):
     session.offer_all()
     ended = SessionState(
         state=SessionState.STATE_FINISHED, verdict=SessionState.VERDICT_VALID, run_id="run_1"
@@ -193,9 +191,7 @@ def test_an_ordinary_stop_leaves_a_complete_bag(
     assert report["seals"].keys() == {"run.yaml"}
 
 
-def test_a_kill_leaves_everything_up_to_the_last_flush(
-    session: Session, monitor: subprocess.Popen[str], tmp_path: Path
-) -> None:
+def test_a_kill_leaves_everything_up_to_the_last_flush(session, monitor, tmp_path):
     session.offer_all()
     session.wait_ready()
     steps = 50
@@ -219,9 +215,7 @@ def test_a_kill_leaves_everything_up_to_the_last_flush(
     assert check_bag(tmp_path / "recovered").ok
 
 
-def test_the_sessions_last_word_is_waited_for(
-    session: Session, monitor: subprocess.Popen[str], tmp_path: Path
-) -> None:
+def test_the_sessions_last_word_is_waited_for(session, monitor, tmp_path):
     """Who stops all nodes at once stops a session that has still something to say."""
     session.offer_all()
     session.wait_ready()
@@ -241,9 +235,7 @@ def test_the_sessions_last_word_is_waited_for(
         assert bag.topics["/ssp/session_state"].count == 3
 
 
-def test_it_is_ready_only_when_every_required_topic_has_a_publisher(
-    session: Session, monitor: subprocess.Popen[str]
-) -> None:
+def test_it_is_ready_only_when_every_required_topic_has_a_publisher(session, monitor):
     session.offer(
         (WorldTick, names.WORLD_TICK, ros.STATE),
         (ObjectState, "vut/state", ros.STATE),
@@ -270,9 +262,7 @@ def test_it_is_ready_only_when_every_required_topic_has_a_publisher(
     assert session.status[-1].bag == "bag"
 
 
-def test_the_status_says_how_each_topic_is(
-    session: Session, monitor: subprocess.Popen[str]
-) -> None:
+def test_the_status_says_how_each_topic_is(session, monitor):
     session.offer_all()
     session.wait_ready()
     for k in range(20):
@@ -295,9 +285,7 @@ def test_the_status_says_how_each_topic_is(
     assert status.flush_age_s < 5.0
 
 
-def test_what_strangers_say_is_recorded_beside_the_run(
-    session: Session, run_file: Path, tmp_path: Path
-) -> None:
+def test_what_strangers_say_is_recorded_beside_the_run(session, run_file, tmp_path):
     process = start(run_file, tmp_path / "bag", "all:=true", "exclude:=secret")
     try:
         session.offer_all()
@@ -330,8 +318,8 @@ def test_what_strangers_say_is_recorded_beside_the_run(
 
 
 def test_a_disk_with_too_little_room_keeps_a_run_from_beginning_and_ends_one(
-    session: Session, run_file: Path, tmp_path: Path
-) -> None:
+    session, run_file, tmp_path
+):
     """The reserve is larger than any disk, so that every disk is too small."""
     process = start(run_file, tmp_path / "bag", "reserve_mb:=10000000")
     try:
@@ -369,9 +357,7 @@ def test_a_disk_with_too_little_room_keeps_a_run_from_beginning_and_ends_one(
     assert check_bag(tmp_path / "bag").problems == ()
 
 
-def test_a_publisher_of_another_type_keeps_the_recorder_from_being_ready(
-    session: Session, monitor: subprocess.Popen[str]
-) -> None:
+def test_a_publisher_of_another_type_keeps_the_recorder_from_being_ready(session, monitor):
     session.offer_all()
     session.wait_ready()
     other = Context()
@@ -394,9 +380,7 @@ def test_a_publisher_of_another_type_keeps_the_recorder_from_being_ready(
         ("video:=mpeg", "video: is no codec"),
     ],
 )
-def test_wrong_parameters_are_one_message(
-    domain: int, run_file: Path, tmp_path: Path, parameter: str, match: str
-) -> None:
+def test_wrong_parameters_are_one_message(domain, run_file, tmp_path, parameter, match):
     process = start(run_file, tmp_path / "bag", parameter)
     _, err = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1
@@ -405,9 +389,7 @@ def test_wrong_parameters_are_one_message(
     assert not (tmp_path / "bag").exists()
 
 
-def test_a_bag_that_vanishes_is_said_aloud(
-    session: Session, monitor: subprocess.Popen[str], tmp_path: Path
-) -> None:
+def test_a_bag_that_vanishes_is_said_aloud(session, monitor, tmp_path):
     session.offer_all()
     session.wait_ready()
     (tmp_path / "bag" / "bag_0.mcap").unlink()
@@ -433,13 +415,7 @@ def test_a_bag_that_vanishes_is_said_aloud(
         (lambda run, bag: run.unlink(), "run.yaml: can't be read"),
     ],
 )
-def test_wrong_input_is_one_message_and_exit_1(
-    domain: int,
-    run_file: Path,
-    tmp_path: Path,
-    break_it: Callable[[Path, Path], object],
-    match: str,
-) -> None:
+def test_wrong_input_is_one_message_and_exit_1(domain, run_file, tmp_path, break_it, match):
     break_it(run_file, tmp_path / "bag")
     process = start(run_file, tmp_path / "bag")
     _, err = process.communicate(timeout=DEADLINE_S)
@@ -448,7 +424,7 @@ def test_wrong_input_is_one_message_and_exit_1(
     assert "Traceback" not in err
 
 
-def test_the_bag_states_the_profiles_that_publishers_have() -> None:
+def test_the_bag_states_the_profiles_that_publishers_have():
     for profile, qos in PUBLISHED.items():
         text = OFFERED[profile]
         assert f"depth: {qos.depth}\n" in text
@@ -457,5 +433,5 @@ def test_the_bag_states_the_profiles_that_publishers_have() -> None:
         assert recording_profile(profile).depth > qos.depth
 
 
-def test_message_classes_are_found_by_name() -> None:
+def test_message_classes_are_found_by_name():
     assert message_class("ssp_msgs/msg/ObjectState") is ObjectState

@@ -32,7 +32,7 @@ def cost(item: BagMessage) -> int:
 
 
 @given(STEPS)
-def test_the_less_important_is_dropped_first(steps: list[tuple[Importance, int] | int]) -> None:
+def test_the_less_important_is_dropped_first(steps):
     queue = DropQueue(LIMIT)
     queue.announce({rank.name: rank for rank in Importance})
     waiting: list[BagMessage] = []
@@ -83,7 +83,7 @@ def test_the_less_important_is_dropped_first(steps: list[tuple[Importance, int] 
     assert queue.bytes == 0
 
 
-def test_an_event_waits_while_pictures_go() -> None:
+def test_an_event_waits_while_pictures_go():
     queue = DropQueue(3 * (OVERHEAD_BYTES + 100))
     queue.announce({rank.name: rank for rank in Importance})
     frames = [message(Importance.FRAME, n, 100) for n in range(3)]
@@ -93,7 +93,7 @@ def test_an_event_waits_while_pictures_go() -> None:
     assert queue.dropped() == {"FRAME": 1, "RAW_IMAGE": 1}
 
 
-def test_nothing_is_dropped_in_vain() -> None:
+def test_nothing_is_dropped_in_vain():
     """A message that would not fit in any case takes nothing with it."""
     queue = DropQueue(3 * OVERHEAD_BYTES)
     queue.announce({rank.name: rank for rank in Importance})
@@ -104,7 +104,7 @@ def test_nothing_is_dropped_in_vain() -> None:
     assert queue.dropped() == {"EVENT": 1}
 
 
-def test_what_is_being_written_still_takes_its_place() -> None:
+def test_what_is_being_written_still_takes_its_place():
     queue = DropQueue(2 * OVERHEAD_BYTES)
     first, second, third = (message(Importance.OTHER, n, 0) for n in range(3))
     queue.put_all([first, second])
@@ -116,7 +116,7 @@ def test_what_is_being_written_still_takes_its_place() -> None:
     assert queue.take(1) == [third]
 
 
-def test_what_was_taken_and_not_written_is_counted() -> None:
+def test_what_was_taken_and_not_written_is_counted():
     queue = DropQueue(LIMIT)
     queue.put_all([message(Importance.STATE, 0, 0)])
     queue.give_up(queue.take(LIMIT))
@@ -139,6 +139,6 @@ def test_what_was_taken_and_not_written_is_counted() -> None:
         ("ssp_msgs/msg/Reference", Profile.COMMAND, Importance.EVENT),
     ],
 )
-def test_the_order_is_one_table(msgtype: str, profile: Profile, expected: Importance) -> None:
+def test_the_order_is_one_table(msgtype, profile, expected):
     assert importance(TopicSpec("/x", msgtype, profile)) is expected
     assert set(MEANINGS) == set(Importance)

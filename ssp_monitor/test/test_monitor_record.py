@@ -9,8 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -39,14 +37,14 @@ DEADLINE_S = 120.0
 
 
 @pytest.fixture(scope="module")
-def domain() -> Iterator[int]:
+def domain():
     with free_domain() as domain_id:
         yield domain_id
     remove_stale_shared_memory()
 
 
 @pytest.fixture
-def talker(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
+def talker(domain, monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     context = Context()
@@ -68,7 +66,7 @@ def start(*arguments: object) -> subprocess.Popen[str]:
 
 
 @pytest.fixture
-def recorder(talker: Node) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+def recorder(talker):
     started: list[subprocess.Popen[str]] = []
 
     def run(*arguments: object) -> subprocess.Popen[str]:
@@ -109,9 +107,7 @@ def ended(process: subprocess.Popen[str]) -> tuple[dict[str, Any], str]:
     return json.loads(shown), told
 
 
-def test_topics_are_found_late_and_heard_as_their_publishers_offer_them(
-    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
-) -> None:
+def test_topics_are_found_late_and_heard_as_their_publishers_offer_them(talker, recorder, tmp_path):
     early = talker.create_publisher(String, "/lab/early", qos(RELIABLE, LATCHED))
     early.publish(String(data="before anybody listened"))
     # One of the two is best effort: only a best-effort reader hears both.
@@ -154,9 +150,7 @@ def test_topics_are_found_late_and_heard_as_their_publishers_offer_them(
     assert {t["name"]: t["received"] for t in report["topics"]} == counts
 
 
-def test_named_topics_are_recorded_for_a_time(
-    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
-) -> None:
+def test_named_topics_are_recorded_for_a_time(talker, recorder, tmp_path):
     hidden = talker.create_publisher(String, "/lab/_hidden", 10)
     talker.create_publisher(String, "/lab/other", 10)
     process = recorder("/lab/_hidden", "lab/absent", "-o", tmp_path / "bag", "--duration", 8,
@@ -171,9 +165,7 @@ def test_named_topics_are_recorded_for_a_time(
         assert {name: info.count for name, info in bag.topics.items()} == {"/lab/_hidden": 1}
 
 
-def test_a_second_type_on_a_topic_is_lost_and_said(
-    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
-) -> None:
+def test_a_second_type_on_a_topic_is_lost_and_said(talker, recorder, tmp_path):
     first = talker.create_publisher(String, "/lab/thing", 10)
     process = recorder("--include", "^/lab", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0)
     wait_heard(talker, first)
@@ -197,9 +189,7 @@ def test_a_second_type_on_a_topic_is_lost_and_said(
     assert warning in told
 
 
-def test_a_named_topic_of_two_types_is_a_problem(
-    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
-) -> None:
+def test_a_named_topic_of_two_types_is_a_problem(talker, recorder, tmp_path):
     context = Context()
     rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
     node = rclpy.create_node("other", context=context)
@@ -224,9 +214,7 @@ def test_a_named_topic_of_two_types_is_a_problem(
         assert (result["lost"], "is also of type" in told) == (1, True)
 
 
-def test_a_late_publisher_that_offers_less_is_said(
-    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
-) -> None:
+def test_a_late_publisher_that_offers_less_is_said(talker, recorder, tmp_path):
     first = talker.create_publisher(String, "/lab/thing", qos(RELIABLE, VOLATILE))
     process = recorder("--include", "^/lab", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0)
     wait_heard(talker, first)
@@ -237,9 +225,7 @@ def test_a_late_publisher_that_offers_less_is_said(
     assert (process.returncode, result["lost"]) == (1, 1)
 
 
-def test_images_become_video_and_what_is_no_image_stays(
-    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
-) -> None:
+def test_images_become_video_and_what_is_no_image_stays(talker, recorder, tmp_path):
     import cv2
     import numpy as np
 
@@ -279,23 +265,14 @@ def test_images_become_video_and_what_is_no_image_stays(
         (["--topics", "/a", "-o", "x"], 2, "name topics as arguments"),
     ],
 )
-def test_wrong_arguments_are_one_message(
-    arguments: list[str],
-    status: int,
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_wrong_arguments_are_one_message(arguments, status, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["bag", "record", *arguments]) == status
     assert message in capsys.readouterr().err
     assert not (tmp_path / "x").exists()
 
 
-def test_a_directory_that_exists_is_refused(
-    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
-) -> None:
+def test_a_directory_that_exists_is_refused(talker, recorder, tmp_path):
     process = recorder("--all", "-o", tmp_path)
     _, told = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1

@@ -6,9 +6,6 @@ import hashlib
 import json
 import struct
 import threading
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -76,7 +73,7 @@ class FakeEncoder:
         return done
 
 
-def test_topics_may_come_while_it_writes(tmp_path: Path, clock_cdr: Callable[[int], bytes]) -> None:
+def test_topics_may_come_while_it_writes(tmp_path, clock_cdr):
     recorder = Recorder(tmp_path / "bag", [CLOCK], split=Split(max_bytes=40_000))
     for k in range(50):
         recorder.put_all([BagMessage("/clock", k, k, clock_cdr(k), k)])
@@ -91,14 +88,14 @@ def test_topics_may_come_while_it_writes(tmp_path: Path, clock_cdr: Callable[[in
         }  # fmt: skip
 
 
-def test_an_unknown_type_is_refused_at_once(tmp_path: Path) -> None:
+def test_an_unknown_type_is_refused_at_once(tmp_path):
     recorder = Recorder(tmp_path / "bag", [CLOCK])
     with pytest.raises(InputError, match="is no known message type"):
         recorder.add(TopicSpec("/x", "nowhere_msgs/msg/X", Profile.ADAPTED), "", latched=False)
     assert recorder.stop().failure is None
 
 
-def test_what_the_codec_refuses_is_recorded_as_it_came(tmp_path: Path) -> None:
+def test_what_the_codec_refuses_is_recorded_as_it_came(tmp_path):
     encoder = FakeEncoder()
     recorder = Recorder(tmp_path / "bag", [], encoder=lambda topic, msgtype: encoder)
     recorder.add(IMAGE, "", latched=False)
@@ -124,9 +121,7 @@ def test_what_the_codec_refuses_is_recorded_as_it_came(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("refused", [True, False])
-def test_a_real_topic_with_the_name_of_originals_stays_what_it_is(
-    refused: bool, tmp_path: Path, clock_cdr: Callable[[int], bytes]
-) -> None:
+def test_a_real_topic_with_the_name_of_originals_stays_what_it_is(refused, tmp_path, clock_cdr):
     real = TopicSpec("/camera/original", CLOCK_TYPE, Profile.ADAPTED)
     recorder = Recorder(
         tmp_path / "bag", [], encoder=lambda topic, _: FakeEncoder() if topic == "/camera" else None
@@ -143,7 +138,7 @@ def test_a_real_topic_with_the_name_of_originals_stays_what_it_is(
     assert check_closed(tmp_path / "bag", expected, recorder.originals).problems == ()
 
 
-def test_the_name_of_originals_is_not_given_away_twice(tmp_path: Path) -> None:
+def test_the_name_of_originals_is_not_given_away_twice(tmp_path):
     recorder = Recorder(tmp_path / "bag", [], encoder=lambda _topic, _msgtype: FakeEncoder())
     recorder.add(IMAGE, "", latched=False)
     recorder.put_all([BagMessage("/camera", 1, 1, b"x", 1)])
@@ -154,9 +149,7 @@ def test_the_name_of_originals_is_not_given_away_twice(tmp_path: Path) -> None:
     assert recorder.stop().failure is None
 
 
-def test_offers_that_no_bag_can_hold_are_left_out(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes]
-) -> None:
+def test_offers_that_no_bag_can_hold_are_left_out(tmp_path, clock_cdr):
     recorder = Recorder(tmp_path / "bag", [])
     recorder.add(CLOCK, "- depth: 1\n" * 10_000, latched=False)
     recorder.put_all([BagMessage("/clock", 1, 1, clock_cdr(1), 1)])
@@ -166,9 +159,7 @@ def test_offers_that_no_bag_can_hold_are_left_out(
         assert bag.topics["/clock"].offered_qos == ""
 
 
-def test_whatever_ends_the_writing_all_that_comes_is_counted(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whatever_ends_the_writing_all_that_comes_is_counted(tmp_path, clock_cdr, monkeypatch):
     raised: list[BaseException | None] = []
     monkeypatch.setattr(threading, "excepthook", lambda args: raised.append(args.exc_value))
     recorder = Recorder(tmp_path / "bag", [CLOCK])
@@ -183,9 +174,7 @@ def test_whatever_ends_the_writing_all_that_comes_is_counted(
     assert state.failure == f"{type(raised[0]).__name__}: {raised[0]}"
 
 
-def test_a_slow_encoder_does_not_hold_up_what_is_encoded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_slow_encoder_does_not_hold_up_what_is_encoded(tmp_path, monkeypatch):
     monkeypatch.setattr("ssp_monitor.recorder.recorder.FLUSH_S", 0.0)
     held, go_on = threading.Event(), threading.Event()
 
@@ -207,7 +196,7 @@ def test_a_slow_encoder_does_not_hold_up_what_is_encoded(
         assert recorder.stop().messages == 2
 
 
-def test_a_disk_that_is_behind_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_is_behind_is_said(tmp_path, monkeypatch):
     recorder = Recorder(tmp_path / "bag", [CLOCK])
     with monkeypatch.context() as patch:
         patch.setattr(BagWriter, "sync_age_s", property(lambda _: 30.0))
@@ -217,7 +206,7 @@ def test_a_disk_that_is_behind_is_said(tmp_path: Path, monkeypatch: pytest.Monke
     assert recorder.stop().warnings == ()
 
 
-def test_video_is_chosen_by_type_and_name() -> None:
+def test_video_is_chosen_by_type_and_name():
     assert video_choice("", "x") is None
     choice = video_choice("h264", "front")
     assert choice is not None
@@ -232,9 +221,7 @@ def test_video_is_chosen_by_type_and_name() -> None:
         video_choice("h265", "(")
 
 
-def test_the_bag_says_what_is_in_it_and_what_is_missing(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes]
-) -> None:
+def test_the_bag_says_what_is_in_it_and_what_is_missing(tmp_path, clock_cdr):
     attachments = [("run.yaml", "application/yaml", b"x")]
     size = 256 + len(clock_cdr(0))
     recorder = Recorder(tmp_path / "bag", [CLOCK], attachments, queue_bytes=3 * size)
@@ -269,7 +256,7 @@ def test_the_bag_says_what_is_in_it_and_what_is_missing(
     ]  # fmt: skip
 
 
-def test_a_bag_that_lacks_something_is_found_out(small_bag: Path) -> None:
+def test_a_bag_that_lacks_something_is_found_out(small_bag):
     found = check_closed(small_bag, {"/clock": 10})
     assert (found.problems, found.read, found.messages) == ((), 10, 10)
     assert found.text == "counts and checksums checked"
@@ -281,7 +268,7 @@ def test_a_bag_that_lacks_something_is_found_out(small_bag: Path) -> None:
     assert check_closed(small_bag, {"/clock": 10, "/y": 0}).problems == ()
 
 
-def test_a_flipped_byte_is_found_out(small_bag: Path, clock_cdr: Callable[[int], bytes]) -> None:
+def test_a_flipped_byte_is_found_out(small_bag, clock_cdr):
     file = small_bag / "small_0.mcap"
     data = bytearray(file.read_bytes())
     data[data.index(clock_cdr(5_000_000_000)) + 6] ^= 1
@@ -292,12 +279,12 @@ def test_a_flipped_byte_is_found_out(small_bag: Path, clock_cdr: Callable[[int],
     assert found.text.startswith("problems: ")
 
 
-def test_a_missing_file_is_found_out(small_bag: Path) -> None:
+def test_a_missing_file_is_found_out(small_bag):
     (small_bag / "small_0.mcap").unlink()
     assert "the bag can't be read" in check_closed(small_bag, {"/clock": 10}).problems[0]
 
 
-def test_a_large_bag_is_read_for_a_while_and_says_so(tmp_path: Path) -> None:
+def test_a_large_bag_is_read_for_a_while_and_says_so(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/clock", CLOCK_TYPE)
         for k in range(1000):
@@ -308,7 +295,7 @@ def test_a_large_bag_is_read_for_a_while_and_says_so(tmp_path: Path) -> None:
     assert found.text == f"counts checked, checksums of the first {found.read} messages"
 
 
-def test_a_bag_holds_every_topic_of_every_object(run_mapping: dict[str, Any]) -> None:
+def test_a_bag_holds_every_topic_of_every_object(run_mapping):
     topics = {t.name: t for t in bag_topics(RunSpec.model_validate(run_mapping))}
     assert len(topics) == 23
     for object_id in ("ot1", "walker"):
@@ -321,7 +308,7 @@ def test_a_bag_holds_every_topic_of_every_object(run_mapping: dict[str, Any]) ->
     assert all(t.msgtype in typestore().types for t in topics.values())
 
 
-def test_the_states_of_many_objects_come_on_one_topic(run_mapping: dict[str, Any]) -> None:
+def test_the_states_of_many_objects_come_on_one_topic(run_mapping):
     targets = [{**run_mapping["targets"][0], "id": f"ot{k}"} for k in range(1, 6)]
     run = RunSpec.model_validate({**run_mapping, "targets": targets})
     assert run.states_in_one
@@ -332,16 +319,14 @@ def test_the_states_of_many_objects_come_on_one_topic(run_mapping: dict[str, Any
     assert {"/ssp/ot1/reference", "/ssp/ot5/reference_ack"} <= topics.keys()
 
 
-def test_a_live_session_has_no_world(run_mapping: dict[str, Any]) -> None:
+def test_a_live_session_has_no_world(run_mapping):
     run = RunSpec.model_validate({**run_mapping, "domain": "physical", "mode": "live"})
     required = {t.name for t in bag_topics(run) if t.required}
     assert "/ssp/world/tick" not in {t.name for t in bag_topics(run)}
     assert {"/ssp/vut/state", "/ssp/ot1/state"} <= required
 
 
-def test_stamps_of_another_clock_are_not_taken_for_session_time(
-    run_mapping: dict[str, Any],
-) -> None:
+def test_stamps_of_another_clock_are_not_taken_for_session_time(run_mapping):
     topics = bag_topics(RunSpec.model_validate(run_mapping))
     assert {t.name for t in topics if not t.session_time} == {
         "/ssp/manager/heartbeat_reply",
@@ -350,14 +335,12 @@ def test_stamps_of_another_clock_are_not_taken_for_session_time(
     }
 
 
-def test_a_run_without_a_camera_waits_for_none(run_mapping: dict[str, Any]) -> None:
+def test_a_run_without_a_camera_waits_for_none(run_mapping):
     run = RunSpec.model_validate({**run_mapping, "camera": None})
     assert not [t.name for t in bag_topics(run) if "camera" in t.name]
 
 
-def test_only_a_physical_session_without_stand_in_uses_the_system_clock(
-    run_mapping: dict[str, Any],
-) -> None:
+def test_only_a_physical_session_without_stand_in_uses_the_system_clock(run_mapping):
     run = RunSpec.model_validate(run_mapping)
     assert uses_simulated_time(run)
     assert not uses_simulated_time(run.model_copy(update={"domain": "physical"}))
@@ -366,7 +349,7 @@ def test_only_a_physical_session_without_stand_in_uses_the_system_clock(
     assert not uses_simulated_time(run.model_copy(update={**stand_in, "mode": "live"}))
 
 
-def test_every_recorded_type_begins_with_a_stamp(run_mapping: dict[str, Any]) -> None:
+def test_every_recorded_type_begins_with_a_stamp(run_mapping):
     for topic in bag_topics(RunSpec.model_validate(run_mapping)):
         assert stamp_at(topic.msgtype) == (START + 4 if topic.msgtype == TF_TYPE else START), topic
     assert stamp_at("ssp_msgs/msg/StepDone") is None
@@ -374,7 +357,7 @@ def test_every_recorded_type_begins_with_a_stamp(run_mapping: dict[str, Any]) ->
 
 
 @given(seconds=st.integers(0, 2**31 - 1), nanoseconds=st.integers(0, NS_PER_S - 1))
-def test_the_leading_stamp_is_that_of_the_message(seconds: int, nanoseconds: int) -> None:
+def test_the_leading_stamp_is_that_of_the_message(seconds, nanoseconds):
     types = typestore().types
     stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
     header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="map")
@@ -389,14 +372,12 @@ def test_the_leading_stamp_is_that_of_the_message(seconds: int, nanoseconds: int
     assert leading_stamp_ns(serialize(types[CLOCK_TYPE](clock=stamp))) == expected
 
 
-def test_short_or_negative_stamps_are_none() -> None:
+def test_short_or_negative_stamps_are_none():
     assert leading_stamp_ns(b"\x00\x01\x00\x00\x00\x00\x00\x00") is None
     assert leading_stamp_ns(b"\x00\x01\x00\x00" + struct.pack("<iI", -1, 0)) is None
 
 
-def test_a_message_without_a_stamp_takes_the_newest_one(
-    clock_cdr: Callable[[int], bytes],
-) -> None:
+def test_a_message_without_a_stamp_takes_the_newest_one(clock_cdr):
     simulated = SimulatedTime()
     assert simulated.of(b"\x00\x01\x00\x00", None) == 0
     assert simulated.of(clock_cdr(50), START) == 50
@@ -410,9 +391,7 @@ def test_a_message_without_a_stamp_takes_the_newest_one(
     assert simulated.of(before, START) == 70
 
 
-def test_the_recorder_writes_what_it_was_given(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes]
-) -> None:
+def test_the_recorder_writes_what_it_was_given(tmp_path, clock_cdr):
     recorder = Recorder(tmp_path / "bag", [CLOCK], [("run.yaml", "application/yaml", b"x")])
     sent = [BagMessage("/clock", k, k + 1, clock_cdr(k), k) for k in range(1000)]
     for message in sent:
@@ -424,9 +403,7 @@ def test_the_recorder_writes_what_it_was_given(
         assert reader.attachment("run.yaml") == b"x"
 
 
-def test_a_slow_bag_is_on_disk_soon_after_each_message(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes]
-) -> None:
+def test_a_slow_bag_is_on_disk_soon_after_each_message(tmp_path, clock_cdr):
     recorder = Recorder(tmp_path / "bag", [CLOCK])
     try:
         file = tmp_path / "bag" / "bag_0.mcap"
@@ -437,7 +414,7 @@ def test_a_slow_bag_is_on_disk_soon_after_each_message(
         recorder.stop()
 
 
-def test_too_much_waiting_is_dropped_and_counted(tmp_path: Path) -> None:
+def test_too_much_waiting_is_dropped_and_counted(tmp_path):
     recorder = Recorder(tmp_path / "bag", [CLOCK], queue_bytes=100)
     recorder.put_all([BagMessage("/clock", 0, 0, bytes(101))])
     state = recorder.stop()
@@ -445,9 +422,7 @@ def test_too_much_waiting_is_dropped_and_counted(tmp_path: Path) -> None:
     assert recorder.dropped_by_topic == {"/clock": 1}
 
 
-def test_a_removed_bag_is_a_failure_that_counts_what_is_lost(
-    tmp_path: Path, clock_cdr: Callable[[int], bytes]
-) -> None:
+def test_a_removed_bag_is_a_failure_that_counts_what_is_lost(tmp_path, clock_cdr):
     recorder = Recorder(tmp_path / "bag", [CLOCK])
     (tmp_path / "bag" / "bag_0.mcap").unlink()
     until(lambda: recorder.state().failure is not None)
@@ -459,12 +434,12 @@ def test_a_removed_bag_is_a_failure_that_counts_what_is_lost(
     assert (state.messages, state.dropped) == (0, 5)
 
 
-def test_the_recorder_refuses_a_directory_that_exists(tmp_path: Path) -> None:
+def test_the_recorder_refuses_a_directory_that_exists(tmp_path):
     with pytest.raises(InputError, match="exists already"):
         Recorder(tmp_path, [CLOCK])
 
 
-def test_topics_are_renamed_and_nodes_are_not() -> None:
+def test_topics_are_renamed_and_nodes_are_not():
     given = ["-m", "--ros-args", "-r", "__node:=monitor", "-p", "a:=b", "-r", "x:=/y"]
     given += ["--remap", "other:__ns:=/z"]
     assert topic_rules(given) == ["--ros-args", "-r", "x:=/y"]

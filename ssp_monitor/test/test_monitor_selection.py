@@ -38,7 +38,7 @@ def patterns(*texts: str) -> tuple[Pattern, ...]:
         (Selection(named=frozenset(["/x/_hidden"]), exclude=patterns("x")), "/x/_hidden"),
     ],
 )
-def test_what_is_asked_for_is_recorded(selection: Selection, wanted: str) -> None:
+def test_what_is_asked_for_is_recorded(selection, wanted):
     graph = ["/a", "/b/image", "/b/image/compressed", "/rosout", "/parameter_events",
              "/x/_hidden", "/_all/hidden"]  # fmt: skip
     assert [name for name in graph if selection.wants(name)] == wanted.split()
@@ -50,7 +50,7 @@ def test_what_is_asked_for_is_recorded(selection: Selection, wanted: str) -> Non
         assert not any((topic.session_time, topic.required))
 
 
-def test_late_topics_are_found_once() -> None:
+def test_late_topics_are_found_once():
     survey = TopicDiscovery(Selection(everything=True))
     assert [t.name for t in survey.look([("/a", [STRING])], installed_type)] == ["/a"]
     # No publisher yet.
@@ -62,7 +62,7 @@ def test_late_topics_are_found_once() -> None:
     assert survey.all_warnings() == []
 
 
-def test_two_types_at_once_are_refused_with_a_word() -> None:
+def test_two_types_at_once_are_refused_with_a_word():
     survey = TopicDiscovery(Selection(everything=True))
     for _ in range(3):
         assert survey.look([("/a", ["x/msg/X", STRING])], installed_type) == []
@@ -76,7 +76,7 @@ def test_two_types_at_once_are_refused_with_a_word() -> None:
     assert survey.all_warnings() == [settled]
 
 
-def test_a_type_that_is_not_installed_is_refused_with_a_word() -> None:
+def test_a_type_that_is_not_installed_is_refused_with_a_word():
     survey = TopicDiscovery(Selection(everything=True))
     installed = {"x/msg/X": "message type x/msg/X is not installed", STRING: None}
     for _ in range(2):
@@ -86,7 +86,7 @@ def test_a_type_that_is_not_installed_is_refused_with_a_word() -> None:
     assert survey.all_warnings() == ["/a is not recorded: message type x/msg/X is not installed"]
 
 
-def test_a_topic_that_changes_its_type_is_said_once_and_remembered() -> None:
+def test_a_topic_that_changes_its_type_is_said_once_and_remembered():
     survey = TopicDiscovery(Selection(everything=True))
     survey.look([("/a", [STRING])], installed_type)
     for _ in range(2):
@@ -97,7 +97,7 @@ def test_a_topic_that_changes_its_type_is_said_once_and_remembered() -> None:
     ]
 
 
-def test_beyond_the_limit_named_topics_come_first_and_the_rest_is_said() -> None:
+def test_beyond_the_limit_named_topics_come_first_and_the_rest_is_said():
     survey = TopicDiscovery(Selection(everything=True, named=frozenset(["/z"]), most=3))
     graph = [(f"/t{k}", [STRING]) for k in range(9)] + [("/z", [STRING])]
     assert [t.name for t in survey.look(graph, installed_type)] == ["/z", "/t0", "/t1"]
@@ -107,7 +107,7 @@ def test_beyond_the_limit_named_topics_come_first_and_the_rest_is_said() -> None
     ]
 
 
-def test_a_warning_whose_figures_move_is_one_warning() -> None:
+def test_a_warning_whose_figures_move_is_one_warning():
     sayings = RepeatedWarnings()
     assert sayings.say("the disk is full in 599 s: 12.5 MB left")
     assert not sayings.say("the disk is full in 20 s: 0.1 MB left")
@@ -130,13 +130,13 @@ def test_a_warning_whose_figures_move_is_one_warning() -> None:
     ["(", ")", "a)", "(a", "[a", "[", "*", "a**", "+a", "a|*", "\\1", "a\\", "[b-a]", "a" * 1001,
      "(" * 500 + ")" * 500, "a{99999999999}"],
 )  # fmt: skip
-def test_what_is_no_expression_is_refused(text: str) -> None:
+def test_what_is_no_expression_is_refused(text):
     with pytest.raises(InputError, match="--exclude"):
         Pattern(text, "--exclude")
 
 
 @given(st.text(max_size=30))
-def test_any_text_is_an_expression_or_an_input_error(text: str) -> None:
+def test_any_text_is_an_expression_or_an_input_error(text):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # what re says of [[
         try:
@@ -146,7 +146,7 @@ def test_any_text_is_an_expression_or_an_input_error(text: str) -> None:
     assert pattern.found_in("/ssp/vut/state") in (True, False)
 
 
-def test_an_expression_may_match_anywhere_unless_it_names_an_end() -> None:
+def test_an_expression_may_match_anywhere_unless_it_names_an_end():
     assert Pattern("/b", "x").found_in("/a/b")
     assert Pattern("^/a", "x").found_in("/a/b")
     assert not Pattern("^/a", "x").found_in("/b/a")
@@ -154,5 +154,5 @@ def test_an_expression_may_match_anywhere_unless_it_names_an_end() -> None:
     assert Pattern("^$", "x").found_in("")
 
 
-def test_digits_and_words_are_those_of_ros_names() -> None:
+def test_digits_and_words_are_those_of_ros_names():
     assert not Pattern("\\d|\\w", "x").found_in("\u0663\u00e9")

@@ -25,29 +25,29 @@ def image(data: bytes, form: str = "jpeg") -> bytes:
     return picture(data, NS_PER_S + 2, form=form)
 
 
-def test_the_picture_is_passed_on_as_it_is() -> None:
+def test_the_picture_is_passed_on_as_it_is():
     assert messages.jpeg_of(image(JPEG)) == JPEG
 
 
 @pytest.mark.parametrize("data", [image(b"png", "png"), image(b""), image(JPEG)[:-6], b"", b"\0\1"])
-def test_what_is_no_picture_is_refused(data: bytes) -> None:
+def test_what_is_no_picture_is_refused(data):
     with pytest.raises(ValueError, match=r"JPEG|few|items|encapsulation"):
         messages.jpeg_of(data)
 
 
 @given(st.binary(max_size=80))
-def test_no_bytes_raise_anything_else(data: bytes) -> None:
+def test_no_bytes_raise_anything_else(data):
     for decode in (messages.jpeg_of, messages.source_of):
         for start in (b"", b"\0\1\0\0"):
             with suppress(ValueError):
                 decode(start + data)
 
 
-def test_the_source_of_an_array() -> None:
+def test_the_source_of_an_array():
     assert messages.source_of(encode_states(StateArray(5, "targets_a", ()))) == "targets_a"
 
 
-def test_newest_decodes_only_the_last_of_each_source_and_tells_of_bad_ones() -> None:
+def test_newest_decodes_only_the_last_of_each_source_and_tells_of_bad_ones():
     decoded: list[bytes] = []
 
     def decode(data: bytes) -> tuple[()]:
@@ -67,7 +67,7 @@ def test_newest_decodes_only_the_last_of_each_source_and_tells_of_bad_ones() -> 
     assert newest.take() == ([], [])
 
 
-def test_what_an_operator_does_has_no_measure() -> None:
+def test_what_an_operator_does_has_no_measure():
     kind = types["ssp_msgs/msg/SafetyEvent"]
     stamp = types["builtin_interfaces/msg/Time"](sec=3, nanosec=0)
     header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")

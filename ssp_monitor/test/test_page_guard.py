@@ -22,7 +22,7 @@ OPEN = AccessRules("0.0.0.0", 8080, "t" * 20, ("tower", "tower.track.lan"))
 @pytest.mark.parametrize(
     "host", ["127.0.0.1:8080", "localhost:8080", "[::1]:8080", "127.1.2.3:8080"]
 )
-def test_own_names_are_known(host: str) -> None:
+def test_own_names_are_known(host):
     assert HERE.knows_host(host)
 
 
@@ -43,11 +43,11 @@ def test_own_names_are_known(host: str) -> None:
         "127.0.0.1:8080#a",
     ],
 )
-def test_other_hosts_are_not(host: str | None) -> None:
+def test_other_hosts_are_not(host):
     assert not HERE.knows_host(host)
 
 
-def test_a_page_for_others_is_addressed_by_number_or_by_its_own_name() -> None:
+def test_a_page_for_others_is_addressed_by_number_or_by_its_own_name():
     assert all(map(OPEN.knows_host, ("10.0.0.5:8080", "tower:8080", "tower.track.lan:8080")))
     assert not any(map(OPEN.knows_host, ("evil.example:8080", "10.0.0.5:9", "tower")))
     assert HERE.open_to_read
@@ -69,24 +69,24 @@ def test_a_page_for_others_is_addressed_by_number_or_by_its_own_name() -> None:
         (None, "none", True),
     ],
 )
-def test_origins(origin: str | None, site: str | None, known: bool) -> None:
+def test_origins(origin, site, known):
     assert HERE.knows_origin(origin, "127.0.0.1:8080", site) is known
 
 
 @given(st.text(max_size=60))
-def test_no_host_makes_it_raise(host: str) -> None:
+def test_no_host_makes_it_raise(host):
     HERE.knows_host(host)
     OPEN.knows_host(host)
 
 
 @given(st.text(max_size=40))
-def test_only_the_token_is_the_token(given_token: str) -> None:
+def test_only_the_token_is_the_token(given_token):
     token = make_token()
     assert not same_token(given_token, token)
     assert same_token(token, token)
 
 
-def test_tokens_differ_and_are_long() -> None:
+def test_tokens_differ_and_are_long():
     made = {make_token() for _ in range(100)}
     assert len(made) == 100
     assert all(len(token) >= 32 for token in made)
@@ -96,7 +96,7 @@ def test_tokens_differ_and_are_long() -> None:
     ("header", "token"),
     [(None, ""), ("", ""), ("Bearer abc", "abc"), ("bearer  abc ", "abc"), ("Basic abc", "")],
 )
-def test_bearer(header: str | None, token: str) -> None:
+def test_bearer(header, token):
     assert bearer(header) == token
 
 
@@ -104,11 +104,11 @@ def test_bearer(header: str | None, token: str) -> None:
     ("host", "own"),
     [("127.0.0.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("::", False)],
 )
-def test_loopback(host: str, own: bool) -> None:
+def test_loopback(host, own):
     assert is_loopback(host) is own
 
 
-def test_a_bucket_lets_a_burst_pass_and_then_its_rate() -> None:
+def test_a_bucket_lets_a_burst_pass_and_then_its_rate():
     bucket = TokenBucket(3, 2)
     assert [bucket.take(0) for _ in range(5)] == [True, True, True, False, False]
     assert [bucket.take(500_000_000) for _ in range(2)] == [True, False]

@@ -44,7 +44,7 @@ def state(name: str, role: Role = Role.OT, **changes: Any) -> ObjectState:
 
 
 @pytest.fixture
-def run(run_mapping: dict[str, Any]) -> RunSpec:
+def run(run_mapping):
     run_mapping["vut"]["approach"] = {"path": [[0.0, 0.0], [290.0, 0.0]], "cruise_mps": 10.0}
     run_mapping["geofence"] = [[-20.0, -20.0], [300.0, -20.0], [300.0, 20.0], [-20.0, 20.0]]
     for target, x_m in zip(run_mapping["targets"], (30.0, 60.0), strict=True):
@@ -65,7 +65,7 @@ def ready_board(run: RunSpec) -> Board:
     return board
 
 
-def test_nothing_stands_in_the_way_of_what_is_ready(run: RunSpec) -> None:
+def test_nothing_stands_in_the_way_of_what_is_ready(run):
     board = ready_board(run)
     assert standing_in_the_way(board, 10 * S) == []
     assert Snapshots(board).stale(10 * S) == []
@@ -122,13 +122,13 @@ def test_nothing_stands_in_the_way_of_what_is_ready(run: RunSpec) -> None:
         (lambda b: b.hear_session(SessionFact(0, SessionPhase.IDLE), 10 * S), "no run is loaded"),
     ],
 )
-def test_what_stands_in_the_way_is_said(run: RunSpec, change: Any, said: str) -> None:
+def test_what_stands_in_the_way_is_said(run, change, said):
     board = ready_board(run)
     change(board)
     assert said in standing_in_the_way(board, 10 * S)
 
 
-def test_a_session_that_has_started_waits_for_nothing(run: RunSpec) -> None:
+def test_a_session_that_has_started_waits_for_nothing(run):
     board = Board(run)
     board.hear_session(SessionFact(0, SessionPhase.RUNNING), 0)
     assert standing_in_the_way(board, 60 * S) == []
@@ -138,9 +138,7 @@ def test_a_session_that_has_started_waits_for_nothing(run: RunSpec) -> None:
     ("later_s", "late", "stale"),
     [(0.3, False, False), (0.31, True, False), (1.0, True, False), (1.01, True, True)],
 )
-def test_age_makes_an_object_late_and_then_stale(
-    run: RunSpec, later_s: float, late: bool, stale: bool
-) -> None:
+def test_age_makes_an_object_late_and_then_stale(run, later_s, late, stale):
     board = ready_board(run)
     now_ns = 10 * S + round(later_s * S)
     board.manager_at_ns = now_ns
@@ -152,7 +150,7 @@ def test_age_makes_an_object_late_and_then_stale(
     assert len(snapshot["stale"]) == (3 if stale else 0)
 
 
-def test_one_silent_object_is_no_blindness(run: RunSpec) -> None:
+def test_one_silent_object_is_no_blindness(run):
     board = ready_board(run)
     board.manager_at_ns = 13 * S
     board.hear_states([state("vut", Role.VUT), state("walker")], 13 * S)
@@ -161,7 +159,7 @@ def test_one_silent_object_is_no_blindness(run: RunSpec) -> None:
     assert snapshot["blind"] is False
 
 
-def test_before_anything_was_heard(run: RunSpec) -> None:
+def test_before_anything_was_heard(run):
     snapshot = Snapshots(Board(run)).snapshot(S)
     assert snapshot["blind"]
     assert snapshot["leaderless"]
@@ -170,7 +168,7 @@ def test_before_anything_was_heard(run: RunSpec) -> None:
     assert json.loads(json.dumps(snapshot, allow_nan=False)) == snapshot
 
 
-def test_distances_and_times_to_conflict(run: RunSpec) -> None:
+def test_distances_and_times_to_conflict(run):
     board = ready_board(run)
     vut = state("vut", Role.VUT, speed_mps=10.0)
     # Crosses from the left at 2 m/s, 40 m ahead.
@@ -183,14 +181,14 @@ def test_distances_and_times_to_conflict(run: RunSpec) -> None:
     assert found["walker"]["meeting"]["object"] == pytest.approx(0.6, abs=0.2)
 
 
-def test_a_stale_vut_gives_no_distances(run: RunSpec) -> None:
+def test_a_stale_vut_gives_no_distances(run):
     board = ready_board(run)
     board.hear_states([state("walker")], 12 * S)
     found = {one["id"]: one for one in Snapshots(board).snapshot(12 * S)["objects"]}
     assert "distance" not in found["walker"]
 
 
-def test_error_is_shown_while_a_reference_is_tracked(run: RunSpec) -> None:
+def test_error_is_shown_while_a_reference_is_tracked(run):
     board = ready_board(run)
     lost = state("ot1", reference_id="r1", error_longitudinal_m=0.5, error_lateral_m=-0.9)
     board.hear_states([lost, state("walker")], 10 * S)
@@ -200,7 +198,7 @@ def test_error_is_shown_while_a_reference_is_tracked(run: RunSpec) -> None:
     assert "error" not in found["walker"]
 
 
-def test_objects_come_in_the_order_that_people_count_in() -> None:
+def test_objects_come_in_the_order_that_people_count_in():
     board = Board()
     names = ["ot10", "ot2", "ot1"]
     traffic, vut = state("a", Role.TRAFFIC), state("z", Role.VUT)
@@ -209,7 +207,7 @@ def test_objects_come_in_the_order_that_people_count_in() -> None:
     assert shown == ["z", "ot1", "ot2", "ot10", "a"]
 
 
-def test_elapsed_counts_from_the_start_to_the_end() -> None:
+def test_elapsed_counts_from_the_start_to_the_end():
     board = Board()
     assert board.elapsed_s is None
     board.hear_session(SessionFact(20 * S, SessionPhase.RUNNING), 0)
@@ -225,7 +223,7 @@ def test_elapsed_counts_from_the_start_to_the_end() -> None:
     assert board.phase is Phase.UNKNOWN
 
 
-def test_events_are_newest_first_dated_from_the_start_and_bounded() -> None:
+def test_events_are_newest_first_dated_from_the_start_and_bounded():
     board = Board()
     board.hear_session(SessionFact(20 * S, SessionPhase.RUNNING), 0)
     for k in range(MOST_EVENTS + 10):
@@ -237,13 +235,13 @@ def test_events_are_newest_first_dated_from_the_start_and_bounded() -> None:
     assert events[0]["limit"] is None
 
 
-def test_a_stray_publisher_fills_no_memory() -> None:
+def test_a_stray_publisher_fills_no_memory():
     board = Board()
     board.hear_states([state(f"o{k}") for k in range(2 * MOST_OBJECTS)], 0)
     assert len(board.objects) == MOST_OBJECTS
 
 
-def test_every_state_says_what_comes_next(run: RunSpec) -> None:
+def test_every_state_says_what_comes_next(run):
     board = ready_board(run)
     for state, commands in COMMANDS.items():
         board.hear_session(SessionFact(5 * S, state), 10 * S)
@@ -255,7 +253,7 @@ def test_every_state_says_what_comes_next(run: RunSpec) -> None:
     assert Snapshots(board).snapshot(10 * S)["session"]["next"] == ""
 
 
-def test_every_state_has_its_commands_and_none_has_abort() -> None:
+def test_every_state_has_its_commands_and_none_has_abort():
     assert set(COMMANDS) == set(SessionPhase)
     # Abort is no matter of state: its button never asks.
     assert all("abort" not in words for words in COMMANDS.values())
@@ -266,9 +264,7 @@ values = st.floats(allow_nan=True, allow_infinity=True)
 
 @settings(max_examples=60, deadline=None)
 @given(values, values, values, values, values)
-def test_no_number_breaks_a_snapshot(
-    x_m: float, y_m: float, yaw_rad: float, speed_mps: float, error_m: float
-) -> None:
+def test_no_number_breaks_a_snapshot(x_m, y_m, yaw_rad, speed_mps, error_m):
     board = Board()
     wild = state("ot1", x_m=x_m, y_m=y_m, yaw_rad=yaw_rad, speed_mps=speed_mps)
     wild = replace(wild, reference_id="r", error_lateral_m=error_m)
@@ -276,13 +272,13 @@ def test_no_number_breaks_a_snapshot(
     json.dumps(Snapshots(board).snapshot(0), allow_nan=False)
 
 
-def test_numbers() -> None:
+def test_numbers():
     assert number(1.23456) == 1.235
     assert number(math.nan) is None
     assert number(-math.inf) is None
 
 
-def test_the_site_is_drawn_from_the_run(run: RunSpec) -> None:
+def test_the_site_is_drawn_from_the_run(run):
     site = site_message(run)
     assert site["known"]
     assert site["bounds"] == [-20.0, -20.0, 300.0, 20.0]
@@ -299,7 +295,7 @@ def ages_of(board: Board, now_ns: int = 10 * S) -> dict[str, Any]:
     return {one["id"]: one for one in Snapshots(board).snapshot(now_ns)["objects"]}
 
 
-def test_a_state_that_arrives_late_is_old(run: RunSpec) -> None:
+def test_a_state_that_arrives_late_is_old(run):
     board = ready_board(run)
     board.manager_stamp_ns = round(7.5 * S)  # states are of 5 s
     found = ages_of(board)["ot1"]
@@ -315,7 +311,7 @@ def test_a_state_that_arrives_late_is_old(run: RunSpec) -> None:
     assert ages_of(board)["ot1"]["age"] == 0.01
 
 
-def test_the_managers_word_on_a_states_age_counts_while_it_is_new(run: RunSpec) -> None:
+def test_the_managers_word_on_a_states_age_counts_while_it_is_new(run):
     board = ready_board(run)
     board.hear_links({"ot1": LinkFact(0.0, 0.001, 0.7)}, 10 * S)
     found = ages_of(board)["ot1"]
@@ -324,7 +320,7 @@ def test_the_managers_word_on_a_states_age_counts_while_it_is_new(run: RunSpec) 
     assert ages_of(board)["ot1"]["age"] == 0.0
 
 
-def test_links_are_forgotten_when_the_manager_tells_of_them_no_more(run: RunSpec) -> None:
+def test_links_are_forgotten_when_the_manager_tells_of_them_no_more(run):
     board = ready_board(run)
     board.hear_states([state("ot1", x_m=30.0, y_m=6.0)], 13 * S)
     assert "link" in ages_of(board, 13 * S)["ot1"]
@@ -332,7 +328,7 @@ def test_links_are_forgotten_when_the_manager_tells_of_them_no_more(run: RunSpec
     assert "the link to ot1 is not measured yet" in standing_in_the_way(board, 13 * S + 1)
 
 
-def test_an_overtaken_state_is_dropped_and_a_new_beginning_is_not() -> None:
+def test_an_overtaken_state_is_dropped_and_a_new_beginning_is_not():
     board = Board()
     board.hear_states([state("a", x_m=1.0)], 1)
     board.hear_states([replace(state("a", x_m=2.0), stamp_ns=5 * S - 1)], 2)
@@ -342,7 +338,7 @@ def test_an_overtaken_state_is_dropped_and_a_new_beginning_is_not() -> None:
     assert (board.objects["a"].state.x_m, board.objects["a"].at_ns) == (4.0, 4)
 
 
-def test_a_command_that_nobody_offers_is_not_to_be_pressed(run: RunSpec) -> None:
+def test_a_command_that_nobody_offers_is_not_to_be_pressed(run):
     board = ready_board(run)
     full = Snapshots(board).snapshot(10 * S)["session"]["commands"]
     assert full
@@ -352,7 +348,7 @@ def test_a_command_that_nobody_offers_is_not_to_be_pressed(run: RunSpec) -> None
     assert Snapshots(board).snapshot(10 * S)["session"]["commands"] == []
 
 
-def test_whether_abort_would_be_heard_is_known_before_it_is_pressed(run: RunSpec) -> None:
+def test_whether_abort_would_be_heard_is_known_before_it_is_pressed(run):
     board = ready_board(run)
     for offered, unheard in ((frozenset({"connect"}), True), (frozenset({"abort"}), False)):
         board.offered = offered
@@ -361,7 +357,7 @@ def test_whether_abort_would_be_heard_is_known_before_it_is_pressed(run: RunSpec
     assert not Snapshots(board).snapshot(10 * S)["abort_unheard"]
 
 
-def test_a_replay_takes_no_commands(run: RunSpec) -> None:
+def test_a_replay_takes_no_commands(run):
     board = ready_board(run)
     assert Snapshots(board).snapshot(10 * S)["session"]["commands"]
     board.replay = True
@@ -377,7 +373,7 @@ def picture_message(picture: bytes) -> bytes:
     return head + text + text + struct.pack("<I", len(picture)) + picture
 
 
-def test_only_a_picture_that_can_be_shown_makes_the_camera_young() -> None:
+def test_only_a_picture_that_can_be_shown_makes_the_camera_young():
     board = Board()
     pictures = Pictures(board, S)
     assert pictures.settle() == ""

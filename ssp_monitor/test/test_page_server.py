@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any
@@ -40,12 +40,12 @@ class Manager:
 
 
 @pytest.fixture
-def manager() -> Manager:
+def manager():
     return Manager()
 
 
 @pytest.fixture
-def page(manager: Manager) -> Iterator[PageServer]:
+def page(manager):
     made = PageServer("127.0.0.1", 0, TOKEN, manager)
     yield made
     made.close()
@@ -88,7 +88,7 @@ def get(page: PageServer, path: str = "/", **headers: str) -> tuple[int, Any]:
     return int(head.split()[1]), (head.decode(), body)
 
 
-def test_every_file_of_the_page_is_served_with_its_policy(page: PageServer) -> None:
+def test_every_file_of_the_page_is_served_with_its_policy(page):
     for path, asset in load_assets().items():
         status, (head, body) = get(page, path)
         assert (status, body) == (200, asset.body)
@@ -98,7 +98,7 @@ def test_every_file_of_the_page_is_served_with_its_policy(page: PageServer) -> N
         assert "Cache-Control: no-store" in head
 
 
-def test_the_page_names_nothing_from_elsewhere() -> None:
+def test_the_page_names_nothing_from_elsewhere():
     for path in FOLDER.iterdir():
         text = path.read_text()
         for word in ("http:", "https:", "<script>", "style=", "onclick=", "innerHTML", "eval("):
@@ -116,34 +116,32 @@ def test_the_page_names_nothing_from_elsewhere() -> None:
         "/x" * 900,
     ],
 )
-def test_nothing_else_is_served(page: PageServer, path: str) -> None:
+def test_nothing_else_is_served(page, path):
     status, (_, body) = get(page, path)
     assert status == 404
     assert b"import" not in body
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8080", "", "127.0.0.1:1"])
-def test_a_foreign_host_gets_nothing(page: PageServer, host: str) -> None:
+def test_a_foreign_host_gets_nothing(page, host):
     assert get(page, "/", Host=host)[0] in (400, 403)
 
 
-def test_commands_reach_the_manager_with_the_token(page: PageServer, manager: Manager) -> None:
+def test_commands_reach_the_manager_with_the_token(page, manager):
     status, answer = post(page, "arm")
     assert (status, answer["accepted"], answer["state"]) == (200, True, "ABORTING")
     assert manager.asked == [("arm", "operator page at 127.0.0.1")]
 
 
 @pytest.mark.parametrize(("token", "status"), [(None, 401), ("", 401), ("wrong", 403), ("é", 403)])
-def test_commands_without_the_token_are_refused(
-    page: PageServer, manager: Manager, token: str | None, status: int
-) -> None:
+def test_commands_without_the_token_are_refused(page, manager, token, status):
     found, answer = post(page, token=token)
     assert found == status
     assert "token" in answer["text"]
     assert not manager.asked
 
 
-def test_the_token_is_not_taken_from_the_address(page: PageServer, manager: Manager) -> None:
+def test_the_token_is_not_taken_from_the_address(page, manager):
     assert post(page, f"abort?token={TOKEN}", token=None)[0] == 401
     assert not manager.asked
 
@@ -158,27 +156,23 @@ def test_the_token_is_not_taken_from_the_address(page: PageServer, manager: Mana
         {"Host": "evil.example"},
     ],
 )
-def test_other_pages_command_nothing(
-    page: PageServer, manager: Manager, headers: dict[str, str]
-) -> None:
+def test_other_pages_command_nothing(page, manager, headers):
     assert post(page, headers=headers)[0] == 403
     assert not manager.asked
 
 
 @pytest.mark.parametrize("name", ["load_scenario", "explode", "abort%2f..%2fstart", "ABORT"])
-def test_there_are_no_other_commands(page: PageServer, manager: Manager, name: str) -> None:
+def test_there_are_no_other_commands(page, manager, name):
     assert post(page, name)[0] == 404
     assert not manager.asked
 
 
-def test_a_large_body_is_not_taken(page: PageServer, manager: Manager) -> None:
+def test_a_large_body_is_not_taken(page, manager):
     assert post(page, data=b"x" * 100_000)[0] == 413
     assert not manager.asked
 
 
-def test_no_answer_is_told_as_none(
-    page: PageServer, manager: Manager, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_answer_is_told_as_none(page, manager, monkeypatch):
     monkeypatch.setattr(server, "ABORT_ANSWER_S", 0.2)
     manager.silent.add("abort")
     status, answer = post(page)
@@ -186,9 +180,7 @@ def test_no_answer_is_told_as_none(
     assert answer["text"] == "the scenario manager gave no answer within 0.2 s"
 
 
-def test_a_flood_of_commands_is_bounded_and_leaves_abort_free(
-    page: PageServer, manager: Manager
-) -> None:
+def test_a_flood_of_commands_is_bounded_and_leaves_abort_free(page, manager):
     async def flood(client: aiohttp.ClientSession) -> list[int]:
         async def one(name: str, token: str) -> int:
             headers = {"Authorization": f"Bearer {token}"}
@@ -256,9 +248,7 @@ POST = f"POST /api/command/abort HTTP/1.1\r\nHost: HOST\r\nAuthorization: Bearer
         (f"{POST}Transfer-Encoding: chunked\r\n\r\n5\r\nab", b"408"),
     ],
 )  # fmt: skip
-def test_half_a_request_is_closed(
-    half: str, status: bytes, manager: Manager, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_half_a_request_is_closed(half, status, manager, monkeypatch):
     monkeypatch.setattr(server, "REQUEST_S", 0.3)
     page = PageServer("127.0.0.1", 0, TOKEN, manager)
     try:
@@ -282,12 +272,8 @@ def test_half_a_request_is_closed(
     ],
 )  # fmt: skip
 def test_a_malformed_request_is_answered_and_leaves_no_traceback(
-    data: str,
-    page: PageServer,
-    manager: Manager,
-    caplog: pytest.LogCaptureFixture,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+    data, page, manager, caplog, capfd
+):
     assert sent(page, data + "\r\n")[9:10] == b"4"
     assert (manager.asked, caplog.records) == ([], [])
     assert get(page)[0] == 200
@@ -298,7 +284,7 @@ def test_a_malformed_request_is_answered_and_leaves_no_traceback(
     ("token", "may", "why"),
     [(TOKEN, True, ""), ("", False, "no token"), ("x", False, "wrong token")],
 )
-def test_anybody_here_may_read(page: PageServer, token: str, may: bool, why: str) -> None:
+def test_anybody_here_may_read(page, token, may, why):
     async def work(stream: Any) -> list[Any]:
         await stream.send_json(hello(token))
         welcome = await stream.receive_json()
@@ -311,7 +297,7 @@ def test_anybody_here_may_read(page: PageServer, token: str, may: bool, why: str
     assert first == {"type": "events"}  # what is kept; an old snapshot isn't
 
 
-def test_elsewhere_reading_needs_the_token(manager: Manager) -> None:
+def test_elsewhere_reading_needs_the_token(manager):
     page = PageServer("0.0.0.0", 0, TOKEN, manager)
     try:
         url = f"http://127.0.0.1:{page.door.port}/api/live"
@@ -332,7 +318,7 @@ def test_elsewhere_reading_needs_the_token(manager: Manager) -> None:
         page.close()
 
 
-def test_a_socket_from_another_page_is_refused(page: PageServer) -> None:
+def test_a_socket_from_another_page_is_refused(page):
     with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
         live(page, lambda stream: stream.receive(), Origin="http://evil.example")
     assert refused.value.status == 403
@@ -341,7 +327,7 @@ def test_a_socket_from_another_page_is_refused(page: PageServer) -> None:
 @pytest.mark.parametrize(
     "text", ["", "{", "[]", '{"type": "command"}', '{"type":"hello","token":1}']
 )
-def test_who_says_no_hello_is_sent_away(page: PageServer, text: str) -> None:
+def test_who_says_no_hello_is_sent_away(page, text):
     async def work(stream: Any) -> Any:
         await stream.send_str(text)
         await stream.receive()
@@ -350,7 +336,7 @@ def test_who_says_no_hello_is_sent_away(page: PageServer, text: str) -> None:
     assert live(page, work) == 4002
 
 
-def test_who_says_nothing_is_sent_away(page: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_says_nothing_is_sent_away(page, monkeypatch):
     monkeypatch.setattr(viewers, "HELLO_S", 0.2)
 
     async def work(stream: Any) -> Any:
@@ -360,7 +346,7 @@ def test_who_says_nothing_is_sent_away(page: PageServer, monkeypatch: pytest.Mon
     assert live(page, work) == 4002
 
 
-def test_who_talks_too_much_or_at_length_is_sent_away(page: PageServer) -> None:
+def test_who_talks_too_much_or_at_length_is_sent_away(page):
     async def flood(stream: Any) -> Any:
         await stream.send_json(hello())
         with suppress(aiohttp.ClientConnectionResetError):  # sent away before the last one
@@ -379,7 +365,7 @@ def test_who_talks_too_much_or_at_length_is_sent_away(page: PageServer) -> None:
     assert live(page, long) == 1009
 
 
-def test_viewers_are_counted(page: PageServer) -> None:
+def test_viewers_are_counted(page):
     async def work(client: aiohttp.ClientSession) -> int:
         streams = []
         for _ in range(viewers.MOST_VIEWERS):
@@ -399,7 +385,7 @@ def test_viewers_are_counted(page: PageServer) -> None:
     assert do(work) == 503
 
 
-def test_who_has_said_nothing_yet_takes_no_viewers_place(page: PageServer) -> None:
+def test_who_has_said_nothing_yet_takes_no_viewers_place(page):
     async def work(client: aiohttp.ClientSession) -> int:
         silent = [
             await client.ws_connect(f"{page.url}api/live") for _ in range(viewers.MOST_STRANGERS)
@@ -419,7 +405,7 @@ def test_who_has_said_nothing_yet_takes_no_viewers_place(page: PageServer) -> No
     assert do(work) == 503
 
 
-def test_the_next_bundle_waits_for_the_echo_of_the_last(page: PageServer) -> None:
+def test_the_next_bundle_waits_for_the_echo_of_the_last(page):
     """However much is buffered on the way, one bundle is under way, and its delay is known."""
 
     async def work(stream: Any) -> tuple[list[str], dict[str, Any]]:
@@ -443,9 +429,7 @@ def test_the_next_bundle_waits_for_the_echo_of_the_last(page: PageServer) -> Non
     assert mark["held_s"] < -0.05  # what waited is counted as older, not as held
 
 
-def test_an_echo_that_never_comes_ends_the_connection(
-    page: PageServer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_echo_that_never_comes_ends_the_connection(page, monkeypatch):
     monkeypatch.setattr(viewers, "ECHO_S", 0.2)
 
     async def work(stream: Any) -> Any:
@@ -457,7 +441,7 @@ def test_an_echo_that_never_comes_ends_the_connection(
     assert live(page, work) == 4009
 
 
-def test_echoes_are_no_chatter(page: PageServer) -> None:
+def test_echoes_are_no_chatter(page):
     async def work(stream: Any) -> list[str]:
         await stream.send_json(hello())
         await stream.receive()
@@ -471,9 +455,7 @@ def test_echoes_are_no_chatter(page: PageServer) -> None:
     assert live(page, work) == [str(k) for k in range(60)]
 
 
-def test_what_is_no_text_is_refused_without_a_traceback(
-    page: PageServer, manager: Manager, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_is_no_text_is_refused_without_a_traceback(page, manager, caplog):
     request = (
         f"POST /api/command/abort HTTP/1.1\r\nHost: 127.0.0.1:{page.door.port}\r\n"
         "Connection: close\r\nContent-Length: 0\r\n"
@@ -501,9 +483,7 @@ def test_what_is_no_text_is_refused_without_a_traceback(
     assert not [record for record in caplog.records if record.exc_info]
 
 
-def test_a_viewer_that_takes_nothing_holds_up_nobody(
-    page: PageServer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_viewer_that_takes_nothing_holds_up_nobody(page, monkeypatch):
     """One never reads; the other gets the newest while much is pushed, and the first is let go."""
     monkeypatch.setattr(viewers, "SEND_S", 0.3)
     monkeypatch.setattr(viewers, "ECHO_S", 0.5)
@@ -537,7 +517,7 @@ def test_a_viewer_that_takes_nothing_holds_up_nobody(
         stuck.close()
 
 
-def test_mailbox_keeps_the_newest_of_each_kind() -> None:
+def test_mailbox_keeps_the_newest_of_each_kind():
     async def run() -> dict[str, Any]:
         box = Mailbox()
         for k in range(1000):
@@ -552,18 +532,18 @@ def test_mailbox_keeps_the_newest_of_each_kind() -> None:
 # -- beginning and end ------------------------------------------------------------------------
 
 
-def test_a_taken_port_is_said(page: PageServer, manager: Manager) -> None:
+def test_a_taken_port_is_said(page, manager):
     with pytest.raises(HostError, match=f"port {page.door.port} of 127.0.0.1 is taken; choose"):
         PageServer("127.0.0.1", page.door.port, TOKEN, manager)
 
 
 @pytest.mark.parametrize("host", ["no.such.host.invalid", "203.0.113.7"])
-def test_a_foreign_address_is_said(host: str, manager: Manager) -> None:
+def test_a_foreign_address_is_said(host, manager):
     with pytest.raises(HostError, match="listen on"):
         PageServer(host, 0, TOKEN, manager)
 
 
-def test_a_page_that_ends_says_goodbye(manager: Manager) -> None:
+def test_a_page_that_ends_says_goodbye(manager):
     page = PageServer("127.0.0.1", 0, TOKEN, manager)
 
     async def work(stream: Any) -> Any:

@@ -6,7 +6,6 @@ import dataclasses
 import math
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -62,7 +61,7 @@ def _names(plan: Plan) -> list[str]:
     return [line.topic for line in plan.lines]
 
 
-def test_by_default_everything_but_commands_is_published_and_the_recorded_clock() -> None:
+def test_by_default_everything_but_commands_is_published_and_the_recorded_clock():
     plan = _plan()
     assert _names(plan) == ["/clock", "/ssp/ot1/reference_ack", "/ssp/vut/state"]
     assert plan.clock_recorded
@@ -78,7 +77,7 @@ def test_by_default_everything_but_commands_is_published_and_the_recorded_clock(
     assert "/clock as recorded" in said
 
 
-def test_commands_are_published_when_they_are_asked_for() -> None:
+def test_commands_are_published_when_they_are_asked_for():
     assert _names(_plan(commands=True)) == sorted(RECORDED)
 
 
@@ -91,15 +90,13 @@ def test_commands_are_published_when_they_are_asked_for() -> None:
         (None, ("/clock",), (False, 100.0)),
     ],
 )
-def test_the_clock_is_the_recorded_one_or_made(
-    clock_hz: float | None, excluded: tuple[str, ...], expected: tuple[bool, float]
-) -> None:
+def test_the_clock_is_the_recorded_one_or_made(clock_hz, excluded, expected):
     plan = _plan(clock_hz=clock_hz, exclude=excluded)
     assert (plan.clock_recorded, plan.clock_hz) == expected
     assert ("/clock" in _names(plan)) is expected[0]
 
 
-def test_topics_are_named_or_found_by_an_expression() -> None:
+def test_topics_are_named_or_found_by_an_expression():
     assert _names(_plan(topics=("vut/state",))) == ["/ssp/vut/state"]
     assert _names(_plan(topics=("ot1",))) == ["/ssp/ot1/reference_ack"]
     assert _names(_plan(exclude=("/ssp",))) == ["/clock"]
@@ -109,7 +106,7 @@ def test_topics_are_named_or_found_by_an_expression() -> None:
         _plan(topics=("clock",), exclude=("clock",))
 
 
-def test_a_command_stays_one_under_another_name_and_a_name_can_make_one() -> None:
+def test_a_command_stays_one_under_another_name_and_a_name_can_make_one():
     plan = _plan(remap={"/ssp/ot1/reference": "/harmless"})
     assert "/harmless" not in _names(plan)
     recorded = {"/speed": TopicInfo("std_msgs/msg/Float64", 1), "/x": RECORDED["/clock"]}
@@ -120,7 +117,7 @@ def test_a_command_stays_one_under_another_name_and_a_name_can_make_one() -> Non
     assert "/ssp/vut/state" in [one.topic for one in plan.left_out if one.is_command]
 
 
-def test_remaps_are_checked() -> None:
+def test_remaps_are_checked():
     assert "/ssp/v/state" in _names(_plan(remap={"vut/state": "v/state"}))
     with pytest.raises(InputError, match="is no topic of the bag"):
         _plan(remap={"/nobody": "/x"})
@@ -130,7 +127,7 @@ def test_remaps_are_checked() -> None:
         _plan(remap={"/ssp/vut/state": "/x", "/ssp/ot1/reference_ack": "/x"})
 
 
-def test_what_cannot_be_published_is_left_out_with_the_reason() -> None:
+def test_what_cannot_be_published_is_left_out_with_the_reason():
     recorded = RECORDED | {"/bad name": TopicInfo("std_msgs/msg/String", 1)}
 
     def missing(msgtype: str, _: str) -> str | None:
@@ -192,11 +189,11 @@ def test_what_cannot_be_published_is_left_out_with_the_reason() -> None:
         ("/rosout", "rcl_interfaces/msg/Log", False),
     ],
 )
-def test_commands_are_known_by_type_and_by_name(topic: str, msgtype: str, expected: bool) -> None:
+def test_commands_are_known_by_type_and_by_name(topic, msgtype, expected):
     assert is_command(topic, msgtype) is expected
 
 
-def test_a_session_shows_by_its_nodes_and_by_its_services() -> None:
+def test_a_session_shows_by_its_nodes_and_by_its_services():
     nodes = [("listener", "/"), ("object_target", "/ssp"), ("monitor", "/ssp")]
     assert session_signs(nodes, []) == ["node /ssp/object_target"]
     services = [("/a/b", ["std_srvs/srv/Trigger"]), ("/x/command", ["ssp_msgs/srv/ObjectCommand"])]
@@ -204,7 +201,7 @@ def test_a_session_shows_by_its_nodes_and_by_its_services() -> None:
     assert session_signs([("replay", "/ssp")], [("/a", ["std_srvs/srv/Trigger"])]) == []
 
 
-def test_offers_are_those_of_the_bag() -> None:
+def test_offers_are_those_of_the_bag():
     assert offer_of("/x", OFFERED[Profile.LATCHED]) == PublisherQos(True, True, 20)
     assert offer_of("/x", OFFERED[Profile.STATE]) == PublisherQos(True, False)
     assert offer_of(names.TF_STATIC, "").latched
@@ -212,7 +209,7 @@ def test_offers_are_those_of_the_bag() -> None:
     assert offer_of("/x", numbers) == PublisherQos(False, True, 7)
 
 
-def test_of_several_publishers_the_strongest_offer_is_taken() -> None:
+def test_of_several_publishers_the_strongest_offer_is_taken():
     weak = "- {reliability: best_effort, durability: volatile, depth: 5}\n"
     strong = "- {reliability: reliable, durability: transient_local, depth: 3}\n"
     assert offer_of("/x", weak + strong) == PublisherQos(True, True, 8)
@@ -220,31 +217,31 @@ def test_of_several_publishers_the_strongest_offer_is_taken() -> None:
 
 
 @pytest.mark.parametrize("depth", ["many", "-1", "true", "1e9", "100000000"])
-def test_a_depth_out_of_a_bag_never_takes_all_memory(depth: str) -> None:
+def test_a_depth_out_of_a_bag_never_takes_all_memory(depth):
     offer = offer_of("/x", f"[{{durability: transient_local, depth: {depth}}}]")
     assert 1 <= offer.depth <= MOST_LATCHED
 
 
-def test_without_a_word_in_the_bag_the_name_decides() -> None:
+def test_without_a_word_in_the_bag_the_name_decides():
     assert offer_of("/ssp/session_state", "") == PublisherQos(True, True, 20)
     assert offer_of("/ssp/vut/state", "") == PublisherQos()
     assert offer_of("/ssp/vut/state", "{no list}") == PublisherQos()
 
 
 @given(st.text(st.sampled_from(["\x1b", "[", "C", "O", "s", "q", "+", "-", " ", "x", "A"])))
-def test_keys_are_found_among_anything(typed: str) -> None:
+def test_keys_are_found_among_anything(typed):
     found = list(parse_keys(typed))
     assert len(found) <= len(typed)
     assert list(parse_keys(typed.replace("\x1b", ""))).count(Key.QUIT) == typed.count("q")
 
 
-def test_every_key_is_understood_on_its_own_and_in_a_row() -> None:
+def test_every_key_is_understood_on_its_own_and_in_a_row():
     assert list(parse_keys("".join(KEYS))) == list(KEYS.values())
     assert list(parse_keys("\x1b[A\x1b")) == []
 
 
 @pytest.fixture
-def bag(tmp_path: Path) -> Path:
+def bag(tmp_path):
     """Five latched and fifty other messages in five seconds."""
     path = tmp_path / "bag"
     with BagWriter(path) as writer:
@@ -258,7 +255,7 @@ def bag(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_tape_has_the_stretch_and_what_was_kept_before_it(bag: Path) -> None:
+def test_a_tape_has_the_stretch_and_what_was_kept_before_it(bag):
     with BagReader(bag) as reader:
         plan = make_plan(reader.topics, ReplayOptions(), lambda _t, _h: None)
         tape = MessageSource(reader, plan.lines, ReplayOptions(start_s=2.5, end_s=4.0))
@@ -275,7 +272,7 @@ def test_a_tape_has_the_stretch_and_what_was_kept_before_it(bag: Path) -> None:
             MessageSource(reader, plan.lines, ReplayOptions(start_s=2.0, end_s=1.0))
 
 
-def test_reading_ahead_keeps_order_and_a_bounded_heap() -> None:
+def test_reading_ahead_keeps_order_and_a_bounded_heap():
     taken = 0
 
     def source() -> Iterator[BagMessage]:
@@ -294,7 +291,7 @@ def test_reading_ahead_keeps_order_and_a_bounded_heap() -> None:
     ahead.close()
 
 
-def test_damage_is_raised_where_it_stands_and_closing_early_ends_the_reader() -> None:
+def test_damage_is_raised_where_it_stands_and_closing_early_ends_the_reader():
     def source() -> Iterator[BagMessage]:
         yield BagMessage("/a", 0, 0, b"")
         raise InputError("is damaged", file="x.mcap")
@@ -322,7 +319,7 @@ def _player(
     return Player(tape, plan, options, send, tick, over.set)
 
 
-def test_a_player_loops_until_it_is_stopped_and_keeps_the_order(bag: Path) -> None:
+def test_a_player_loops_until_it_is_stopped_and_keeps_the_order(bag):
     sent: list[bytes] = []
     enough, over = threading.Event(), threading.Event()
 
@@ -346,7 +343,7 @@ def test_a_player_loops_until_it_is_stopped_and_keeps_the_order(bag: Path) -> No
     assert player.progress().lap >= 3
 
 
-def test_a_paused_player_takes_steps_and_a_new_rate_and_ends_at_the_end(bag: Path) -> None:
+def test_a_paused_player_takes_steps_and_a_new_rate_and_ends_at_the_end(bag):
     sent: list[bytes] = []
     ticks: list[int] = []
     over, first = threading.Event(), threading.Event()
@@ -381,7 +378,7 @@ def test_a_paused_player_takes_steps_and_a_new_rate_and_ends_at_the_end(bag: Pat
     assert player.lateness.count == 55
 
 
-def test_what_goes_wrong_in_publishing_ends_the_player_and_is_told(bag: Path) -> None:
+def test_what_goes_wrong_in_publishing_ends_the_player_and_is_told(bag):
     over = threading.Event()
 
     def send(_: BagMessage) -> None:
@@ -395,7 +392,7 @@ def test_what_goes_wrong_in_publishing_ends_the_player_and_is_told(bag: Path) ->
     assert isinstance(player.error, InputError)
 
 
-def test_the_line_and_the_outcome_say_where_it_is_and_how_late() -> None:
+def test_the_line_and_the_outcome_say_where_it_is_and_how_late():
     progress = Progress(int(12.5e9), 2.0, False, 300_000_000, 42, 3)
     line = progress_line(progress, 10 * NS_PER_S, 20 * NS_PER_S, 5)
     assert line.split(" · ") == [
@@ -416,7 +413,7 @@ def test_the_line_and_the_outcome_say_where_it_is_and_how_late() -> None:
     assert "did not keep up" in "\n".join(outcome.lines())
 
 
-def test_of_a_sessions_own_topics_only_commands_are_left_out() -> None:
+def test_of_a_sessions_own_topics_only_commands_are_left_out():
     reports = (
         *(names.SESSION_STATE, names.TRIGGER_EVENT, names.PHASE_EVENT, names.SAFETY_EVENT),
         *(names.FAULT_EVENT, names.RECORDER_STATUS, names.LINK_STATUS, names.HEARTBEAT_REPLY),
@@ -450,8 +447,6 @@ def test_of_a_sessions_own_topics_only_commands_are_left_out() -> None:
         (["--exclude", "("], "--exclude: is no regular expression"),
     ],
 )
-def test_values_without_sense_are_wrong_usage(
-    options: list[str], problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_values_without_sense_are_wrong_usage(options, problem, tmp_path, capsys):
     assert main(["replay", str(tmp_path / "none"), *options]) == 2
     assert problem in capsys.readouterr().err

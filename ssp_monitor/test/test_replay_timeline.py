@@ -49,9 +49,7 @@ def _play(playback: Playback, now_ns: int = 0) -> list[tuple[int, BagMessage]]:
 
 
 @given(timelines, st.integers(0, 10**13))
-def test_what_is_due_has_come_when_it_is_due_and_not_long_before(
-    line: Timeline, ahead: int
-) -> None:
+def test_what_is_due_has_come_when_it_is_due_and_not_long_before(line, ahead):
     wanted_ns = line.bag_ns + ahead
     due_ns = line.due_ns(wanted_ns)
     assert due_ns is not None
@@ -61,7 +59,7 @@ def test_what_is_due_has_come_when_it_is_due_and_not_long_before(
 
 
 @given(timelines, st.lists(st.integers(0, 10**12), min_size=2, max_size=8))
-def test_bag_time_never_goes_back(line: Timeline, steps: list[int]) -> None:
+def test_bag_time_never_goes_back(line, steps):
     now, seen = line.steady_ns - 10**9, line.bag_ns
     for step in steps:
         now += step
@@ -75,9 +73,7 @@ def test_bag_time_never_goes_back(line: Timeline, steps: list[int]) -> None:
         st.tuples(st.integers(0, 10**11), st.one_of(st.booleans(), rates)), min_size=1, max_size=12
     ),
 )
-def test_no_change_makes_bag_time_jump(
-    line: Timeline, changes: list[tuple[int, bool | float]]
-) -> None:
+def test_no_change_makes_bag_time_jump(line, changes):
     now = line.steady_ns
     for wait_ns, change in changes:
         now += wait_ns
@@ -92,7 +88,7 @@ def test_no_change_makes_bag_time_jump(
 
 
 @given(timelines, st.integers(0, 10**12), st.integers(0, 10**12))
-def test_a_pause_takes_no_bag_time(line: Timeline, before_ns: int, pause_ns: int) -> None:
+def test_a_pause_takes_no_bag_time(line, before_ns, pause_ns):
     at = line.steady_ns + before_ns
     paused = line.set_paused(True, at)
     assert paused.at(at + pause_ns) == line.at(at)
@@ -101,20 +97,20 @@ def test_a_pause_takes_no_bag_time(line: Timeline, before_ns: int, pause_ns: int
     assert resumed.at(at + pause_ns) == line.at(at)
 
 
-def test_a_delay_before_the_beginning_is_kept_through_a_change_of_rate() -> None:
+def test_a_delay_before_the_beginning_is_kept_through_a_change_of_rate():
     line = Timeline(0, 5 * NS_PER_S).set_rate(2.0, NS_PER_S)
     assert line.due_ns(0) == 5 * NS_PER_S
     assert line.at(6 * NS_PER_S) == 2 * NS_PER_S
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf"), 1e9])
-def test_a_rate_that_cannot_be_is_refused_and_changes_nothing(rate: float) -> None:
+def test_a_rate_that_cannot_be_is_refused_and_changes_nothing(rate):
     line = Timeline(0, 0)
     with pytest.raises(ValueError, match="rate must be from"):
         line.set_rate(rate, 0)
 
 
-def test_rates_go_up_and_down_by_steps_and_end() -> None:
+def test_rates_go_up_and_down_by_steps_and_end():
     assert [faster(1.0), faster(2.0), faster(3.0), faster(FASTEST)] == [2.0, 5.0, 5.0, FASTEST]
     assert [slower(1.0), slower(5.0), slower(3.0), slower(SLOWEST)] == [0.5, 2.0, 2.0, SLOWEST]
 
@@ -124,9 +120,7 @@ def test_rates_go_up_and_down_by_steps_and_end() -> None:
     rates,
     st.integers(0, 10**10),
 )
-def test_everything_is_sent_once_in_order_and_on_time(
-    stamps: list[int], rate: float, begin_ns: int
-) -> None:
+def test_everything_is_sent_once_in_order_and_on_time(stamps, rate, begin_ns):
     line = Timeline(0, begin_ns, rate)
     sent = _play(Playback(_messages(*stamps), line))
     assert [message.log_time_ns for _, message in sent] == stamps
@@ -134,7 +128,7 @@ def test_everything_is_sent_once_in_order_and_on_time(
     assert all(at == max(line.due_ns(message.log_time_ns) or 0, 0) for at, message in sent)
 
 
-def test_a_late_replay_catches_up_and_does_not_shift_what_follows() -> None:
+def test_a_late_replay_catches_up_and_does_not_shift_what_follows():
     playback = Playback(_messages(0, 10, 20, 1000), Timeline(0, 0))
     late = [playback.act(500) for _ in range(3)]
     assert [action.late_ns for action in late if isinstance(action, Send)] == [500, 490, 480]
@@ -142,7 +136,7 @@ def test_a_late_replay_catches_up_and_does_not_shift_what_follows() -> None:
     assert playback.behind_ns(1200) == 200
 
 
-def test_a_step_sends_one_message_and_pauses_where_it_is() -> None:
+def test_a_step_sends_one_message_and_pauses_where_it_is():
     playback = Playback(_messages(0, 10, 20), Timeline(0, 0, 1.0, paused=True))
     assert playback.act(100) == Rest(None)
     playback.step(100)
@@ -159,7 +153,7 @@ def test_a_step_sends_one_message_and_pauses_where_it_is() -> None:
     assert playback.act(300) == Rest(310)
 
 
-def test_a_step_by_frames_ends_with_the_frame() -> None:
+def test_a_step_by_frames_ends_with_the_frame():
     tape = [("/a", 1), ("/cam", 2), ("/a", 3), ("/a", 4), ("/cam", 5), ("/a", 6)]
     messages = iter([BagMessage(topic, ns, ns, b"") for topic, ns in tape])
     playback = Playback(messages, Timeline(0, 0), frames=frozenset({"/cam"}))
@@ -173,7 +167,7 @@ def test_a_step_by_frames_ends_with_the_frame() -> None:
         assert playback.timeline.bag_ns == expected
 
 
-def test_resuming_forgets_steps_that_are_still_to_come() -> None:
+def test_resuming_forgets_steps_that_are_still_to_come():
     playback = Playback(_messages(0, 10**9), Timeline(0, 0), frames=frozenset({"/cam"}))
     playback.step_frame(0)
     playback.set_paused(False, 0)
@@ -181,7 +175,7 @@ def test_resuming_forgets_steps_that_are_still_to_come() -> None:
     assert playback.act(0) == Rest(10**9)
 
 
-def test_ticks_come_at_their_rate_show_bag_time_and_never_pass_a_message() -> None:
+def test_ticks_come_at_their_rate_show_bag_time_and_never_pass_a_message():
     playback = Playback(_messages(0, 95), Timeline(0, 0, 2.0), tick_ns=10)
     seen: list[object] = []
     now = 0
@@ -196,14 +190,14 @@ def test_ticks_come_at_their_rate_show_bag_time_and_never_pass_a_message() -> No
     assert late.act(1000) == Tick(50)
 
 
-def test_while_paused_ticks_go_on_and_stand() -> None:
+def test_while_paused_ticks_go_on_and_stand():
     playback = Playback(_messages(10**9), Timeline(7, 0, 1.0, paused=True), tick_ns=10)
     assert [playback.act(now) for now in (0, 10, 20)] == [Tick(7)] * 3
     assert playback.act(20) == Rest(30)
 
 
 @given(st.lists(st.integers(-5, 10**11), min_size=1, max_size=200))
-def test_lateness_is_known_to_four_percent(late_ns: list[int]) -> None:
+def test_lateness_is_known_to_four_percent(late_ns):
     lateness = Lateness()
     for late in late_ns:
         lateness.add(late)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -84,7 +84,7 @@ def keyframes(messages: Sequence[BagMessage]) -> list[int]:
 
 
 @pytest.mark.parametrize("codec", list(Codec))
-def test_frames_keep_their_times_and_look_alike(tmp_path: Path, codec: Codec) -> None:
+def test_frames_keep_their_times_and_look_alike(tmp_path, codec):
     source = [jpeg_message(i) for i in range(70)]
     video = encoded(VideoEncoder(COMPRESSED_TYPE, codec), source)
     assert [m._replace(data=b"") for m in video] == [m._replace(data=b"") for m in source]
@@ -102,7 +102,7 @@ def test_frames_keep_their_times_and_look_alike(tmp_path: Path, codec: Codec) ->
         assert cv2.PSNR(shown_one.image, scene(i)) > 32.0
 
 
-def test_reading_begins_at_any_frame(tmp_path: Path) -> None:
+def test_reading_begins_at_any_frame(tmp_path):
     video = encoded(VideoEncoder(COMPRESSED_TYPE), [jpeg_message(i) for i in range(80)])
     path = video_bag(tmp_path / "bag", video)
     whole = shown(path)
@@ -120,7 +120,7 @@ def test_reading_begins_at_any_frame(tmp_path: Path) -> None:
     assert jpegs[0].data.startswith(b"\xff\xd8")
 
 
-def test_a_keyframe_far_back_is_found(tmp_path: Path) -> None:
+def test_a_keyframe_far_back_is_found(tmp_path):
     encoder = VideoEncoder(COMPRESSED_TYPE, keyframe_s=1000.0)
     video = encoded(encoder, [jpeg_message(i) for i in range(200)])
     assert keyframes(video) == [0]
@@ -129,7 +129,7 @@ def test_a_keyframe_far_back_is_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "mono8"])
-def test_raw_images_keep_their_colours(tmp_path: Path, encoding: str) -> None:
+def test_raw_images_keep_their_colours(tmp_path, encoding):
     encoder = VideoEncoder(RAW_TYPE, crf=10)
     video = encoded(encoder, [raw_message(i, encoding) for i in range(3)])
     last = shown(video_bag(tmp_path / "bag", video))[-1].image
@@ -152,9 +152,7 @@ def test_raw_images_keep_their_colours(tmp_path: Path, encoding: str) -> None:
         (b"\xff\xd8\xff\xc0\x00\x11\x08\x00\x10\x00\x10\x03\xff\xd9", "can't be decoded"),
     ],
 )
-def test_a_damaged_frame_is_counted_and_the_video_goes_on(
-    tmp_path: Path, data: bytes, problem: str
-) -> None:
+def test_a_damaged_frame_is_counted_and_the_video_goes_on(tmp_path, data, problem):
     encoder = VideoEncoder(COMPRESSED_TYPE)
     source = [jpeg_message(0), jpeg_message(1, data=data), jpeg_message(2)]
     video = encoded(encoder, source)
@@ -166,7 +164,7 @@ def test_a_damaged_frame_is_counted_and_the_video_goes_on(
     assert cv2.PSNR(pictures[1].image, scene(2)) > 32.0
 
 
-def test_bytes_that_are_no_message_are_counted() -> None:
+def test_bytes_that_are_no_message_are_counted():
     encoder = VideoEncoder(COMPRESSED_TYPE)
     for cut in (0, 3, 20, 40):
         message = jpeg_message(0)
@@ -174,7 +172,7 @@ def test_bytes_that_are_no_message_are_counted() -> None:
     assert encoder.damaged == 4
 
 
-def test_a_new_size_begins_with_a_keyframe(tmp_path: Path) -> None:
+def test_a_new_size_begins_with_a_keyframe(tmp_path):
     encoder = VideoEncoder(COMPRESSED_TYPE)
     sizes = [(320, 180)] * 3 + [(201, 99)] * 3 + [(320, 180)] * 3
     source = [jpeg_message(i, scene(i, *size)) for i, size in enumerate(sizes)]
@@ -187,7 +185,7 @@ def test_a_new_size_begins_with_a_keyframe(tmp_path: Path) -> None:
     assert encoder.damaged == 0
 
 
-def test_a_clock_that_is_set_back_gets_a_keyframe() -> None:
+def test_a_clock_that_is_set_back_gets_a_keyframe():
     times = [0, 1, 2, -50, -49, 3]
     source = [
         jpeg_message(i)._replace(log_time_ns=START_NS + t * FRAME_NS) for i, t in enumerate(times)
@@ -195,7 +193,7 @@ def test_a_clock_that_is_set_back_gets_a_keyframe() -> None:
     assert keyframes(encoded(VideoEncoder(COMPRESSED_TYPE), source)) == [0, 3, 5]
 
 
-def test_the_same_pictures_give_the_same_bytes() -> None:
+def test_the_same_pictures_give_the_same_bytes():
     source = [jpeg_message(i) for i in range(5)]
     assert encoded(VideoEncoder(COMPRESSED_TYPE), source) == encoded(
         VideoEncoder(COMPRESSED_TYPE), source
@@ -210,17 +208,17 @@ def test_the_same_pictures_give_the_same_bytes() -> None:
         (lambda: VideoEncoder(RAW_TYPE, keyframe_s=0.0), "keyframe_s"),
     ],
 )
-def test_impossible_settings_are_refused(make: Callable[[], object], problem: str) -> None:
+def test_impossible_settings_are_refused(make, problem):
     with pytest.raises(ValueError, match=problem):
         make()
 
 
-def test_frames_before_the_first_keyframe_are_left_out(tmp_path: Path) -> None:
+def test_frames_before_the_first_keyframe_are_left_out(tmp_path):
     video = encoded(VideoEncoder(COMPRESSED_TYPE), [jpeg_message(i) for i in range(40)])
     assert len(shown(video_bag(tmp_path / "bag", video[10:]))) == 15
 
 
-def test_a_damaged_video_frame_is_an_error_or_reported(tmp_path: Path) -> None:
+def test_a_damaged_video_frame_is_an_error_or_reported(tmp_path):
     video = encoded(VideoEncoder(COMPRESSED_TYPE), [jpeg_message(i) for i in range(40)])
     video[5] = video[5]._replace(data=video[5].data[:20])
     path = video_bag(tmp_path / "bag", video)

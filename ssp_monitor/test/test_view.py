@@ -59,7 +59,7 @@ def _colour(mark: Marker) -> Any:
 
 
 @pytest.mark.ros
-def test_a_state_that_was_held_up_on_its_way_is_shown_as_old() -> None:
+def test_a_state_that_was_held_up_on_its_way_is_shown_as_old():
     """It arrives now and would look new, were it not for the manager's clock."""
     board = Board(
         objects={"vut": Received(_state(), NOW_NS)},
@@ -72,9 +72,7 @@ def test_a_state_that_was_held_up_on_its_way_is_shown_as_old() -> None:
 
 
 @pytest.mark.ros
-def test_standing_marks_have_names_of_their_own_and_two_points_a_line(
-    run_mapping: dict[str, Any],
-) -> None:
+def test_standing_marks_have_names_of_their_own_and_two_points_a_line(run_mapping):
     marks = [*standing_marks(drawing_of(RunSpec.model_validate(run_mapping)))]
     assert len({(mark.ns, mark.id) for mark in marks}) == len(marks)
     assert {mark.ns for mark in marks} == {"fence", "road", "start", "start heading"}
@@ -87,7 +85,7 @@ def test_standing_marks_have_names_of_their_own_and_two_points_a_line(
 
 
 @pytest.mark.ros
-def test_a_box_stands_about_the_middle_of_its_object() -> None:
+def test_a_box_stands_about_the_middle_of_its_object():
     marks, _ = _moving(_state(x_m=5.0, y_m=1.0, yaw_rad=math.pi / 2))
     box = marks["object", 0]
     # A car's reference point is its rear axle: 3.6 m to the front, 0.9 m to the rear.
@@ -100,7 +98,7 @@ def test_a_box_stands_about_the_middle_of_its_object() -> None:
 
 
 @pytest.mark.ros
-def test_every_class_has_a_colour_and_the_vut_its_own() -> None:
+def test_every_class_has_a_colour_and_the_vut_its_own():
     assert set(COLOURS) == set(ObjectClass)
     walker = _state("walker", object_class=ObjectClass.PEDESTRIAN)
     marks, _ = _moving(_state(), walker)
@@ -109,7 +107,7 @@ def test_every_class_has_a_colour_and_the_vut_its_own() -> None:
 
 
 @pytest.mark.ros
-def test_a_silent_object_turns_grey_says_so_and_disappears_at_last() -> None:
+def test_a_silent_object_turns_grey_says_so_and_disappears_at_last():
     moving = Moving()
     assert _colour(_moving(_state(), over=moving)[0]["object", 0]) == VUT
     stale, _ = _moving(_state(), age_s=2.0, over=moving)
@@ -120,12 +118,12 @@ def test_a_silent_object_turns_grey_says_so_and_disappears_at_last() -> None:
 
 
 @pytest.mark.ros
-def test_an_object_whose_state_is_no_number_is_not_drawn_somewhere() -> None:
+def test_an_object_whose_state_is_no_number_is_not_drawn_somewhere():
     assert _moving(_state(x_m=math.nan)) == ({}, set())
 
 
 @pytest.mark.ros
-def test_numbers_of_marks_stay_with_their_objects() -> None:
+def test_numbers_of_marks_stay_with_their_objects():
     moving = Moving()
     _moving(_state("b"), _state("a"), over=moving)
     again, _ = _moving(_state("a"), _state("b"), over=moving)
@@ -134,7 +132,7 @@ def test_numbers_of_marks_stay_with_their_objects() -> None:
 
 
 @pytest.mark.ros
-def test_trails_have_steps_an_end_and_no_jumps() -> None:
+def test_trails_have_steps_an_end_and_no_jumps():
     trail = Trail()
     for k in range(10 * TRAIL_POINTS):
         trail.add(_state(x_m=0.1 * k, stamp_ns=k))
@@ -149,7 +147,7 @@ def test_trails_have_steps_an_end_and_no_jumps() -> None:
 
 
 @pytest.mark.ros
-def test_the_gap_is_drawn_to_whom_the_vut_is_about_to_meet() -> None:
+def test_the_gap_is_drawn_to_whom_the_vut_is_about_to_meet():
     moving = Moving(Polyline([(0.0, 0.0), (200.0, 0.0)]))
     crossing = _state(
         "walker",
@@ -187,7 +185,7 @@ def _health(board: Board, clock: ClockWatch | None = None) -> dict[str, Status]:
     return {status.name.removeprefix("ssp: "): status for status in health(board, clock, NOW_NS)}
 
 
-def test_a_session_in_which_all_is_well(run_mapping: dict[str, Any]) -> None:
+def test_a_session_in_which_all_is_well(run_mapping):
     found = _health(_board(run_mapping))
     assert list(found) == [
         "recorder",
@@ -202,7 +200,7 @@ def test_a_session_in_which_all_is_well(run_mapping: dict[str, Any]) -> None:
         assert all(isinstance(word, str) for pair in status.values for word in pair)
 
 
-def test_nothing_heard_is_stale_not_well(run_mapping: dict[str, Any]) -> None:
+def test_nothing_heard_is_stale_not_well(run_mapping):
     found = _health(Board(RunSpec.model_validate(run_mapping)), ClockWatch())
     assert {status.level for status in found.values()} == {Level.STALE}
     assert len(found) == 6
@@ -218,9 +216,7 @@ def test_nothing_heard_is_stale_not_well(run_mapping: dict[str, Any]) -> None:
         (RecorderFact(True, warnings=("disk slow",)), Level.WARN, "disk slow"),
     ],
 )
-def test_the_recorders_health(
-    fact: RecorderFact, level: Level, text: str, run_mapping: dict[str, Any]
-) -> None:
+def test_the_recorders_health(fact, level, text, run_mapping):
     status = _health(_board(run_mapping, recorder=fact))["recorder"]
     assert status.level is level
     assert text in status.message
@@ -236,11 +232,11 @@ def test_the_recorders_health(
         (SessionFact(0, SessionPhase.CONNECTED), Level.WARN),
     ],
 )
-def test_the_sessions_health(fact: SessionFact, level: Level, run_mapping: dict[str, Any]) -> None:
+def test_the_sessions_health(fact, level, run_mapping):
     assert _health(_board(run_mapping, session=fact))["session"].level is level
 
 
-def test_a_silent_manager_and_a_clock_that_stands(run_mapping: dict[str, Any]) -> None:
+def test_a_silent_manager_and_a_clock_that_stands(run_mapping):
     board = _board(run_mapping, manager_at_ns=NOW_NS - 2 * NS_PER_S)
     clock = ClockWatch()
     clock.see(5, NOW_NS - 3 * NS_PER_S)
@@ -267,9 +263,7 @@ def test_a_silent_manager_and_a_clock_that_stands(run_mapping: dict[str, Any]) -
         ({"error_yaw_rad": 0.36}, 0.0, Level.OK, "RUNNING"),
     ],
 )
-def test_an_objects_health(
-    changes: dict[str, Any], age_s: float, level: Level, text: str, run_mapping: dict[str, Any]
-) -> None:
+def test_an_objects_health(changes, age_s, level, text, run_mapping):
     board = _board(run_mapping)
     board.objects["ot1"] = Received(_state("ot1", **changes), NOW_NS - round(age_s * NS_PER_S))
     status = _health(board)["object ot1"]
@@ -277,7 +271,7 @@ def test_an_objects_health(
     assert text in status.message
 
 
-def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping: dict[str, Any]) -> None:
+def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping):
     links = {"vut": LinkFact(0.06, 0.1), "ot1": LinkFact(0.0, 0.6), "walker": LinkFact()}
     found = _health(_board(run_mapping, links=links, links_at_ns=NOW_NS))
     assert "0.060 s off" in found["object vut"].message
@@ -287,9 +281,7 @@ def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping: dict[str, Any]) 
 
 
 @pytest.mark.ros
-def test_links_of_a_manager_that_tells_nothing_any_more_are_not_known(
-    run_mapping: dict[str, Any],
-) -> None:
+def test_links_of_a_manager_that_tells_nothing_any_more_are_not_known(run_mapping):
     links = {"ot1": LinkFact(0.0, 0.6)}
     old = NOW_NS - round(3.1 * NS_PER_S)
     found = _health(_board(run_mapping, links=links, links_at_ns=old))["object ot1"]
@@ -297,13 +289,13 @@ def test_links_of_a_manager_that_tells_nothing_any_more_are_not_known(
     assert ("link there and back, s", "unknown") in found.values
 
 
-def test_a_state_that_was_held_up_on_its_way_is_old(run_mapping: dict[str, Any]) -> None:
+def test_a_state_that_was_held_up_on_its_way_is_old(run_mapping):
     found = _health(_board(run_mapping, manager_stamp_ns=3 * NS_PER_S))
     assert found["object ot1"].level is Level.STALE
     assert ("state age, s", "2.000") in found["object ot1"].values
 
 
-def test_a_replay_is_said_to_be_one(run_mapping: dict[str, Any]) -> None:
+def test_a_replay_is_said_to_be_one(run_mapping):
     found = _health(_board(run_mapping, replay=True))["replay"]
     assert found.level is Level.WARN
     assert "nothing of this is live" in found.message
@@ -318,7 +310,7 @@ def _close(points: Any, expected: Sequence[tuple[float, float]]) -> bool:
 
 
 @pytest.fixture
-def crossing_run(run_mapping: dict[str, Any]) -> RunSpec:
+def crossing_run(run_mapping):
     """A walker crosses from the left, the VUT drives along x."""
     trigger = {
         "id": "walk",
@@ -347,7 +339,7 @@ def crossing_run(run_mapping: dict[str, Any]) -> RunSpec:
     return _with(run_mapping, triggers=[trigger], vut=vut)
 
 
-def test_fence_starts_and_bounds_are_those_of_the_run(run_mapping: dict[str, Any]) -> None:
+def test_fence_starts_and_bounds_are_those_of_the_run(run_mapping):
     drawing = drawing_of(RunSpec.model_validate(run_mapping))
     assert drawing.fence == ((0.0, 0.0), (300.0, -9.0), (300.0, 9.0))
     assert drawing.bounds_m == (0.0, -9.0, 300.0, 9.0)
@@ -361,9 +353,7 @@ def test_fence_starts_and_bounds_are_those_of_the_run(run_mapping: dict[str, Any
     assert drawing.conflict_zones == ()
 
 
-def test_lines_of_a_road_of_two_directions_turned_by_a_right_angle(
-    run_mapping: dict[str, Any],
-) -> None:
+def test_lines_of_a_road_of_two_directions_turned_by_a_right_angle(run_mapping):
     road = {
         "origin": {"x_m": 5.0, "y_m": 0.0, "yaw_rad": math.pi / 2},
         "length_m": 50.0,
@@ -388,9 +378,7 @@ def test_lines_of_a_road_of_two_directions_turned_by_a_right_angle(
     assert _close(drawing.crossing, ((-0.5, 18.5), (-0.5, 21.5), (6.5, 21.5), (6.5, 18.5)))
 
 
-def test_a_bend_is_drawn_round_and_lines_beyond_its_centre_are_left_out(
-    run_mapping: dict[str, Any],
-) -> None:
+def test_a_bend_is_drawn_round_and_lines_beyond_its_centre_are_left_out(run_mapping):
     piece = {"length_m": 10.0, "start_curvature_1pm": 0.25, "end_curvature_1pm": 0.25}
     road = {
         "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
@@ -409,7 +397,7 @@ def test_a_bend_is_drawn_round_and_lines_beyond_its_centre_are_left_out(
     assert len(radii) > 8
 
 
-def test_a_walker_across_the_road_has_a_conflict_zone(crossing_run: RunSpec) -> None:
+def test_a_walker_across_the_road_has_a_conflict_zone(crossing_run):
     drawing = drawing_of(crossing_run)
     (zone,) = drawing.conflict_zones
     assert zone.name == "walker"
@@ -420,7 +408,7 @@ def test_a_walker_across_the_road_has_a_conflict_zone(crossing_run: RunSpec) -> 
     assert point_in_polygon(100.0, 0.0, zone.outline)
 
 
-def test_routes_anchors_and_regions_are_those_of_the_triggers(crossing_run: RunSpec) -> None:
+def test_routes_anchors_and_regions_are_those_of_the_triggers(crossing_run):
     drawing = drawing_of(crossing_run)
     assert [(r.object_id, r.purpose, len(r.points)) for r in drawing.routes] == [
         ("vut", "approach", 2),

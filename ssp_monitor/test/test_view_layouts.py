@@ -71,7 +71,7 @@ SPLIT = {"direction", "first", "second", "splitPercentage"}
 
 
 @pytest.fixture
-def topics(run_mapping: dict[str, Any]) -> dict[str, str]:
+def topics(run_mapping):
     """Everything that a session with object ot1 publishes, and the view, with types."""
     run = RunSpec.model_validate(run_mapping)
     found = {topic.name: topic.msgtype for topic in bag_topics(run)}
@@ -82,7 +82,7 @@ def topics(run_mapping: dict[str, Any]) -> dict[str, str]:
 
 
 @pytest.fixture
-def layout() -> dict[str, Any]:
+def layout():
     text = (CONFIG / "ssp.foxglove-layout.json").read_text(encoding="utf-8")
     found: dict[str, Any] = json.loads(text)
     return found
@@ -99,7 +99,7 @@ def _leaves(layout: Any) -> Iterator[str]:
     yield from _leaves(layout["second"])
 
 
-def test_every_panel_is_shown_once_and_has_known_settings(layout: dict[str, Any]) -> None:
+def test_every_panel_is_shown_once_and_has_known_settings(layout):
     panels = layout["configById"]
     assert set(layout) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
     shown = list(_leaves(layout["layout"]))
@@ -139,9 +139,7 @@ def _exists(path: str, topics: dict[str, str]) -> None:
         msgtype = what if int(kind) == 2 else ""
 
 
-def test_foxglove_is_given_topics_and_fields_that_exist(
-    layout: dict[str, Any], topics: dict[str, str]
-) -> None:
+def test_foxglove_is_given_topics_and_fields_that_exist(layout, topics):
     paths = []
     for config in layout["configById"].values():
         paths += [path["value"] for path in config.get("paths", [])]
@@ -167,7 +165,7 @@ def _displays() -> list[dict[str, Any]]:
     return found
 
 
-def test_rviz_is_given_topics_with_the_types_of_its_displays(topics: dict[str, str]) -> None:
+def test_rviz_is_given_topics_with_the_types_of_its_displays(topics):
     wanted = {
         "rviz_default_plugins/MarkerArray": "visualization_msgs/msg/MarkerArray",
         "rviz_default_plugins/Image": "sensor_msgs/msg/CompressedImage",
@@ -179,7 +177,7 @@ def test_rviz_is_given_topics_with_the_types_of_its_displays(topics: dict[str, s
         assert display["Enabled"] is True
 
 
-def test_rviz_hears_the_latched_scene_and_names_policies_as_it_knows_them() -> None:
+def test_rviz_hears_the_latched_scene_and_names_policies_as_it_knows_them():
     for display in _displays():
         if "Topic" not in display:
             continue

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -30,7 +29,7 @@ DEADLINE_S = 120.0
 
 
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+def domain(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     with free_domain() as domain_id:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
@@ -43,9 +42,7 @@ def _state(x_m: float) -> bytes:
     return bytes(encode_state(ObjectState("vut", *vut, x_m, 0.0, 0.0, 9.0, 0.0, 0.0, size)))
 
 
-def test_scene_objects_and_health_are_published(
-    domain: int, run_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scene_objects_and_health_are_published(domain, run_file, monkeypatch):
     arguments = ["view", "--ros-args", "-p", f"run_file:={run_file}"]
     monkeypatch.setattr(sys, "argv", arguments)
     rclpy.init(args=arguments, domain_id=domain)
@@ -120,9 +117,7 @@ def test_scene_objects_and_health_are_published(
         rclpy.shutdown()
 
 
-def test_a_wrong_run_file_is_an_error_with_its_name(
-    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wrong_run_file_is_an_error_with_its_name(domain, tmp_path, monkeypatch):
     missing = tmp_path / "no.yaml"
     arguments = ["view", "--ros-args", "-p", f"run_file:={missing}"]
     monkeypatch.setattr(sys, "argv", arguments)

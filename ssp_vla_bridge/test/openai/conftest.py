@@ -7,7 +7,7 @@ import socket
 import socketserver
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,7 +120,7 @@ class _Handler(socketserver.BaseRequestHandler):
 
 
 @pytest.fixture
-def service(monkeypatch: pytest.MonkeyPatch) -> Iterator[ChatService]:
+def service(monkeypatch):
     for name in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"):
         monkeypatch.delenv(name, raising=False)
         monkeypatch.delenv(name.lower(), raising=False)
@@ -134,13 +134,13 @@ def service(monkeypatch: pytest.MonkeyPatch) -> Iterator[ChatService]:
 
 
 @pytest.fixture
-def waits() -> list[float]:
+def waits():
     """The waits between tries, which are noted and not waited for."""
     return []
 
 
 @pytest.fixture
-def make_openai(service: ChatService, waits: list[float]) -> Callable[..., OpenAIBackend]:
+def make_openai(service, waits):
     """The backend that asks the service; options of a test go before these."""
 
     def make(**options: Any) -> OpenAIBackend:
