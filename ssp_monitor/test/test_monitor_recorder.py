@@ -52,8 +52,6 @@ class FakeEncoder:
     msgtype = VIDEO
 
     def __init__(self) -> None:
-        self.damaged = 0
-        self.last_problem = ""
         self.threads: set[str] = set()
         self._held: list[BagMessage] = []
 
@@ -62,9 +60,7 @@ class FakeEncoder:
         if message.data.startswith(b"!"):
             raise RuntimeError("codec broke")
         if message.data.startswith(b"x"):
-            self.damaged += 1
-            self.last_problem = "no picture"
-            return []
+            raise ValueError("no picture")
         done, self._held = self._held, [message._replace(data=b"v" + message.data)]
         return done
 

@@ -17,7 +17,7 @@ from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE, read_image
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_monitor.recorder.video_encoder import Codec, VideoEncoder
+from ssp_monitor.recorder.video_encoder import VideoEncoder
 from support.bags import header, message, picture
 
 TOPIC = "/ssp/vut/front_camera/image/compressed"
@@ -60,8 +60,18 @@ def raw_message(number: int, encoding: str) -> BagMessage:
     return BagMessage(TOPIC, stamp_ns, stamp_ns, cdr, number)
 
 
-def encoded(encoder: VideoEncoder, messages: Sequence[BagMessage]) -> list[BagMessage]:
-    found = [out for message in messages for out in encoder.encode(message)]
+def encoded(
+    encoder: VideoEncoder, messages: Sequence[BagMessage], problems: Sequence[str] = ()
+) -> list[BagMessage]:
+    """The video, without the pictures that can't be encoded."""
+    found, said = [], []
+    for given in messages:
+        try:
+            found += encoder.encode(given)
+        except ValueError as error:
+            said.append(str(error))
+    assert len(said) == len(problems)
+    assert all(problem in text for problem, text in zip(problems, said, strict=True))
     return found + encoder.finish()
 
 
@@ -83,7 +93,7 @@ def keyframes(messages: Sequence[BagMessage]) -> list[int]:
     return [i for i, image in enumerate(images) if is_keyframe(image.data, image.format)]
 
 
-@pytest.mark.parametrize("codec", list(Codec))
+@pytest.mark.parametrize("codec", ["h264", "h265"])
 def test_frames_keep_their_times_and_look_alike(tmp_path, codec):
     source = [jpeg_message(i) for i in range(70)]
     video = encoded(VideoEncoder(COMPRESSED_TYPE, codec), source)
@@ -94,7 +104,7 @@ def test_frames_keep_their_times_and_look_alike(tmp_path, codec):
     with BagReader(path) as bag:
         assert image_topics(bag) == [TOPIC]
         first = bag.decode(next(iter(bag.messages([TOPIC]))))
-        assert (first.frame_id, first.format) == ("camera_optical", codec.value)
+        assert (first.frame_id, first.format) == ("camera_optical", codec)
         assert first.timestamp.sec == 1_700_000_000
     pictures = shown(path)
     assert [p.stamp_ns for p in pictures] == [START_NS + i * FRAME_NS for i in range(70)]
@@ -120,8 +130,9 @@ def test_reading_begins_at_any_frame(tmp_path):
     assert jpegs[0].data.startswith(b"\xff\xd8")
 
 
-def test_a_keyframe_far_back_is_found(tmp_path):
-    encoder = VideoEncoder(COMPRESSED_TYPE, keyframe_s=1000.0)
+def test_a_keyframe_far_back_is_found(tmp_path, monkeypatch):
+    monkeypatch.setattr("ssp_monitor.recorder.video_encoder.KEYFRAME_NS", 1000 * NS_PER_S)
+    encoder = VideoEncoder(COMPRESSED_TYPE)
     video = encoded(encoder, [jpeg_message(i) for i in range(200)])
     assert keyframes(video) == [0]
     path = video_bag(tmp_path / "bag", video)
@@ -130,7 +141,7 @@ def test_a_keyframe_far_back_is_found(tmp_path):
 
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "mono8"])
 def test_raw_images_keep_their_colours(tmp_path, encoding):
-    encoder = VideoEncoder(RAW_TYPE, crf=10)
+    encoder = VideoEncoder(RAW_TYPE)
     video = encoded(encoder, [raw_message(i, encoding) for i in range(3)])
     last = shown(video_bag(tmp_path / "bag", video))[-1].image
     wanted = scene(2)
@@ -152,24 +163,21 @@ def test_raw_images_keep_their_colours(tmp_path, encoding):
         (b"\xff\xd8\xff\xc0\x00\x11\x08\x00\x10\x00\x10\x03\xff\xd9", "can't be decoded"),
     ],
 )
-def test_a_damaged_frame_is_counted_and_the_video_goes_on(tmp_path, data, problem):
+def test_a_damaged_frame_is_said_and_the_video_goes_on(tmp_path, data, problem):
     encoder = VideoEncoder(COMPRESSED_TYPE)
     source = [jpeg_message(0), jpeg_message(1, data=data), jpeg_message(2)]
-    video = encoded(encoder, source)
+    video = encoded(encoder, source, [problem])
     assert [m.sequence for m in video] == [7, 9]
-    assert encoder.damaged == 1
-    assert problem in encoder.last_problem
     pictures = shown(video_bag(tmp_path / "bag", video))
     assert [p.stamp_ns for p in pictures] == [START_NS, START_NS + 2 * FRAME_NS]
     assert cv2.PSNR(pictures[1].image, scene(2)) > 32.0
 
 
-def test_bytes_that_are_no_message_are_counted():
-    encoder = VideoEncoder(COMPRESSED_TYPE)
-    for cut in (0, 3, 20, 40):
-        message = jpeg_message(0)
-        assert encoder.encode(message._replace(data=message.data[:cut])) == []
-    assert encoder.damaged == 4
+@pytest.mark.parametrize("cut", [0, 3, 20, 40])
+def test_bytes_that_are_no_message_are_refused(cut):
+    message = jpeg_message(0)
+    with pytest.raises(ValueError, match=r"."):
+        VideoEncoder(COMPRESSED_TYPE).encode(message._replace(data=message.data[:cut]))
 
 
 def test_a_new_size_begins_with_a_keyframe(tmp_path):
@@ -182,7 +190,6 @@ def test_a_new_size_begins_with_a_keyframe(tmp_path):
     assert [p.image.shape[1::-1] for p in pictures] == [
         (w & ~1, h & ~1) for w, h in sizes
     ]  # the odd row and column are gone
-    assert encoder.damaged == 0
 
 
 def test_a_clock_that_is_set_back_gets_a_keyframe():
@@ -198,19 +205,6 @@ def test_the_same_pictures_give_the_same_bytes():
     assert encoded(VideoEncoder(COMPRESSED_TYPE), source) == encoded(
         VideoEncoder(COMPRESSED_TYPE), source
     )
-
-
-@pytest.mark.parametrize(
-    ("make", "problem"),
-    [
-        (lambda: VideoEncoder("std_msgs/msg/Header"), "is not encoded"),
-        (lambda: VideoEncoder(RAW_TYPE, crf=52), "crf 52"),
-        (lambda: VideoEncoder(RAW_TYPE, keyframe_s=0.0), "keyframe_s"),
-    ],
-)
-def test_impossible_settings_are_refused(make, problem):
-    with pytest.raises(ValueError, match=problem):
-        make()
 
 
 def test_frames_before_the_first_keyframe_are_left_out(tmp_path):

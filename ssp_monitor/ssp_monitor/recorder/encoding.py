@@ -4,33 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from ssp_core.bag.types import BagMessage
 from ssp_core.errors import InputError
 from ssp_monitor.recorder.topics import Pattern
 
+if TYPE_CHECKING:
+    from ssp_monitor.recorder.video_encoder import VideoEncoder
+
 # Where pictures go that the encoder refused: beside the video, under the type that they have.
 ORIGINAL = "/original"
 PICTURES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 CODECS = ("h264", "h265")
-
-
-class Encoder(Protocol):
-    """What is needed of an encoder; video_encoder.py has one."""
-
-    @property
-    def msgtype(self) -> str: ...
-
-    @property
-    def damaged(self) -> int: ...
-
-    @property
-    def last_problem(self) -> str: ...
-
-    def encode(self, message: BagMessage) -> list[BagMessage]: ...
-
-    def finish(self) -> list[BagMessage]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,14 +31,14 @@ class VideoChoice:
     codec: str
     topics: Pattern
 
-    def encoder(self, topic: str, msgtype: str) -> Encoder | None:
+    def encoder(self, topic: str, msgtype: str) -> VideoEncoder | None:
         """An encoder for a topic, None when it is recorded as it comes."""
         if msgtype not in PICTURES or not self.topics.found_in(topic):
             return None
         # Codecs are large: who records no video doesn't load them.
-        from ssp_monitor.recorder.video_encoder import Codec, VideoEncoder
+        from ssp_monitor.recorder.video_encoder import VideoEncoder
 
-        return VideoEncoder(msgtype, Codec(self.codec))
+        return VideoEncoder(msgtype, self.codec)
 
 
 def video_choice(codec: str, topics: str) -> VideoChoice | None:
@@ -78,7 +64,7 @@ class Encoding:
             most once.
     """
 
-    def __init__(self, encoder: Encoder, add_original: Callable[[], str]) -> None:
+    def __init__(self, encoder: VideoEncoder, add_original: Callable[[], str]) -> None:
         self._encoder = encoder
         self._add_original = add_original
         self.originals: str | None = None
@@ -87,15 +73,17 @@ class Encoding:
 
     def encode(self, message: BagMessage) -> list[BagMessage]:
         """What is written in place of a message; never nothing because of a failure."""
-        before = self._encoder.damaged
         try:
-            done = self._encoder.encode(message)
+            return self._encoder.encode(message)
+        except ValueError as error:
+            self.problem = str(error)
         except Exception as error:
             # Codecs are foreign code: whatever they raise must not cost the picture.
-            return [self._original(message, f"{type(error).__name__}: {error}")]
-        if self._encoder.damaged > before:
-            done = [*done, self._original(message, self._encoder.last_problem)]
-        return done
+            self.problem = f"{type(error).__name__}: {error}"
+        self.failed += 1
+        if self.originals is None:
+            self.originals = self._add_original()
+        return [message._replace(topic=self.originals)]
 
     def finish(self) -> list[BagMessage]:
         """What the encoder held back."""
@@ -105,10 +93,3 @@ class Encoding:
             self.failed += 1
             self.problem = f"{type(error).__name__}: {error}"
             return []
-
-    def _original(self, message: BagMessage, problem: str) -> BagMessage:
-        self.failed += 1
-        self.problem = problem
-        if self.originals is None:
-            self.originals = self._add_original()
-        return message._replace(topic=self.originals)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ssp_core.bag.metadata import offered_qos, parse_offered_qos
 from ssp_core.bag.split import Split
@@ -16,9 +17,12 @@ from ssp_core.bag.types import BagMessage, definition
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError, SspError
 from ssp_core.node_interface import QOS
-from ssp_monitor.recorder.encoding import ORIGINAL, Encoder, Encoding
+from ssp_monitor.recorder.encoding import ORIGINAL, Encoding
 from ssp_monitor.recorder.plan import Attachment
 from ssp_monitor.recorder.topics import Importance, Profile, TopicSpec, importance
+
+if TYPE_CHECKING:
+    from ssp_monitor.recorder.video_encoder import VideoEncoder
 
 
 @dataclass(slots=True)
@@ -196,7 +200,7 @@ class _Added:
     topic: TopicSpec
     offered: str
     latched: bool
-    encoder: Encoder | None
+    encoder: VideoEncoder | None
 
 
 class Recorder:
@@ -224,7 +228,7 @@ class Recorder:
         attachments: Iterable[Attachment] = (),
         queue_bytes: int = QUEUE_BYTES,
         split: Split | None = None,
-        encoder: Callable[[str, str], Encoder | None] = lambda _topic, _msgtype: None,
+        encoder: Callable[[str, str], VideoEncoder | None] = lambda _topic, _msgtype: None,
     ) -> None:
         self.path = path
         self._encoder = encoder

@@ -7,7 +7,6 @@ its parameter sets comes every second, so that a player and a reader can begin a
 
 from __future__ import annotations
 
-from enum import Enum
 from fractions import Fraction
 from typing import cast
 
@@ -17,109 +16,73 @@ from av.video.reformatter import ColorRange, Colorspace
 
 from ssp_core.bag.images import Bgr, decode_still, even_sized
 from ssp_core.bag.types import BagMessage
-from ssp_core.cdr.images import (
-    COMPRESSED_TYPE,
-    RAW_TYPE,
-    VIDEO_TYPE,
-    ImageMessage,
-    encode_video_message,
-    read_image,
-)
+from ssp_core.cdr.images import VIDEO_TYPE, ImageMessage, encode_video_message, read_image
 from ssp_core.clock import NS_PER_S
 
-SOURCE_TYPES = (COMPRESSED_TYPE, RAW_TYPE)
-DEFAULT_CRF = 23
-MOST_CRF = 51
+CRF = 23  # about an eighth of a JPEG of quality 90 (docs/bag-tools.md)
+KEYFRAME_NS = NS_PER_S  # longest time between keyframes
 
-_COMMON = {"preset": "ultrafast", "tune": "zerolatency", "forced-idr": "1"}
+_COMMON = {"preset": "ultrafast", "tune": "zerolatency", "forced-idr": "1", "crf": str(CRF)}
 # Keyframes come when we say so; one thread, so that the same pictures give the same bytes.
 _X264 = "scenecut=0:keyint=infinite:bframes=0:threads=1"
 _X265 = "scenecut=0:keyint=-1:bframes=0:repeat-headers=1:pools=none:frame-threads=1:log-level=none"
 
 
-class Codec(Enum):
-    """How frames are encoded; the value is the ``format`` of the message."""
-
-    H264 = "h264"
-    H265 = "h265"
-
-
 class VideoEncoder:
     """Encodes the images of one topic.
 
-    A frame that is damaged is left out and counted (``damaged``, ``last_problem``), and the
-    video goes on without it. When the size changes, the video goes on at the new size from a
-    keyframe. Pictures with an odd width or height lose their last column or row, which 4:2:0
-    can't hold.
+    When the size changes, the video goes on at the new size from a keyframe. Pictures with an odd
+    width or height lose their last column or row, which 4:2:0 can't hold.
 
     Args:
-        source_type: full name of the type that comes in, one of SOURCE_TYPES.
-        codec: H.264, which everything plays, or H.265, which is smaller and takes four times the
-            CPU.
-        crf: 0 (best) to 51; 23 takes about an eighth of a JPEG of quality 90 (docs/bag-tools.md).
-        keyframe_s: longest time between keyframes.
-
-    Raises:
-        ValueError: another type, or a number out of range.
+        source_type: full name of the type that comes in, an image's.
+        codec: ``h264``, which everything plays, or ``h265``, which is smaller and takes four times
+            the CPU; the ``format`` of the message.
     """
 
     msgtype = VIDEO_TYPE
 
-    def __init__(
-        self,
-        source_type: str,
-        codec: Codec = Codec.H264,
-        crf: int = DEFAULT_CRF,
-        keyframe_s: float = 1.0,
-    ) -> None:
-        if source_type not in SOURCE_TYPES:
-            raise ValueError(f"{source_type} is not encoded; {' and '.join(SOURCE_TYPES)} are")
-        if not 0 <= crf <= MOST_CRF:
-            raise ValueError(f"crf {crf} is not from 0 to {MOST_CRF}")
-        if not keyframe_s > 0.0:
-            raise ValueError(f"keyframe_s {keyframe_s} is not above 0")
-        self._source_type, self._codec, self._crf = source_type, codec, crf
-        self._keyframe_ns = round(keyframe_s * NS_PER_S)
+    def __init__(self, source_type: str, codec: str = "h264") -> None:
+        self._source_type, self._codec = source_type, codec
         self._context: av.VideoCodecContext | None = None
         self._key_at_ns: int | None = None
         self._number = 0
         self._waiting: dict[int, tuple[BagMessage, ImageMessage]] = {}
-        self.damaged = 0
-        self.last_problem = ""
+        self._done: list[BagMessage] = []
 
     def encode(self, message: BagMessage) -> list[BagMessage]:
-        """The frame as a CompressedVideo message; nothing for a damaged one."""
-        try:
-            image = read_image(self._source_type, message.data)
-            picture = even_sized(decode_still(image))
-        except ValueError as error:
-            self._left_out(str(error))
-            return []
+        """The frame as a CompressedVideo message.
+
+        Raises:
+            ValueError: it is damaged, or can't be encoded; the video goes on without it.
+        """
+        image = read_image(self._source_type, message.data)
+        picture = even_sized(decode_still(image))
         height, width = picture.shape[:2]
-        done: list[BagMessage] = []
-        if self._context is not None and (self._context.width, self._context.height) != (
-            width,
-            height,
-        ):
-            done = self.finish()
+        context = self._context
+        if context is not None and (context.width, context.height) != (width, height):
+            self._done = self.finish()
         try:
-            return done + self._encode(message, image, picture)
+            self._done += self._encode(message, image, picture)
         except (av.error.FFmpegError, MemoryError) as error:
             self._waiting.pop(self._number - 1, None)
             self._context = None  # its state is unknown; the next frame is a keyframe
-            self._left_out(f"{width} x {height} px can't be encoded: {error}")
-            return done
+            raise ValueError(f"{width} x {height} px can't be encoded: {error}") from error
+        done, self._done = self._done, []
+        return done
 
     def finish(self) -> list[BagMessage]:
-        """What the encoder held back; afterwards it begins anew with a keyframe."""
+        """What the encoder held back; afterwards it begins anew with a keyframe.
+
+        Raises:
+            FFmpegError: it can't give that out.
+        """
         context, self._context = self._context, None
+        done, self._done = self._done, []
         try:
-            done = [] if context is None else self._messages(context.encode(None))
-        except av.error.FFmpegError as error:
-            done = []
-            self._left_out(str(error))
-        self._waiting.clear()
-        return done
+            return done if context is None else done + self._messages(context.encode(None))
+        finally:
+            self._waiting.clear()
 
     def _encode(self, message: BagMessage, image: ImageMessage, picture: Bgr) -> list[BagMessage]:
         fresh = self._context is None
@@ -133,7 +96,7 @@ class VideoEncoder:
         frame.pts = self._number
         since_ns = message.log_time_ns - (self._key_at_ns or 0)
         # A clock that was set back must not put the next keyframe off.
-        if fresh or self._key_at_ns is None or not 0 <= since_ns < self._keyframe_ns:
+        if fresh or self._key_at_ns is None or not 0 <= since_ns < KEYFRAME_NS:
             frame.pict_type = PictureType.I
             self._key_at_ns = message.log_time_ns
         else:
@@ -143,15 +106,16 @@ class VideoEncoder:
         return self._messages(self._context.encode(frame))
 
     def _open(self, width_px: int, height_px: int) -> av.VideoCodecContext:
-        h264 = self._codec is Codec.H264
-        name = "libx264" if h264 else "libx265"
+        name, private = {
+            "h264": ("libx264", {"x264-params": _X264}),
+            "h265": ("libx265", {"x265-params": _X265}),
+        }[self._codec]
         context = cast(av.VideoCodecContext, av.CodecContext.create(name, "w"))
         context.width, context.height, context.pix_fmt = width_px, height_px, "yuv420p"
         context.time_base = Fraction(1, 1000)  # frames are numbered; their times are the messages'
         context.color_range, context.colorspace = ColorRange.JPEG, Colorspace.SMPTE170M
         context.thread_count = 1
-        private = {"x264-params": _X264} if h264 else {"x265-params": _X265}
-        context.options = _COMMON | {"crf": str(self._crf)} | private
+        context.options = _COMMON | private
         context.open()
         return context
 
@@ -162,12 +126,6 @@ class VideoEncoder:
             if found is None:
                 continue
             message, image = found
-            data = encode_video_message(
-                image.stamp_ns, image.frame_id, bytes(packet), self._codec.value
-            )
+            data = encode_video_message(image.stamp_ns, image.frame_id, bytes(packet), self._codec)
             done.append(message._replace(data=data))
         return done
-
-    def _left_out(self, problem: str) -> None:
-        self.damaged += 1
-        self.last_problem = problem
