@@ -4,19 +4,25 @@ A message is four bytes of encapsulation, then its fields in their order, each a
 size (8 at most) counted from the byte after the encapsulation. A string is its length in bytes with
 the closing NUL (uint32), the UTF-8 text and the NUL. An array is its length (uint32) and its items.
 
-The codecs pack whole stretches of a message with one ``struct`` call, because a call per field
-would cost as much as rclpy's own conversion. Padding is zero here; rclpy leaves in it what was in
-memory before, so that equal messages are equal bytes only when these functions wrote them.
+A layout says the fields of a message in their order, a letter each: ``?BHIQd`` as in ``struct``,
+``t`` a string, ``s`` a stamp in ns, ``m`` a std_msgs/Header in frame map, of which the stamp
+counts. States, which come most often, have code of their own (``states``).
+
+Padding is zero here; rclpy leaves in it what was in memory before, so that equal messages are equal
+bytes only when these functions wrote them.
 """
 
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Callable
-from functools import lru_cache, wraps
-from typing import TypeVar
+from collections.abc import Callable, Iterable
+from functools import cache, lru_cache, wraps
+from itertools import islice
+from typing import Any, TypeVar
 
 from ssp_core.clock import NS_PER_S, time_ns
+from ssp_core.names import MAP_FRAME
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
 START = len(ENCAPSULATION)
@@ -39,6 +45,27 @@ def align4(at: int) -> int:
 def align8(at: int) -> int:
     """The first offset from ``at`` on where an 8-byte field may begin."""
     return ((at + 3) & ~7) + 4
+
+
+@cache
+def _parts(layout: str) -> list[str]:
+    """The layout's letters, with numbers that follow each other in one part."""
+    return re.findall(r"[tsm]|[?BHIQd]+", layout)
+
+
+@cache
+def _numbers(letters: str, phase: int) -> struct.Struct:
+    """Numbers that follow each other, each aligned to its size.
+
+    Args:
+        phase: how far they begin behind a multiple of 8, counted from START.
+    """
+    form, at = "<", phase
+    for letter in letters:
+        size = struct.calcsize(letter)
+        form += f"{-at % size}x{letter}"
+        at += -at % size + size
+    return struct.Struct(form)
 
 
 # -- writing -----------------------------------------------------------------------------------
@@ -84,6 +111,39 @@ def stamp_bytes(stamp_ns: int) -> bytes:
         return _STAMP.pack(*divmod(stamp_ns, NS_PER_S))
     except struct.error as error:
         raise ValueError(f"stamp {stamp_ns} ns: {error}") from None
+
+
+_FRAME = padded_text(MAP_FRAME)
+_WRITERS: dict[str, Callable[[Any], bytes]] = {
+    "t": text_bytes,
+    "s": stamp_bytes,
+    "m": lambda stamp_ns: stamp_bytes(stamp_ns) + _FRAME,
+}
+
+
+def write(layout: str, values: Iterable[Any], at: int = START) -> bytes:
+    """Fields as they stand in a message at an offset, with the padding before them.
+
+    Raises:
+        ValueError: what a field can't hold.
+    """
+    out, left = bytearray(), iter(values)
+    try:
+        for part in _parts(layout):
+            writer = _WRITERS.get(part)
+            if writer is None:
+                numbers = _numbers(part, (at + len(out) - START) & 7)
+                out += numbers.pack(*islice(left, len(part)))
+            else:
+                out += bytes(-(at + len(out)) & 3) + writer(next(left))
+    except struct.error as error:
+        raise ValueError(f"{layout} {values}: {error}") from None
+    return bytes(out)
+
+
+def fields_of(message: Any) -> list[Any]:
+    """The fields of a dataclass with slots, in their order."""
+    return [getattr(message, name) for name in message.__slots__]
 
 
 # -- reading -----------------------------------------------------------------------------------
@@ -150,12 +210,31 @@ def skip_text(data: bytes, at: int) -> int:
     return at + size
 
 
-def read_bool(data: bytes, at: int) -> tuple[bool, int]:
-    """A bool, and the offset behind it."""
-    value = data[at]
-    if value > 1:
-        raise ValueError(f"{value} is no truth value")
-    return value == 1, at + 1
+def read(layout: str, data: bytes, at: int) -> tuple[list[Any], int]:
+    """The fields from an offset on, and the offset behind them.
+
+    Raises:
+        ValueError: a text or a stamp that is none.
+        struct.error, IndexError: the message ends before.
+    """
+    values: list[Any] = []
+    for part in _parts(layout):
+        reader = _READERS.get(part)
+        if reader is None:
+            numbers = _numbers(part, (at - START) & 7)
+            values += numbers.unpack_from(data, at)
+            at += numbers.size
+        else:
+            value, at = reader(data, at)
+            values.append(value)
+    return values, at
+
+
+_READERS: dict[str, Callable[[bytes, int], tuple[Any, int]]] = {
+    "t": read_text,
+    "s": read_stamp,
+    "m": read_header,
+}
 
 
 def read_count(data: bytes, at: int, least: int) -> tuple[int, int]:

@@ -13,14 +13,10 @@ from ssp_core.cdr.codec import (
     ENCAPSULATION,
     START,
     check_start,
-    padded_text,
+    read,
     read_count,
-    read_stamp,
-    read_text,
-    read_u32,
-    stamp_bytes,
     text_bytes,
-    u32_bytes,
+    write,
 )
 
 VIDEO_TYPE = "foxglove_msgs/msg/CompressedVideo"
@@ -76,29 +72,21 @@ def _blob(cdr: bytes, at: int) -> tuple[memoryview, int]:
 
 
 def _compressed(cdr: bytes) -> ImageMessage:
-    stamp_ns, at = read_stamp(cdr, START)
-    frame_id, at = read_text(cdr, at)
-    form, at = read_text(cdr, at)
-    data, _ = _blob(cdr, at)
-    return ImageMessage(stamp_ns, frame_id, form, data)
+    head, at = read("stt", cdr, START)
+    return ImageMessage(*[*head, _blob(cdr, at)[0]])
 
 
 def _raw(cdr: bytes) -> ImageMessage:
-    stamp_ns, at = read_stamp(cdr, START)
-    frame_id, at = read_text(cdr, at)
-    height, at = read_u32(cdr, at)
-    width, at = read_u32(cdr, at)
-    encoding, at = read_text(cdr, at)
-    step, at = read_u32(cdr, at + 1)  # behind is_bigendian, which says nothing of 8-bit pixels
+    # Whether it is big-endian says nothing of 8-bit pixels.
+    (stamp_ns, frame_id, height, width, encoding, _, step), at = read("stIItBI", cdr, START)
     data, _ = _blob(cdr, at)
     return ImageMessage(stamp_ns, frame_id, encoding, data, RawLayout(width, height, step))
 
 
 def _video(cdr: bytes) -> ImageMessage:
-    stamp_ns, at = read_stamp(cdr, START)
-    frame_id, at = read_text(cdr, at)
+    (stamp_ns, frame_id), at = read("st", cdr, START)
     data, at = _blob(cdr, at)
-    form, _ = read_text(cdr, at)
+    (form,), _ = read("t", cdr, at)
     return ImageMessage(stamp_ns, frame_id, form, data)
 
 
@@ -128,14 +116,5 @@ def encode_video_message(stamp_ns: int, frame_id: str, data: bytes, form: str) -
     Raises:
         ValueError: a stamp or text that no message can carry.
     """
-    return b"".join(
-        (
-            ENCAPSULATION,
-            stamp_bytes(stamp_ns),
-            padded_text(frame_id),
-            u32_bytes(len(data)),
-            data,
-            bytes(-len(data) % 4),
-            text_bytes(form),
-        )
-    )
+    head = write("stI", (stamp_ns, frame_id, len(data)))
+    return b"".join((ENCAPSULATION, head, data, bytes(-len(data) % 4), text_bytes(form)))

@@ -2,32 +2,17 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 
 import numpy as np
 
-from ssp_core.cdr.codec import (
-    ENCAPSULATION,
-    align8,
-    decoder,
-    padded_text,
-    read_bool,
-    read_count,
-    read_header,
-    read_stamp,
-    read_text,
-    stamp_bytes,
-    text_bytes,
-    u32_bytes,
-)
+from ssp_core.cdr.codec import ENCAPSULATION, align8, decoder, fields_of, read, read_count, write
 from ssp_core.motion.reference import Points, Reference
-from ssp_core.names import MAP_FRAME
 
-_FRAME = padded_text(MAP_FRAME)
+_REFERENCE = "mttttss"
+_ACK = "mtt?Ht"
 _VALUES = 7  # of one point
 _POINT_BYTES = 8 * _VALUES
-_U16 = struct.Struct("<H")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,20 +36,17 @@ class Acknowledgement:
 
 def encode_reference(reference: Reference) -> bytes:
     """Reference.msg, in frame map. Raises ValueError for what its fields can't hold."""
-    head = b"".join(
-        [
-            ENCAPSULATION,
-            stamp_bytes(reference.dispatched_ns),
-            _FRAME,
-            padded_text(reference.reference_id),
-            padded_text(reference.object_id),
-            padded_text(reference.event_version),
-            padded_text(reference.purpose),
-            stamp_bytes(reference.execute_at_ns),
-            stamp_bytes(reference.expires_at_ns),
-            u32_bytes(len(reference.points)),
-        ]
-    )
+    values = [
+        reference.dispatched_ns,
+        reference.reference_id,
+        reference.object_id,
+        reference.event_version,
+        reference.purpose,
+        reference.execute_at_ns,
+        reference.expires_at_ns,
+        len(reference.points),
+    ]
+    head = ENCAPSULATION + write(_REFERENCE + "I", values)
     if not len(reference.points):
         return head
     return b"".join([head, bytes(align8(len(head)) - len(head)), reference.row_bytes()])
@@ -73,13 +55,7 @@ def encode_reference(reference: Reference) -> bytes:
 @decoder
 def decode_reference(data: bytes, at: int) -> tuple[Reference, int]:
     """The reference of a Reference.msg, with whatever points it has."""
-    dispatched_ns, at = read_header(data, at)
-    reference_id, at = read_text(data, at)
-    object_id, at = read_text(data, at)
-    event_version, at = read_text(data, at)
-    purpose, at = read_text(data, at)
-    execute_at_ns, at = read_stamp(data, at)
-    expires_at_ns, at = read_stamp(data, at)
+    (dispatched_ns, *texts, execute_at_ns, expires_at_ns), at = read(_REFERENCE, data, at)
     count, at = read_count(data, at, _POINT_BYTES)
     columns = np.empty((_VALUES, 0))
     if count:
@@ -89,47 +65,17 @@ def decode_reference(data: bytes, at: int) -> tuple[Reference, int]:
         rows = np.frombuffer(data, dtype="<f8", count=count * _VALUES, offset=at)
         columns = rows.reshape(count, _VALUES).T.astype(np.float64, order="C")
         at += count * _POINT_BYTES
-    reference = Reference(
-        reference_id,
-        object_id,
-        event_version,
-        purpose,
-        dispatched_ns,
-        execute_at_ns,
-        expires_at_ns,
-        Points(columns),
-    )
-    return reference, at
+    times = (dispatched_ns, execute_at_ns, expires_at_ns)
+    return Reference(*[*texts, *times, Points(columns)]), at
 
 
 def encode_ack(ack: Acknowledgement) -> bytes:
     """ReferenceAck.msg. Raises ValueError for what its fields can't hold."""
-    head = b"".join(
-        [
-            ENCAPSULATION,
-            stamp_bytes(ack.stamp_ns),
-            _FRAME,
-            padded_text(ack.reference_id),
-            text_bytes(ack.object_id),
-            b"\1" if ack.accepted else b"\0",
-        ]
-    )
-    head += bytes(-len(head) % 2)
-    try:
-        head += _U16.pack(ack.error_code)
-    except struct.error as error:
-        raise ValueError(f"error code {ack.error_code}: {error}") from None
-    return head + bytes(-len(head) % 4) + text_bytes(ack.error_msg)
+    return ENCAPSULATION + write(_ACK, fields_of(ack))
 
 
 @decoder
 def decode_ack(data: bytes, at: int) -> tuple[Acknowledgement, int]:
     """The answer in a ReferenceAck.msg."""
-    stamp_ns, at = read_header(data, at)
-    reference_id, at = read_text(data, at)
-    object_id, at = read_text(data, at)
-    accepted, at = read_bool(data, at)
-    at += at % 2
-    (error_code,) = _U16.unpack_from(data, at)
-    error_msg, at = read_text(data, at + _U16.size)
-    return Acknowledgement(stamp_ns, reference_id, object_id, accepted, error_code, error_msg), at
+    values, at = read(_ACK, data, at)
+    return Acknowledgement(*values), at

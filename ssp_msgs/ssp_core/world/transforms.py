@@ -9,19 +9,10 @@ pictures and CameraInfo, has x right, y down, z forward.
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ssp_core.cdr.codec import (
-    ENCAPSULATION,
-    START,
-    align8,
-    padded_text,
-    stamp_bytes,
-    text_bytes,
-    u32_bytes,
-)
+from ssp_core.cdr.codec import ENCAPSULATION, START, u32_bytes, write
 from ssp_core.clock import NS_PER_S
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import MAP_FRAME, VUT_ID
@@ -35,7 +26,7 @@ CAMERA_FRAME = f"{VUT_ID}/front_camera"
 OPTICAL_FRAME = f"{CAMERA_FRAME}_optical"
 # Turns x forward, z up into z forward, y down (REP 103): yaw, then roll, by -90 degrees each.
 _OPTICAL: Quaternion = (-0.5, 0.5, -0.5, 0.5)
-_NUMBERS = struct.Struct("<7d")
+_LAYOUT = "sttddddddd"
 _LATEST_NS = 2**31 * NS_PER_S
 
 
@@ -139,10 +130,8 @@ class TransformFilter:
 
 def _write(one: Transform, at: int) -> bytes:
     """A geometry_msgs/TransformStamped at an offset that is a multiple of 4."""
-    names = padded_text(one.parent) + text_bytes(one.child)
-    end = at + 8 + len(names)
-    numbers = _NUMBERS.pack(*one.translation_m, *one.quaternion_xyzw)
-    return stamp_bytes(one.stamp_ns) + names + bytes(align8(end) - end) + numbers
+    numbers = (*one.translation_m, *one.quaternion_xyzw)
+    return write(_LAYOUT, (one.stamp_ns, one.parent, one.child, *numbers), at)
 
 
 def encode_transform(one: Transform) -> bytes:
