@@ -8,14 +8,12 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from ssp_core.bag.check import check_bag
-from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
 from ssp_core.bag.split import KEPT_BYTES, MOST_KEPT, UNTOLD_DEPTH, Split
 from ssp_core.bag.writer import BagWriter
-from ssp_core.errors import InputError
 from support.bags import text
 
 STRING = "std_msgs/msg/String"
@@ -75,16 +73,6 @@ def test_recovering_a_long_recording_makes_several_files_too(
     monkeypatch.setattr("ssp_core.bag.writer.CHUNK_BYTES", 1)
     assert recover(tmp_path / "bag", tmp_path / "new").complete
     assert_whole(tmp_path / "new", 7)
-
-
-def test_cutting_a_long_recording_makes_several_files_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    record(tmp_path / "bag")
-    monkeypatch.setattr("ssp_core.bag.writer.INDEX_BYTES", 10 * ENTRY_BYTES)
-    monkeypatch.setattr("ssp_core.bag.writer.CHUNK_BYTES", 1)
-    cut_bag(tmp_path / "bag", tmp_path / "cut", ["/map", "/text"])
-    assert_whole(tmp_path / "cut", 7)
 
 
 def later_file(path: Path, qos: str, sizes: list[int]) -> list[int]:
@@ -157,13 +145,6 @@ def test_a_file_that_was_only_begun_costs_nothing_else(tmp_path: Path, left: int
     assert report.messages == {"/x": 11, "/map": 1}
     assert "bag_11.mcap: has no content" in report.damage
     assert not report.complete
-
-
-def test_a_file_that_is_something_else_is_refused(tmp_path: Path) -> None:
-    files = cut_off(tmp_path / "bag")
-    files[-1].write_bytes(b"PK\x03\x04 and more than eight bytes")
-    with pytest.raises(InputError, match=r"bag_11\.mcap: is no MCAP file"):
-        recover(tmp_path / "bag", tmp_path / "whole")
 
 
 def test_a_latched_message_beyond_the_limit_doesnt_fill_the_disk(tmp_path: Path) -> None:

@@ -23,11 +23,9 @@ from ssp_core.bag.mcap_output import (
     DiskSync,
     write_buffers,
 )
-from ssp_core.bag.metadata import ROOT_KEY, offered_qos
+from ssp_core.bag.metadata import ROOT_KEY
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
 from ssp_core.bag.split import Split
-from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import HostError, InputError
 
@@ -91,17 +89,6 @@ def test_a_chunk_ends_with_the_message_that_fills_it(tmp_path: Path) -> None:
         assert [len(m.data) for m in reader.messages()] == [CHUNK_BYTES // 2, 100 * CHUNK_BYTES]
 
 
-def test_write_all_writes_in_order_and_stops_at_the_first_error(tmp_path: Path) -> None:
-    messages = [BagMessage("/x", k, k + 1, bytes([k]), k) for k in range(3)]
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/x", STRING)
-        with pytest.raises(KeyError):
-            writer.write_all([*messages, BagMessage("/y", 0, 0, b"")])
-        assert (writer.messages, writer.bytes) == (3, 3)
-    with BagReader(tmp_path / "bag") as reader:
-        assert list(reader.messages()) == messages
-
-
 def test_times_beyond_64_bits_and_a_closed_writer_are_the_callers_fault(tmp_path: Path) -> None:
     for split in (None, Split(max_bytes=1024)):
         with BagWriter(tmp_path / f"bag{split is None}", split=split) as writer:
@@ -146,28 +133,6 @@ def test_a_clock_that_jumps_begins_one_file_and_not_many(tmp_path: Path) -> None
     assert seconds == [500, 501, 502, 1000, 1001, 1002, 7000, 7001]
 
 
-def test_the_offered_depths_of_all_publishers_are_repeated(tmp_path: Path) -> None:
-    two = offered_qos(2, transient_local=True) + offered_qos(1, transient_local=True)
-    with BagWriter(tmp_path / "bag", name="first_0", split=Split(max_s=1.0)) as writer:
-        writer.add_topic("/map", STRING, two, latched=True)
-        writer.add_topic("/none", STRING, latched=True)
-        writer.add_topic("/x", STRING, two)
-        for k in range(5):
-            writer.write("/map", bytes([k]), k, k)
-            writer.write("/x", bytes([k]), k, k)
-        writer.write("/x", b"end", 2 * 10**9, 0)
-    assert [file.name for file in writer.files] == ["first_0.mcap", "first_1.mcap"]
-    assert {t.name: t.count for t in writer.facts().topics} == {"/map": 8, "/none": 0, "/x": 6}
-    with BagReader(writer.files[1]) as reader:
-        assert [(m.topic, m.data, m.log_time_ns) for m in reader.messages()] == [
-            ("/map", b"\x02", 2 * 10**9),
-            ("/map", b"\x03", 2 * 10**9),
-            ("/map", b"\x04", 2 * 10**9),
-            ("/x", b"end", 2 * 10**9),
-        ]
-        assert reader.topics["/map"].count == 3
-
-
 def test_pages_of_a_fast_stream_are_given_back_when_they_are_on_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -207,23 +172,6 @@ def test_a_folder_that_is_replaced_just_before_a_split_is_noticed(
     with pytest.raises(HostError, match="it was replaced while it was being written"):
         writer.write("/x", b"second", 2 * 10**9, 0)
     assert [file.name for file in bag.iterdir()] == ["bag_0.mcap"]
-
-
-def test_a_split_bag_that_was_cut_off_recovers_as_the_unsplit_one(tmp_path: Path) -> None:
-    writer = BagWriter(tmp_path / "bag", split=Split(max_s=1.0))
-    writer.add_topic("/map", STRING, offered_qos(1, transient_local=True), latched=True)
-    writer.write("/map", b"map", 0, 0)
-    for k in range(1, 30):
-        if k % 5 == 1:
-            writer.add_topic(f"/late{k}", STRING)
-        writer.write(f"/late{k - (k - 1) % 5}", bytes([k]), k * 200_000_000, 0)
-    writer.flush()
-    assert len(writer.files) == 6
-    recover(tmp_path / "bag", tmp_path / "whole")
-    with BagReader(tmp_path / "whole") as reader:
-        messages = list(reader.messages())
-    assert [m.data for m in messages] == [b"map", *(bytes([k]) for k in range(1, 30))]
-    writer.close()
 
 
 @pytest.mark.parametrize("wrong", [{"max_bytes": 1023}, {"max_s": 0.0}, {"max_s": float("nan")}])

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.bag.images import encode
 from ssp_core.video import Image, Tile, contact_sheet
 
 
@@ -50,16 +47,3 @@ def test_a_long_line_is_made_to_fit() -> None:
     assert len(dark)
     assert dark[:, 1].max() < 200
     assert np.all(sheet[8:30, 208:] == 250)
-
-
-def test_no_tile_is_a_mistake() -> None:
-    with pytest.raises(ValueError, match="needs a frame"):
-        contact_sheet([], 3, 640)
-
-
-@pytest.mark.parametrize(("suffix", "tolerance"), [(".png", 0), (".jpg", 2)])
-def test_an_encoded_sheet_reads_back(suffix: str, tolerance: int) -> None:
-    data = encode(grey(120), suffix)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None
-    assert np.abs(image.astype(int) - 120).max() <= tolerance

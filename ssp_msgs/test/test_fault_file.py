@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -99,15 +98,3 @@ def test_a_file_that_is_not_right_is_refused(tmp_path: Path, text: str, field: s
     with pytest.raises(InputError) as caught:
         merged(tmp_path, text)
     assert caught.value.field == field
-
-
-def test_a_fault_may_come_up_to_the_end(tmp_path: Path) -> None:
-    text = "schema: ssp.faults/1\nfaults: [{kind: link_cut, target: ot1, at_s: 19.98}]\n"
-    assert merged(tmp_path, text).faults[-1].at_s == 19.98
-
-
-@pytest.mark.parametrize("good", [{"value": 1.0}, {"value": 0.01}])
-def test_bounds_of_a_share(tmp_path: Path, good: dict[str, Any]) -> None:
-    value = good["value"]
-    text = f"schema: ssp.faults/1\nfaults: [{{kind: link_loss, target: vut, value: {value}}}]\n"
-    assert merged(tmp_path, text).faults[-1].value == value

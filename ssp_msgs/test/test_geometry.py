@@ -168,20 +168,6 @@ def test_a_path_goes_on_straight_beyond_its_ends() -> None:
 @pytest.mark.parametrize(
     ("point", "station_m", "offset_m"),
     [
-        ((4.0, 2.0), 4.0, 2.0),
-        ((4.0, -2.0), 4.0, -2.0),
-        ((9.0, 3.0), 13.0, 1.0),
-        ((12.0, 3.0), 13.0, -2.0),
-        ((-3.0, 4.0), 0.0, 5.0),
-    ],
-)
-def test_projection(point: tuple[float, float], station_m: float, offset_m: float) -> None:
-    assert BENT.project(*point) == pytest.approx((station_m, offset_m))
-
-
-@pytest.mark.parametrize(
-    ("point", "station_m", "offset_m"),
-    [
         ((-3.0, 4.0), -3.0, 4.0),
         ((9.0, 8.0), 18.0, 1.0),
         ((12.0, 8.0), 18.0, -2.0),
@@ -194,12 +180,6 @@ def test_projection_beyond_the_ends(
     point: tuple[float, float], station_m: float, offset_m: float
 ) -> None:
     assert BENT.project_beyond(*point) == pytest.approx((station_m, offset_m))
-
-
-def test_points_together_are_projected_as_one_by_one() -> None:
-    points = [(x, y) for x in (-3.0, 0.0, 4.5, 10.0, 13.0) for y in (-2.0, 0.0, 0.7, 12.0)]
-    assert BENT.project_all(points) == [BENT.project(*p) for p in points]
-    assert BENT.project_all_beyond(points) == [BENT.project_beyond(*p) for p in points]
 
 
 @given(station=st.floats(0.0, 15.0), offset=st.floats(-0.5, 0.5))
@@ -240,14 +220,6 @@ def test_curvature_between_segments_of_different_lengths() -> None:
 def test_what_is_no_path(points: list[tuple[float, ...]]) -> None:
     with pytest.raises(ValueError, match="path"):
         Polyline(points)
-
-
-def test_a_path_keeps_its_own_points() -> None:
-    given_points = np.array([(0.0, 0.0), (1.0, 0.0)])
-    path = Polyline(given_points)
-    given_points[1, 0] = 99.0
-    assert path.pose(1.0).x_m == 1.0
-    assert path.points[1, 0] == 1.0
 
 
 @given(

@@ -60,11 +60,6 @@ def test_canonical_json_is_json_of_the_same_value(value: Any) -> None:
     assert json.loads(canonical_json(value)) == value
 
 
-def test_every_change_changes_the_hash() -> None:
-    variants = [{"a": 1}, {"a": 2}, {"b": 1}, {"a": "1"}, {"a": [1]}, {"a": None}, {"a": True}, {}]
-    assert len({sha256_json(v) for v in variants}) == len(variants)
-
-
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), {"a": [float("-inf")]}])
 def test_no_number_has_no_hash(value: Any) -> None:
     with pytest.raises(ValueError, match="JSON compliant"):

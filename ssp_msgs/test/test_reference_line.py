@@ -182,35 +182,6 @@ def joints(line: ReferenceLine) -> list[float]:
     return [0.0, *map(float, ends)]
 
 
-@calm
-@given(line=lines(), data=st.data())
-def test_many_places_at_once_agree_with_single_ones(
-    line: ReferenceLine, data: st.DataObject
-) -> None:
-    xy = np.array(
-        data.draw(st.lists(st.tuples(metres, metres), min_size=1, max_size=8)), dtype=float
-    )
-    many = line.to_local_many(xy)
-    for place, found in zip(xy, many, strict=True):
-        try:
-            assert line.to_local(*map(float, place)) == pytest.approx(tuple(found), abs=1e-9)
-        except NotOneToOne:
-            assert np.isnan(found).all()
-
-
-@calm
-@given(line=lines(), shares=st.lists(st.floats(-0.2, 1.2), max_size=5), part=st.floats(-0.9, 0.9))
-def test_many_arc_lengths_at_once_agree_with_single_ones(
-    line: ReferenceLine, shares: list[float], part: float
-) -> None:
-    offset = part / max(largest(line), 0.005)
-    stations = np.array(shares) * line.length_m
-    places = line.to_map_many(stations, offset)
-    assert places.shape == (len(shares), 2)
-    for s, place in zip(stations, places, strict=True):
-        assert line.to_map(float(s), offset) == pytest.approx(tuple(place), abs=1e-9)
-
-
 # -- where there is no coordinate -----------------------------------------------------------------
 
 
@@ -249,20 +220,6 @@ def test_a_clothoid_is_checked_where_it_bends_most() -> None:
     assert line.to_local(*line.to_map(5.0, 40.0)) == pytest.approx((5.0, 40.0), abs=1e-6)
     with pytest.raises(NotOneToOne):
         line.to_map(99.0, 51.0)
-
-
-@settings(max_examples=200, deadline=None)
-@given(line=lines(), share=st.floats(0.0, 1.0), offset=st.floats(-400.0, 400.0))
-def test_every_number_round_trips_and_the_rest_is_an_error(
-    line: ReferenceLine, share: float, offset: float
-) -> None:
-    s = share * line.length_m
-    try:
-        place = line.to_map(s, offset)
-    except NotOneToOne:
-        return
-    assert offset * line.curvature_1pm(s) < 1.0
-    assert line.to_local(*place) == pytest.approx((s, offset), abs=2e-6)
 
 
 # -- paths ----------------------------------------------------------------------------------------

@@ -9,12 +9,12 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from ssp_core.files import load_model
 from ssp_core.run_file.participants import Driver, ParticipantSpec, TrafficSpec, TriggerSpec
 from ssp_core.run_file.road import Road
-from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Point, Positive, Strict, without
+from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Point, Positive, Strict
 from ssp_core.vocabulary import DomainWord
 
 _TOLERANCE_S = 1e-9
@@ -126,9 +126,7 @@ class Camera(Strict):
     yaw_left_rad: Finite = 0.0
     roll_right_rad: Finite = 0.0
     exposure_time_s: NonNegative = Field(0.0, description="motion blur; 0: none")
-    renderer: Annotated[
-        Literal["raster"], BeforeValidator(without("gl", "the renderer", "raster"))
-    ] = Field("raster", description="numba, the same pixels everywhere")
+    renderer: Literal["raster"] = Field("raster", description="numba, the same pixels everywhere")
     jpeg_quality: Annotated[int, Field(ge=10, le=100)] = 90
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from ssp_core.motion.state import DEFAULT_SIZES, Size
 from ssp_core.run_file.values import (
@@ -16,7 +16,6 @@ from ssp_core.run_file.values import (
     Positive,
     Start,
     Strict,
-    without,
 )
 from ssp_core.vocabulary import ObjectClass, ObjectWord
 
@@ -95,8 +94,8 @@ class ParticipantSpec(Strict):
     object_class: ObjectWord
     start: Start
     approach: Motion | None = None
-    tracker: Annotated[Literal["lqr"], BeforeValidator(without("mpc", "the tracker", "lqr"))] = (
-        Field("lqr", description="how an OT follows its references: linear-quadratic regulators")
+    tracker: Literal["lqr"] = Field(
+        "lqr", description="how an OT follows its references: linear-quadratic regulators"
     )
 
     @property

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -23,19 +22,6 @@ NonNegative = Annotated[float, Field(ge=0), AfterValidator(_finite)]
 Point = tuple[Finite, Finite]
 Path2 = Annotated[list[Point], Field(min_length=2)]
 ObjectId = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
-
-
-def without(removed: str, what: str, instead: str) -> Callable[[Any], Any]:
-    """A validator that says of a value which an earlier version knew what to write instead."""
-
-    def check(value: Any) -> Any:
-        if value == removed:
-            raise ValueError(
-                f"{what} {removed} was taken away: write {instead}, or leave the field out"
-            )
-        return value
-
-    return check
 
 
 class Strict(BaseModel):
