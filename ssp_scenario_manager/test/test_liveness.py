@@ -165,8 +165,8 @@ def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
         ("/ssp/a",),
         3,
     )
-    assert (facts.recorder_age_s, facts.vut_age_s, facts.age_of("ot1")) == (0.0, 0.25, 0.5)
-    link = facts.link_of("ot1")
+    assert (facts.recorder_age_s, facts.vut_age_s, facts.target_age_s["ot1"]) == (0.0, 0.25, 0.5)
+    link = facts.links["ot1"]
     assert (link.offset_s, link.delay_s, link.age_s) == (0.01, 0.02, 0.125)
     assert (facts.other_managers, facts.foreign) == (1, "clock has /y")
     assert LivenessMonitor().facts(None, NOW_NS).recorder_age_s == math.inf

@@ -25,8 +25,8 @@ READY = Facts(
     recorder_age_s=0.1,
     camera_age_s=0.1,
     vut_age_s=0.1,
-    target_age_s=(("ot1", 0.1),),
-    links=(("ot1", LINK),),
+    target_age_s={"ot1": 0.1},
+    links={"ot1": LINK},
 )
 StateMaker = Callable[..., ObjectState]
 # At the instant of the states.
@@ -65,7 +65,7 @@ def test_connect_needs_fresh_states(
     facts = replace(READY, vut_age_s=age_s)
     missing = [says.format("the VUT")] if says else []
     assert missing_to_connect(run, facts, vut, targets) == missing
-    facts = replace(READY, target_age_s=(("ot1", age_s),))
+    facts = replace(READY, target_age_s={"ot1": age_s})
     missing = [says.format("ot1")] if says else []
     assert missing_to_connect(run, facts, vut, targets) == missing
 
@@ -171,7 +171,7 @@ def test_each_target_in_place_and_disarmed(
 def test_each_link_is_measured_and_good(
     run: RunSpec, vut: ObjectState, ot1: ObjectState, link: LinkEstimate, says: list[str]
 ) -> None:
-    facts = replace(READY, links=(("ot1", link),))
+    facts = replace(READY, links={"ot1": link})
     assert missing_to_arm(run, facts, vut, {"ot1": ot1}) == says
 
 
@@ -264,9 +264,7 @@ def test_separation_of_targets_from_each_other(
     ot2 = {"id": "ot2", "object_class": "car", "start": {"x_m": 44.9, "y_m": 3.5, "yaw_rad": 0.0}}
     run_mapping["targets"].append(ot2)
     both = RunSpec.model_validate(run_mapping)
-    facts = replace(
-        READY, target_age_s=(("ot1", 0.1), ("ot2", 0.1)), links=(("ot1", LINK), ("ot2", LINK))
-    )
+    facts = replace(READY, target_age_s={"ot1": 0.1, "ot2": 0.1}, links={"ot1": LINK, "ot2": LINK})
     for x_m, says in ((44.9, ["ot2 is 0.40 m from ot1, limit 0.5 m"]), (45.1, [])):
         second = replace(ot1, object_id="ot2", x_m=x_m)
         assert missing_to_arm(both, facts, vut, {"ot1": ot1, "ot2": second}) == says
@@ -319,7 +317,7 @@ def test_start_needs_armed_objects_that_are_still_heard(
         ({"recorder_ready": False}, {}),
         ({"recorder_lost": 1}, {}),
         ({"other_managers": 1}, {}),
-        ({"links": (("ot1", LinkEstimate(0.2, 0.0, 0.0)),)}, {}),
+        ({"links": {"ot1": LinkEstimate(0.2, 0.0, 0.0)}}, {}),
         ({}, {"x_m": 45.0}),
         ({}, {"x_m": 400.0}),
         ({}, {"x_m": 3.0, "y_m": 0.0}),

@@ -23,9 +23,6 @@ from ssp_monitor.status.board import (
     object_age_s,
 )
 
-RECORDER_FRESH_S = 2.0
-CAMERA_FRESH_S = 3.0
-STANDSTILL_MPS = 0.05
 _BEFORE_START = (
     SessionPhase.UNKNOWN,
     SessionPhase.IDLE,
@@ -53,7 +50,7 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
     run = board.run
     if run is None:
         return problems
-    if run.camera is not None and age_s(now_ns, board.camera_at_ns) > CAMERA_FRESH_S:
+    if run.camera is not None and age_s(now_ns, board.camera_at_ns) > judge.CAMERA_SILENT_S:
         problems.append("no camera picture arrives")
     for participant in (run.vut, *run.targets):
         problems += _participant(board, run, participant, session, now_ns)
@@ -62,7 +59,7 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
 
 def _recorder_problems(board: Board, now_ns: int) -> list[str]:
     recorder = board.recorder
-    if recorder is None or age_s(now_ns, board.recorder_at_ns) > RECORDER_FRESH_S:
+    if recorder is None or age_s(now_ns, board.recorder_at_ns) > judge.RECORDER_SILENT_S:
         return ["the recorder is silent"]
     if recorder.failure:
         return [f"the recorder has failed: {recorder.failure}"]
@@ -120,9 +117,9 @@ def _place(state: ObjectState, who: ParticipantSpec, run: RunSpec) -> list[str]:
         problems.append(
             f"{who.id} is {away_m:.2f} m from its start, limit {run.limits.start_region_m:g} m"
         )
-    if abs(state.speed_mps) > STANDSTILL_MPS:
+    if abs(state.speed_mps) > judge.STANDSTILL_MPS:
         problems.append(
-            f"{who.id} moves at {state.speed_mps:.2f} m/s, limit {STANDSTILL_MPS:g} m/s"
+            f"{who.id} moves at {state.speed_mps:.2f} m/s, limit {judge.STANDSTILL_MPS:g} m/s"
         )
     outside = judge.outside_geofence(box_excess_m(state.box, run.geofence))
     if outside is not None:
@@ -135,7 +132,6 @@ def _place(state: ObjectState, who: ParticipantSpec, run: RunSpec) -> list[str]:
     return problems
 
 
-RECORDER_SILENT_S = 2.5
 CLOCK_STANDS_S = 1.0
 
 
@@ -194,7 +190,7 @@ def _recorder(board: Board, now_ns: int) -> Status:
         ("age of the last flush, s", _number(fact.flush_age_s, 2)),
         ("missing topics", ", ".join(fact.missing)),
     )
-    if silent_s > RECORDER_SILENT_S:
+    if silent_s > judge.RECORDER_SILENT_S:
         level, message = Level.STALE, f"silent for {silent_s:.1f} s"
     elif fact.failure:
         level, message = Level.ERROR, f"nothing is recorded any more: {fact.failure}"

@@ -293,8 +293,8 @@ def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
         recorder_age_s=math.inf if heard.recorder_ready is None else 0.0,
         camera_age_s=_age_s(streams.get(names.CAMERA_IMAGE), heard.now_ns),
         vut_age_s=_age_s(streams[spec.vut.id], heard.now_ns),
-        target_age_s=tuple((t.id, _age_s(streams[t.id], heard.now_ns)) for t in spec.targets),
-        links=tuple((i, replace(link, age_s=0.0)) for i, link in sorted(heard.links.items())),
+        target_age_s={t.id: _age_s(streams[t.id], heard.now_ns) for t in spec.targets},
+        links={i: replace(link, age_s=0.0) for i, link in heard.links.items()},
         other_managers=max(0, len(heard.managers) - 1),
     )
     targets = {i: state for i, state in heard.states.items() if i != spec.vut.id}

@@ -24,11 +24,10 @@ from ssp_core.geometry import Box, FloatArray, Pose2, boxes_overlap
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.safety.fence import corners_of, excess_m
+from ssp_core.safety.limits import STANDSTILL_MPS
 from ssp_core.safety.stopping import Stopping
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase
 from ssp_scenario_manager.run.over_dds import FAULTS_FILE, WITNESS_FILE
-
-STANDSTILL_MPS = 0.05
 
 
 @dataclass(frozen=True, slots=True)

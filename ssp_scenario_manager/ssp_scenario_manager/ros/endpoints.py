@@ -1,25 +1,22 @@
-"""Subscriptions, publishers and service clients of the manager, and the conversion of its facts to
-messages.
-"""
+"""Publishers of the manager, endpoints of its objects, and conversions from and to messages."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 from uuid import uuid4
 
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
 
 from ssp_core import names, ros
 from ssp_core.cdr import steps
 from ssp_core.cdr.references import Acknowledgement, decode_ack, encode_reference
 from ssp_core.cdr.states import decode_state
-from ssp_core.cdr.steps import decode_done, decode_tick_head
-from ssp_core.clock import NS_PER_S
+from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
@@ -38,13 +35,11 @@ from ssp_msgs.msg import (
     ObjectState,
     ObjectStates,
     PhaseEvent,
-    RecorderStatus,
     ReferenceAck,
     SafetyEvent,
     SessionState,
     StepDone,
     TriggerEvent,
-    WorldTick,
 )
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
@@ -53,9 +48,8 @@ from ssp_scenario_manager.session.limits import Violation
 from ssp_scenario_manager.session.link_quality import (
     Exchange,
     LinkClocks,
-    LinkLine,
+    LossCounter,
     LossCounters,
-    link_report,
 )
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.supervision import LivenessMonitor
@@ -72,52 +66,21 @@ _ONE_PUBLISHER = (
 _MOST_TEXT = 200
 
 
-class MessageHandler(Protocol):
-    """What the manager does with what arrives."""
-
-    def on_tick(self, tick: steps.WorldTick) -> None:
-        """The world has stepped, or holds."""
-
-    def on_step_done(self, done: steps.StepDone) -> None:
-        """A participant has answered a step."""
-
-    def on_vut_state(self, state: State) -> None:
-        """A state of the VUT."""
-
-    def on_event(self, violation: Violation, source: str) -> None:
-        """Another node saw a limit passed."""
-
-    def on_recorder(self) -> None:
-        """The recorder has told the liveness monitor how it is."""
-
-
-class Subscriptions:
-    """Owns the subscriptions.
+class PublisherWatch:
+    """Who else publishes what one node alone may?
 
     Args:
-        liveness: notes who was heard, and measures the links.
-        listener: takes the rest.
+        node: whose graph is looked at.
+        liveness: notes what is found.
     """
 
-    def __init__(self, node: Node, liveness: LivenessMonitor, listener: MessageHandler) -> None:
+    def __init__(self, node: Node, liveness: LivenessMonitor) -> None:
         self._node = node
         self._liveness = liveness
-        self._listener = listener
         self._looked = 0
-        sub, raw = node.create_subscription, partial(ros.subscribe_raw, node)
-        raw(WorldTick, names.WORLD_TICK, decode_tick_head, listener.on_tick, ros.STATE)
-        raw(StepDone, names.STEP_DONE, decode_done, listener.on_step_done, ros.STATE)
-        vut_topic = names.state_topic(names.VUT_ID)
-        raw(ObjectState, vut_topic, decode_state, listener.on_vut_state, ros.STATE)
-        reply = names.HEARTBEAT_REPLY
-        raw(HeartbeatReply, reply, _reply_of, self._on_reply, ros.STATE, raw=False)
-        sub(CameraInfo, names.CAMERA_INFO, self._on_camera_info, ros.SENSOR)
-        sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
-        event, take = names.SAFETY_EVENT, self._on_safety_event
-        raw(SafetyEvent, event, _violation_of, take, ros.LATCHED, raw=False)
 
-    def look_for_others(self, object_ids: Iterable[str]) -> None:
-        """Who else publishes what one node alone may? Heartbeats each time, the rest in turn.
+    def look(self, object_ids: Iterable[str]) -> None:
+        """Looks at heartbeats each time, at the rest in turn.
 
         Args:
             object_ids: whose references are ours alone.
@@ -139,25 +102,8 @@ class Subscriptions:
             if len(nodes) > 1:
                 self._liveness.foreign[topic] = len(nodes) - 1, f"{topic} has {' and '.join(nodes)}"
 
-    def _on_reply(self, reply: tuple[Sequence[str], int, Exchange]) -> None:
-        self._liveness.links.on_reply(*reply, time.monotonic_ns())
 
-    def _on_camera_info(self, _: CameraInfo) -> None:
-        self._liveness.hear(names.FRONT_CAMERA, time.monotonic_ns())
-
-    def _on_recorder(self, message: RecorderStatus) -> None:
-        # Without a missing topic it is the file or the disk: the first warning says so.
-        why = (message.failure,) if message.failure else tuple(message.warnings[:1])
-        missing = tuple(message.missing_topics) or why
-        self._liveness.hear_recorder(message.ready, missing, message.lost, time.monotonic_ns())
-        self._listener.on_recorder()
-
-    def _on_safety_event(self, event: tuple[Violation, str]) -> None:
-        if event[1] != self._node.get_name():
-            self._listener.on_event(*event)
-
-
-def _reply_of(message: HeartbeatReply) -> tuple[Sequence[str], int, Exchange]:
+def reply_of(message: HeartbeatReply) -> tuple[Sequence[str], int, Exchange]:
     """Whose answer, to which heartbeat, and its four stamps; now is its arrival."""
     sent_ns, received_ns = map(ros.session_ns, (message.heartbeat_sent, message.heartbeat_received))
     replied_ns = ros.session_ns(message.header.stamp)
@@ -165,7 +111,7 @@ def _reply_of(message: HeartbeatReply) -> tuple[Sequence[str], int, Exchange]:
     return message.object_ids, message.sequence, exchange
 
 
-def _violation_of(message: SafetyEvent) -> tuple[Violation, str]:
+def violation_of(message: SafetyEvent) -> tuple[Violation, str]:
     """What another node reports, and which; ValueError for a code that is none."""
     code, source = SafetyCode(message.code), message.source[:_MOST_TEXT]
     limit_name = message.limit_name[:_MOST_TEXT]
@@ -318,19 +264,6 @@ def limit_to_msg(passed: outbox.LimitPassed, source: str) -> SafetyEvent:
     )
 
 
-def link_status_to_msg(lines: Sequence[LinkLine], now_ns: int) -> LinkStatus:
-    message = LinkStatus(
-        object_ids=[line.object_id for line in lines],
-        clock_offset=[line.offset_s for line in lines],
-        delay=[line.delay_s for line in lines],
-        state_age=[line.state_age_s for line in lines],
-        states_received=[line.received for line in lines],
-        states_lost=[line.lost for line in lines],
-    )
-    message.header.stamp = stamp_from_ns(now_ns)
-    return message
-
-
 class Publications:
     """Owns the publishers and counts the heartbeats.
 
@@ -391,11 +324,22 @@ class Publications:
         Args:
             session: gives the newest states; nothing is published before a run is loaded.
         """
-        spec = session.spec
-        if spec is not None:
-            states = {**session.targets, spec.vut.id: session.vut}
-            lines = link_report(spec, states, links, losses, now_ns, time.monotonic_ns())
-            self._links.publish(link_status_to_msg(lines, now_ns))
+        if session.spec is not None:
+            message, steady_ns = LinkStatus(), time.monotonic_ns()
+            message.header.stamp = stamp_from_ns(now_ns)
+            message.object_ids = ids = session.spec.object_ids
+            states = {**session.targets, session.spec.vut.id: session.vut}
+            measured = [links.link(i, steady_ns) for i in ids]
+            counts = [losses.of.get(i, LossCounter()) for i in ids]
+            message.clock_offset = [link.offset_s for link in measured]
+            message.delay = [link.delay_s for link in measured]
+            message.state_age = [
+                math.nan if state is None else ns_to_seconds(now_ns - state.stamp_ns)
+                for state in map(states.get, ids)
+            ]
+            message.states_received = [count.received for count in counts]
+            message.states_lost = [count.lost for count in counts]
+            self._links.publish(message)
         for line in losses.news():
             self._log.warning(line)
 

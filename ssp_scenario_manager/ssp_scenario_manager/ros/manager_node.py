@@ -4,23 +4,41 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
+from functools import partial
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
 
 from ssp_core import names, ros
 from ssp_core.cdr import steps
 from ssp_core.cdr.references import Acknowledgement
-from ssp_core.cdr.states import decode_states
+from ssp_core.cdr.states import decode_state, decode_states
 from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
-from ssp_scenario_manager.ros.endpoints import ObjectEndpoints, Publications, Subscriptions
+from ssp_msgs.msg import (
+    HeartbeatReply,
+    ObjectState,
+    RecorderStatus,
+    SafetyEvent,
+    StepDone,
+    WorldTick,
+)
+from ssp_scenario_manager.ros.endpoints import (
+    ObjectEndpoints,
+    Publications,
+    PublisherWatch,
+    reply_of,
+    violation_of,
+)
 from ssp_scenario_manager.ros.services import SessionServices
 from ssp_scenario_manager.session import limits, outbox
 from ssp_scenario_manager.session.inputs import StateInput, StepInputs
+from ssp_scenario_manager.session.link_quality import Exchange
 from ssp_scenario_manager.session.session import WATCHED, Session
 from ssp_scenario_manager.session.state_machine import Answer, SessionEvent
 from ssp_scenario_manager.session.supervision import LivenessMonitor, Supervisor
@@ -58,11 +76,25 @@ class ScenarioManager(Node):
         )
         self._commands = SessionServices(self, self._session, self._load, self._command)
         self._publications = Publications(self)
-        self._subscribers = Subscriptions(self, self._liveness, self)
+        self._others = PublisherWatch(self, self._liveness)
+        self._subscribe()
         # The watchdog must go on when simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(WATCHDOG_PERIOD_S, self._on_watchdog, clock=steady)
         self.create_timer(STATUS_PERIOD_S, self._report_links, clock=steady)
+
+    def _subscribe(self) -> None:
+        raw = partial(ros.subscribe_raw, self)
+        raw(WorldTick, names.WORLD_TICK, steps.decode_tick_head, self.on_tick, ros.STATE)
+        raw(StepDone, names.STEP_DONE, steps.decode_done, self.on_step_done, ros.STATE)
+        vut_topic = names.state_topic(names.VUT_ID)
+        raw(ObjectState, vut_topic, decode_state, self.on_vut_state, ros.STATE)
+        reply, event = names.HEARTBEAT_REPLY, names.SAFETY_EVENT
+        raw(HeartbeatReply, reply, reply_of, self._on_reply, ros.STATE, raw=False)
+        raw(SafetyEvent, event, violation_of, self.on_event, ros.LATCHED, raw=False)
+        sub = self.create_subscription
+        sub(CameraInfo, names.CAMERA_INFO, self._on_camera_info, ros.SENSOR)
+        sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
 
     @property
     def _live(self) -> bool:
@@ -150,14 +182,28 @@ class ScenarioManager(Node):
         self._flush()
         self._step_when_complete()
 
-    def on_recorder(self) -> None:
-        """The recorder has said how it is; the supervisor would see it a moment later."""
-        self._supervisor.wake(time.monotonic_ns())
-        self._supervisor.watch_silence(time.monotonic_ns(), self._now_ns)
+    def _on_reply(self, reply: tuple[Sequence[str], int, Exchange]) -> None:
+        self._liveness.links.on_reply(*reply, time.monotonic_ns())
+
+    def _on_camera_info(self, _: CameraInfo) -> None:
+        self._liveness.hear(names.FRONT_CAMERA, time.monotonic_ns())
+
+    def _on_recorder(self, message: RecorderStatus) -> None:
+        """The recorder says how it is; the supervisor would see it a moment later."""
+        steady_ns = time.monotonic_ns()
+        # Without a missing topic it is the file or the disk: the first warning says so.
+        why = (message.failure,) if message.failure else tuple(message.warnings[:1])
+        missing = tuple(message.missing_topics) or why
+        self._liveness.hear_recorder(message.ready, missing, message.lost, steady_ns)
+        self._supervisor.wake(steady_ns)
+        self._supervisor.watch_silence(steady_ns, self._now_ns)
         self._flush()
 
-    def on_event(self, violation: limits.Violation, source: str) -> None:
-        """Another node saw a limit passed."""
+    def on_event(self, event: tuple[limits.Violation, str]) -> None:
+        """A node saw a limit passed: what, and which."""
+        violation, source = event
+        if source == self.get_name():
+            return
         self._supervisor.wake(time.monotonic_ns())
         if source == names.OBJECT_TARGET:
             self._inputs.safety_events += 1
@@ -220,7 +266,7 @@ class ScenarioManager(Node):
             if self._lockstep and self._session.state is SessionPhase.RUNNING and not self._live:
                 # The word that starts the world may have come before it was listening.
                 self._answer_world()
-        self._subscribers.look_for_others(self._links.references_sent)
+        self._others.look(self._links.references_sent)
         if self._supervisor.look(time.monotonic_ns(), self._now_ns):
             self._commands.on_standstill_unconfirmed()
         holding = not self._in_lockstep and self._session.state in _JUDGED_WHILE_HOLDING

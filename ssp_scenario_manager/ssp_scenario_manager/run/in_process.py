@@ -146,8 +146,8 @@ class InProcessSession:
         return replace(
             Facts.of_one_process(self._spec),
             vut_age_s=self._age_s(names.VUT_ID),
-            target_age_s=tuple((i, self._age_s(i)) for i in ids),
-            links=tuple((i, self._links.get(i, LinkEstimate())) for i in ids),
+            target_age_s={i: self._age_s(i) for i in ids},
+            links=dict(self._links),
         )
 
     def _age_s(self, object_id: str) -> float:

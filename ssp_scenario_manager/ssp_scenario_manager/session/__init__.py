@@ -6,11 +6,10 @@ The way of a state of the VUT to a reference:
 2. ``ros.manager_node.ScenarioManager.on_vut_state`` takes it,
 3. ``inputs.StateInput.vut`` counts it and notes who was heard,
 4. ``session.Session.on_vut_state`` keeps it, and ``run.Run.see`` judges it by those before it,
-5. ``session.Session.judge_triggers`` asks
-6. ``progress.fire_due`` what the triggers want: for each of them
-7. ``triggers.evaluator.TriggerWatch.observe`` says whether it fires, and then
-8. ``dispatch.references.manoeuvre_reference`` plans what it sends;
-9. ``ros.endpoints.ObjectEndpoints.send`` publishes that.
+5. ``session.Session.judge_triggers`` asks each trigger:
+6. ``triggers.evaluator.TriggerWatch.observe`` says whether it fires, and then
+7. ``dispatch.references.manoeuvre_reference`` plans what it sends;
+8. ``ros.endpoints.ObjectEndpoints.send`` publishes that.
 
 ``Session.step`` follows with limits, phases, adapted references and the end of the run.
 

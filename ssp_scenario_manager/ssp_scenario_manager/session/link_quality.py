@@ -1,15 +1,13 @@
-"""Quality of the links to the objects: clock offset, delay, states that were lost, a report."""
+"""Quality of the links to the objects: clock offset, delay, states that were lost."""
 
 from __future__ import annotations
 
 import math
 from collections import OrderedDict, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
-from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.model import RunSpec
 
 WINDOW_S = 1.0
 # A rate of heartbeats that a lockstep session can reach must not fill the memory.
@@ -199,36 +197,3 @@ class LossCounters:
                 )
             self._told[object_id] = max(told, count.lost)
         return lines
-
-
-@dataclass(frozen=True, slots=True)
-class LinkLine:
-    """One object's link; fields as in LinkStatus.msg, NaN for what isn't known."""
-
-    object_id: str
-    offset_s: float
-    delay_s: float
-    state_age_s: float
-    received: int
-    lost: int
-
-
-def link_report(
-    spec: RunSpec,
-    states: Mapping[str, ObjectState | None],
-    links: LinkClocks,
-    losses: LossCounters,
-    now_ns: int,
-    steady_ns: int,
-) -> list[LinkLine]:
-    """One line per object of the run, the VUT first."""
-    lines = []
-    for object_id in spec.object_ids:
-        link = links.link(object_id, steady_ns)
-        state = states.get(object_id)
-        age_s = math.nan if state is None else ns_to_seconds(now_ns - state.stamp_ns)
-        count = losses.of.get(object_id, LossCounter())
-        lines.append(
-            LinkLine(object_id, link.offset_s, link.delay_s, age_s, count.received, count.lost)
-        )
-    return lines

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import box_distance
@@ -20,9 +20,6 @@ from ssp_scenario_manager.session.link_quality import LinkEstimate
 from ssp_scenario_manager.session.state_machine import SessionEvent
 
 FRESH_S = 1.0
-RECORDER_FRESH_S = 2.0
-CAMERA_FRESH_S = 3.0
-STANDSTILL_MPS = 0.05
 # What an object must report before a command.
 _CONTROL = {
     SessionEvent.ARM: (ControlState.DISARMED, ControlState.ARMED),
@@ -50,16 +47,10 @@ class Facts:
     recorder_age_s: float = math.inf
     camera_age_s: float = math.inf
     vut_age_s: float = math.inf
-    target_age_s: tuple[tuple[str, float], ...] = ()
-    links: tuple[tuple[str, LinkEstimate], ...] = ()
+    target_age_s: Mapping[str, float] = field(default_factory=dict)
+    links: Mapping[str, LinkEstimate] = field(default_factory=dict)
     other_managers: int = 0
     foreign: str = ""
-
-    def age_of(self, object_id: str) -> float:
-        return dict(self.target_age_s).get(object_id, math.inf)
-
-    def link_of(self, object_id: str) -> LinkEstimate:
-        return dict(self.links).get(object_id, LinkEstimate())
 
     @staticmethod
     def of_one_process(spec: RunSpec) -> Facts:
@@ -70,8 +61,8 @@ class Facts:
             recorder_age_s=0.0,
             camera_age_s=0.0,
             vut_age_s=0.0,
-            target_age_s=tuple((i, 0.0) for i in ids),
-            links=tuple((i, LinkEstimate(0.0, 0.0, 0.0)) for i in ids),
+            target_age_s=dict.fromkeys(ids, 0.0),
+            links=dict.fromkeys(ids, LinkEstimate(0.0, 0.0, 0.0)),
         )
 
 
@@ -100,7 +91,9 @@ def missing_for(
         return []
     missing = []
     heard = [("the VUT", vut, facts.vut_age_s)]
-    heard += [(t.id, targets.get(t.id), facts.age_of(t.id)) for t in spec.targets]
+    heard += [
+        (t.id, targets.get(t.id), facts.target_age_s.get(t.id, math.inf)) for t in spec.targets
+    ]
     for name, known, age_s in heard:
         if known is None or math.isinf(age_s):
             missing.append(f"no state of {name} arrives")
@@ -115,7 +108,7 @@ def missing_for(
     missing += _unrecorded(spec, facts)
     present = [(spec.vut, vut)] if vut is not None else []
     for target in spec.targets:
-        missing += _unmeasured(target.id, facts.link_of(target.id), spec.limits)
+        missing += _unmeasured(target.id, facts.links.get(target.id, LinkEstimate()), spec.limits)
         if target.id in targets:
             present.append((target, targets[target.id]))
     for participant, state in present:
@@ -145,14 +138,14 @@ def _said(who: str, *passed: LimitViolation | None) -> list[str]:
 
 def _unrecorded(spec: RunSpec, facts: Facts) -> list[str]:
     missing = []
-    if not facts.recorder_age_s <= RECORDER_FRESH_S:
+    if not facts.recorder_age_s <= judge.RECORDER_SILENT_S:
         missing.append("the recorder is silent")
     elif not facts.recorder_ready:
         topics = ", ".join(facts.recorder_missing) or "its file is not open"
         missing.append(f"the recorder is not ready: {topics}")
     elif facts.recorder_lost:
         missing.append(f"the recorder has lost {facts.recorder_lost} messages, limit 0")
-    if spec.camera is not None and not facts.camera_age_s <= CAMERA_FRESH_S:
+    if spec.camera is not None and not facts.camera_age_s <= judge.CAMERA_SILENT_S:
         missing.append("no camera frame arrives")
     return missing
 
@@ -187,8 +180,10 @@ def _not_in_place(
         problems.append(
             f"{name} is {away_m:.2f} m from its start, limit {limits.start_region_m:g} m"
         )
-    if not abs(state.speed_mps) <= STANDSTILL_MPS:
-        problems.append(f"{name} moves at {state.speed_mps:.2f} m/s, limit {STANDSTILL_MPS:g} m/s")
+    if not abs(state.speed_mps) <= judge.STANDSTILL_MPS:
+        problems.append(
+            f"{name} moves at {state.speed_mps:.2f} m/s, limit {judge.STANDSTILL_MPS:g} m/s"
+        )
     return problems + _said(name, judge.outside_geofence(box_excess_m(state.box, spec.geofence)))
 
 
@@ -223,7 +218,7 @@ def stands(state: ObjectState, now_ns: int, aborting: bool = False) -> bool:
         aborting: the session aborts, and the object must have heard it.
     """
     return (
-        abs(state.speed_mps) <= STANDSTILL_MPS
+        abs(state.speed_mps) <= judge.STANDSTILL_MPS
         and abs(ns_to_seconds(now_ns - state.stamp_ns)) <= FRESH_S
         and state.control_state not in (_NOT_ABORTED if aborting else _MOVING)
     )

@@ -24,9 +24,7 @@ from ssp_scenario_manager.session.limits import (
     too_near,
     violations,
 )
-from ssp_scenario_manager.session.preconditions import trigger_age_s
 from ssp_scenario_manager.session.run import Run
-from ssp_scenario_manager.triggers.conditions import Snapshot
 from ssp_scenario_manager.triggers.evaluator import Firing, TriggerWatch
 
 
@@ -42,51 +40,11 @@ def begin(run: Run, now_ns: int) -> list[outbox.Outgoing]:
     return facts
 
 
-def fire_due(
-    run: Run, vut: ObjectState, targets: Mapping[str, ObjectState], now_ns: int
-) -> list[outbox.Outgoing]:
-    """What the triggers ask for at the VUT's newest state: references with their decision records.
-
-    Triggers are judged before the phases, since every moment until their dispatch counts. A trigger
-    that waits for a phase therefore fires with the state after the one that confirmed the phase.
-
-    A state is not judged twice, nor when it is too old. Nor is it judged when it can't be believed:
-    the step that follows then ends the run. A manoeuvre that can't be driven is remembered for that
-    step too, since a limit that is passed at the same instant is the graver reason.
-
-    Args:
-        now_ns: session time, that of the dispatch.
-    """
-    if vut.stamp_ns <= run.triggers_judged_ns or run.has_breaks or not vut.is_finite:
-        return []
-    run.triggers_judged_ns = vut.stamp_ns
-    if now_ns - vut.stamp_ns > seconds_to_ns(trigger_age_s(run.spec)):
-        run.late_vut_states += 1
-        return []
-    age_ns = seconds_to_ns(run.spec.limits.state_age_s)
-    snapshot = Snapshot(vut, targets, run.path, age_ns, run.phase_starts)
-    decided: list[outbox.Outgoing] = []
-    for watch in run.watches:
-        # Said here too: of two hundred triggers few are open, and every call takes its time.
-        if watch.fired or vut.stamp_ns < watch.begin_ns:
-            continue
-        firing = watch.observe(snapshot)
-        if firing is None:
-            continue
-        try:
-            decided += _fire(run, watch.spec, firing, targets, now_ns)
-        except _CannotFire as error:
-            why = f"trigger {watch.spec.id} fired, but {error}"
-            run.failed_trigger = _missing(run, watch.spec.object_id, now_ns, why)
-            break
-    return decided
-
-
-class _CannotFire(Exception):
+class CannotFire(Exception):
     """Why a trigger that fired has no reference to send."""
 
 
-def _fire(
+def fire(
     run: Run,
     trigger: TriggerSpec,
     firing: Firing,
@@ -96,11 +54,11 @@ def _fire(
     """The reference that a trigger sends, and its decision record.
 
     Raises:
-        _CannotFire: the object was never heard, or can't drive the manoeuvre from where it is.
+        CannotFire: the object was never heard, or can't drive the manoeuvre from where it is.
     """
     target = next(t for t in run.spec.targets if t.id == trigger.object_id)
     if target.id not in targets:
-        raise _CannotFire(f"{target.id} was never heard")
+        raise CannotFire(f"{target.id} was never heard")
     address = run.address(target.id, "manoeuvre", now_ns, trigger.lead_time_s)
     current = run.references.get(target.id)
     # Looked up only where it is needed: it may have to be decoded first.
@@ -110,7 +68,7 @@ def _fire(
             address, trigger.manoeuvre, state, current, target.approach
         )
     except ValueError as error:
-        raise _CannotFire(f"its manoeuvre can't be driven: {error}") from error
+        raise CannotFire(f"its manoeuvre can't be driven: {error}") from error
     dispatch = run.send(reference)
     run.adaptations.fire(trigger, reference, current)
     record = outbox.Triggered(
@@ -166,10 +124,11 @@ def overdue(run: Run, now_ns: int) -> Violation | None:
     if run.late_vut_states:
         why += f"; {run.late_vut_states} states of the VUT came too late for triggers"
     # A trigger that wasn't judged in time may be all that was missing.
-    return replace(_missing(run, "", now_ns, why), by_us=run.late_vut_states > 0)
+    return replace(missing(run, "", now_ns, why), by_us=run.late_vut_states > 0)
 
 
-def _missing(run: Run, object_id: str, now_ns: int, why: str) -> Violation:
+def missing(run: Run, object_id: str, now_ns: int, why: str) -> Violation:
+    """The event doesn't happen any more."""
     elapsed_s = ns_to_seconds(now_ns - run.started_ns) if run.started_ns is not None else 0.0
     limit_s = run.spec.end.at_latest_s
     return Violation(SafetyCode.EVENT_MISSING, object_id, elapsed_s, limit_s, now_ns, why)
@@ -289,7 +248,7 @@ def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Out
     for adapted, decision in run.adaptations.judge(run.spec, run.path, vut, now_ns):
         object_id, pace = adapted.target.id, decision.pace
         if decision.wrong_order:
-            facts.append(_missing(run, object_id, now_ns, decision.wrong_order))
+            facts.append(missing(run, object_id, now_ns, decision.wrong_order))
             continue
         if pace is not None:
             lead_s = ns_to_seconds(pace.start_ns - now_ns)

@@ -13,7 +13,7 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_scenario_manager.dispatch import references
 from ssp_scenario_manager.session import limits, outbox, preconditions, progress
-from ssp_scenario_manager.session.run import LatestStates, Run
+from ssp_scenario_manager.session.run import Run
 from ssp_scenario_manager.session.state_machine import (
     REFUSED_CONDITION,
     REFUSED_TRANSITION,
@@ -23,13 +23,19 @@ from ssp_scenario_manager.session.state_machine import (
     next_state,
 )
 from ssp_scenario_manager.triggers import fireability
+from ssp_scenario_manager.triggers.conditions import Snapshot
 
 # Where limits are judged: from the arming of the objects to their standstill.
 WATCHED = (SessionPhase.ARMED, SessionPhase.RUNNING, SessionPhase.STOPPING)
 
 
 class Session:
-    """State machine, triggers, dispatch and supervision of one session."""
+    """State machine, triggers, dispatch and supervision of one session.
+
+    Attributes:
+        vut: newest state of the VUT.
+        targets: newest states of the object targets, by id.
+    """
 
     def __init__(self) -> None:
         self.state = SessionPhase.IDLE
@@ -37,23 +43,15 @@ class Session:
         self.facts = preconditions.Facts()
         self.late_s = 0.0  # how late the manager was of late, as its watchdog says
         self._run: Run | None = None
-        self._known = LatestStates()
+        self.vut: ObjectState | None = None
+        self.targets: dict[str, ObjectState] = {}
+        self._heard: set[str] = set()  # who has sent a state since the last abort
 
     # -- what others may look at --------------------------------------------------------------
 
     @property
     def spec(self) -> RunSpec | None:
         return self._run.spec if self._run else None
-
-    @property
-    def vut(self) -> ObjectState | None:
-        """Newest state of the VUT."""
-        return self._known.vut
-
-    @property
-    def targets(self) -> dict[str, ObjectState]:
-        """Newest states of the object targets by id."""
-        return self._known.targets
 
     @property
     def verdict(self) -> Verdict:
@@ -87,7 +85,7 @@ class Session:
         self._run = Run(spec=spec, path=Polyline(spec.vut.approach.path))
         references.prepare(spec)
         # What was heard so far belongs to another run.
-        self._known = LatestStates()
+        self.vut, self.targets, self._heard = None, {}, set()
         self._move(SessionEvent.LOAD, now_ns, f"{spec.scenario} on {spec.site}")
         return Answer(True)
 
@@ -157,11 +155,35 @@ class Session:
 
     def on_vut_state(self, state: ObjectState) -> bool:
         """Takes a state of the VUT; False for one of another object, which has no effect."""
-        return self._known.take(state, self._run, as_vut=True, in_order=self._lasts)
+        if self._run is not None and state.object_id != self._run.spec.vut.id:
+            return False
+        if self._is_news(state, self.vut):
+            self.vut = state
+        self._hear(state)
+        return True
 
     def on_target_state(self, state: ObjectState) -> bool:
         """Takes a state of a target; False for one that the run doesn't know: no effect."""
-        return self._known.take(state, self._run, as_vut=False, in_order=self._lasts)
+        who, run = state.object_id, self._run
+        if run is not None and who not in [target.id for target in run.spec.targets]:
+            return False
+        if self._is_news(state, self.targets.get(who)):
+            self.targets[who] = state
+        self._hear(state)
+        return True
+
+    def _is_news(self, state: ObjectState, known: ObjectState | None) -> bool:
+        """While a run lasts a state that is older than what is known is dropped.
+
+        Otherwise what came last is the truth: a clock that was wrong must not outlast its
+        correction.
+        """
+        return known is None or state.stamp_ns >= known.stamp_ns or not self._lasts
+
+    def _hear(self, state: ObjectState) -> None:
+        self._heard.add(state.object_id)
+        if self._run is not None:
+            self._run.see(state)
 
     @property
     def _lasts(self) -> bool:
@@ -203,14 +225,47 @@ class Session:
         ``step`` follows, and ends the run where a limit is passed: an object that has begun to
         brake takes no reference, and none takes effect before its execute_at.
 
+        Triggers are judged before the phases, since every moment until their dispatch counts. A
+        trigger that waits for a phase therefore fires with the state after the one that confirmed
+        the phase.
+
+        A state is not judged twice, nor when it is too old. Nor is it judged when it can't be
+        believed: the step that follows then ends the run. A manoeuvre that can't be driven is
+        remembered for that step too, since a limit that is passed at the same instant is the graver
+        reason.
+
         Args:
-            now_ns: session time; the stamp of the VUT's newest state is at most that.
+            now_ns: session time, that of the dispatch; the stamp of the VUT's newest state is at
+                most that.
             targets: newest states by id, where some wait that haven't been taken in yet.
         """
         run, vut = self._run, self.vut
+        targets = self.targets if targets is None else targets
         if run is None or vut is None or self.state is not SessionPhase.RUNNING:
             return []
-        return progress.fire_due(run, vut, self.targets if targets is None else targets, now_ns)
+        if vut.stamp_ns <= run.triggers_judged_ns or run.has_breaks or not vut.is_finite:
+            return []
+        run.triggers_judged_ns = vut.stamp_ns
+        if now_ns - vut.stamp_ns > seconds_to_ns(preconditions.trigger_age_s(run.spec)):
+            run.late_vut_states += 1
+            return []
+        age_ns = seconds_to_ns(run.spec.limits.state_age_s)
+        snapshot = Snapshot(vut, targets, run.path, age_ns, run.phase_starts)
+        decided: list[outbox.Outgoing] = []
+        for watch in run.watches:
+            # Said here too: of two hundred triggers few are open, and every call takes its time.
+            if watch.fired or vut.stamp_ns < watch.begin_ns:
+                continue
+            firing = watch.observe(snapshot)
+            if firing is None:
+                continue
+            try:
+                decided += progress.fire(run, watch.spec, firing, targets, now_ns)
+            except progress.CannotFire as error:
+                why = f"trigger {watch.spec.id} fired, but {error}"
+                run.failed_trigger = progress.missing(run, watch.spec.object_id, now_ns, why)
+                break
+        return decided
 
     def step(self, now_ns: int) -> None:
         """Judges the states of one instant: triggers, limits, phases, the end of the run.
@@ -223,7 +278,7 @@ class Session:
         if run is not None:
             self._judge(run, now_ns)
         if self.state is SessionPhase.ABORTING:
-            self._known.forget_ahead(now_ns + seconds_to_ns(preconditions.FRESH_S))
+            self._forget_ahead(now_ns + seconds_to_ns(preconditions.FRESH_S))
         ending = self.state in (SessionPhase.STOPPING, SessionPhase.ABORTING)
         if ending and self.stands(now_ns):
             if self.state is SessionPhase.STOPPING and run:
@@ -252,6 +307,12 @@ class Session:
         if self.state is SessionPhase.ABORTING:
             self._take(progress.collisions(run, vut, self.targets))
 
+    def _forget_ahead(self, latest_ns: int) -> None:
+        """Forgets states with a later stamp: a clock that was wrong must not outlast that."""
+        if self.vut is not None and self.vut.stamp_ns > latest_ns:
+            self.vut = None
+        self.targets = {i: s for i, s in self.targets.items() if s.stamp_ns <= latest_ns}
+
     def _watch_end(self, run: Run, now_ns: int) -> None:
         if self.state is not SessionPhase.RUNNING:
             return
@@ -266,7 +327,7 @@ class Session:
         self.state = next_state(previous, event)
         if event is SessionEvent.ABORT:
             # What was heard before says nothing of what came of it.
-            self._known.heard.clear()
+            self._heard.clear()
         self.outbox.append(
             outbox.StateChanged(
                 now_ns, self.state, previous, event.value, reason, self.verdict, self.reasons
@@ -283,7 +344,7 @@ class Session:
         # What was heard before the abort is no proof.
         known = {*targets, *([] if vut is None else [run.spec.vut.id])}
         unknown = set(preconditions.moving(run.spec, vut, targets, now_ns, armed=run.armed))
-        who = sorted(unknown | (known - self._known.heard))
+        who = sorted(unknown | (known - self._heard))
         return [f"it is not known of {i} that it stands" for i in who]
 
     def _abort_by_operator(self, now_ns: int, requested_by: str, reason: str) -> None:

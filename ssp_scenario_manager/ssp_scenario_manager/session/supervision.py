@@ -11,6 +11,7 @@ from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.limits import CAMERA_SILENT_S, RECORDER_SILENT_S
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session.limits import LATE_S, Violation, of_object, silent, too_many
 from ssp_scenario_manager.session.link_quality import WINDOW_S, LinkClocks
@@ -23,8 +24,6 @@ WORLD_SILENT_LOCKSTEP_S = 4.0
 WORLD_SILENT_REALTIME_S = 0.5
 # A world that died must be named before the vehicle that it moved.
 _AFTER_WORLD_S = 0.25
-RECORDER_SILENT_S = 2.0
-CAMERA_SILENT_S = 3.0
 
 
 class LivenessMonitor:
@@ -72,8 +71,8 @@ class LivenessMonitor:
             recorder_age_s=self.age_s(names.MONITOR, steady_ns),
             camera_age_s=self.age_s(names.FRONT_CAMERA, steady_ns),
             vut_age_s=self.age_s(names.VUT_ID, steady_ns),
-            target_age_s=tuple((i, self.age_s(i, steady_ns)) for i in ids),
-            links=tuple((i, self.links.link(i, steady_ns)) for i in ids),
+            target_age_s={i: self.age_s(i, steady_ns) for i in ids},
+            links={i: self.links.link(i, steady_ns) for i in ids},
             other_managers=self.other_managers,
             foreign=self.foreign_text,
         )
