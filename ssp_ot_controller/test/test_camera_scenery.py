@@ -17,7 +17,7 @@ from ssp_core.world.scenery import item_pose
 from ssp_ot_controller.camera.kernels.bend import block_line, build_bend
 from ssp_ot_controller.camera.kernels.ground import KERB_HEIGHT_M
 from ssp_ot_controller.camera.kernels.palettes import PALETTES
-from ssp_ot_controller.camera.meshes.roadside import sign_of
+from ssp_ot_controller.camera.meshes.roadside import sign
 from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.scenery import Prop, build_scenery
 from ssp_ot_controller.camera.renderer.stage import stage_for
@@ -144,16 +144,13 @@ def test_a_stop_sign_is_red_where_it_stands(curve: str) -> None:
 
 
 def test_signs_show_their_face_to_their_traffic() -> None:
-    mesh = sign_of(STOP)
+    mesh = sign("stop")
     red = mesh.colours[:, 0, 2] > 2.0 * mesh.colours[:, 0, 1]
     assert red.any()
     assert (mesh.normals[red][:, 0, 0] < -0.99).all()  # towards who drives along x
     for value in (5, 30, 130):
-        sign_of(Sign(type="sign", s_m=0, l_m=5, kind="speed_limit", value=value))
-    meshes = {
-        kind: sign_of(Sign(type="sign", s_m=0, l_m=5, kind=kind)).colours.tobytes()
-        for kind in ("crossing", "stop", "yield", "other")
-    }
+        sign("speed_limit", value)
+    meshes = {kind: sign(kind).colours.tobytes() for kind in ("crossing", "stop", "yield", "other")}
     assert len(set(meshes.values())) == 4
 
 

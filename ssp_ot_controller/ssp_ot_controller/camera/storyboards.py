@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
@@ -26,16 +25,6 @@ from ssp_core.vocabulary import ObjectClass, Role
 
 # Exact for polynomials up to degree 31; the integrand of Steered is as smooth as one.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-
-
-class Axis(Protocol):
-    """Motion along one axis, m and s."""
-
-    def position(self, t_s: float) -> float: ...
-
-    def speed(self, t_s: float) -> float: ...
-
-    def acceleration(self, t_s: float) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -129,8 +118,8 @@ class Actor:
     object_id: str
     object_class: ObjectClass
     role: Role
-    along: Axis
-    across: Axis
+    along: Line | Steered
+    across: Line
     facing_rad: float = 0.0
 
     def state(self, t_s: float) -> ObjectState:
@@ -156,9 +145,10 @@ class Actor:
 
 LANE_M = 3.4
 VUT_START_M = 10.0
-CAR = DEFAULT_SIZES[ObjectClass.CAR]
-
-
+KERB_M = -LANE_M / 2  # where the right sidewalk begins, from the VUT's path
+CAR, TRUCK, PEDESTRIAN = (
+    DEFAULT_SIZES[c] for c in (ObjectClass.CAR, ObjectClass.TRUCK, ObjectClass.PEDESTRIAN)
+)
 Cast = tuple[Actor, tuple[Actor, ...]]  # the VUT, and who else is there
 
 
@@ -190,18 +180,17 @@ def clip_road(counts: LaneCounts) -> Road:
     )
 
 
-def clip_camera() -> Camera:
-    """Another one than in the sessions."""
-    return Camera(
-        width_px=960,
-        height_px=540,
-        hfov_deg=66.0,
-        rate_hz=24.0,
-        forward_m=1.6,
-        height_m=1.35,
-        pitch_down_rad=0.02,
-        jpeg_quality=92,
-    )
+# Another one than in the sessions.
+CLIP_CAMERA = Camera(
+    width_px=960,
+    height_px=540,
+    hfov_deg=66.0,
+    rate_hz=24.0,
+    forward_m=1.6,
+    height_m=1.35,
+    pitch_down_rad=0.02,
+    jpeg_quality=92,
+)
 
 
 def clip_look(rng: np.random.Generator) -> Look:
@@ -216,53 +205,32 @@ def clip_look(rng: np.random.Generator) -> Look:
     )
 
 
-def vut_actor(speed_mps: float, ramps: tuple[Ramp, ...]) -> Actor:
+def _vut(speed_mps: float, *ramps: Ramp) -> Actor:
     """The car with the camera, in its lane."""
     along = Line(VUT_START_M, speed_mps, ramps)
     return Actor(VUT_ID, ObjectClass.CAR, Role.VUT, along, Line(0.0, 0.0))
 
 
-def oncoming(counts: LaneCounts, start_m: float, speed_mps: float) -> tuple[Actor, ...]:
+def _oncoming(lanes: LaneCounts, start_m: float, speed_mps: float) -> tuple[Actor, ...]:
     """A car in the outer oncoming lane; nobody on a one-way road."""
-    if counts.opposite == 0:
-        return ()
-    car = Actor(
-        "oncoming_car",
-        ObjectClass.CAR,
-        Role.TRAFFIC,
-        Line(start_m, -speed_mps),
-        Line((counts.total - 1) * LANE_M, 0.0),
-        math.pi,
-    )
-    return (car,)
-
-
-CUT_IN_GAP_M = 15.0  # bumper gap when the lane change starts
+    along, across = Line(start_m, -speed_mps), Line((lanes.total - 1) * LANE_M, 0.0)
+    car = Actor("oncoming_car", ObjectClass.CAR, Role.TRAFFIC, along, across, math.pi)
+    return (car,) if lanes.opposite else ()
 
 
 def cut_in(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     """The VUT closes in, the car cuts in, the VUT brakes to less than its speed."""
     speed = float(rng.uniform(11.0, 12.0))
     slower = float(rng.uniform(4.1, 4.5))  # closing speed at the start
-    cut_s, change_s = float(rng.uniform(2.9, 3.4)), 2.4
-    brake_s = cut_s + 1.3
-    ahead = CUT_IN_GAP_M + slower * cut_s + CAR.front_m + CAR.rear_m
+    cut_s, change_s, gap_m = float(rng.uniform(2.9, 3.4)), 2.4, 15.0  # where the lane change starts
     # Across: a speed that swells and goes back; its integral is one lane width.
     peak = 2.0 * LANE_M / change_s
     across = (Ramp(cut_s, change_s / 2, -peak), Ramp(cut_s + change_s / 2, change_s / 2, peak))
-    other = Actor(
-        "ot1",
-        ObjectClass.CAR,
-        Role.OT,
-        Steered(VUT_START_M + ahead, speed - slower, across),
-        Line(LANE_M, 0.0, across),
-    )
-    vut = vut_actor(speed, (Ramp(brake_s, 2.2, -slower - 0.6),))
-    return vut, (other, *oncoming(lanes, 150.0, 9.0))
-
-
-LEAD_GAP_M = 24.0  # bumper gap when the car ahead begins to brake
-LEAD_BRAKING_S, LEAD_LATE_S, VUT_BRAKING_S = 2.7, 1.35, 3.2
+    ahead_m = gap_m + slower * cut_s + CAR.front_m + CAR.rear_m
+    along = Steered(VUT_START_M + ahead_m, speed - slower, across)
+    other = Actor("ot1", ObjectClass.CAR, Role.OT, along, Line(LANE_M, 0.0, across))
+    vut = _vut(speed, Ramp(cut_s + 1.3, 2.2, -slower - 0.6))
+    return vut, (other, *_oncoming(lanes, 150.0, 9.0))
 
 
 def lead_braking(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
@@ -271,30 +239,32 @@ def lead_braking(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     slower = float(rng.uniform(2.4, 2.8))  # closing speed at the start
     brake_s = float(rng.uniform(2.9, 3.3))
     left = float(rng.uniform(1.6, 2.2))  # speed after braking
-    lead_mps = speed - slower
-    ahead = LEAD_GAP_M + slower * brake_s + CAR.front_m + CAR.rear_m
-    lead = Actor(
-        "ot1",
-        ObjectClass.CAR,
-        Role.OT,
-        Line(
-            VUT_START_M + ahead,
-            lead_mps,
-            (Ramp(brake_s, LEAD_BRAKING_S, left - lead_mps),),
-        ),
-        Line(0.0, 0.0),
-    )
+    lead_mps, gap_m = speed - slower, 24.0  # when the car ahead begins to brake
+    ahead_m = gap_m + slower * brake_s + CAR.front_m + CAR.rear_m
+    along = Line(VUT_START_M + ahead_m, lead_mps, (Ramp(brake_s, 2.7, left - lead_mps),))
+    lead = Actor("ot1", ObjectClass.CAR, Role.OT, along, Line(0.0, 0.0))
     # In the end a little slower than the car ahead, so that the gap opens again.
-    vut = vut_actor(speed, (Ramp(brake_s + LEAD_LATE_S, VUT_BRAKING_S, left - 0.5 - speed),))
-    return vut, (lead, *oncoming(lanes, 165.0, 9.5))
+    vut = _vut(speed, Ramp(brake_s + 1.35, 3.2, left - 0.5 - speed))
+    return vut, (lead, *_oncoming(lanes, 165.0, 9.5))
 
 
-TRUCK = DEFAULT_SIZES[ObjectClass.TRUCK]
-PEDESTRIAN = DEFAULT_SIZES[ObjectClass.PEDESTRIAN]
-OCCLUDED_LATE_S, STOP_S = 1.1, 3.4
-OCCLUDED_STAND_M = 4.0  # from the VUT's front to the pedestrian's path in the end
-KERB_M = 0.6  # from the kerb to where the pedestrian waits
-ASIDE_M = 0.05  # from the carriageway's edge to the truck, which stands on the shoulder
+def _crossing(
+    speed_mps: float, brake_s: float, stop_s: float, stand_m: float, step: Ramp
+) -> tuple[Actor, Actor, float]:
+    """A VUT that stops before the path of a pedestrian, who waits on the sidewalk and then steps.
+
+    Args:
+        brake_s, stop_s: when the VUT begins to brake, and how long it does.
+        stand_m: from its front to the pedestrian's path in the end.
+
+    Returns:
+        The VUT, the pedestrian, and where the path crosses, along the road.
+    """
+    stand = VUT_START_M + speed_mps * brake_s + 0.5 * speed_mps * stop_s
+    crossing_m = stand + CAR.front_m + stand_m
+    along, across = Line(crossing_m, 0.0), Line(KERB_M - 0.6, 0.0, (step,))
+    walker = Actor("ot1", ObjectClass.PEDESTRIAN, Role.OT, along, across, math.pi / 2)
+    return _vut(speed_mps, Ramp(brake_s, stop_s, -speed_mps)), walker, crossing_m
 
 
 def occluded_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
@@ -303,51 +273,21 @@ def occluded_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     step_s = float(rng.uniform(2.5, 2.9))
     walk = float(rng.uniform(1.35, 1.5))
     hidden_m = float(rng.uniform(1.0, 1.4))  # from the truck's front to the pedestrian
-    brake_s = step_s + OCCLUDED_LATE_S
-    stand = VUT_START_M + speed * brake_s + 0.5 * speed * STOP_S
-    crossing = stand + CAR.front_m + OCCLUDED_STAND_M
-    kerb = -LANE_M / 2
-    pedestrian = Actor(
-        "ot1",
-        ObjectClass.PEDESTRIAN,
-        Role.OT,
-        Line(crossing, 0.0),
-        Line(kerb - KERB_M, 0.0, (Ramp(step_s, 0.9, walk),)),
-        math.pi / 2,
-    )
-    truck = Actor(
-        "ot2",
-        ObjectClass.TRUCK,
-        Role.OT,
-        Line(crossing - PEDESTRIAN.width_m / 2 - hidden_m - TRUCK.front_m, 0.0),
-        Line(kerb - ASIDE_M - TRUCK.width_m / 2, 0.0),
-    )
-    vut = vut_actor(speed, (Ramp(brake_s, STOP_S, -speed),))
-    return vut, (pedestrian, truck, *oncoming(lanes, 140.0, 10.0))
-
-
-VRU_STAND_M = 3.5  # from the VUT's front to the pedestrian's path in the end
+    vut, walker, crossing_m = _crossing(speed, step_s + 1.1, 3.4, 4.0, Ramp(step_s, 0.9, walk))
+    # The truck stands on the shoulder.
+    along = Line(crossing_m - PEDESTRIAN.width_m / 2 - hidden_m - TRUCK.front_m, 0.0)
+    across = Line(KERB_M - 0.05 - TRUCK.width_m / 2, 0.0)
+    truck = Actor("ot2", ObjectClass.TRUCK, Role.OT, along, across)
+    return vut, (walker, truck, *_oncoming(lanes, 140.0, 10.0))
 
 
 def vru_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     """The pedestrian waits, walks, and the VUT stops before the path."""
     speed = float(rng.uniform(8.8, 9.6))
     step_s = float(rng.uniform(2.3, 2.7))
-    brake_s, stop_s = step_s + 1.0, 3.0
     walk = float(rng.uniform(1.3, 1.45))
-    stand = VUT_START_M + speed * brake_s + 0.5 * speed * stop_s
-    crossing = stand + CAR.front_m + VRU_STAND_M
-    kerb = -LANE_M / 2
-    pedestrian = Actor(
-        "ot1",
-        ObjectClass.PEDESTRIAN,
-        Role.OT,
-        Line(crossing, 0.0),
-        Line(kerb - 0.6, 0.0, (Ramp(step_s, 0.6, walk),)),
-        math.pi / 2,
-    )
-    vut = vut_actor(speed, (Ramp(brake_s, stop_s, -speed),))
-    return vut, (pedestrian, *oncoming(lanes, 118.0, 10.0))
+    vut, walker, _ = _crossing(speed, step_s + 1.0, 3.0, 3.5, Ramp(step_s, 0.6, walk))
+    return vut, (walker, *_oncoming(lanes, 118.0, 10.0))
 
 
 # New ones at the end: a scenario's number is part of its seed.
@@ -415,4 +355,4 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
     rng = np.random.default_rng(np.random.SeedSequence([seed, INTERACTIONS.index(scenario)]))
     vut, others = _PLAYS[scenario](rng, lanes)
     road, look = clip_road(lanes), clip_look(rng)
-    return Storyboard(scenario, seed, road, clip_camera(), look, FPS, DURATION_S, vut, others)
+    return Storyboard(scenario, seed, road, CLIP_CAMERA, look, FPS, DURATION_S, vut, others)
