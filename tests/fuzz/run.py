@@ -24,8 +24,6 @@ _TIMEOUT_S = 25
 
 # What leads the fuzzer, by target: to follow all code would make it ten times as slow. Tables of
 # known types are long and have no branch.
-_BAG = ("ssp_core.bag", "mcap")
-_YAML = ("ssp_core.bag", "ssp_core.files", "yaml")
 _TYPES = ("ssp_core.bag", "rosbags.typesys", "rosbags.serde")
 _BRIDGE = (
     "ssp_vla_bridge.adapters",
@@ -35,17 +33,9 @@ _BRIDGE = (
     "ssp_vla_bridge.trajectory",
 )
 FOLLOWED = {
-    "read": _BAG,
-    "check": _BAG,
-    "recover": _BAG,
-    "cut": _BAG,
-    "info": _BAG,
-    "metadata": _YAML,
-    "qos": _YAML,
     "wire": ("ssp_core.cdr",),
     "types": _TYPES,
     "cdr": _TYPES,
-    "run": ("ssp_core.run_file", "ssp_core.files", "yaml"),
     "answer": _BRIDGE,
     "response": _BRIDGE,
     "extract": ("ssp_eval.extract",),

@@ -10,17 +10,9 @@ from pathlib import Path
 RUN = Path(__file__).with_name("run.py")
 # Few enough for every test run; the same inputs each time, since the seed is the same.
 RUNS = {
-    "read": 500,
-    "check": 500,
-    "recover": 30,
-    "cut": 30,
-    "info": 500,
-    "metadata": 200,
-    "qos": 300,
     "wire": 3000,
     "types": 60,
     "cdr": 3000,
-    "run": 200,
     "answer": 3000,
     "response": 1000,
     "extract": 1500,

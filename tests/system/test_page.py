@@ -20,6 +20,7 @@ import pytest
 
 from ssp_core.processes import free_domain, session_environment
 from ssp_core.run_file.model import RunSpec
+from tests.support.runs import small_run
 from tests.system.browser import Browser
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -53,38 +54,19 @@ def run_of_many() -> RunSpec:
             "motion": {"path": [(30.0, 12.0), (100.0, 2.0), (101.0, -5.0)], "cruise_mps": 3.0},
         },
     }
-    return RunSpec.model_validate(
-        {
-            "schema": "ssp.run/1",
-            "run_id": "many",
-            "scenario": "many",
-            "interaction": "many",
-            "domain": "simulation",
-            "stand_in": False,
-            "event_version": "sha256:many",
-            "site": "straight",
-            "site_version": "sha256:site",
-            "seed": 1,
-            "mode": "realtime",
-            "road": {
-                "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
-                "length_m": 240.0,
-                "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
-            },
-            "geofence": [(-10.0, -30.0), (240.0, -30.0), (240.0, 50.0), (-10.0, 50.0)],
-            "vut": {
-                "id": "vut",
-                "object_class": "car",
-                "start": start,
-                "approach": {"path": [(10.0, 0.0), (220.0, 0.0)], "cruise_mps": 11.0},
-            },
-            "driver": {"cruise_mps": 11.0},
-            "targets": targets,
-            "triggers": [trigger],
-            "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
-            "camera": None,
-        }
+    origin = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
+    lane = {"y_m": 0.0, "width_m": 3.5, "direction": "forward"}
+    approach = {"path": [(10.0, 0.0), (220.0, 0.0)], "cruise_mps": 11.0}
+    run = small_run(
+        scenario="many",
+        mode="realtime",
+        road={"origin": origin, "length_m": 240.0, "lanes": [lane]},
+        geofence=[(-10.0, -30.0), (240.0, -30.0), (240.0, 50.0), (-10.0, 50.0)],
+        vut={"id": "vut", "object_class": "car", "start": start, "approach": approach},
+        targets=targets,
+        triggers=[trigger],
     )
+    return RunSpec.model_validate(run)
 
 
 class Stage:

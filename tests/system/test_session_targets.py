@@ -15,6 +15,7 @@ from ssp_core.geometry import Pose2
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import CurvePiece
 from ssp_core.world.reference_line import ReferenceLine
+from tests.support.runs import small_run
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -32,42 +33,31 @@ NOISE = {"state_delay_s": 0.02, "position_noise_m": 0.02, "speed_noise_mps": 0.0
 
 def given(**changes: Any) -> dict[str, Any]:
     """A run on a straight road with two lanes forward, its VUT at 11 m/s in the right one."""
-    start = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
-    return {
-        "schema": "ssp.run/1",
-        "run_id": "run",
+    lanes = [{"y_m": y_m, "width_m": 3.5, "direction": "forward"} for y_m in (0.0, 3.5)]
+    road = {
+        "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
+        "length_m": 400.0,
+        "lanes": lanes,
+        "sidewalk_left_m": 3.0,
+        "sidewalk_right_m": 3.0,
+    }
+    vut = {
+        "id": "vut",
+        "object_class": "car",
+        "start": {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0},
+        "approach": {"path": [(10.0, 0.0), (380.0, 0.0)], "cruise_mps": 11.0},
+    }
+    own: dict[str, Any] = {
         "scenario": "given",
         "interaction": "given",
-        "domain": "simulation",
-        "stand_in": False,
-        "event_version": "sha256:given",
-        "site": "straight",
-        "site_version": "sha256:site",
         "seed": 3,
-        "mode": "lockstep",
-        "road": {
-            "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
-            "length_m": 400.0,
-            "lanes": [
-                {"y_m": 0.0, "width_m": 3.5, "direction": "forward"},
-                {"y_m": 3.5, "width_m": 3.5, "direction": "forward"},
-            ],
-            "sidewalk_left_m": 3.0,
-            "sidewalk_right_m": 3.0,
-        },
+        "road": road,
         "geofence": [(0.0, -6.0), (400.0, -6.0), (400.0, 9.0), (0.0, 9.0)],
-        "vut": {
-            "id": "vut",
-            "object_class": "car",
-            "start": start,
-            "approach": {"path": [(10.0, 0.0), (380.0, 0.0)], "cruise_mps": 11.0},
-        },
+        "vut": vut,
         "driver": {"cruise_mps": 11.0},
-        "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
         "disturbance": NOISE,
-        "camera": None,
-        **changes,
     }
+    return small_run(**(own | changes))
 
 
 K = 1.0 / 70.0
