@@ -15,8 +15,9 @@ from ssp_core import names
 from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety import limits as judge
 from ssp_core.vocabulary import SessionPhase
-from ssp_scenario_manager.doctor.checks import Finding, Status
+from ssp_scenario_manager.doctor.checks import Finding, Status, fail, ok
 from ssp_scenario_manager.session.link_quality import LinkEstimate
 from ssp_scenario_manager.session.preconditions import Facts, missing_for
 from ssp_scenario_manager.session.state_machine import SessionEvent
@@ -136,18 +137,17 @@ def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
     for topic in sorted(heard.streams.keys() - known):
         missing = f"nothing arrives on {names.absolute(topic)}"
         remedy = "is the driver of the GNSS/INS running, in this ROS domain?"
-        silent = Finding("odometry", Status.FAIL, missing, remedy)
+        silent = fail("odometry", missing, remedy)
         findings.append(_stream(silent, heard.streams[topic], rate_hz, oldest_s))
     for object_id in ids:
         missing = f"nothing arrives on {names.absolute(names.state_topic(object_id))}"
         remedy = "is its node running, in this ROS domain, with the same discovery server?"
-        silent = Finding(f"state of {object_id}", Status.FAIL, missing, remedy)
+        silent = fail(f"state of {object_id}", missing, remedy)
         stream, lost = heard.streams[object_id], heard.lost.get(object_id, 0)
         findings.append(_stream(silent, stream, rate_hz, oldest_s, lost))
     if spec.camera is not None:
         findings.append(_camera(spec.camera.rate_hz, heard))
-    findings.append(_recorder_finding(heard))
-    findings += _manager_findings(heard)
+    findings += [_recorder_finding(heard), _manager_finding(heard)]
     findings += [_link_finding(spec, t.id, heard) for t in spec.targets] if heard.managers else []
     findings.append(_arming_finding(spec, heard))
     return findings
@@ -171,16 +171,11 @@ def _stream(
 def _camera(rate_hz: float, heard: SessionHeard) -> Finding:
     image, info = heard.streams[names.CAMERA_IMAGE], heard.streams[names.CAMERA_INFO]
     if image.arrivals_ns and not info.arrivals_ns:
-        return Finding(
-            "camera",
-            Status.FAIL,
-            f"frames, but no calibration on {names.absolute(names.CAMERA_INFO)}",
-            "remap the driver's camera_info to it",
-        )
+        text = f"frames, but no calibration on {names.absolute(names.CAMERA_INFO)}"
+        return fail("camera", text, "remap the driver's camera_info to it")
     missing = f"no frame arrives on {names.absolute(names.CAMERA_IMAGE)}"
     remedy = "remap the driver's compressed image to it"
-    silent = Finding("camera", Status.FAIL, missing, remedy)
-    return _stream(silent, image, rate_hz, IMAGE_AGE_S)
+    return _stream(fail("camera", missing, remedy), image, rate_hz, IMAGE_AGE_S)
 
 
 def _stream_text(stream: Stream) -> str:
@@ -229,63 +224,44 @@ def _remedy(stream: Stream) -> str:
 
 def _recorder_finding(heard: SessionHeard) -> Finding:
     if heard.recorder_ready is None:
-        return Finding("recorder", Status.FAIL, "silent", "start ssp_monitor's node")
+        return fail("recorder", "silent", "start ssp_monitor's node")
     if not heard.recorder_ready:
         waits = ", ".join(heard.recorder_missing) or "its file"
-        return Finding("recorder", Status.FAIL, f"waits for {waits}", "start what publishes them")
-    return Finding("recorder", Status.OK, "ready")
+        return fail("recorder", f"waits for {waits}", "start what publishes them")
+    return ok("recorder", "ready")
 
 
-def _manager_findings(heard: SessionHeard) -> list[Finding]:
+def _manager_finding(heard: SessionHeard) -> Finding:
+    name, found = "scenario_manager", ", ".join(sorted(heard.managers))
     if not heard.managers:
-        return [
-            Finding(
-                "scenario_manager",
-                Status.FAIL,
-                "no heartbeat, so that links and clocks can't be measured",
-                "start it; it may stay IDLE",
-            )
-        ]
-    found = ", ".join(sorted(heard.managers))
+        silent = "no heartbeat, so that links and clocks can't be measured"
+        return fail(name, silent, "start it; it may stay IDLE")
     if len(heard.managers) > 1:
-        return [
-            Finding(
-                "scenario_manager",
-                Status.FAIL,
-                f"{len(heard.managers)} send heartbeats: {found}",
-                "end all but one, or separate them by ROS_DOMAIN_ID",
-            )
-        ]
-    return [Finding("scenario_manager", Status.OK, f"heartbeats of {found}")]
+        many = f"{len(heard.managers)} send heartbeats: {found}"
+        return fail(name, many, "end all but one, or separate them by ROS_DOMAIN_ID")
+    return ok(name, f"heartbeats of {found}")
 
 
 def _link_finding(spec: RunSpec, object_id: str, heard: SessionHeard) -> Finding:
-    name = f"link to {object_id}"
+    name, limits = f"link to {object_id}", spec.limits
     link = heard.links.get(object_id, LinkEstimate())
     if not math.isfinite(link.delay_s):
-        return Finding(
-            name,
-            Status.FAIL,
-            "heartbeats aren't answered",
-            "is its object_target active? The manager measures links of a loaded run only",
-        )
-    offset_s, delay_s = link.offset_s, link.delay_s
-    limits = spec.limits
-    text = f"clock off by {offset_s * 1e3:+.1f} ms, {delay_s * 1e3:.1f} ms there and back"
-    if abs(offset_s) > limits.clock_offset_s:
-        remedy = "synchronise the clocks (chrony or PTP)"
-        return Finding(name, Status.FAIL, f"{text}; limit ±{limits.clock_offset_s:g} s", remedy)
-    if delay_s > limits.link_delay_s:
-        remedy = "look at the radio link"
-        return Finding(name, Status.FAIL, f"{text}; limit {limits.link_delay_s:g} s", remedy)
-    return Finding(name, Status.OK, text)
+        remedy = "is its object_target active? The manager measures links of a loaded run only"
+        return fail(name, "heartbeats aren't answered", remedy)
+    text = f"clock off by {link.offset_s * 1e3:+.1f} ms, {link.delay_s * 1e3:.1f} ms there and back"
+    if judge.clock_offset(link.offset_s, limits) is not None:
+        limit = f"{text}; limit ±{limits.clock_offset_s:g} s"
+        return fail(name, limit, "synchronise the clocks (chrony or PTP)")
+    if judge.link_delay(link.delay_s, limits) is not None:
+        return fail(name, f"{text}; limit {limits.link_delay_s:g} s", "look at the radio link")
+    return ok(name, text)
 
 
 def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
     """What the manager would say to ``arm`` now, by the same rules; an armed one is not asked."""
     if heard.session in _ARMED:
         text = f"the session is {heard.session.name} already, so that nothing is asked of arming"
-        return Finding("arming", Status.OK, text)
+        return ok("arming", text)
     streams = heard.streams
     facts = Facts(
         recorder_ready=bool(heard.recorder_ready),
@@ -301,8 +277,8 @@ def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
     vut = heard.states.get(spec.vut.id)
     missing = missing_for(SessionEvent.ARM, spec, facts, vut, targets, heard.now_ns)
     if missing:
-        return Finding("arming", Status.FAIL, "; ".join(missing), "see the findings above")
-    return Finding("arming", Status.OK, "nothing keeps this session from arming")
+        return fail("arming", "; ".join(missing), "see the findings above")
+    return ok("arming", "nothing keeps this session from arming")
 
 
 def _age_s(stream: Stream | None, now_ns: int) -> float:

@@ -14,12 +14,15 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 from ssp_core import names
 from ssp_core.errors import InputError
 from ssp_core.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.model import Fault, RunSpec
+
+if TYPE_CHECKING:  # a run in one process needs no ROS
+    from ssp_scenario_manager.ros.fault_injector import FaultEndpoints
 
 _OF_NODES = ("kill", "pause", "disk_full")
 _OF_REFERENCES = ("reference_stale", "reference_out_of_fence")
@@ -29,24 +32,10 @@ _HELD_SHARE = 0.7
 # longer than the second isn't struck by the signal.
 _STANDS_S = 0.3
 _SETTLES_S = 1.0
+# How long an armed session is held with a fault in it, for the limits that apply to it.
+ARMED_HOLD_S = 3.0
 NEED_PROCESSES = frozenset((*_OF_NODES, *_OF_REFERENCES))
 RUNNER_KINDS = NEED_PROCESSES | {"operator_abort", "trigger_never"}
-
-
-class FaultActions(Protocol):
-    """What an injection needs of the session's topics and services; RunClient has it."""
-
-    def abort(self, reason: str) -> None:
-        """Asks the manager to abort, as an operator does."""
-        ...
-
-    def send_strange_reference(self, object_id: str, kind: str) -> None:
-        """Publishes a reference that the object must refuse."""
-        ...
-
-    def tell_fault(self, fault: str, target: str, active: bool, value: float) -> None:
-        """Publishes a FaultEvent at the present session time."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +45,9 @@ class Injected:
     Args:
         index: of the fault in the run file.
         active: True: it begins.
-        session_s: session time at that instant as far as the runner knew it; 0 before the start.
-            What stops the simulated world is dated by where the world's clock came to stand.
-        wall_s: steady time since the runner started, s.
+        session_s: session time at that instant as far as the runner knew it, to the µs; 0 before
+            the start. What stops the simulated world is dated by where its clock came to stand.
+        wall_s: steady time since the runner started, to the µs.
     """
 
     index: int
@@ -67,16 +56,6 @@ class Injected:
     active: bool
     session_s: float
     wall_s: float
-
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "index": self.index,
-            "kind": self.kind,
-            "target": self.target,
-            "active": self.active,
-            "session_s": round(self.session_s, 6),
-            "wall_s": round(self.wall_s, 6),
-        }
 
 
 @dataclass
@@ -164,7 +143,7 @@ class FaultInjector:
     spec: RunSpec
     group: ProcessGroup
     bag: Path
-    hands: FaultActions
+    hands: FaultEndpoints
     say: Callable[[str], None]
     injected: list[Injected] = field(default_factory=list)
 
@@ -263,9 +242,8 @@ class FaultInjector:
         self.say(f"FAULT {fault.kind}{who} {'begins' if active else 'ends'} ({at})")
         value = fault.value if fault.value is not None else float("nan")
         self.hands.tell_fault(f"{timed.index} {fault.kind}", fault.target, active, value)
-        self.injected.append(
-            Injected(timed.index, fault.kind, fault.target, active, session_s, wall_s)
-        )
+        times = round(session_s, 6), round(wall_s, 6)
+        self.injected.append(Injected(timed.index, fault.kind, fault.target, active, *times))
 
     def _signal(self, node: str, number: signal.Signals) -> None:
         with suppress(ProcessLookupError):

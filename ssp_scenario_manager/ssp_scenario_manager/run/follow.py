@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,6 @@ WORLD_GONE_S = 2.0
 SILENT_S = 10.0
 # For what a session that has given its result, or gives up, still has to say.
 LAST_WORDS_S = 8.0
-# How long an armed session is held with a fault in it, for the limits that apply to it.
-ARMED_HOLD_S = 3.0
 
 
 @dataclass(slots=True)
@@ -240,7 +238,9 @@ class _Following:
         if self._by_hand.is_armed and self._armed_at is None:
             self._armed_at = time.monotonic()
             self._injector.strike_armed(self._hands.wall_s)
-        held = self._armed_at is not None and time.monotonic() - self._armed_at >= ARMED_HOLD_S
+        held = (
+            self._armed_at is not None and time.monotonic() - self._armed_at >= faults.ARMED_HOLD_S
+        )
         self._by_hand.drive(may_start=held)
 
     def _cannot_start(self) -> RunOutcome | None:
@@ -293,7 +293,7 @@ class _Following:
                 )
         faults = {
             "schema": "ssp.faults_injected/1",
-            "injected": [one.as_json() for one in injector.injected],
+            "injected": [asdict(one) for one in injector.injected],
             "heard": hands.heard,
         }
         return Followed(outcome, hands.session_s, client.running_wall_s, faults, hands.witness())

@@ -24,6 +24,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_core.world.plant import FaultFact, ManagerUpdate, Plant, StepReport, make_plant
+from ssp_scenario_manager.run.faults import ARMED_HOLD_S, strikes_armed
 from ssp_scenario_manager.run.result import Happened, misses, result_keys, rounded
 from ssp_scenario_manager.session import limits, outbox
 from ssp_scenario_manager.session.link_quality import LinkEstimate
@@ -37,8 +38,6 @@ WHO = "run_scenario"
 # As ObjectCommand.srv has them.
 _ARM, _DISARM, _ALL_CLEAR = 2, 3, 7
 HOLD_NS = seconds_to_ns(0.1)
-# How long an armed session is held with a fault in it (as run/follow.py does).
-ARMED_HOLD_S = 3.0
 # A session that is over while something still rolls is watched for so long.
 ROLL_OUT_S = 20.0
 _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
@@ -131,7 +130,7 @@ class InProcessSession:
         It counts from when every object says that it is armed, which is when the faults begin.
         """
         states = [self.session.targets.get(t.id) for t in self._spec.targets]
-        if not any(fault.at_s is None for fault in self._spec.faults):
+        if not strikes_armed(self._spec):
             return False
         if self._armed_ns is None and all(
             state is not None and state.control_state is ControlState.ARMED for state in states
