@@ -16,15 +16,16 @@ def test_each_part_is_waited_for() -> None:
     inputs = StepInputs((OT,))
     assert not inputs.complete()
     inputs.on_tick(1, vut_states_sent=1)
-    assert not inputs.complete()
+    assert inputs.missing() == ["the answer of object_target", "states of the VUT (0 of 1)"]
     inputs.vut_states += 1
     assert not inputs.complete()
     inputs.on_answer(OT, 1, states_sent=2, acks_sent=1, events_sent=0)
-    assert not inputs.complete()
+    assert inputs.missing() == ["states of objects (0 of 2)", "acknowledgements (0 of 1)"]
     inputs.states += 2
     assert not inputs.complete()
     inputs.acks += 1
     assert inputs.complete()
+    assert not inputs.missing()
     inputs.done_step = 1
     assert not inputs.complete()  # once
 

@@ -46,7 +46,7 @@ from ssp_ot_controller.sil.world import OVER, World
 
 HOLD_PERIOD_S = 0.1
 # Lockstep: a participant that keeps the world waiting this long on the steady clock is dropped.
-HANG_LIMIT_S = 1.5
+HANG_LIMIT_S = 3.0
 # A world that didn't look for so long stood still itself, and blames nobody for that time.
 OWN_PAUSE_S = 0.5
 # An external driver that is heard while the world holds is one that may drive.

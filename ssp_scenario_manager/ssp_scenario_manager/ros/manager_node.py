@@ -15,6 +15,7 @@ from ssp_core import names, ros
 from ssp_core.cdr import steps
 from ssp_core.cdr.references import Acknowledgement
 from ssp_core.cdr.states import decode_state, decode_states
+from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
@@ -44,6 +45,8 @@ from ssp_scenario_manager.session.state_machine import Answer, SessionEvent
 from ssp_scenario_manager.session.supervision import LivenessMonitor, Supervisor
 
 WATCHDOG_PERIOD_S = 0.05
+# A step of a lockstep world that lacks its messages for so long is worth a line in the log.
+INCOMPLETE_STEP_S = 1.0
 STATUS_PERIOD_S = 1.0
 # While the world holds no step comes: here the watchdog judges what it can.
 _JUDGED_WHILE_HOLDING = (SessionPhase.ARMED, SessionPhase.STOPPING, SessionPhase.ABORTING)
@@ -64,6 +67,7 @@ class ScenarioManager(Node):
         self._arrival_ns = 0
         self._reported: list[limits.Violation] = []
         self._start_world = False
+        self._told_step = -1
         self._input = StateInput(
             self._session,
             self._liveness,
@@ -261,6 +265,7 @@ class ScenarioManager(Node):
         """On the steady clock: heartbeats outside lockstep, silence, arming, the run's script."""
         self._take_time()
         self._input.waiting()
+        self._tell_incomplete_step()
         if not self._in_lockstep:
             self._send_heartbeat()
             if self._lockstep and self._session.state is SessionPhase.RUNNING and not self._live:
@@ -274,6 +279,18 @@ class ScenarioManager(Node):
             self._session.step(self._now_ns)
         self._commands.drive(self._now_ns)
         self._flush()
+
+    def _tell_incomplete_step(self) -> None:
+        """Says once a step, when the world has waited for long, what the answer to it lacks."""
+        step, waited_ns = self._inputs.step or 0, time.monotonic_ns() - self._arrival_ns
+        if (
+            self._in_lockstep
+            and step > self._told_step
+            and waited_ns > seconds_to_ns(INCOMPLETE_STEP_S)
+            and (missing := self._inputs.missing())
+        ):
+            self._told_step = step
+            self.get_logger().warning(f"step {step} lacks {', '.join(missing)}")
 
     def _report_links(self) -> None:
         links, losses = self._liveness.links, self._input.losses

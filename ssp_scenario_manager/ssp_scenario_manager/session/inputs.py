@@ -50,21 +50,25 @@ class StepInputs:
     def forget(self, participant: str) -> None:
         """The world has dropped this one; its answers are not waited for any more."""
         self.participants = tuple(p for p in self.participants if p != participant)
+        self.answers.pop(participant, None)
 
     def complete(self) -> bool:
         """True when everything that belongs to the present step has arrived."""
-        if self.step is None or self.step <= self.done_step:
-            return False
-        if self.vut_states < self.vut_states_sent:
-            return False
-        answers = [self.answers.get(name) for name in self.participants]
-        if any(answer is None or answer[0] < self.step for answer in answers):
-            return False
-        given = [answer for answer in answers if answer is not None]
-        received = (self.states, self.acks, self.safety_events)
-        return all(
-            have >= sum(answer[k] for answer in given) for k, have in enumerate(received, start=1)
+        return self.step is not None and self.step > self.done_step and not self.missing()
+
+    def missing(self) -> list[str]:
+        """What the others have sent, or must send, for the present step, and has not arrived."""
+        step = self.step or 0
+        silent = [name for name in self.participants if self.answers.get(name, (-1,))[0] < step]
+        sent = [sum(answer[k] for answer in self.answers.values()) for k in (1, 2, 3)]
+        counts = (
+            ("states of the VUT", self.vut_states, self.vut_states_sent),
+            ("states of objects", self.states, sent[0]),
+            ("acknowledgements", self.acks, sent[1]),
+            ("safety events", self.safety_events, sent[2]),
         )
+        lacking = [f"{what} ({have} of {of})" for what, have, of in counts if have < of]
+        return [f"the answer of {name}" for name in silent] + lacking
 
 
 class PendingStates:
