@@ -15,7 +15,6 @@ from pydantic import TypeAdapter
 
 from ssp_core.clock import NS_PER_S
 from ssp_core.geometry import Polyline, Pose2
-from ssp_core.motion.encounter import encounter
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.participants import Condition
 from ssp_core.vocabulary import ObjectClass, Phase
@@ -144,40 +143,6 @@ def test_time_to_arrival(state: StateMaker, x_m: float, speed_mps: float, value_
     assert value(anchor, vut, None, path) == pytest.approx(value_s, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("x_m", "speed_mps", "value_s"),
-    [
-        (10.0, 10.0, 2.55),
-        (10.0, 0.1, 255.0),
-        (10.0, 0.099, math.inf),
-        (10.0, 0.0, math.inf),
-        (40.0, 10.0, math.inf),  # beside it: no longer ahead
-    ],
-)
-def test_time_headway(state: StateMaker, x_m: float, speed_mps: float, value_s: float) -> None:
-    vut = state("vut", x_m=x_m, speed_mps=speed_mps)
-    other = state("ot1", x_m=40.0, speed_mps=20.0)
-    assert value(HEADWAY, vut, other) == pytest.approx(value_s)
-
-
-@pytest.mark.parametrize(
-    ("other_mps", "other_y", "value_s"),
-    [
-        (5.0, 0.0, 5.1),  # 25.5 m at 5 m/s
-        (10.0, 0.0, math.inf),  # not closing
-        (0.0, 0.0, 2.55),
-        (5.0, 3.5, math.inf),  # in the next lane, and staying there
-    ],
-)
-def test_time_to_collision(
-    state: StateMaker, other_mps: float, other_y: float, value_s: float
-) -> None:
-    vut = state("vut", x_m=10.0, speed_mps=10.0)
-    other = state("ot1", x_m=40.0, y_m=other_y, speed_mps=other_mps)
-    assert value(TTC, vut, other) == pytest.approx(value_s)
-    assert value(TTC, vut, other) == encounter(vut, other, STRAIGHT).ttc_s
-
-
 def test_speed_of_whom_it_names(state: StateMaker) -> None:
     vut = state("vut", speed_mps=5.0)
     assert read(SLOWER, vut) == Reading(Sample(0, 5.0), False)
@@ -185,33 +150,6 @@ def test_speed_of_whom_it_names(state: StateMaker) -> None:
     other = state("ot1", speed_mps=5.0)
     assert read(FASTER, vut, other) == Reading(Sample(0, 5.0), False)
     assert read(FASTER, vut, replace(other, speed_mps=math.nextafter(5.0, 6.0))).holds is True
-
-
-@pytest.mark.parametrize(
-    ("x_m", "y_m", "room_m"),
-    [(25.0, 0.0, 2.0), (21.0, 0.5, 1.0), (16.0, 0.0, -4.0), (33.0, 6.0, -5.0), (20.0, 0.0, 0.0)],
-)
-def test_room_in_a_region(state: StateMaker, x_m: float, y_m: float, room_m: float) -> None:
-    reading = read(INSIDE, state("vut"), state("ot1", x_m=x_m, y_m=y_m))
-    assert reading.sample.value == pytest.approx(room_m)
-    assert reading.holds is (room_m > 0.0)
-
-
-def test_a_phase_holds_from_its_start_on(state: StateMaker) -> None:
-    vut = state("vut", stamp_ns=3 * S)
-    assert read(BEGUN, vut) == Reading(Sample(3 * S, -math.inf), False)
-    assert read(BEGUN, vut, phases={Phase.TRIGGER: S}).holds is False
-    begun = read(BEGUN, vut, phases={Phase.CONFLICT: S})
-    assert begun == Reading(Sample(3 * S, 2.0), True, S)
-
-
-def test_time_counts_from_the_start_of_the_run(state: StateMaker) -> None:
-    assert read(LATE, state("vut", stamp_ns=5 * S), started_ns=S) == Reading(
-        Sample(5 * S, 4.0), False, 5 * S + S // 2
-    )
-    on_time = state("vut", stamp_ns=5 * S + S // 2)
-    assert read(LATE, on_time, started_ns=S).holds is True
-    assert read(LATE, replace(on_time, stamp_ns=5 * S + S // 2 - 1), started_ns=S).holds is False
 
 
 # -- unknown --------------------------------------------------------------------------------------
@@ -273,30 +211,6 @@ def test_what_nobody_asks_about_is_not_extrapolated(
 
 
 # -- instants of change, and texts ----------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("before", "now", "changed_ns"),
-    [
-        ((100 * MS, 13.0), (200 * MS, 9.0), 125 * MS),
-        ((100 * MS, 9.0), (200 * MS, 13.0), 175 * MS),
-        ((0, 12.0), (10, 11.0), 0),  # at the threshold it doesn't hold, and right after it does
-        ((0, 11.0), (10, 12.0), 10),
-        ((0, 13.0), (3, 11.0), 2),  # 1.5: half to even
-        ((0, math.inf), (100, 3.0), 100),
-        ((0, 3.0), (100, math.inf), 100),
-        ((0, math.nan), (100, 3.0), 100),
-        ((0, 3.0), (100, math.nan), 100),
-    ],
-)
-def test_instant_of_a_change(
-    before: tuple[int, float], now: tuple[int, float], changed_ns: int
-) -> None:
-    asked = question(PARSER.validate_python(GAP), STRAIGHT, 0)
-    readings = [
-        Reading(Sample(*s), None if math.isnan(s[1]) else s[1] < 12.0) for s in (before, now)
-    ]
-    assert asked.changed_ns(*readings) == changed_ns
 
 
 @pytest.mark.parametrize(

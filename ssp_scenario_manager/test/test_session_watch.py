@@ -47,17 +47,6 @@ def test_an_armed_session_is_watched(
     assert driver.session.state.name.startswith("ABORT")
 
 
-def test_silence_in_an_armed_session(driver: Any, tools: Any) -> None:
-    driver.until("ARMED")
-    driver.session.step(300 * MS)
-    assert driver.session.state is SessionPhase.ARMED
-    driver.session.step(300 * MS + 1)
-    assert set(tools.violations(driver.session.outbox)) == {
-        SafetyCode.VUT_SILENT,
-        SafetyCode.OBJECT_SILENT,
-    }
-
-
 @pytest.mark.parametrize("phase", ["LOADED", "CONNECTED"])
 def test_before_it_is_armed_nothing_is_watched_but_reports_count(
     driver: Any, tools: Any, phase: str

@@ -13,7 +13,6 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
 from ssp_scenario_manager.session.limits import Violation
 from ssp_scenario_manager.session.supervision import (
-    ARM_CONFIRMATION_S,
     WORLD_SILENT_LOCKSTEP_S,
     LivenessMonitor,
     Supervisor,
@@ -63,18 +62,6 @@ def test_nobody_is_waited_for_before_or_after(driver: Any, tools: Any, phase: st
     Supervisor(driver.session, LivenessMonitor()).look(900 * S, driver.now_ns)
     assert driver.session.state.name == phase
     assert tools.violations(driver.session.outbox) == []
-
-
-def test_an_object_that_does_not_arm_takes_the_session_back(driver: Any) -> None:
-    driver.until("ARMED")
-    driver.hear(ControlState.PRE_ARMING)
-    liveness = LivenessMonitor()
-    watchdog = Supervisor(driver.session, liveness)
-    watchdog.objects_were_told_to_arm(S)
-    late_ns = S + round(ARM_CONFIRMATION_S * S) + 1
-    hear_all(liveness, late_ns)
-    watchdog.look(late_ns, 0)
-    assert driver.session.state is SessionPhase.CONNECTED
 
 
 @pytest.mark.parametrize(("mode", "given_up"), [("realtime", True), ("live", False)])
@@ -144,10 +131,3 @@ def test_a_vut_from_the_future_ends_the_run_by_name_and_sets_no_time(driver: Any
     assert driver.session.is_ahead(ahead, driver.now_ns)
     assert driver.session.reasons[0].startswith("clock_offset: vut: 3.6e+03 s, limit 0.05 s")
     assert driver.session.vut.stamp_ns == driver.now_ns
-
-
-def test_in_lockstep_it_is_named_with_its_step(driver: Any) -> None:
-    driver.until("RUNNING")
-    driver.session.on_vut_state(replace(driver.vut, stamp_ns=driver.now_ns + 3600 * S, speed_mps=5))
-    driver.session.step(driver.now_ns + S // 50)
-    assert driver.session.reasons[0].startswith("clock_offset: vut:")
