@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import re
 from dataclasses import fields
-from html.parser import HTMLParser
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
+from ssp_eval.report.render import MOST_ROWS, statistics_parts
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.metrics import METRIC_NAMES, CellMetrics
 from ssp_eval.statistics.csv_rows import rows_from_csv
@@ -23,14 +22,13 @@ from ssp_eval.statistics.table import (
     Outcome,
     Table,
     latex_text,
+    texts,
     to_csv,
-    to_html,
-    to_json,
+    to_data,
     to_latex,
     to_notes,
 )
 from ssp_eval.statistics.tables import all_tables, sd
-from ssp_eval.statistics.write import MOST_ROWS, page_parts
 from support.score_rows import row
 
 THIRD = 1 / 3
@@ -186,8 +184,7 @@ def test_csv_has_all_digits_and_reads_back():
 
 
 def test_json_is_a_table_schema_with_all_digits():
-    """What ``pandas.read_json(file, orient="table")`` takes: typed fields and flat rows of them."""
-    found = json.loads(to_json(SMALL))
+    found = to_data(SMALL)
     assert [(f["name"], f["type"], f["kind"]) for f in found["schema"]["fields"]] == [
         ("name", "string", "text"),
         ("n", "integer", "count"),
@@ -207,13 +204,9 @@ def test_json_is_a_table_schema_with_all_digits():
     assert (last["x"], last["x_n"], last["d"], last["rsr"]) == (None, 0, 0.0, None)
     assert (found["name"], found["title"]) == ("small", EVIL)
     assert found["notes"][-1] == "IVCS is no safety certificate."
-
-
-def test_whole_numbers_of_which_one_is_missing_are_numbers_to_a_reader():
-    """``integer`` is an int64 to pandas, which has no null."""
-    table = Table("t", "t", (Column("n", "n", "count"),), ((3,), (None,)))
-    (field,) = json.loads(to_json(table))["schema"]["fields"]
-    assert field["type"] == "number"
+    # ``integer`` is an int64 to a reader, which has no null.
+    lacking = Table("t", "t", (Column("n", "n", "count"),), ((3,), (None,)))
+    assert to_data(lacking)["schema"]["fields"][0]["type"] == "number"
 
 
 def test_latex_has_three_decimals_and_nothing_that_tex_would_obey():
@@ -281,38 +274,6 @@ def test_whatever_a_name_holds_latex_stays_balanced(text):
     assert_balanced(to_latex(table))
 
 
-class Reader(HTMLParser):
-    """Fields of a table, and whether every tag closes."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.fields: list[str] = []
-        self.tags: set[str] = set()
-
-    def handle_starttag(self, tag, attrs):
-        self.open.append(tag)
-        self.tags.add(tag)
-        if tag == "td":
-            self.fields.append("")
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] == "td":
-            self.fields[-1] += data
-
-
-def test_html_is_a_fragment_of_whole_tags_with_text_as_text():
-    reader = Reader()
-    reader.feed(to_html(SMALL))
-    assert reader.open == []
-    assert "script" not in reader.tags
-    assert reader.fields[:6] == [EVIL, "3", "0.333", "-25.0%", "S@1.50", "0.031"]
-    assert "IVCS is no safety certificate." in to_html(SMALL)
-
-
 def test_a_row_that_does_not_fit_is_a_bug():
     with pytest.raises(ValueError, match="a row of 2 values"):
         Table("t", "t", (Column("a", "a"),), ((1.0, 2.0),))
@@ -320,21 +281,18 @@ def test_a_row_that_does_not_fit_is_a_bug():
 
 def test_what_rounds_to_0_has_no_sign():
     table = Table("t", "t", (Column("a", "a"), Column("d", "d", "change")), ((-1e-9, -1e-9),))
-    assert "<td" in to_html(table)
-    assert "-0.000" not in to_html(table)
-    assert ">+0.0%<" in to_html(table)
-    assert json.loads(to_json(table))["data"] == [{"a": -1e-9, "d": -1e-9}]
+    assert texts(table, table.rows[0]) == ["0.000", "+0.0%"]
+    assert to_data(table)["data"] == [{"a": -1e-9, "d": -1e-9}]
 
 
 def test_a_page_shows_the_beginning_of_a_long_table_and_says_so():
     rows = tuple((f"row {k}",) for k in range(MOST_ROWS + 1))
     long = Table("intervals_cells", "long", (Column("a", "a", "text"),), rows)
     empty = Table("comparisons", "empty", (Column("a", "a", "text"),), ())
-    (part,) = page_parts([empty, long])
-    assert (part.title, [title for title, _ in part.tables]) == ("Intervals", ["long"])
-    html = part.tables[0][1]
-    assert html.count("<tr>") == MOST_ROWS + 1
-    assert f"The first {MOST_ROWS} of {MOST_ROWS + 1} rows" in html
+    ((title, (shown,)),) = statistics_parts([empty, long]).items()
+    assert (title, shown.title, len(shown.rows)) == ("Intervals", "long", MOST_ROWS)
+    assert f"The first {MOST_ROWS} of {MOST_ROWS + 1} rows" in shown.notes[0]
+    assert shown.notes[-1] == "IVCS is no safety certificate."
 
 
 @pytest.mark.parametrize("name", METRIC_NAMES)

@@ -24,10 +24,10 @@ from ssp_eval.statistics.statistics_tables import (
     failures_by_cell,
     failures_by_model,
     statistics_tables,
+    write_statistics,
 )
-from ssp_eval.statistics.table import FORMATS, Table
+from ssp_eval.statistics.table import FORMATS, Table, write_tables
 from ssp_eval.statistics.tables import all_tables, with_notices
-from ssp_eval.statistics.write import write_statistics, write_tables
 
 OVERLAYS = "overlays"
 CHOICES = (*GROUPS, OVERLAYS)

@@ -33,7 +33,6 @@ from ssp_eval.statistics.statistics_tables import (
 )
 from ssp_eval.statistics.table import Column, Table, Value, fields
 from ssp_eval.statistics.tables import ANSWERERS, MEAN_TABLES, SEEING, all_tables
-from ssp_eval.statistics.write import page_parts
 
 # Beyond, a table is folded up.
 MOST_OPEN = 60
@@ -161,6 +160,34 @@ def common_notes(grids: Sequence[Grid]) -> tuple[tuple[str, ...], list[Grid]]:
 def without_notes(one: Grid, told: Collection[str]) -> Grid:
     """The grid without notes that the page has told already."""
     return replace(one, notes=tuple(note for note in one.notes if note not in told))
+
+
+# Beyond, a table is only begun; the files of --tables hold it whole.
+MOST_ROWS = 120
+_PARTS = (
+    ("Intervals", "intervals_"),
+    ("Paired comparisons", "comparisons"),
+    ("Sensitivity", "weights_"),
+    ("Stability over runs", "stability"),
+)
+
+
+def statistics_parts(tables: Sequence[Table]) -> dict[str, list[Grid]]:
+    """By title the parts of the statistics that there is something for, in a fixed order."""
+    found: dict[str, list[Grid]] = {}
+    for title, prefix in _PARTS:
+        for table in tables:
+            if table.name.startswith(prefix) and table.rows:
+                found.setdefault(title, []).append(grid(_begun(table)))
+    return found
+
+
+def _begun(table: Table) -> Table:
+    """The first rows of a long table, with a note that says so, and all that stands under it."""
+    if len(table.rows) <= MOST_ROWS:
+        return replace(table, notes=table.all_notes)
+    note = f"The first {MOST_ROWS} of {len(table.rows)} rows; ssp report --tables DIR writes all."
+    return replace(table, rows=table.rows[:MOST_ROWS], notes=(note, *table.all_notes))
 
 
 def rank_grids(table: Table) -> list[Grid]:
@@ -384,7 +411,7 @@ def render(
             slots=SLOT_NAMES,
             stages=STAGE_NAMES,
             summary=summary(cells, audits),
-            analysis=page_parts(analysis),
+            analysis=statistics_parts(analysis),
             most=MOST_NOTICES,
             version=__version__,
             **_tables(cells),

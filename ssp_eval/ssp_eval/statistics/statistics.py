@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Any
+from itertools import combinations
 
 import numpy as np
 
-from ssp_core.vocabulary import LAT_ACTIONS
-from ssp_eval.data.ego_path import NS, SAME_S, Pose, pose_at, recorded_paths
 from ssp_eval.evaluate.results import CellData
-from ssp_eval.score.aggregate import BY_DOMAIN, BY_MODEL, BY_SCENARIO_DOMAIN, BY_SCENARIO_MODEL
-from ssp_eval.score.columns import encode
+from ssp_eval.score.aggregate import (
+    BY_DOMAIN,
+    BY_MODEL,
+    BY_SCENARIO_DOMAIN,
+    BY_SCENARIO_MODEL,
+    EQUAL,
+    mean,
+    means,
+)
 from ssp_eval.score.engine import cell_terms
-from ssp_eval.score.motion import Motion, lat_action, step_of
-from ssp_eval.score.thresholds import DEFAULT
+from ssp_eval.score.metrics import IVCS_FIRST, ivcs_weights
 from ssp_eval.statistics.bootstrap import (
     RESAMPLES,
     SEED,
@@ -27,105 +30,252 @@ from ssp_eval.statistics.bootstrap import (
     bootstrap_mean,
     bootstrap_records,
 )
-from ssp_eval.statistics.comparisons import Comparison, compare
-from ssp_eval.statistics.resampling import NO_INTERVAL
+from ssp_eval.statistics.comparisons import Comparison, compare, t_interval
+from ssp_eval.statistics.resampling import NO_INTERVAL, Interval, Numbers, generator
 from ssp_eval.statistics.rows import OK, CellRow, entering, one_scale, over_what
-from ssp_eval.statistics.sensitivity import (
-    GRID,
-    Stability,
-    Variation,
-    WeightSamples,
-    sample_weights,
-    stability,
-    vary_thresholds,
-    vary_weights,
-)
+from ssp_eval.statistics.tables import sd
 
-HORIZON_S = DEFAULT.support_end_s
-BACK_S = 1.0
+_BLOCK = 1000
 
 
 @dataclass(frozen=True)
-class Curve:
-    """The diagnostic at one label; None where the path isn't known about it.
+class PairOrder:
+    """How often the order of two subjects is that of the defined weights.
 
     Args:
-        label_t_s: clip time, s.
-        shift_m: Δl of the recorded path, m, left positive.
-        curve_m: Δl_κ, what of it follows from the curve, m.
-        curvature_per_m: κ, 1/m, left positive.
-        reads_as: the lateral action that METHOD 6.6 reads in Δl_κ alone.
+        first, second: the one that is ahead stands first; equal ones stand by name.
+        tied: they are equal under the defined weights; held is then the share of equal ones.
     """
 
-    label_t_s: float
-    shift_m: float | None = None
-    curve_m: float | None = None
-    curvature_per_m: float | None = None
-    reads_as: str | None = None
+    first: str
+    second: str
+    tied: bool
+    held: float
 
 
-def curves(requests: Sequence[Mapping[str, Any]]) -> list[Curve]:
-    """The diagnostic at each label time of a cell.
+@dataclass(frozen=True)
+class WeightSamples:
+    """Ranks under weights drawn evenly from all that are ≥ 0 and sum to 1.
 
     Args:
-        requests: lines of requests.jsonl in time order. Each one that was asked has the VUT's
-            path before it; they are laid end to end by the time that two of them share.
+        tau_mean, tau_low: mean and 5 % quantile of Kendall's τ_b to the defined ranks; None
+            where one of the two rankings is all ties.
+        first: per subject, share of the samples in which nobody is ahead of it.
     """
-    paths = recorded_paths(requests)
-    found = []
-    for request in requests:
-        label_t_s, stamp_ns = float(request["label_t_s"]), request.get("stamp_ns")
-        curve = Curve(label_t_s)
-        if stamp_ns is not None:
-            t_s = stamp_ns * NS
-            path = next((path for path in paths if path[-1].t_s >= t_s - SAME_S), [])
-            curve = curve_at(path, t_s, label_t_s)
-        found.append(curve)
-    return found
+
+    subject: str
+    samples: int
+    tau_mean: float | None
+    tau_low: float | None
+    first: dict[str, float]
+    pairs: tuple[PairOrder, ...]
 
 
-def curve_at(path: Sequence[Pose], t_s: float, label_t_s: float) -> Curve:
-    """The diagnostic at one time of a path.
+def component_means(rows: Sequence[CellRow], subject: str) -> dict[str, list[float]]:
+    """Per subject the mean of each component of IVCS over its cells, null as 0 (METHOD 6.11).
+
+    IVCS is linear in them, so the mean IVCS under any weights follows.
+    """
+    found: dict[str, list[list[float]]] = {}
+    for row in rows:
+        if row.admitted or subject != "domain":
+            values = [row.components[name] or 0.0 for name in ivcs_weights()]
+            found.setdefault(getattr(row, subject), []).append(values)
+    return {
+        name: [math.fsum(column) / len(cells) for column in zip(*cells, strict=True)]
+        for name, cells in sorted(found.items())
+    }
+
+
+def signs(values: Numbers) -> Numbers:
+    """The order of every pair of subjects: 1 where the first is ahead, −1 behind, 0 equal.
 
     Args:
-        path: in time order.
-        t_s: in the path's time.
-        label_t_s: what to call it.
+        values: (..., S).
+
+    Returns:
+        (..., S (S − 1) / 2).
     """
-    start, now, end = (pose_at(path, t_s + d) for d in (-BACK_S, 0.0, HORIZON_S))
-    if now is None or end is None:
-        return Curve(label_t_s)
-    dx, dy = end.x_m - now.x_m, end.y_m - now.y_m
-    shift_m = dy * math.cos(now.yaw_rad) - dx * math.sin(now.yaw_rad)
-    if start is None:
-        return Curve(label_t_s, shift_m)
-    ahead = _between(path, now, end)
-    whole = [*_between(path, start, now), *ahead[1:]]
-    turned = math.fsum(math.remainder(b.yaw_rad - a.yaw_rad, math.tau) for a, b in pairwise(whole))
-    length_m, distance_m = _length_m(whole), _length_m(ahead)
-    curvature_per_m = turned / length_m if length_m > 0 else 0.0
-    curve_m = arc_shift_m(curvature_per_m, distance_m)
-    still = np.zeros(1)
-    aside = (still, still + curve_m / 2, still + curve_m)
-    motion = Motion((still, still, still), aside, step_of(DEFAULT))
-    word = LAT_ACTIONS[int(lat_action(motion)[0])]
-    return Curve(label_t_s, shift_m, curve_m, curvature_per_m, word)
+    first, second = np.triu_indices(values.shape[-1], 1)
+    d = values[..., first] - values[..., second]
+    return np.where(np.abs(d) <= EQUAL, 0.0, np.sign(d))
 
 
-def _between(path: Sequence[Pose], first: Pose, last: Pose) -> list[Pose]:
-    inside = (p for p in path if first.t_s + SAME_S < p.t_s < last.t_s - SAME_S)
-    return [first, *inside, last]
+def kendall_tau(first: Numbers, second: Numbers) -> Numbers:
+    """Kendall's τ_b of two orders as signs gives them; NaN where one is all ties."""
+    agree = np.sum(first * second, axis=-1)
+    norm = np.sqrt(np.sum(np.abs(first), axis=-1) * np.sum(np.abs(second), axis=-1))
+    tau = np.full(np.shape(agree), np.nan)
+    np.divide(agree, norm, out=tau, where=norm > 0)
+    return tau
 
 
-def _length_m(path: Sequence[Pose]) -> float:
-    return math.fsum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in pairwise(path))
+def sample_weights(
+    rows: Sequence[CellRow], subject: str, seed: int, samples: int = RESAMPLES
+) -> WeightSamples | None:
+    """Ranks under random weights; None of fewer than two subjects.
+
+    Args:
+        rows: that enter means, one per cell.
+    """
+    components = component_means(rows, subject)
+    if len(components) < 2:
+        return None
+    names, table = list(components), np.array(list(components.values()))
+    defined = table @ np.array(list(ivcs_weights().values()))
+    base = signs(defined)
+    rng = generator(seed, "weights", subject)
+    held, first, taus = np.zeros(len(base)), np.zeros(len(names)), []
+    for start in range(0, samples, _BLOCK):
+        count = min(_BLOCK, samples - start)
+        values = rng.dirichlet(np.ones(table.shape[1]), size=count) @ table.T
+        order = signs(values)
+        held += np.sum(order == base, axis=0)
+        first += np.sum(values >= values.max(axis=1, keepdims=True) - EQUAL, axis=0)
+        taus.append(kendall_tau(order, base))
+    tau = np.concatenate(taus)
+    tau = tau[~np.isnan(tau)]
+    pairs = []
+    for (a, b), sign, share in zip(combinations(names, 2), base, held / samples, strict=True):
+        ahead, behind = (b, a) if sign < 0 else (a, b)
+        pairs.append(PairOrder(ahead, behind, sign == 0, float(share)))
+    return WeightSamples(
+        subject,
+        samples,
+        float(tau.mean()) if len(tau) else None,
+        float(np.quantile(tau, 0.05)) if len(tau) else None,
+        {name: float(share) for name, share in zip(names, first / samples, strict=True)},
+        tuple(pairs),
+    )
 
 
-def arc_shift_m(curvature_per_m: float, distance_m: float) -> float:
-    """(1 − cos(κ d)) / κ, how far an arc leads to the left after a distance, m; 0 for κ = 0."""
-    half = curvature_per_m * distance_m / 2
-    # 1 − cos 2h = 2 sin² h, which loses no digits near 0.
-    return 0.0 if half == 0 else distance_m * math.sin(half) ** 2 / half
+@dataclass(frozen=True)
+class Spread:
+    """A score over K runs.
+
+    Args:
+        names: of the cell, or of the domain or model whose macro mean it is.
+        interval: Student's t, 95 %.
+    """
+
+    names: tuple[str, ...]
+    metric: str
+    k: int
+    value: float
+    sd: float
+    low: float
+    high: float
+    interval: Interval
+    bootstrap: Estimate
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Over the runs of a set of cells.
+
+    Args:
+        cells: per cell with at least two runs, and metric.
+        macro: per domain and per model, over runs that have the same cells.
+        tau: mean Kendall's τ_b between the models' ranks of two runs; None where there are fewer
+            than two models or runs.
+        same_order: share of pairs of runs in which all models stand in the same order.
+    """
+
+    cells: tuple[Spread, ...]
+    macro: tuple[Spread, ...]
+    tau: float | None
+    same_order: float | None
+    runs: tuple[str, ...]
+
+
+def run_name(row: CellRow) -> str:
+    """What tells the runs of a cell apart."""
+    return row.run if row.seed is None else f"{row.run} seed {row.seed}".strip()
+
+
+def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability | None:
+    """How the runs differ; None where no cell has two.
+
+    Args:
+        rows: all runs; controls and cells without a score are left out here.
+    """
+    valid = [row for row in rows if row.status == OK and not row.control]
+    by_cell: dict[tuple[str, ...], list[CellRow]] = {}
+    by_run: dict[str, list[CellRow]] = {}
+    for row in valid:
+        by_cell.setdefault(row.key, []).append(row)
+        by_run.setdefault(run_name(row), []).append(row)
+    if all(len(group) < 2 for group in by_cell.values()):
+        return None
+    cells = [
+        spread
+        for key, group in sorted(by_cell.items())
+        for metric in IVCS_FIRST
+        if (spread := _spread(key, metric, _values(group, metric), resamples, seed))
+    ]
+    whole = _alike(by_run)
+    macro, orders = [], []
+    for by in (BY_DOMAIN, BY_MODEL):
+        per_run = [means([row.cell() for row in by_run[name]], by) for name in whole]
+        for key in sorted(per_run[0]):
+            for metric in IVCS_FIRST:
+                found = [run[key][metric].value for run in per_run if key in run]
+                values = [value for value in found if value is not None]
+                if spread := _spread((*by, *key), metric, values, resamples, seed):
+                    macro.append(spread)
+        if by == BY_MODEL and len(per_run[0]) > 1:
+            names = sorted(per_run[0])
+            orders = [
+                signs(np.array([run[name]["ivcs"].value or 0.0 for name in names]))
+                for run in per_run
+                if sorted(run) == names
+            ]
+    pairs = list(combinations(orders, 2))
+    taus = [float(kendall_tau(a, b)) for a, b in pairs]
+    return Stability(
+        tuple(cells),
+        tuple(macro),
+        mean(tau for tau in taus if not np.isnan(tau)).value,
+        mean(float(np.array_equal(a, b)) for a, b in pairs).value,
+        tuple(whole),
+    )
+
+
+def _alike(by_run: Mapping[str, Sequence[CellRow]]) -> list[str]:
+    """The runs that have the same cells, for the largest set of cells that several runs have."""
+    having: dict[frozenset[tuple[str, str, str]], list[str]] = {}
+    for name in sorted(by_run):
+        having.setdefault(frozenset(row.key for row in by_run[name]), []).append(name)
+
+    def worth(cells: frozenset[tuple[str, str, str]]) -> tuple[bool, int, int]:
+        return len(having[cells]) > 1, len(cells), len(having[cells])
+
+    return having[max(having, key=worth)]
+
+
+def _values(rows: Sequence[CellRow], metric: str) -> list[float]:
+    return [value for row in rows if (value := getattr(row, metric)) is not None]
+
+
+def _spread(
+    names: tuple[str, ...], metric: str, values: Sequence[float], resamples: int, seed: int
+) -> Spread | None:
+    deviation = sd(values)
+    if deviation is None:
+        return None
+    by_run = {f"{number:06d}": [value] for number, value in enumerate(sorted(values))}
+    over_runs = bootstrap_mean(by_run, "runs", resamples, seed, "runs", metric, *names)
+    return Spread(
+        names,
+        metric,
+        len(values),
+        mean(values).value or 0.0,
+        deviation,
+        min(values),
+        max(values),
+        t_interval(values),
+        over_runs,
+    )
 
 
 SUBJECTS = ("model", "domain")
@@ -147,19 +297,6 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Beside:
-    """The curvature diagnostic at a label, beside the lateral action.
-
-    Args:
-        planned: what METHOD 6.6 reads in the model's trajectory, None without a valid one.
-    """
-
-    curve: Curve
-    allowed: tuple[str, ...]
-    planned: str | None
-
-
-@dataclass(frozen=True)
 class Statistics:
     """What ``statistics.json`` holds.
 
@@ -169,25 +306,20 @@ class Statistics:
             scenarios where these differ from cells.
         comparisons: of domains, then of models.
         weights: ranks under random weights, per subject that has at least two names.
-        variations: one number changed at a time; thresholds only where records are known.
         runs: how repetitions differ; None without any.
-        curves: per cell and run the curvature diagnostic beside the lateral action.
     """
 
     records: Bootstrap | None
     over_cells: dict[Group, dict[Group, tuple[Estimate, ...]]]
     comparisons: tuple[Comparison, ...]
     weights: tuple[WeightSamples, ...]
-    variations: tuple[Variation, ...]
     runs: Stability | None
-    curves: dict[tuple[str, ...], tuple[Beside, ...]]
 
 
 def steps_of(rows: Sequence[CellRow], has_records: bool) -> int:
     """How often compute calls on_step."""
     valid = [row for row in one_scale(rows) if row.status == OK and not row.control]
-    from_records = len(valid) + sum(map(len, GRID.values())) if has_records and valid else 0
-    return from_records + len(SUBJECTS)
+    return (len(valid) if has_records else 0) + len(SUBJECTS)
 
 
 def compute(
@@ -208,7 +340,6 @@ def compute(
     pairs = [(row, cell) for row, cell in zip(rows, data, strict=bool(data)) if id(row) in kept]
     comparisons: list[Comparison] = []
     weights: list[WeightSamples] = []
-    variations: list[Variation] = []
     for subject in SUBJECTS:
         on_step()
         if subject in over:
@@ -217,7 +348,6 @@ def compute(
         sampled = sample_weights(chosen, subject, options.seed, options.resamples)
         if sampled is not None:
             weights.append(sampled)
-            variations += vary_weights(chosen, subject)
     records = None
     if pairs:
         with_terms = [
@@ -241,28 +371,13 @@ def compute(
             else one
             for one in comparisons
         ]
-        first = _first_runs(pairs)
-        columns = encode([(cell.labels, cell.records) for _, cell in first])
-        variations += vary_thresholds(
-            [row for row, _ in first], columns, SUBJECTS, on_step, thresholds
-        )
     return Statistics(
         records,
         {by: _over_cells(chosen, by, options) for by in GROUPINGS if over.isdisjoint(by)},
         tuple(comparisons),
         tuple(weights),
-        tuple(variations),
         stability(alike, options.resamples, options.seed),
-        _curves(pairs),
     )
-
-
-def _first_runs(pairs: Sequence[tuple[CellRow, CellData]]) -> list[tuple[CellRow, CellData]]:
-    """One run of each cell, the first by name."""
-    found: dict[tuple[str, str, str], tuple[CellRow, CellData]] = {}
-    for row, cell in sorted(pairs, key=lambda one: (*one[0].key, one[0].run)):
-        found.setdefault(row.key, (row, cell))
-    return list(found.values())
 
 
 def _over_cells(
@@ -283,21 +398,5 @@ def _over_cells(
         found[key] = tuple(
             bootstrap_mean(values, unit, options.resamples, options.seed, unit, *by, *key)
             for values, unit in units
-        )
-    return found
-
-
-def _curves(pairs: Sequence[tuple[CellRow, CellData]]) -> dict[tuple[str, ...], tuple[Beside, ...]]:
-    """Of each cell, by the time of the label."""
-    found: dict[tuple[str, ...], tuple[Beside, ...]] = {}
-    for row, cell in pairs:
-        if cell.score is None:
-            continue
-        by_time = {curve.label_t_s: curve for curve in curves(cell.requests)}
-        found[(*row.key, row.run)] = tuple(
-            Beside(
-                by_time.get(label.t_s, Curve(label.t_s)), label.lat_actions, judged.trajectory_lat
-            )
-            for label, judged in zip(cell.labels.labels, cell.score.details.judgements, strict=True)
         )
     return found
