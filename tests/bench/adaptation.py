@@ -472,7 +472,7 @@ def _steps(
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, default=100 if LONG else 20)
+    parser.add_argument("--seeds", type=int, default=100 if LONG else 10)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--svg", type=Path)
     asked = parser.parse_args()

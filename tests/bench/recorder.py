@@ -15,7 +15,7 @@ from pathlib import Path
 
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-from measure import report
+from measure import LONG, report
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
@@ -28,7 +28,7 @@ SIZES = (
     ("frames of 90 kB", 90_000, 3_000),
     ("raw images of 2.7 MB", 2_700_000, 100),
 )
-TURNS = 5
+TURNS = 5 if LONG else 3
 
 
 def payloads(size: int, count: int) -> Iterator[bytes]:

@@ -43,7 +43,7 @@ from ssp_scenario_manager.run.over_dds import PROFILE
 HERE = Path(__file__).parent
 LOADS = (
     Load(jpegs=4, objects=20),
-    Load(objects=100),
+    *([Load(objects=100)] if LONG else []),
     Load(raws=2, objects=20),
 )
 SECONDS = 60.0 if LONG else 8.0

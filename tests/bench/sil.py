@@ -1,4 +1,4 @@
-"""Sessions in lockstep against the clock: through DDS, with and without a camera, and without DDS.
+"""Sessions in lockstep against the clock: through DDS, with and without a camera.
 
 Five object targets at 50 Hz: the cut-in on the boulevard, with four more that drive along the road
 and beside it. The lower bound of what goes through DDS is the same session in one process, which
@@ -75,15 +75,14 @@ def in_one_process(spec: RunSpec, work_dir: Path) -> float:
 
 
 def main() -> None:
-    one, five = one_target(), five_targets()
+    five = five_targets()
     camera = Camera(width_px=1280, height_px=720, rate_hz=10.0)
     filmed = five.model_copy(update={"camera": camera})
-    rates: dict[str, list[float]] = {name: [] for name in ("dds", "filmed", "one", "five")}
+    rates: dict[str, list[float]] = {name: [] for name in ("dds", "filmed", "five")}
     with tempfile.TemporaryDirectory() as folder:
         in_one_process(five, Path(folder))  # imports, gains and files are there from now on
         for _ in range(ROUNDS):
             rates["five"].append(in_one_process(five, Path(folder)))
-            rates["one"].append(in_one_process(one, Path(folder)))
             rates["dds"].append(through_dds(five))
             rates["filmed"].append(through_dds(filmed))
     unit, size = "x real time", f"{1 / five.step_s:.0f} Hz, median of {ROUNDS}, best "
@@ -107,16 +106,6 @@ def main() -> None:
         lower=False,
         limit=1.5,
     )
-    for name, spec in (("one", one), ("five", five)):
-        report(
-            f"sil: in one process, {len(spec.targets)} target(s)",
-            middle[name],
-            None,
-            unit,
-            f"{len(spec.targets)} object target(s), {size}{best[name]}",
-            lower=False,
-            limit=100.0,
-        )
 
 
 if __name__ == "__main__":
