@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import pytest
@@ -14,7 +13,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.session.link_quality import LinkEstimate
-from ssp_scenario_manager.session.preconditions import Facts, missing_for
+from ssp_scenario_manager.session.preconditions import Facts, missing_for, moving, stands
 from ssp_scenario_manager.session.state_machine import SessionEvent
 
 S = 1_000_000_000
@@ -25,27 +24,45 @@ READY = Facts(
     recorder_age_s=0.1,
     camera_age_s=0.1,
     vut_age_s=0.1,
-    target_age_s={"ot1": 0.1},
-    links={"ot1": LINK},
+    target_age_s={"ot1": 0.1, "ot2": 0.1},
+    links={"ot1": LINK, "ot2": LINK},
 )
+CONNECT, ARM, START = SessionEvent.CONNECT, SessionEvent.ARM, SessionEvent.START
 StateMaker = Callable[..., ObjectState]
-# At the instant of the states.
-missing_to_connect = partial(missing_for, SessionEvent.CONNECT, now_ns=NOW_NS)
-missing_to_arm = partial(missing_for, SessionEvent.ARM, now_ns=NOW_NS)
-missing_to_start = partial(missing_for, SessionEvent.START, now_ns=NOW_NS)
+Changes = dict[str, Any]
+NONE: Changes = {}
+Ask = Callable[..., list[str]]
 
 
 @pytest.fixture
-def vut(state: StateMaker) -> ObjectState:
-    return state("vut", stamp_ns=NOW_NS)
+def ask(run_mapping: dict[str, Any], state: StateMaker) -> Ask:
+    """What is missing where everything is well but for the changes."""
+
+    def asked(
+        event: SessionEvent = ARM,
+        facts: Changes = NONE,
+        vut: Changes = NONE,
+        ot1: Changes = NONE,
+        ot2: Changes | None = None,
+        limits: Changes = NONE,
+        **run: Any,
+    ) -> list[str]:
+        given = {**run_mapping, **run, "limits": {**run_mapping["limits"], **limits}}
+        placed = {"stamp_ns": NOW_NS, "x_m": 40.0, "y_m": 3.5}
+        placed["control_state"] = ControlState.ARMED if event is START else ControlState.DISARMED
+        targets = {"ot1": state("ot1", **{**placed, **ot1})}
+        if ot2 is not None:
+            targets["ot2"] = state("ot2", **{**placed, **ot2})
+        spec, own = RunSpec.model_validate(given), state("vut", **{"stamp_ns": NOW_NS, **vut})
+        return missing_for(event, spec, replace(READY, **facts), own, targets, NOW_NS)
+
+    return asked
 
 
-@pytest.fixture
-def ot1(state: StateMaker) -> ObjectState:
-    return state("ot1", stamp_ns=NOW_NS, x_m=40.0, y_m=3.5, control_state=ControlState.DISARMED)
-
-
-# -- connect --------------------------------------------------------------------------------------
+def second(run_mapping: dict[str, Any], x_m: float, y_m: float) -> list[dict[str, Any]]:
+    """The run's target, and one more."""
+    start = {"x_m": x_m, "y_m": y_m, "yaw_rad": 0.0}
+    return [*run_mapping["targets"], {"id": "ot2", "object_class": "car", "start": start}]
 
 
 @pytest.mark.parametrize(
@@ -57,56 +74,71 @@ def ot1(state: StateMaker) -> ObjectState:
         (math.inf, "no state of {} arrives"),
     ],
 )
-def test_connect_needs_fresh_states(
-    run: RunSpec, vut: ObjectState, ot1: ObjectState, age_s: float, says: str | None
-) -> None:
-    targets = {"ot1": ot1}
-    assert missing_to_connect(run, READY, vut, targets) == []
-    facts = replace(READY, vut_age_s=age_s)
-    missing = [says.format("the VUT")] if says else []
-    assert missing_to_connect(run, facts, vut, targets) == missing
-    facts = replace(READY, target_age_s={"ot1": age_s})
-    missing = [says.format("ot1")] if says else []
-    assert missing_to_connect(run, facts, vut, targets) == missing
+def test_connect_needs_fresh_states(ask: Ask, age_s: float, says: str | None) -> None:
+    missing = ask(CONNECT, facts={"vut_age_s": age_s})
+    assert missing == ([says.format("the VUT")] if says else [])
+    missing = ask(CONNECT, facts={"target_age_s": {"ot1": age_s}})
+    assert missing == ([says.format("ot1")] if says else [])
 
 
-# -- arm ------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("event", [CONNECT, ARM, START])
+def test_nothing_is_missing(ask: Ask, run: RunSpec, event: SessionEvent) -> None:
+    assert ask(event) == []
+    assert ask(event, facts=vars_of(Facts.of_one_process(run))) == []
 
 
-def test_nothing_is_missing(run: RunSpec, vut: ObjectState, ot1: ObjectState) -> None:
-    assert missing_to_arm(run, READY, vut, {"ot1": ot1}) == []
-    assert missing_to_arm(run, Facts.of_one_process(run), vut, {"ot1": ot1}) == []
+def vars_of(facts: Facts) -> Changes:
+    return {name: getattr(facts, name) for name in facts.__dataclass_fields__}
+
+
+CAMERA: Changes = {"camera": {}}
+UNMEASURED = "clock offset and link delay of ot1 are not measured: no answer to heartbeats"
 
 
 @pytest.mark.parametrize(
-    ("facts", "says"),
+    ("facts", "run", "says"),
     [
-        ({"recorder_age_s": 2.0}, None),
-        ({"recorder_age_s": 2.01}, "the recorder is silent"),
-        ({"recorder_ready": False}, "the recorder is not ready: its file is not open"),
+        ({"recorder_age_s": 2.0}, {}, []),
+        ({"recorder_age_s": 2.01}, {}, ["the recorder is silent"]),
+        ({"recorder_ready": False}, {}, ["the recorder is not ready: its file is not open"]),
         (
             {"recorder_ready": False, "recorder_missing": ("/ssp/a", "/ssp/b")},
-            "the recorder is not ready: /ssp/a, /ssp/b",
+            {},
+            ["the recorder is not ready: /ssp/a, /ssp/b"],
         ),
-        ({"recorder_lost": 2}, "the recorder has lost 2 messages, limit 0"),
+        ({"recorder_lost": 2}, {}, ["the recorder has lost 2 messages, limit 0"]),
+        ({"camera_age_s": 3.01}, {}, []),
+        ({"camera_age_s": 3.01}, CAMERA, ["no camera frame arrives"]),
+        ({"camera_age_s": 3.0}, CAMERA, []),
+        ({"other_managers": 1}, {}, ["1 other managers, limit 0"]),
     ],
 )
-def test_the_recorder(
-    run: RunSpec, vut: ObjectState, ot1: ObjectState, facts: dict[str, Any], says: str | None
-) -> None:
-    missing = [says] if says else []
-    assert missing_to_arm(run, replace(READY, **facts), vut, {"ot1": ot1}) == missing
+def test_the_session_around_it(ask: Ask, facts: Changes, run: Changes, says: list[str]) -> None:
+    assert ask(facts=facts, **run) == says
+    assert ask(START, facts=facts, **run) == says
 
 
-def test_the_camera_counts_if_there_is_one(
-    run_mapping: dict[str, Any], run: RunSpec, vut: ObjectState, ot1: ObjectState
-) -> None:
-    facts = replace(READY, camera_age_s=3.01)
-    assert missing_to_arm(run, facts, vut, {"ot1": ot1}) == []
-    run_mapping["camera"] = {}
-    seen = RunSpec.model_validate(run_mapping)
-    assert missing_to_arm(seen, facts, vut, {"ot1": ot1}) == ["no camera frame arrives"]
-    assert missing_to_arm(seen, replace(READY, camera_age_s=3.0), vut, {"ot1": ot1}) == []
+@pytest.mark.parametrize(
+    ("link", "says"),
+    [
+        (LinkEstimate(0.05, 0.5, 1.0), []),
+        (LinkEstimate(-0.05, 0.0, 0.0), []),
+        (LinkEstimate(0.051, 0.002, 0.1), ["the clock of ot1 is off by 0.051 s, limit 0.05 s"]),
+        (LinkEstimate(-9.0, 0.002, 0.1), ["the clock of ot1 is off by -9.000 s, limit 0.05 s"]),
+        (
+            LinkEstimate(0.2, 0.501, 0.1),
+            [
+                "the clock of ot1 is off by 0.200 s, limit 0.05 s",
+                "the link to ot1 takes 0.501 s there and back, limit 0.5 s",
+            ],
+        ),
+        (LinkEstimate(0.0, 0.0, 1.25), [f"{UNMEASURED} for 1.25 s, limit 1 s"]),
+        (LinkEstimate(), [UNMEASURED]),
+    ],
+)
+def test_each_link_is_measured_and_good(ask: Ask, link: LinkEstimate, says: list[str]) -> None:
+    assert ask(facts={"links": {"ot1": link}}) == says
+    assert ask(START, facts={"links": {"ot1": link}}) == says
 
 
 @pytest.mark.parametrize(
@@ -116,9 +148,8 @@ def test_the_camera_counts_if_there_is_one(
         ({"x_m": 41.51}, ["ot1 is 1.51 m from its start, limit 1.5 m"]),
         ({"speed_mps": 0.05}, []),
         ({"speed_mps": -0.06}, ["ot1 moves at -0.06 m/s, limit 0.05 m/s"]),
-        ({"control_state": ControlState.ARMED}, []),
-        ({"control_state": ControlState.ABORTING}, ["ot1 is ABORTING, not DISARMED or ARMED"]),
-        ({"control_state": ControlState.OFF}, ["ot1 is OFF, not DISARMED or ARMED"]),
+        ({"control_state": ControlState.ABORTING}, ["ot1 is ABORTING, not {}"]),
+        ({"control_state": ControlState.OFF}, ["ot1 is OFF, not {}"]),
         ({"position_std_m": 0.5}, []),
         ({"position_std_m": 0.51}, ["the position of ot1 is uncertain by 0.51 m, limit 0.5 m"]),
         ({"stamp_ns": NOW_NS - 300_000_000}, []),
@@ -131,163 +162,71 @@ def test_the_camera_counts_if_there_is_one(
         ({"x_m": math.nan}, ["ot1 has a state with a value that is no number"]),
     ],
 )
-def test_each_target_in_place_and_disarmed(
-    run: RunSpec, vut: ObjectState, ot1: ObjectState, changed: dict[str, Any], says: list[str]
-) -> None:
-    assert missing_to_arm(run, READY, vut, {"ot1": replace(ot1, **changed)}) == says
+def test_each_target_in_place(ask: Ask, changed: Changes, says: list[str]) -> None:
+    """When it is armed, and again at the start: between the two somebody may have moved."""
+    for event, wanted in ((ARM, "DISARMED or ARMED"), (START, "ARMED")):
+        assert ask(event, ot1=changed) == [one.format(wanted) for one in says]
 
 
-@pytest.mark.parametrize(
-    ("link", "says"),
-    [
-        (LinkEstimate(0.05, 0.5, 1.0), []),
-        (LinkEstimate(-0.05, 0.0, 0.0), []),
-        (LinkEstimate(0.051, 0.002, 0.1), ["the clock of ot1 is off by 0.051 s, limit 0.05 s"]),
-        (LinkEstimate(-9.0, 0.002, 0.1), ["the clock of ot1 is off by -9.000 s, limit 0.05 s"]),
-        (
-            LinkEstimate(0.0, 0.501, 0.1),
-            ["the link to ot1 takes 0.501 s there and back, limit 0.5 s"],
-        ),
-        (
-            LinkEstimate(0.2, 0.6, 0.1),
-            [
-                "the clock of ot1 is off by 0.200 s, limit 0.05 s",
-                "the link to ot1 takes 0.600 s there and back, limit 0.5 s",
-            ],
-        ),
-        (
-            LinkEstimate(0.0, 0.0, 1.25),
-            [
-                "clock offset and link delay of ot1 are not measured: "
-                "no answer to heartbeats for 1.25 s, limit 1 s"
-            ],
-        ),
-        (
-            LinkEstimate(),
-            ["clock offset and link delay of ot1 are not measured: no answer to heartbeats"],
-        ),
-    ],
-)
-def test_each_link_is_measured_and_good(
-    run: RunSpec, vut: ObjectState, ot1: ObjectState, link: LinkEstimate, says: list[str]
-) -> None:
-    facts = replace(READY, links={"ot1": link})
-    assert missing_to_arm(run, facts, vut, {"ot1": ot1}) == says
+def test_the_start_needs_armed_objects(ask: Ask) -> None:
+    assert ask(ARM, ot1={"control_state": ControlState.ARMED}) == []
+    disarmed = {"control_state": ControlState.DISARMED}
+    assert ask(START, ot1=disarmed) == ["ot1 is DISARMED, not ARMED"]
 
 
-def test_there_is_one_manager(run: RunSpec, vut: ObjectState, ot1: ObjectState) -> None:
-    missing = missing_to_arm(run, replace(READY, other_managers=1), vut, {"ot1": ot1})
-    assert missing == ["1 other managers, limit 0"]
-
-
-def test_the_vut_in_place(run: RunSpec, vut: ObjectState, ot1: ObjectState) -> None:
-    away = replace(vut, x_m=-11.0, speed_mps=1.0)
-    assert missing_to_arm(run, READY, away, {"ot1": ot1}) == [
+def test_the_vut_in_place(ask: Ask) -> None:
+    assert ask(vut={"x_m": -11.0, "speed_mps": 1.0}) == [
         "vut is 11.00 m from its start, limit 1.5 m",
         "vut moves at 1.00 m/s, limit 0.05 m/s",
         "vut is outside the geofence by 1.90 m, limit 0 m",
     ]
-
-
-def test_the_whole_vut_is_inside_the_fence(
-    run_mapping: dict[str, Any], vut: ObjectState, ot1: ObjectState
-) -> None:
-    """Its reference point is inside, its right side isn't: 0.9 m to the right."""
-    run_mapping["geofence"] = [(-10.0, -0.7), (300.0, -0.7), (300.0, 10.0), (-10.0, 10.0)]
-    narrow = RunSpec.model_validate(run_mapping)
-    assert missing_to_arm(narrow, READY, vut, {"ot1": ot1}) == [
-        "vut is outside the geofence by 0.20 m, limit 0 m"
-    ]
-
-
-def test_the_start_region_is_the_sites(
-    run_mapping: dict[str, Any], vut: ObjectState, ot1: ObjectState
-) -> None:
-    run_mapping["limits"]["start_region_m"] = 0.25
-    strict = RunSpec.model_validate(run_mapping)
+    # Its reference point is inside, its right side isn't: 0.9 m to the right.
+    narrow = [(-10.0, -0.7), (300.0, -0.7), (300.0, 10.0), (-10.0, 10.0)]
+    assert ask(geofence=narrow) == ["vut is outside the geofence by 0.20 m, limit 0 m"]
     for x_m, says in ((0.25, []), (0.26, ["vut is 0.26 m from its start, limit 0.25 m"])):
-        assert missing_to_arm(strict, READY, replace(vut, x_m=x_m), {"ot1": ot1}) == says
+        assert ask(vut={"x_m": x_m}, limits={"start_region_m": 0.25}) == says
 
 
-@pytest.mark.parametrize(
-    ("mode", "age_ms", "says"),
-    [
-        ("live", 60, []),  # two periods, and one until the next state comes
-        (
-            "live",
-            80,
-            [
-                "states of vut are 0.060 s old when they come, limit for triggers 0.04 s "
-                "(limits.trigger_age_s)"
-            ],
-        ),
-        ("lockstep", 80, []),
-    ],
-)
-def test_a_live_vut_is_not_too_late_for_triggers(
-    run: RunSpec, vut: ObjectState, ot1: ObjectState, mode: str, age_ms: int, says: list[str]
-) -> None:
-    late = replace(vut, stamp_ns=NOW_NS - age_ms * 1_000_000)
-    spec = run.model_copy(update={"mode": mode})
-    assert missing_to_arm(spec, READY, late, {"ot1": ot1}) == says
-
-
-def test_an_age_at_the_limit_for_triggers_is_allowed(
-    run_mapping: dict[str, Any], vut: ObjectState, ot1: ObjectState
-) -> None:
-    run_mapping |= {"mode": "live", "step_s": 0.0625}
-    run_mapping["limits"]["trigger_age_s"] = 0.125
-    spec = RunSpec.model_validate(run_mapping)
-    for age_ns, count in ((187_500_000, 0), (187_500_001, 1)):
-        late = replace(vut, stamp_ns=NOW_NS - age_ns)
-        assert len(missing_to_arm(spec, READY, late, {"ot1": ot1})) == count
-
-
-def test_separation_before_the_start(
-    run_mapping: dict[str, Any], vut: ObjectState, ot1: ObjectState
-) -> None:
-    # Bumper to bumper 0.25 m, limit 0.5 m: the run file itself asks for too little.
-    run_mapping["targets"][0]["start"] = {"x_m": 4.75, "y_m": 0.0, "yaw_rad": 0.0}
-    close = RunSpec.model_validate(run_mapping)
-    near = replace(ot1, x_m=4.75, y_m=0.0)
-    assert missing_to_arm(close, READY, vut, {"ot1": near}) == [
-        "ot1 is 0.25 m from vut, limit 0.5 m"
+def test_a_live_vut_is_not_too_late_for_triggers(ask: Ask) -> None:
+    """Two periods or as the site says, and one until the next state comes."""
+    old = {"stamp_ns": NOW_NS - 80_000_000}
+    assert ask(vut={"stamp_ns": NOW_NS - 60_000_000}, mode="live") == []
+    assert ask(vut=old) == []
+    assert ask(vut=old, mode="live") == [
+        "states of vut are 0.060 s old when they come, limit for triggers 0.04 s "
+        "(limits.trigger_age_s)"
     ]
-    exact = replace(ot1, x_m=5.0, y_m=0.0, size=replace(ot1.size, rear_m=1.0))
-    ahead = replace(vut, size=replace(vut.size, front_m=3.5))
-    assert missing_to_arm(close, READY, ahead, {"ot1": exact}) == []
+    for age_ns, count in ((187_500_000, 0), (187_500_001, 1)):
+        late, limits = {"stamp_ns": NOW_NS - age_ns}, {"trigger_age_s": 0.125}
+        assert len(ask(vut=late, mode="live", step_s=0.0625, limits=limits)) == count
 
 
-def test_separation_of_targets_from_each_other(
-    run_mapping: dict[str, Any], vut: ObjectState, ot1: ObjectState
-) -> None:
-    ot2 = {"id": "ot2", "object_class": "car", "start": {"x_m": 44.9, "y_m": 3.5, "yaw_rad": 0.0}}
-    run_mapping["targets"].append(ot2)
-    both = RunSpec.model_validate(run_mapping)
-    facts = replace(READY, target_age_s={"ot1": 0.1, "ot2": 0.1}, links={"ot1": LINK, "ot2": LINK})
-    for x_m, says in ((44.9, ["ot2 is 0.40 m from ot1, limit 0.5 m"]), (45.1, [])):
-        second = replace(ot1, object_id="ot2", x_m=x_m)
-        assert missing_to_arm(both, facts, vut, {"ot1": ot1, "ot2": second}) == says
+def test_separation_before_the_start(ask: Ask, run_mapping: dict[str, Any]) -> None:
+    """The run file itself asks for too little."""
+    both = second(run_mapping, 44.9, 3.5)
+    assert ask(ot2={"x_m": 44.9}, targets=both) == ["ot2 is 0.40 m from ot1, limit 0.5 m"]
+    assert ask(ot2={"x_m": 45.1}, targets=both) == []
+    run_mapping["targets"][0]["start"] = {"x_m": 4.75, "y_m": 0.0, "yaw_rad": 0.0}
+    near = {"x_m": 4.75, "y_m": 0.0}
+    assert ask(ot1=near) == ["ot1 is 0.25 m from vut, limit 0.5 m"]
 
 
 def test_everything_that_is_missing_is_named_at_once(
     run_mapping: dict[str, Any], state: StateMaker
 ) -> None:
-    run_mapping["camera"] = {}
-    ot2 = {"id": "ot2", "object_class": "car", "start": {"x_m": 70.0, "y_m": 0.0, "yaw_rad": 0.0}}
-    run_mapping["targets"].append(ot2)
-    both = RunSpec.model_validate(run_mapping)
+    given = {**run_mapping, "camera": {}, "targets": second(run_mapping, 70.0, 0.0)}
     stray = state(
         "ot2", stamp_ns=NOW_NS, x_m=99.0, y_m=99.0, speed_mps=3.0, control_state=ControlState.INIT
     )
-    assert missing_to_arm(both, Facts(), None, {"ot2": stray}) == [
+    both = RunSpec.model_validate(given)
+    assert missing_for(ARM, both, Facts(), None, {"ot2": stray}, NOW_NS) == [
         "no state of the VUT arrives",
         "no state of ot1 arrives",
         "no state of ot2 arrives",
         "the recorder is silent",
         "no camera frame arrives",
-        "clock offset and link delay of ot1 are not measured: no answer to heartbeats",
-        "clock offset and link delay of ot2 are not measured: no answer to heartbeats",
+        UNMEASURED,
+        UNMEASURED.replace("ot1", "ot2"),
         "ot2 is INIT, not DISARMED or ARMED",
         "ot2 is 103.16 m from its start, limit 1.5 m",
         "ot2 moves at 3.00 m/s, limit 0.05 m/s",
@@ -295,48 +234,43 @@ def test_everything_that_is_missing_is_named_at_once(
     ]
 
 
-# -- start ----------------------------------------------------------------------------------------
-
-
-def test_start_needs_armed_objects_that_are_still_heard(
-    run: RunSpec, vut: ObjectState, ot1: ObjectState
-) -> None:
-    armed = {"ot1": replace(ot1, control_state=ControlState.ARMED)}
-    assert missing_to_start(run, READY, vut, armed) == []
-    assert missing_to_start(run, READY, vut, {"ot1": ot1}) == ["ot1 is DISARMED, not ARMED"]
-    gone = replace(READY, vut_age_s=1.5, recorder_age_s=2.5)
-    assert missing_to_start(run, gone, vut, armed) == [
-        "no state of the VUT arrives: none for 1.50 s, limit 1 s",
-        "the recorder is silent",
-    ]
+# -- who is known to stand -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("facts", "changed"),
+    ("changed", "expected"),
     [
-        ({"recorder_ready": False}, {}),
-        ({"recorder_lost": 1}, {}),
-        ({"other_managers": 1}, {}),
-        ({"links": {"ot1": LinkEstimate(0.2, 0.0, 0.0)}}, {}),
-        ({}, {"x_m": 45.0}),
-        ({}, {"x_m": 400.0}),
-        ({}, {"x_m": 3.0, "y_m": 0.0}),
-        ({}, {"speed_mps": 0.2}),
-        ({}, {"position_std_m": 2.0}),
-        ({}, {"stamp_ns": NOW_NS - S}),
-        ({}, {"y_m": math.inf}),
+        ({}, True),
+        ({"speed_mps": 0.05}, True),
+        ({"speed_mps": -0.05}, True),
+        ({"speed_mps": math.nextafter(0.05, 1.0)}, False),
+        ({"speed_mps": -0.06}, False),
+        ({"speed_mps": math.nan}, False),
+        ({"stamp_ns": NOW_NS - S}, True),
+        ({"stamp_ns": NOW_NS - S - 1}, False),
+        ({"stamp_ns": NOW_NS + S}, True),
+        ({"stamp_ns": NOW_NS + S + 1}, False),  # a clock that is far off proves nothing
+        ({"control_state": ControlState.RUNNING}, False),
+        ({"control_state": ControlState.REMOTE_CONTROLLED}, False),
     ],
 )
-def test_what_arming_needs_the_start_needs_again(
-    run: RunSpec,
-    vut: ObjectState,
-    ot1: ObjectState,
-    facts: dict[str, Any],
-    changed: dict[str, Any],
-) -> None:
-    """Between the two somebody may have gone, moved or failed."""
-    armed = {"ot1": replace(ot1, control_state=ControlState.ARMED, **changed)}
-    known = replace(READY, **facts)
-    missing = missing_to_start(run, known, vut, armed)
-    assert missing
-    assert missing == missing_to_arm(run, known, vut, armed)
+def test_one_object(state: StateMaker, changed: dict[str, Any], expected: bool) -> None:
+    assert stands(state("ot1", **{"stamp_ns": NOW_NS, **changed}), NOW_NS) is expected
+
+
+@pytest.mark.parametrize("control", ControlState)
+def test_in_an_abort_everybody_must_have_heard_it(state: StateMaker, control: ControlState) -> None:
+    could_go = {"ARMED", "PRE_ARMING", "PRE_RUNNING", "RUNNING", "REMOTE_CONTROLLED"}
+    known = state("ot1", stamp_ns=NOW_NS, control_state=control)
+    assert stands(known, NOW_NS, aborting=True) is (control.name not in could_go)
+
+
+def test_who_is_asked(run: RunSpec, state: StateMaker) -> None:
+    vut, ot1 = state("vut", stamp_ns=NOW_NS), state("ot1", stamp_ns=NOW_NS)
+    fast = state("ot1", stamp_ns=NOW_NS, speed_mps=1.0)
+    assert moving(run, vut, {"ot1": ot1}, NOW_NS, armed=True) == []
+    assert moving(run, vut, {"ot1": fast}, NOW_NS, armed=True) == ["ot1"]
+    assert moving(run, vut, {"ot1": fast}, NOW_NS, armed=True, without=["ot1"]) == []
+    # What was never heard must prove that it stands only once it could have been set in motion.
+    assert moving(run, None, {}, NOW_NS, armed=False) == []
+    assert moving(run, None, {}, NOW_NS, armed=True) == ["vut", "ot1"]
