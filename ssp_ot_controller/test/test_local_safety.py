@@ -13,7 +13,7 @@ from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
-from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.vocabulary import ControlState
@@ -41,7 +41,7 @@ ZERO = TrackingError(0.0, 0.0, 0.0)
 
 def decide(
     control_state: ControlState = ControlState.RUNNING, **changes: Any
-) -> local_safety.Continue | local_safety.StopNow:
+) -> LimitViolation | None:
     seen: dict[str, Any] = {
         "heartbeat_age_s": 0.0,
         "state": STATE,
@@ -67,7 +67,8 @@ def beside(gap_m: float) -> ObjectState:
 
 
 def test_all_well_goes_on() -> None:
-    assert decide() == local_safety.Continue(brake=False)
+    assert decide() is None
+    assert not local_safety.is_idle(ControlState.RUNNING, REFERENCE, NOW)
 
 
 BOUNDARIES = [
@@ -118,11 +119,10 @@ BOUNDARIES = [
 def test_limits_at_their_boundaries(
     code: SafetyCode, inside: dict[str, Any], outside: dict[str, Any]
 ) -> None:
-    assert decide(**inside) == local_safety.Continue(brake=False)
+    assert decide(**inside) is None
     stop = decide(**outside)
-    assert isinstance(stop, local_safety.StopNow)
+    assert stop is not None
     assert stop.code is code
-    assert (stop.limit_name, stop.unit) == (MEANINGS[code].limit_name, MEANINGS[code].unit)
     if code is SafetyCode.SEPARATION:
         assert stop.measured < stop.limit
     elif code is SafetyCode.COLLISION:
@@ -133,24 +133,20 @@ def test_limits_at_their_boundaries(
 
 def test_measured_value_and_limit_are_told() -> None:
     stop = decide(error=TrackingError(0.0, -1.25, 0.0))
-    assert stop == local_safety.StopNow(SafetyCode.ERROR_LATERAL, "error_lateral", -1.25, 0.8, "m")
+    assert stop == LimitViolation(SafetyCode.ERROR_LATERAL, -1.25, 0.8)
 
 
 @pytest.mark.parametrize("control", list(ControlState), ids=lambda s: s.name)
 def test_silence_counts_wherever_an_object_may_move(control: ControlState) -> None:
     watched = {"PRE_ARMING", "ARMED", "PRE_RUNNING", "RUNNING", "POSTRUN", "REMOTE_CONTROLLED"}
-    answer = decide(control_state=control, heartbeat_age_s=1.0)
-    if control.name in watched:
-        assert isinstance(answer, local_safety.StopNow)
-    else:
-        assert answer == local_safety.Continue(brake=True)
+    stop = decide(control_state=control, heartbeat_age_s=1.0)
+    assert (stop is not None) == (control.name in watched)
 
 
 @pytest.mark.parametrize("control", list(ControlState), ids=lambda s: s.name)
 def test_only_running_moves(control: ControlState) -> None:
-    assert decide(control_state=control) == local_safety.Continue(
-        brake=control is not ControlState.RUNNING
-    )
+    idle = local_safety.is_idle(control, REFERENCE, NOW)
+    assert (decide(control_state=control), idle) == (None, control is not ControlState.RUNNING)
 
 
 @pytest.mark.parametrize(
@@ -167,15 +163,16 @@ def test_only_running_moves(control: ControlState) -> None:
 def test_without_a_reference_that_asks_for_motion_it_brakes(
     reference: Reference | None, brake: bool
 ) -> None:
-    assert decide(reference=reference) == local_safety.Continue(brake=brake)
+    assert decide(reference=reference) is None
+    assert local_safety.is_idle(ControlState.RUNNING, reference, NOW) is brake
 
 
 def test_errors_and_braking_do_not_count_while_it_brakes_for_another_reason() -> None:
     hard = {**state(acceleration_mps2=-6.0), "error": TrackingError(9.0, 9.0, 3.0)}
-    assert decide(reference=None, **hard) == local_safety.Continue(brake=True)
-    assert decide(control_state=ControlState.POSTRUN, **hard) == local_safety.Continue(brake=True)
-    assert isinstance(decide(**hard), local_safety.StopNow)
+    assert decide(reference=None, **hard) is None
+    assert decide(control_state=ControlState.POSTRUN, **hard) is None
+    assert decide(**hard) is not None
 
 
 def test_the_first_step_has_no_error_yet() -> None:
-    assert decide(error=None) == local_safety.Continue(brake=False)
+    assert decide(error=None) is None

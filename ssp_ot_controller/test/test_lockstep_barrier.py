@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.cdr.steps import RECORDER_LAG_STEPS
-from ssp_ot_controller.sil.lockstep import StepBarrier
+from ssp_ot_controller.sil.world import StepBarrier
 
 OT, MANAGER, CAMERA = "object_target", "scenario_manager", "front_camera"
 

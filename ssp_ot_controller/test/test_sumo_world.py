@@ -19,7 +19,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.vocabulary import Role
 from ssp_core.world.sumo_network import OVERHANG_M, find_netconvert, write_network
-from ssp_ot_controller.sil.sumo_world import Collision, SumoWorld, to_sumo
+from ssp_ot_controller.sil.sumo_world import SumoWorld, to_sumo
 from support.runs import small_run
 from support.states import object_state
 
@@ -176,19 +176,6 @@ def test_traffic_reacts_to_a_target_that_cuts_in(tmp_path: Path) -> None:
 
 def test_the_same_seed_gives_the_same_traffic(tmp_path: Path) -> None:
     assert drive_by(tmp_path / "a", 7, True) == drive_by(tmp_path / "b", 7, True)
-
-
-def test_overlap_is_a_collision(world: SumoWorld) -> None:
-    run = run_spec()
-    poses = {s.object_id: s for s in everybody(run)}
-    assert world.collisions() == ()
-    world.step(list(poses.values()))
-    assert world.collisions() == ()
-    x, y = ORIGIN.to_parent(60.0 + 2.0, 0.0)
-    target = replace(poses["ot1"], x_m=x, y_m=y, yaw_rad=ORIGIN.yaw_rad)
-    world.step([poses["vut"], target, poses["ped"], poses["bike"]])
-    world.step([poses["vut"], target, poses["ped"], poses["bike"]])
-    assert Collision("ot1", "vut") in world.collisions()
 
 
 @pytest.mark.parametrize("field", ["x_m", "y_m", "yaw_rad", "speed_mps"])

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ssp_core.geometry import Polyline
 from ssp_core.motion.manoeuvre import drive_along, lane_change
 from ssp_core.motion.reference import Reference, ReferencePoint, sample
-from ssp_ot_controller.control.track import Track
+from ssp_ot_controller.control.tracker import Track
 from support.states import make_reference
 
 S = 1_000_000_000

@@ -12,8 +12,9 @@ from ssp_core.geometry import Polyline, box_distance
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.participants import Driver
 from ssp_core.vocabulary import ObjectClass
+from ssp_core.world.car_following import following_acceleration
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
-from ssp_ot_controller.sil.vut_driver import Obstacle, drive, find_obstacles, follow
+from ssp_ot_controller.sil.vut_driver import drive, find_obstacles
 from support.states import object_state, state_of_body
 
 DT = 0.02
@@ -180,7 +181,7 @@ def test_it_reaches_cruise_speed_keeps_it_and_stands_at_the_paths_end() -> None:
 @pytest.mark.parametrize("acceleration_mps2", [-3.0, 0.0, 2.0])
 def test_the_nearer_the_harder(acceleration_mps2: float) -> None:
     gaps = [3.5, 5.0, 10.0, 20.0, 40.0, 80.0]
-    wanted = [follow(12.0, Obstacle("o", g, 8.0, acceleration_mps2), DRIVER) for g in gaps]
+    wanted = [following_acceleration(12.0, g, 8.0, acceleration_mps2, DRIVER) for g in gaps]
     assert wanted == sorted(wanted)
     assert all(math.isfinite(a) for a in wanted)
 
@@ -190,4 +191,4 @@ def test_a_standing_obstacle_is_braked_for_at_least_as_physics_asks() -> None:
     room = gap - DRIVER.standstill_gap_m
     needed = 13.9**2 / (2.0 * room)
     for still in (0.0, -2.0):
-        assert follow(13.9, Obstacle("o", gap, 0.0, still), DRIVER) <= -needed
+        assert following_acceleration(13.9, gap, 0.0, still, DRIVER) <= -needed

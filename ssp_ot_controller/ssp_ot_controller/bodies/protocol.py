@@ -50,18 +50,6 @@ class Reason(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Rejected:
-    """A datagram that is not taken.
-
-    Args:
-        reason: the first one found.
-    """
-
-    reason: Reason
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
 class Envelope:
     """What every datagram carries.
 
@@ -76,11 +64,6 @@ class Envelope:
     boot_ns: int
     sequence: int
     stamp_ns: int
-
-    @property
-    def order(self) -> tuple[int, int]:
-        """Rises from each datagram of a sender to its next one."""
-        return self.boot_ns, self.sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,35 +125,33 @@ def encode_command(datagram: CommandDatagram) -> bytes:
     return _pack(COMMAND_KIND, datagram.envelope, payload)
 
 
-def _open(data: bytes, kind: int, size: int, object_id: str) -> Envelope | Rejected:
+def _open(data: bytes, kind: int, size: int, object_id: str) -> Envelope | Reason:
     if len(data) != size:
-        return Rejected(Reason.LENGTH, f"{len(data)} bytes, must be {size}")
+        return Reason.LENGTH
     magic, version, its_kind, stated, name, boot_ns, sequence, stamp_ns = _HEADER.unpack_from(data)
-    if magic != MAGIC:
-        return Rejected(Reason.MAGIC, f"begins with {magic!r}, must be {MAGIC!r}")
-    if version != VERSION:
-        return Rejected(Reason.VERSION, f"version {version}, this is {VERSION}")
     (crc,) = _CRC.unpack_from(data, size - _CRC.size)
-    if crc != zlib.crc32(data[: -_CRC.size]):
-        return Rejected(Reason.CHECKSUM, "CRC-32 doesn't fit the bytes")
-    if stated != size:
-        return Rejected(Reason.LENGTH, f"says {stated} bytes, has {size}")
-    if its_kind != kind:
-        return Rejected(Reason.KIND, f"kind {its_kind}, must be {kind}")
-    if name.rstrip(b"\0") != object_id.encode("ascii"):
-        return Rejected(Reason.OBJECT, f"is for {name.rstrip(bytes(1))!r}, this is {object_id!r}")
+    # In this order: of another version not even the checksum's place is known.
+    for is_right, reason in (
+        (magic == MAGIC, Reason.MAGIC),
+        (version == VERSION, Reason.VERSION),
+        (crc == zlib.crc32(data[: -_CRC.size]), Reason.CHECKSUM),
+        (stated == size, Reason.LENGTH),
+        (its_kind == kind, Reason.KIND),
+        (name.rstrip(b"\0") == object_id.encode("ascii"), Reason.OBJECT),
+    ):
+        if not is_right:
+            return reason
     return Envelope(object_id, boot_ns, sequence, stamp_ns)
 
 
-def decode_state(data: bytes, object_id: str) -> tuple[Envelope, BodyReading] | Rejected:
+def decode_state(data: bytes, object_id: str) -> tuple[Envelope, BodyReading] | Reason:
     """A body's reading, or why it is not taken. Its stamp is the envelope's."""
     envelope = _open(data, STATE_KIND, STATE_BYTES, object_id)
-    if isinstance(envelope, Rejected):
+    if isinstance(envelope, Reason):
         return envelope
     x, y, yaw, speed, acceleration, yaw_rate, std, flags = _STATE.unpack_from(data, _HEADER.size)
-    values = (x, y, yaw, speed, acceleration, yaw_rate)
-    if not all(map(math.isfinite, values)):
-        return Rejected(Reason.NOT_FINITE, f"position and motion {values}")
+    if not all(map(math.isfinite, (x, y, yaw, speed, acceleration, yaw_rate))):
+        return Reason.NOT_FINITE
     reading = BodyReading(
         stamp_ns=envelope.stamp_ns,
         x_m=x,
@@ -185,15 +166,15 @@ def decode_state(data: bytes, object_id: str) -> tuple[Envelope, BodyReading] | 
     return envelope, reading
 
 
-def decode_command(data: bytes, object_id: str) -> CommandDatagram | Rejected:
+def decode_command(data: bytes, object_id: str) -> CommandDatagram | Reason:
     """A command, or why it is not taken; arguments as for decode_state."""
     envelope = _open(data, COMMAND_KIND, COMMAND_BYTES, object_id)
-    if isinstance(envelope, Rejected):
+    if isinstance(envelope, Reason):
         return envelope
     acceleration, curvature, heading, timeout_ms, flags = _COMMAND.unpack_from(data, _HEADER.size)
     command = Command(acceleration, curvature, heading, bool(flags & _EMERGENCY_STOP))
     if not command.is_finite:
-        return Rejected(Reason.NOT_FINITE, f"{command}")
+        return Reason.NOT_FINITE
     return CommandDatagram(envelope, command, timeout_ms)
 
 
@@ -203,12 +184,13 @@ class Order:
     def __init__(self) -> None:
         self._last: tuple[int, int] | None = None
 
-    def check(self, envelope: Envelope) -> Rejected | None:
-        """None for one that is newer than all before; it counts from then on."""
-        if self._last is not None and envelope.order <= self._last:
-            return Rejected(Reason.ORDER, f"{envelope.order} after {self._last}")
-        self._last = envelope.order
-        return None
+    def is_new(self, envelope: Envelope) -> bool:
+        """True for one that is newer than all before; it counts from then on."""
+        order = (envelope.boot_ns, envelope.sequence)
+        if self._last is not None and order <= self._last:
+            return False
+        self._last = order
+        return True
 
 
 # The body brakes by itself when it hears nothing for so long.
@@ -251,14 +233,12 @@ class UdpBody:
                 # Nothing more to read, or nobody listens there: its silence is what counts.
                 return newest
             found = decode_state(data, self._object_id)
-            if not isinstance(found, Rejected):
-                envelope, reading = found
-                late = self._order.check(envelope)
-                if late is None:
-                    newest = reading
-                    continue
-                found = late
-            self.rejected[found.reason] += 1
+            if isinstance(found, Reason):
+                self.rejected[found] += 1
+            elif self._order.is_new(found[0]):
+                newest = found[1]
+            else:
+                self.rejected[Reason.ORDER] += 1
 
     def command(self, command: Command, now_ns: int) -> None:
         self._sequence += 1

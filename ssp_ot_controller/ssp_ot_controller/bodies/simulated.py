@@ -19,11 +19,9 @@ from ssp_ot_controller.bodies.body import BodyReading
 from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
 from ssp_ot_controller.bodies.protocol import (
     COMMAND_BYTES,
-    CommandDatagram,
     Envelope,
     Order,
     Reason,
-    Rejected,
     decode_command,
     encode_state,
 )
@@ -75,8 +73,8 @@ class BodyServer:
         """A datagram of whoever, at the time at which it came."""
         self.advance(now_ns)
         found = decode_command(data, self.object_id)
-        if isinstance(found, Rejected):
-            self.rejected[found.reason] += 1
+        if isinstance(found, Reason):
+            self.rejected[found] += 1
             return
         if address != self.commander:
             free = self.commander is None or (self.brakes_by_itself and self.body.speed_mps == 0.0)
@@ -84,15 +82,11 @@ class BodyServer:
                 self.strangers += 1
                 return
             self.commander, self._order = address, Order()
-        late = self._order.check(found.envelope)
-        if late is not None:
-            self.rejected[late.reason] += 1
+        if not self._order.is_new(found.envelope):
+            self.rejected[Reason.ORDER] += 1
             return
-        self._take(found, now_ns)
-
-    def _take(self, datagram: CommandDatagram, now_ns: int) -> None:
-        holds_s = min(datagram.timeout_ms / 1000.0, WATCHDOG_S)
-        self._command = datagram.command
+        holds_s = min(found.timeout_ms / 1000.0, WATCHDOG_S)
+        self._command = found.command
         self._brakes_at_ns = now_ns + seconds_to_ns(holds_s)
 
     def advance(self, now_ns: int) -> None:

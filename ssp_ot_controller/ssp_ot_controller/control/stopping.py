@@ -24,7 +24,7 @@ from ssp_core.safety.stopping import (
     stopping_of,
 )
 from ssp_core.vocabulary import ObjectClass
-from ssp_ot_controller.control.track import Track
+from ssp_ot_controller.control.tracker import Track
 
 # From the first command to brake on the object is given so long before it is judged.
 BRAKE_GRACE_S = 0.5

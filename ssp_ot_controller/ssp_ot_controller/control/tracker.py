@@ -13,11 +13,16 @@ reference's next acceleration plus u, and the reference's change of acceleration
 delays, is a disturbance that is known ahead. The optimal law answers each future change with a
 gain of its own (linear-quadratic preview control), so that the object begins to brake or to
 accelerate before its reference does, as late as its lag allows.
+
+A ``Track`` is a reference made ready for being driven: plain numbers, so that a step costs
+microseconds. ``sample`` of ssp_core.motion.reference says what a reference means; a track gives the
+same values.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -25,12 +30,134 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped] # has no types
 
-from ssp_core.geometry import FloatArray, wrap_angle
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import FloatArray, Pose2, wrap_angle
 from ssp_core.motion.reference import Reference, ReferencePoint
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS, BodyLimits, Command
-from ssp_ot_controller.control.track import Point, Track
+
+# Rows of a track, and steps of feed-forward, that are made ready at once; a power of two.
+_PIECE_BITS = 6
+_PIECE = 1 << _PIECE_BITS
+
+
+class Point(NamedTuple):
+    """Where an object is to be and how fast; fields as in ReferencePoint."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_mps: float
+    acceleration_mps2: float
+    curvature_1pm: float
+
+
+class Track:
+    """One accepted reference. Reads no clock, and what it gives depends on its arguments only.
+
+    A stream of adapted references replaces each after a few steps, so that points are made ready
+    in pieces, when they are first asked for.
+    """
+
+    def __init__(self, reference: Reference) -> None:
+        _, x, y, yaw, speed, acceleration, curvature = reference.columns
+        steps_m = np.hypot(np.diff(x), np.diff(y))
+        stations_m = np.concatenate(([0.0], np.cumsum(steps_m)))
+        # Velocities are the tangents of the Hermite curve.
+        vx, vy = speed * np.cos(yaw), speed * np.sin(yaw)
+        self.reference = reference
+        self.length_m = float(stations_m[-1])
+        self._execute_at_ns = reference.execute_at_ns
+        self._times_s = reference.times_s
+        self._table = np.column_stack(
+            (x, y, yaw, speed, acceleration, curvature, vx, vy, stations_m)
+        )
+        self._pieces: dict[int, list[list[float]]] = {}
+
+    def _row(self, i: int) -> list[float]:
+        piece = self._pieces.get(i >> _PIECE_BITS)
+        if piece is None:
+            first = i >> _PIECE_BITS << _PIECE_BITS
+            piece = self._table[first : first + _PIECE].tolist()
+            self._pieces[i >> _PIECE_BITS] = piece
+        return piece[i & _PIECE - 1]
+
+    def _value(self, t_s: float, column: int) -> float:
+        """A column of the table at a time, linear; its ends before and after."""
+        times = self._times_s
+        if t_s < times[0]:
+            return self._row(0)[column]
+        if t_s >= times[-1]:
+            return self._row(len(times) - 1)[column]
+        i = bisect_right(times, t_s)
+        a, b = self._row(i - 1)[column], self._row(i)[column]
+        return a + (t_s - times[i - 1]) / (times[i] - times[i - 1]) * (b - a)
+
+    @property
+    def end(self) -> Pose2:
+        """Where the path ends."""
+        return Pose2(*self._row(len(self._times_s) - 1)[:3])
+
+    def accelerations(self, times_s: FloatArray) -> FloatArray:
+        """Accelerations at times after execute_at; 0 before the first point and from the last."""
+        t = self.reference.columns[0]
+        inside = (times_s >= t[0]) & (times_s < t[-1])
+        return np.where(inside, np.interp(times_s, t, self._table[:, 4]), 0.0)
+
+    def curvatures(self, times_s: FloatArray) -> FloatArray:
+        """Curvatures at times after execute_at; those of both ends before and after."""
+        found: FloatArray = np.interp(times_s, self.reference.columns[0], self._table[:, 5])
+        return found
+
+    def seconds(self, t_ns: int) -> float:
+        """A session time in s after execute_at."""
+        return ns_to_seconds(t_ns - self._execute_at_ns)
+
+    def at(self, t_s: float) -> Point:
+        """Cubic Hermite in position, linear in everything else; at rest before and after."""
+        times = self._times_s
+        if t_s < times[0]:
+            x, y, yaw, v, _, k, _, _, _ = self._row(0)
+            return Point(x, y, yaw, v, 0.0, k)
+        if t_s >= times[-1]:
+            x, y, yaw, _, _, k, _, _, _ = self._row(len(times) - 1)
+            return Point(x, y, yaw, 0.0, 0.0, k)
+        i = bisect_right(times, t_s)
+        xa, ya, yaw_a, va, aa, ka, vxa, vya, _ = self._row(i - 1)
+        xb, yb, yaw_b, vb, ab, kb, vxb, vyb, _ = self._row(i)
+        start_s = times[i - 1]
+        span_s = times[i] - start_s
+        u = (t_s - start_s) / span_s
+        w = 1.0 - u
+        h_a, h_b = (1.0 + 2.0 * u) * w * w, u * u * (3.0 - 2.0 * u)
+        g_a, g_b = u * w * w * span_s, u * u * (u - 1.0) * span_s
+        return Point(
+            h_a * xa + h_b * xb + g_a * vxa + g_b * vxb,
+            h_a * ya + h_b * yb + g_a * vya + g_b * vyb,
+            yaw_a if yaw_a == yaw_b else wrap_angle(yaw_a + u * wrap_angle(yaw_b - yaw_a)),
+            va + u * (vb - va),
+            aa + u * (ab - aa),
+            ka + u * (kb - ka),
+        )
+
+    def curvature_1pm(self, t_s: float) -> float:
+        """As ``at``, of the curvature alone."""
+        return self._value(t_s, 5)
+
+    def speed_mps(self, t_s: float) -> float:
+        """As ``at``, of the speed alone."""
+        return 0.0 if t_s >= self._times_s[-1] else self._value(t_s, 3)
+
+    def left_m(self, t_s: float, ahead_m: float) -> float:
+        """Length of path ahead of an object, m; negative past its end.
+
+        Args:
+            t_s: after execute_at.
+            ahead_m: how far the object is ahead of its time.
+        """
+        return self.length_m - self._value(t_s, 8) - ahead_m
+
 
 # Below this speed the gains stay those of this speed, so that they don't grow without bound.
 MIN_GAIN_SPEED_MPS = 2.0
@@ -41,35 +168,16 @@ GAIN_STEP_MPS = (MAX_GAIN_SPEED_MPS - MIN_GAIN_SPEED_MPS) / (_GAIN_SPEEDS - 1)
 PREVIEW_S = 0.6
 
 
-@dataclass(frozen=True, slots=True)
-class TrackerGains:
-    """Weights and gains; the defaults meet the accuracy that the tests state.
-
-    Args:
-        lateral_weight: cost of 1 m lateral error, squared.
-        yaw_weight: cost of 1 rad heading error, squared.
-        curvature_weight: cost of 1 1/m of commanded curvature beside the feed-forward, squared.
-        position_weight: cost of 1 m longitudinal error, squared.
-        speed_weight: cost of 1 m/s speed error, squared.
-        acceleration_weight: cost of 1 m/s^2 commanded for an error, squared.
-        preview_weight: cost of 1 m/s^2 commanded for a change of the reference that is ahead,
-            squared; the reference has no noise, so that it may be followed more closely.
-        walker_position_1ps: velocity correction of a walker per m of error.
-        walker_speed_1ps: acceleration correction of a walker per m/s of speed error.
-    """
-
-    lateral_weight: float = 1.0
-    yaw_weight: float = 4.0
-    curvature_weight: float = 200.0
-    position_weight: float = 4.0
-    speed_weight: float = 2.0
-    acceleration_weight: float = 1.0
-    preview_weight: float = 0.02
-    walker_position_1ps: float = 1.2
-    walker_speed_1ps: float = 5.0
-
-
-DEFAULT_GAINS = TrackerGains()
+# Costs of the regulators, which meet the accuracy that the tests state: of 1 m lateral error, 1 rad
+# heading error, and 1 1/m of curvature beside the feed-forward, all squared;
+_LATERAL_WEIGHT, _YAW_WEIGHT, _CURVATURE_WEIGHT = 1.0, 4.0, 200.0
+# of 1 m longitudinal error, 1 m/s speed error, and 1 m/s^2 commanded for an error, squared;
+_POSITION_WEIGHT, _SPEED_WEIGHT, _ACCELERATION_WEIGHT = 4.0, 2.0, 1.0
+# of 1 m/s^2 commanded for a change of the reference that is ahead, squared: the reference has no
+# noise, so that it may be followed more closely.
+_PREVIEW_WEIGHT = 0.02
+# A walker's velocity correction per m of error, and acceleration per m/s of speed error.
+_WALKER_POSITION_1PS, _WALKER_SPEED_1PS = 1.2, 5.0
 
 
 def lag_share(lag_s: float, dt_s: float) -> float:
@@ -78,15 +186,13 @@ def lag_share(lag_s: float, dt_s: float) -> float:
 
 
 @lru_cache(maxsize=16)
-def lateral_gains(
-    lag_s: float, dt_s: float, gains: TrackerGains = DEFAULT_GAINS
-) -> tuple[FloatArray, FloatArray]:
+def lateral_gains(lag_s: float, dt_s: float) -> tuple[FloatArray, FloatArray]:
     """Speeds in m/s, shape (n,), and LQR gains on (e_y, e_yaw, e_curvature), shape (n, 3)."""
     speeds = np.linspace(MIN_GAIN_SPEED_MPS, MAX_GAIN_SPEED_MPS, _GAIN_SPEEDS)
     share = lag_share(lag_s, dt_s)
     table = np.empty((len(speeds), 3))
-    cost = np.diag([gains.lateral_weight, gains.yaw_weight, 0.0])
-    effort = np.array([[gains.curvature_weight]])
+    cost = np.diag([_LATERAL_WEIGHT, _YAW_WEIGHT, 0.0])
+    effort = np.array([[_CURVATURE_WEIGHT]])
     for i, v in enumerate(speeds):
         step = v * dt_s
         a = np.array([[1.0, step, 0.5 * step**2], [0.0, 1.0, step], [0.0, 0.0, 1.0 - share]])
@@ -120,7 +226,7 @@ class PreviewGains:
 
 
 @lru_cache(maxsize=16)
-def preview_gains(lag_s: float, dt_s: float, gains: TrackerGains = DEFAULT_GAINS) -> PreviewGains:
+def preview_gains(lag_s: float, dt_s: float) -> PreviewGains:
     """Gains of the longitudinal loop for a lag and a step."""
     share = lag_share(lag_s, dt_s)
     # Errors after a step by what acceleration error it ends with: mean value of the step.
@@ -129,7 +235,7 @@ def preview_gains(lag_s: float, dt_s: float, gains: TrackerGains = DEFAULT_GAINS
     a += into @ np.array([[0.0, 0.0, 1.0 - share]])
     b = share * into
     e = (1.0 - share) * into
-    cost = np.diag([gains.position_weight, gains.speed_weight, 0.0])
+    cost = np.diag([_POSITION_WEIGHT, _SPEED_WEIGHT, 0.0])
 
     def optimal(weight: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         effort = np.array([[weight]])
@@ -137,8 +243,8 @@ def preview_gains(lag_s: float, dt_s: float, gains: TrackerGains = DEFAULT_GAINS
         inverse = np.linalg.inv(effort + b.T @ p @ b)
         return p, inverse, inverse @ b.T @ p @ a
 
-    _, _, back = optimal(gains.acceleration_weight)
-    p, inverse, k = optimal(gains.preview_weight)
+    _, _, back = optimal(_ACCELERATION_WEIGHT)
+    p, inverse, k = optimal(_PREVIEW_WEIGHT)
     closed = (a - b @ k).T
     # The disturbance of a step is the fall of the reference's acceleration over it.
     weights = []
@@ -159,8 +265,6 @@ _MIN_CURVATURE_SPEED_MPS = 0.5
 # An object that should stand is held with this deceleration.
 _HOLD_MPS2 = 2.0
 _STANDSTILL_MPS = 1e-3
-# Feed-forward is computed for so many steps at once.
-_PIECE = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,15 +316,13 @@ class Tracker:
         object_class: ObjectClass,
         limits: BodyLimits | None = None,
         dt_s: float = 0.02,
-        gains: TrackerGains = DEFAULT_GAINS,
     ) -> None:
         self._walker = object_class is ObjectClass.PEDESTRIAN
         self._limits = LIMITS[object_class] if limits is None else limits
         self._dt_s = dt_s
-        self._gains = gains
-        _, table = lateral_gains(self._limits.curvature_lag_s, dt_s, gains)
+        _, table = lateral_gains(self._limits.curvature_lag_s, dt_s)
         self._table: list[list[float]] = table.tolist()
-        self._preview = preview_gains(self._limits.acceleration_lag_s, dt_s, gains)
+        self._preview = preview_gains(self._limits.acceleration_lag_s, dt_s)
         self._acceleration_share = lag_share(self._limits.acceleration_lag_s, dt_s)
         self._curvature_share = lag_share(self._limits.curvature_lag_s, dt_s)
         self._driven: Track | None = None
@@ -344,15 +446,15 @@ class Tracker:
         )
 
     def _walk(self, now: _Now) -> Command:
-        g, point, error = self._gains, now.point, now.error
+        point, error = now.point, now.error
         soon = now.track.at(now.t_s + self._dt_s)
-        along = point.speed_mps - g.walker_position_1ps * error.longitudinal_m
+        along = point.speed_mps - _WALKER_POSITION_1PS * error.longitudinal_m
         # Sideways corrections stay small against the walk, or the dummy would turn away from it.
         most = 0.4 * max(point.speed_mps, 0.2)
-        across = min(max(-g.walker_position_1ps * error.lateral_m, -most), most)
+        across = min(max(-_WALKER_POSITION_1PS * error.lateral_m, -most), most)
         change = soon.acceleration_mps2 - point.acceleration_mps2
         forward = point.acceleration_mps2 + change / self._acceleration_share
         heading = wrap_angle(soon.yaw_rad + math.atan2(across, max(along, 0.2)))
         wanted = math.hypot(max(along, 0.0), across) if along > 0.0 else 0.0
-        acceleration = forward + g.walker_speed_1ps * (wanted - now.state.speed_mps)
+        acceleration = forward + _WALKER_SPEED_1PS * (wanted - now.state.speed_mps)
         return Command(self._bounded(acceleration), 0.0, heading)

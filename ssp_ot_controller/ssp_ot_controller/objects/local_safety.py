@@ -14,7 +14,7 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.safety import limits as judge
-from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.control.tracker import TrackingError
@@ -35,36 +35,14 @@ WATCHED = frozenset(
 _MOVING = (ControlState.RUNNING, ControlState.POSTRUN, ControlState.REMOTE_CONTROLLED)
 
 
-@dataclass(frozen=True, slots=True)
-class Continue:
-    """No limit is passed.
-
-    Args:
-        brake: True: no reference asks for motion now, so brake to a standstill and hold it.
-    """
-
-    brake: bool
-
-
-@dataclass(frozen=True, slots=True)
-class StopNow:
-    """A limit is passed: stop and latch. Fields as in SafetyEvent.msg."""
-
-    code: SafetyCode
-    limit_name: str
-    measured: float
-    limit: float
-    unit: str
-
-
 def reference_over(reference: Reference | None, now_ns: int) -> bool:
     """True when no reference asks for motion: none, not begun, or driven to its end."""
     return reference is None or now_ns < reference.execute_at_ns or now_ns >= reference.end_ns
 
 
-def _stop(passed: LimitViolation) -> StopNow:
-    meaning = MEANINGS[passed.code]
-    return StopNow(passed.code, meaning.limit_name, passed.measured, passed.limit, meaning.unit)
+def is_idle(control_state: ControlState, reference: Reference | None, now_ns: int) -> bool:
+    """True when nothing asks for motion: the object brakes to a standstill and holds it."""
+    return control_state is not ControlState.RUNNING or reference_over(reference, now_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,10 +102,10 @@ def decide(
     now_ns: int,
     control_state: ControlState,
     limits: Limits,
-) -> Continue | StopNow:
-    """Goes on, or stops with the first limit that is passed.
+) -> LimitViolation | None:
+    """The first limit that is passed: the object must stop and latch. None: it may go on.
 
-    Outside WATCHED the object stands or is stopping anyway, so nothing is checked and it brakes.
+    Outside WATCHED the object stands or is stopping anyway, so nothing is checked.
     Tracking errors and acceleration count only while a reference is being driven: an object that
     brakes for another reason leaves its reference and brakes harder than one.
 
@@ -136,9 +114,8 @@ def decide(
         control_state: of the object.
     """
     if control_state not in WATCHED:
-        return Continue(brake=True)
+        return None
     running = control_state is ControlState.RUNNING
-    idle = not running or reference_over(seen.reference, now_ns)
     passed = (
         judge.heartbeat_lost(seen.heartbeat_age_s, limits)
         or _foreign_manager(seen.other_managers)
@@ -151,9 +128,9 @@ def decide(
         passed = _too_close(seen, limits)
     if passed is None and running:
         passed = _refused(seen.refused) or _stopping_room(seen.room_excess_m)
-    if passed is None and not idle:
+    if passed is None and not is_idle(control_state, seen.reference, now_ns):
         passed = judge.over_acceleration(seen.state, limits) or _off_reference(seen.error, limits)
-    return Continue(brake=idle) if passed is None else _stop(passed)
+    return passed
 
 
 def _foreign_manager(others: int) -> LimitViolation | None:

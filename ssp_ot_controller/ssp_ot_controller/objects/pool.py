@@ -12,11 +12,11 @@ from ssp_core.errors import InputError
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
-from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.limits import LimitViolation
 from ssp_core.vocabulary import ControlState
 from ssp_core.world.plant import LimitFact
 from ssp_ot_controller.bodies.dynamics import Command
-from ssp_ot_controller.objects.local_safety import StopNow
 from ssp_ot_controller.objects.messages import (
     ManagerArbiter,
     MessageBuffer,
@@ -34,7 +34,7 @@ class Stopped:
     """An object stops by itself (SafetyEvent.msg)."""
 
     object_id: str
-    stop: StopNow
+    stop: LimitViolation
 
     def fact(self, source: str, now_ns: int) -> LimitFact:
         """As the node of that name tells it."""
@@ -297,8 +297,7 @@ class ObjectPool:
     def halt(self, steady_ns: int, limit_s: float = 0.0) -> PoolStep | None:
         """Whatever may move stops, latched and announced; None when nothing does."""
         silence_s = ns_to_seconds(steady_ns - self._tick_arrived_ns)
-        meaning = MEANINGS[SafetyCode.STATE_STALE]
-        stop = StopNow(SafetyCode.STATE_STALE, meaning.limit_name, silence_s, limit_s, meaning.unit)
+        stop = LimitViolation(SafetyCode.STATE_STALE, silence_s, limit_s)
         moving = {i: m.target for i, m in self._members.items() if m.target.state in _MAY_MOVE}
         if not moving:
             return None

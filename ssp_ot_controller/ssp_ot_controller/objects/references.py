@@ -20,7 +20,7 @@ from ssp_ot_controller.bodies.dynamics import BodyLimits
 from ssp_ot_controller.control.stopping import StoppingRoom
 
 # How far a step's length and change of speed may differ from what its points say.
-STEP_M = 0.1
+_STEP_M = 0.1
 _STEP_SHARE = 0.05
 _ACCELERATION_MPS2 = 0.5
 _SPEED_MPS = 1e-3
@@ -29,14 +29,13 @@ _AWAY_M = 0.5
 _AWAY_SHARE = 0.02
 
 
-def contradiction(columns: FloatArray, step_m: float = STEP_M) -> str | None:
+def contradiction(columns: FloatArray) -> str | None:
     """The first contradiction between columns, for people; None when there is none.
 
     Args:
         columns: of a reference: t, x, y, yaw, speed, acceleration, curvature; finite, t rising.
-        step_m: largest difference between a step's length and what its speeds say, besides 5 %.
     """
-    return _of_steps(columns, step_m) or _of_speeds(columns) or _of_headings(columns)
+    return _of_steps(columns) or _of_speeds(columns) or _of_headings(columns)
 
 
 def _said_m(columns: FloatArray) -> FloatArray:
@@ -45,12 +44,12 @@ def _said_m(columns: FloatArray) -> FloatArray:
     return said
 
 
-def _of_steps(columns: FloatArray, step_m: float) -> str | None:
+def _of_steps(columns: FloatArray) -> str | None:
     moved = np.hypot(np.diff(columns[1]), np.diff(columns[2]))
     said = _said_m(columns)
     gap = np.abs(moved - said)
     i = int(np.argmax(gap - _STEP_SHARE * said))
-    allowed = step_m + _STEP_SHARE * said[i]
+    allowed = _STEP_M + _STEP_SHARE * said[i]
     if gap[i] <= allowed:
         return None
     return (
@@ -93,6 +92,8 @@ def _of_headings(columns: FloatArray) -> str | None:
     )
 
 
+# How far a reference may start from where the object will be; pedestrians turn on the spot.
+_JUMP_M, _JUMP_RAD, _JUMP_MPS = 0.5, 0.2, 1.0
 # Rounding of a profile that drives exactly at a limit is no refusal.
 _ROUNDING = 1e-6
 
@@ -119,26 +120,6 @@ class Refusal:
     message: str
 
 
-@dataclass(frozen=True, slots=True)
-class ContinuityLimits:
-    """How far a reference may start from where the object will be, and from itself.
-
-    Args:
-        position_m: largest jump at the start.
-        yaw_rad: largest jump of heading at the start; not for pedestrians, who turn on the spot.
-        speed_mps: largest jump of speed at the start.
-        step_m: largest difference between a step's length and what its speeds say.
-    """
-
-    position_m: float = 0.5
-    yaw_rad: float = 0.2
-    speed_mps: float = 1.0
-    step_m: float = STEP_M
-
-
-DEFAULT_CONTINUITY = ContinuityLimits()
-
-
 def check_reference(
     reference: Reference,
     *,
@@ -151,7 +132,6 @@ def check_reference(
     event_version: str,
     control_state: ControlState,
     stop_room: StoppingRoom,
-    continuity: ContinuityLimits = DEFAULT_CONTINUITY,
 ) -> Refusal | None:
     """The first reason to refuse a reference, None when it may be taken.
 
@@ -168,9 +148,9 @@ def check_reference(
         or _check_version(reference, event_version)
         or _check_times(reference, now_ns)
         or _check_form(reference, current)
-        or _check_start(reference, current, previous, continuity)
+        or _check_start(reference, current, previous)
         or _check_limits(reference, limits, body_limits)
-        or _check_steps(reference, continuity)
+        or _check_steps(reference)
         or _check_fence(reference, current, geofence)
         or _check_end(reference)
         or _check_stops(reference, stop_room)
@@ -234,7 +214,6 @@ def _check_start(
     reference: Reference,
     current: ObjectState,
     previous: Reference | None,
-    continuity: ContinuityLimits,
 ) -> Refusal | None:
     if previous is not None:
         p = sample(previous, reference.execute_at_ns)
@@ -246,11 +225,11 @@ def _check_start(
     turn = abs(wrap_angle(start.yaw_rad - there.yaw_rad))
     jump = math.hypot(start.x_m - there.x_m, start.y_m - there.y_m)
     checks = [
-        ("position jumps by", jump, continuity.position_m, "m"),
-        ("speed jumps by", abs(start.speed_mps - there_mps), continuity.speed_mps, "m/s"),
+        ("position jumps by", jump, _JUMP_M, "m"),
+        ("speed jumps by", abs(start.speed_mps - there_mps), _JUMP_MPS, "m/s"),
     ]
     if current.object_class is not ObjectClass.PEDESTRIAN:
-        checks.append(("yaw jumps by", turn, continuity.yaw_rad, "rad"))
+        checks.append(("yaw jumps by", turn, _JUMP_RAD, "rad"))
     return _first_over(RefusalCode.DISCONTINUOUS, checks, " at execute_at", 0.0)
 
 
@@ -284,8 +263,8 @@ def _check_limits(reference: Reference, limits: Limits, body: BodyLimits) -> Ref
     return _first_over(RefusalCode.LIMIT, checks, "", _ROUNDING)
 
 
-def _check_steps(reference: Reference, continuity: ContinuityLimits) -> Refusal | None:
-    text = contradiction(reference.columns, continuity.step_m)
+def _check_steps(reference: Reference) -> Refusal | None:
+    text = contradiction(reference.columns)
     return None if text is None else _malformed(text)
 
 

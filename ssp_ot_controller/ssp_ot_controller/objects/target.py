@@ -9,17 +9,16 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
-from ssp_core.safety.limits import Continuity, follow
+from ssp_core.safety.limits import Continuity, LimitViolation, follow
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command, brake_command, tightened
 from ssp_ot_controller.control.stopping import BrakeMonitor, StoppingRoom
 from ssp_ot_controller.control.tracker import Tracker, TrackingError
 from ssp_ot_controller.objects.local_safety import (
     WATCHED,
-    Continue,
     SafetyInputs,
-    StopNow,
     decide,
+    is_idle,
     lost_its_place,
     reference_over,
 )
@@ -57,7 +56,7 @@ class TargetStep:
 
     command: Command
     report: ObjectState
-    stopped: StopNow | None
+    stopped: LimitViolation | None
 
 
 class Target:
@@ -229,7 +228,7 @@ class Target:
                 tracking, self._error = self.tracker.track(here, reference, now_ns)
             room_excess_m = self._room_excess_m(here, reference, now_ns)
         refused, self._refused = self._refused, 0
-        verdict = decide(
+        stopped = decide(
             SafetyInputs(
                 heartbeat_age_s=heartbeat_age_s,
                 state=own,
@@ -247,16 +246,15 @@ class Target:
             control_state=self.state,
             limits=self._run.limits,
         )
-        if isinstance(verdict, StopNow):
+        if stopped is not None:
             self.local_stop()
         if self._blind:
             command = self._hold_steering()
-        elif isinstance(verdict, Continue) and not verdict.brake and tracking is not None:
-            command, self._braking = tracking, None
-        else:
+        elif tracking is None or is_idle(self.state, reference, now_ns):
             command = self._brake(own, now_ns)
+        else:
+            command, self._braking = tracking, None
         self._command = command
-        stopped = verdict if isinstance(verdict, StopNow) else None
         return TargetStep(command, self._report(own), stopped)
 
     def _running_s(self, now_ns: int) -> float:

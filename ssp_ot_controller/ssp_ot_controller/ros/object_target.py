@@ -21,6 +21,7 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.ros.conversions import fault_event, safety_event
 from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.safety.codes import MEANINGS
 from ssp_msgs.msg import (
     ActuatorCommands,
     FaultEvent,
@@ -133,11 +134,11 @@ class ObjectPublishers:
         return steps.BodyCommands(step.now_ns, self._node.get_name(), step.step, commands)
 
     def _announce(self, event: Stopped, now_ns: int) -> None:
-        stop = event.stop
+        stop, name = event.stop, MEANINGS[event.stop.code].limit_name
         passed = event.fact(self._node.get_name(), now_ns)
         self._safety.publish(safety_event(passed, "local_stop"))
         self._node.get_logger().error(
-            f"{event.object_id}: {stop.limit_name} {stop.measured:.3g} (limit {stop.limit:.3g})"
+            f"{event.object_id}: {name} {stop.measured:.3g} (limit {stop.limit:.3g})"
         )
 
 

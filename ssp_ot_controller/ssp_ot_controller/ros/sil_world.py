@@ -39,10 +39,9 @@ from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.camera.frames import slowest_frame_s
 from ssp_ot_controller.ros.parameters import SIL_WORLD
 from ssp_ot_controller.sil.disturbance import Channel, FaultChange
-from ssp_ot_controller.sil.lockstep import StepBarrier
 from ssp_ot_controller.sil.sumo_world import SumoWorld
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
-from ssp_ot_controller.sil.world import OVER, World
+from ssp_ot_controller.sil.world import OVER, StepBarrier, World
 
 HOLD_PERIOD_S = 0.1
 # Lockstep: a participant that keeps the world waiting this long on the steady clock is dropped.

@@ -53,14 +53,6 @@ def from_sumo(pose: SumoPose, front_m: float) -> Pose2:
     return Pose2(x, y, yaw)
 
 
-@dataclass(frozen=True, slots=True)
-class Collision:
-    """Two objects that SUMO found overlapping; ids sorted."""
-
-    first: str
-    second: str
-
-
 class SumoWorld:
     """A SUMO simulation of one run, as a context manager; at most one per process.
 
@@ -208,11 +200,6 @@ class SumoWorld:
     def traffic(self) -> list[ObjectState]:
         """Present states of the traffic, sorted by id; a vehicle that left the road is gone."""
         return list(self._states)
-
-    def collisions(self) -> tuple[Collision, ...]:
-        """What overlapped in the last step, sorted. SUMO's view: verdicts use own boxes."""
-        pairs = {tuple(sorted((c.collider, c.victim))) for c in libsumo.simulation.getCollisions()}
-        return tuple(Collision(a, b) for a, b in sorted(pairs))
 
     def step(self, poses: Sequence[ObjectState]) -> list[ObjectState]:
         """Advances by one step to where the VUT and all targets have the given states.

@@ -37,7 +37,6 @@ class Obstacle:
     """Something to keep a gap to.
 
     Args:
-        object_id: whose it is; empty for the path's end.
         gap_m: from the VUT's front to it along the path, > 0.
         speed_mps: along the path.
         acceleration_mps2: along the path.
@@ -186,13 +185,6 @@ def _meets(vut: ObjectState, other: _Extent, gap_m: float, half_m: float, driver
     return enter_s < passed_s + _MEETING_MARGIN_S and leave_s > arrives_s - _MEETING_MARGIN_S
 
 
-def follow(speed_mps: float, obstacle: Obstacle, driver: Driver) -> float:
-    """Acceleration in m/s^2 with one obstacle ahead."""
-    return following_acceleration(
-        speed_mps, obstacle.gap_m, obstacle.speed_mps, obstacle.acceleration_mps2, driver
-    )
-
-
 def _steer(vut: ObjectState, path: Polyline, station: float) -> float:
     """Curvature in 1/m of pure pursuit: 2 y / L^2 to the path's point at a distance ahead."""
     ahead = max(_MIN_LOOKAHEAD_M, _LOOKAHEAD_S * vut.speed_mps)
@@ -226,7 +218,8 @@ def drive(
         wanted = min(wanted, -v * v / (2.0 * left) if left > 0.05 else -b)
     if driver.reacts:
         for obstacle in find_obstacles(vut, others, path, driver, places):
-            wanted = min(wanted, follow(v, obstacle, driver))
+            gap, speed, gain = obstacle.gap_m, obstacle.speed_mps, obstacle.acceleration_mps2
+            wanted = min(wanted, following_acceleration(v, gap, speed, gain, driver))
     acceleration = min(max(wanted, -limits.deceleration_mps2), limits.acceleration_mps2)
     bound = limits.curvature_1pm
     return Command(acceleration, min(max(_steer(vut, path, station), -bound), bound), vut.yaw_rad)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,15 +13,13 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.camera.kernels import ground
 from ssp_ot_controller.camera.kernels.bend import offsets_of
-from ssp_ot_controller.camera.kernels.jit import Array
 from ssp_ot_controller.camera.kernels.palettes import Palette, rgb
 from ssp_ot_controller.camera.kernels.raster import Triangles
 from ssp_ot_controller.camera.meshes import people, vehicles
 from ssp_ot_controller.camera.meshes.mesh import Mesh
 from ssp_ot_controller.camera.meshes.vehicles import Lights
-from ssp_ot_controller.camera.renderer import light
 from ssp_ot_controller.camera.renderer.scene import Indicator, Scene, is_lit
-from ssp_ot_controller.camera.renderer.stage import Stage
+from ssp_ot_controller.camera.renderer.stage import Stage, lighted
 
 BRAKE_MPS2 = -0.5  # brake lamps shine below this acceleration
 _BUS_PAINTS = (rgb("c9432f"), rgb("2f6fae"), rgb("e0b23c"))
@@ -68,14 +65,11 @@ class Body:
     """One object in its place.
 
     Args:
-        pose: of its reference point, block frame.
         floor_m: height of the ground that it stands on.
         drawn: False for the VUT, which only casts a shadow.
         outline: x, y, cos yaw, sin yaw, front, rear, half width of what darkens the ground.
     """
 
-    mesh: Mesh
-    pose: Pose2
     floor_m: float
     lit: Triangles
     drawn: bool
@@ -101,17 +95,12 @@ def bodies_of(scene: Scene, stage: Stage) -> list[Body]:
         mesh = body(
             state, stage.palette, scene.travelled_m.get(key, 0.0), scene.indicators.get(key)
         )
-        placed = light.lit(mesh, stage.palette, stage.sun, pose, floor)
+        placed = lighted(mesh, stage.palette, stage.sun, pose, floor)
         size = state.size
         inset = 0.12 * size.width_m
         outline = (
             pose.x_m, pose.y_m, math.cos(pose.yaw_rad), math.sin(pose.yaw_rad),
             size.front_m - inset, size.rear_m - inset, size.width_m / 2 - inset,
         )  # fmt: skip
-        found.append(Body(mesh, pose, floor, placed, state is not scene.vut, outline))
+        found.append(Body(floor, placed, state is not scene.vut, outline))
     return found
-
-
-def shadows_of(bodies: Sequence[Body], sun: tuple[float, float, float]) -> Array:
-    """Shadows of all bodies on the ground, shape (n, 3, 3)."""
-    return np.concatenate([light.shadow_on_ground(b.lit.corners, sun, b.floor_m) for b in bodies])

@@ -13,12 +13,18 @@ from ssp_core.world.camera import View
 from ssp_ot_controller.camera.kernels import sensor
 from ssp_ot_controller.camera.kernels.compose import SAMPLES, Buffers, compose
 from ssp_ot_controller.camera.kernels.jit import Array
-from ssp_ot_controller.camera.kernels.raster import G_KIND, Eye, Samples, rasterise, rasterise_cover
+from ssp_ot_controller.camera.kernels.raster import (
+    G_KIND,
+    Eye,
+    Samples,
+    Triangles,
+    rasterise,
+    rasterise_cover,
+)
 from ssp_ot_controller.camera.kernels.sensor import Film
 from ssp_ot_controller.camera.kernels.shading import LAMP, contact
-from ssp_ot_controller.camera.renderer import light
-from ssp_ot_controller.camera.renderer.bodies import Body, shadows_of
-from ssp_ot_controller.camera.renderer.stage import Stage, ranges
+from ssp_ot_controller.camera.renderer.bodies import Body
+from ssp_ot_controller.camera.renderer.stage import Stage, ranges, shadow_on_ground
 
 SCENERY_RANGE_M = 230.0
 SHADOW_RANGE_M = 110.0
@@ -137,7 +143,8 @@ def _draw(
         [n * lens.fx_px, n * lens.fy_px, n * lens.cx_px + (n - 1) / 2, n * lens.cy_px + (n - 1) / 2]
     )
     eye = Eye(view.position_m, view.rotation, rays_of(view), samples)
-    flat = shadows_of(bodies, stage.sun)
+    shadows = [shadow_on_ground(b.lit.corners, stage.sun, b.floor_m) for b in bodies]
+    flat = np.concatenate(shadows)
     for corners, runs in (
         (flat, ranges([len(flat)])),
         (static.shadows, static.shadow_ranges[near]),
@@ -147,7 +154,7 @@ def _draw(
     if drawn:
         outlines = np.array([b.outline for b in bodies if b.drawn])
         contact(outlines, eye.position, eye.rays, CONTACT_REACH_M, kept.dark)
-        moving = light.gather(drawn)
+        moving = Triangles(*(np.concatenate(part) for part in zip(*drawn, strict=True)))
         drawables.insert(0, (moving, ranges([len(moving.kinds)])))
     count = 0
     for lit, runs in drawables:
