@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import csv
-import io
 import json
 import math
 import random
@@ -22,8 +20,8 @@ from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.extract import extract
 from ssp_eval.extract.measure import share
 from ssp_eval.extract.review.agreement import Z_95, cohens_kappa, compare
-from ssp_eval.extract.review.answers import COLUMNS, KeyItem, answer, load_answers, load_key
-from ssp_eval.extract.review.form import form, sheet
+from ssp_eval.extract.review.answers import ANSWERS_SCHEMA, KeyItem, load_answers, load_key
+from ssp_eval.extract.review.form import form
 from ssp_eval.extract.review.subset import Candidate, choose
 
 CHROMIUM = [
@@ -57,16 +55,16 @@ def review(tmp_path: Path) -> Path:
 
 
 def filled(review: Path, reviewer: int, **changes: str) -> Path:
-    """A reviewer's sheet, answered as the extractor did but for changes to the first text."""
+    """What a reviewer returns: as the extractor did but for changes to the first text."""
     key = load_key(review / "key.json")
     by_id = {item.review_id: dict(item.extracted) for item in key.items}
     by_id[key.items[0].review_id] |= changes
-    path = review / f"reviewer_{reviewer}" / "sheet.csv"
-    rows = list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig"))))
-    with path.open("w", encoding="utf-8-sig", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS)
-        writer.writeheader()
-        writer.writerows(row | by_id[row["review_id"]] for row in rows)
+    value = {
+        "schema": ANSWERS_SCHEMA, "subset": key.subset, "reviewer": reviewer,
+        "answers": {name: {**one, "comment": ""} for name, one in by_id.items()},
+    }  # fmt: skip
+    path = review / f"answers_{reviewer}.json"
+    path.write_text(json.dumps(value))
     return path
 
 
@@ -89,30 +87,23 @@ def test_reviewers_see_texts_under_new_ids_and_nothing_else(review: Path) -> Non
         folder = review / f"reviewer_{reviewer}"
         page = (folder / "form.html").read_text(encoding="utf-8")
         data = json.loads(page.split('type="application/json">')[1].split("</script>")[0])
-        rows = list(csv.reader((folder / "sheet.csv").open(encoding="utf-8-sig", newline="")))
         ids = [one["id"] for one in data["texts"]]
         orders.append(ids)
-        assert rows[0] == list(COLUMNS)
-        assert [row[0] for row in rows[1:]] == ids
-        assert all(set(row[2:]) == {""} for row in rows[1:])
         assert set(data["texts"][0]) == {"id", "text"}
-        for content in (page, str(rows)):
-            assert "secretmodel" not in content
-            assert "extracted" not in content
+        assert "secretmodel" not in page
+        assert "extracted" not in page
         assert not re.search(r"(src|href)=|@import|https?://", page)
-        assert {path.name for path in folder.iterdir()} == {"form.html", "sheet.csv"}
+        assert {path.name for path in folder.iterdir()} == {"form.html"}
     first = [item.review_id for item in load_key(review / "key.json").items]
     assert [key[-4:] for key in first] == [f"-{n:03d}" for n in range(1, 13)]
     assert sorted(orders[0]) == sorted(orders[1]) == first
     assert orders[0] != orders[1]
 
 
-def test_a_text_can_neither_leave_the_form_nor_compute_in_a_spreadsheet() -> None:
-    texts = {"r001": TEXTS[42], "r002": TEXTS[43], "r003": "half \ud800 a pair"}
-    page = form(texts, "sha256:0", 1)
+def test_a_text_cannot_leave_the_form() -> None:
+    page = form({"r001": TEXTS[42], "r002": "half \ud800 a pair"}, "sha256:0", 1)
     assert page.count("</script>") == 2
-    rows = list(csv.reader(io.StringIO(sheet(texts).removeprefix("\ufeff"))))
-    assert [row[1] for row in rows[1:]] == [TEXTS[42], "'" + TEXTS[43], "half ? a pair"]
+    assert "half ? a pair" in page
 
 
 @pytest.mark.system
@@ -124,7 +115,7 @@ def test_the_form_is_answered_by_keys_and_exports_what_is_read_back(
     ids.forEach(() => ["2", "5", "Enter", "2", "Enter", "0", "Enter", "3", "Enter", "2", "Enter",
                        "1", "3", "Enter"].forEach(key));
     document.body.replaceChildren(Object.assign(document.createElement("pre"),
-      {id: "out", textContent: btoa(JSON.stringify([asCsv(), asJson(), document.title]))}));
+      {id: "out", textContent: btoa(JSON.stringify([asJson(), document.title]))}));
     </script></body>"""
     page = (review / "reviewer_1" / "form.html").read_text(encoding="utf-8")
     path = tmp_path / "driven.html"
@@ -136,15 +127,11 @@ def test_the_form_is_answered_by_keys_and_exports_what_is_read_back(
         )  # fmt: skip
     found = re.search(r'<pre id="out">([^<]+)<', done.stdout)
     assert found, done.stdout[-2000:]
-    as_csv, as_json, title = json.loads(base64.b64decode(found[1]))
+    as_json, title = json.loads(base64.b64decode(found[1]))
     assert title == "Review 1: 12 texts"
-    key = load_key(review / "key.json")
-    answered = []
-    for name, content in (("a.csv", as_csv), ("a.json", as_json)):
-        (tmp_path / name).write_text(content, encoding="utf-8")
-        answered.append(load_answers(tmp_path / name, key))
-    assert answered[0] == answered[1]
-    assert set(map(tuple, (one.values() for one in answered[0].values()))) == {
+    (tmp_path / "a.json").write_text(as_json, encoding="utf-8")
+    answered = load_answers(tmp_path / "a.json", load_key(review / "key.json"))
+    assert set(map(tuple, (one.values() for one in answered.values()))) == {
         ("truck+cyclist", "front_left", "none", "active", "decelerate", "right")
     }
 
@@ -161,7 +148,7 @@ def test_agreement_errors_and_what_to_settle(
     item = load_key(review / "key.json").items[0]
     extracted = item.extracted
     shared = "oncoming" if extracted["motion"] != "oncoming" else "receding"
-    first = filled(review, 1, motion=shared, conflict="active", position=" UNSURE ")
+    first = filled(review, 1, motion=shared, conflict="active", position="unsure")
     second = filled(review, 2, motion=shared, conflict="none")
     capsys.readouterr()
     given = ["extract", "--returned", str(first), str(second), "--key", str(review / "key.json")]
@@ -187,83 +174,41 @@ def test_agreement_errors_and_what_to_settle(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
-    [
-        ("-002,", "-999,", ("review_id", "-999")),
-        ("-002,", "-003,", ("review_id", "stands in line")),
-        ("comment", "remark", (":1", "remark")),
-        ("position", "objects", (":1", "objects")),
-    ],
-)
-def test_a_wrong_sheet_is_named(
-    review: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, told: tuple[str, ...]
-) -> None:
-    first, second = filled(review, 1), filled(review, 2)
-    first.write_text(first.read_text("utf-8-sig").replace(old, new, 1), encoding="utf-8")
-    key = str(review / "key.json")
-    assert main(["extract", "--returned", str(first), str(second), "--key", key]) == 1
-    message = capsys.readouterr().err
-    assert all(word in message for word in ("sheet.csv", *told)), message
-
-
-@pytest.mark.parametrize(
-    ("slot", "written", "is_wrong"),
-    [("motion", "flying", True), ("motion", "", True), ("objects", "car+nobody", True),
-     ("objects", "Cyclist, car", False), ("objects", "car dog", True), ("objects", "+", True),
-     ("position", "Front_Left ", False), ("position", "nobody", True)],
+    ("slot", "written"),
+    [("motion", "flying"), ("motion", ""), ("objects", "car+nobody"), ("objects", "car+dog"),
+     ("objects", "+"), ("position", "nobody"), ("mood", "grim")],
 )  # fmt: skip
-def test_answers_are_read_strictly(
-    review: Path, capsys: pytest.CaptureFixture[str], slot: str, written: str, is_wrong: bool
+def test_answers_are_read_strictly(review: Path, slot: str, written: str) -> None:
+    path, key = filled(review, 1, **{slot: written}), load_key(review / "key.json")
+    with pytest.raises(InputError, match=slot) as caught:
+        load_answers(path, key)
+    assert key.items[0].review_id in str(caught.value)
+
+
+def test_classes_have_one_order(review: Path) -> None:
+    key = load_key(review / "key.json")
+    found = load_answers(filled(review, 1, objects="pedestrian+car"), key)
+    assert found[key.items[0].review_id]["objects"] == "car+pedestrian"
+
+
+def test_a_missing_text_and_another_reviews_answers_are_refused(
+    review: Path, tmp_path: Path
 ) -> None:
-    first, second = filled(review, 1, **{slot: written}), filled(review, 2)
-    key = str(review / "key.json")
-    capsys.readouterr()
-    status = main(["extract", "--returned", str(first), str(second), "--key", key, "--json"])
-    told = capsys.readouterr().err
-    assert status == is_wrong
-    rows = list(csv.DictReader(first.open(encoding="utf-8-sig", newline="")))
-    line = 2 + [row["review_id"] for row in rows].index(
-        load_key(review / "key.json").items[0].review_id
-    )
-    assert (f"sheet.csv:{line}: {slot}" in told) == is_wrong
-
-
-def test_a_missing_text_and_another_reviews_key_are_refused(review: Path, tmp_path: Path) -> None:
-    key = load_key(review / "key.json")
-    path = filled(review, 1)
-    rows = path.read_text("utf-8-sig").splitlines()
-    (tmp_path / "short.csv").write_text("\n".join(rows[:-1]), encoding="utf-8")
-    with pytest.raises(InputError, match="has no answers for r"):
-        load_answers(tmp_path / "short.csv", key)
-    answers = {"schema": "ssp.review_answers/1", "subset": "sha256:1", "reviewer": 1, "answers": {}}
-    (tmp_path / "other.json").write_text(json.dumps(answers))
-    with pytest.raises(InputError, match="another review"):
-        load_answers(tmp_path / "other.json", key)
-
-
-def test_a_sheet_of_another_review_is_refused(review: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other"
-    given = ["extract", str(write_texts(tmp_path)), "--review", str(other), "--n", "12"]
-    assert main([*given, "--seed", "4"]) == 0
-    with pytest.raises(InputError, match="is no text of this review"):
-        load_answers(filled(review, 1), load_key(other / "key.json"))
-
-
-def test_semicolons_and_tabs_separate_as_well(review: Path, tmp_path: Path) -> None:
-    path = filled(review, 1)
-    key = load_key(review / "key.json")
-    rows = list(csv.reader(path.open(encoding="utf-8-sig", newline="")))
-    for delimiter in ";\t":
-        other = tmp_path / "other.csv"
-        with other.open("w", encoding="utf-8", newline="") as stream:
-            csv.writer(stream, delimiter=delimiter).writerows(rows)
-        assert load_answers(other, key) == load_answers(path, key)
-
-
-def test_an_answer_has_one_form() -> None:
-    assert answer("objects", "pedestrian; Car car") == "car+pedestrian"
-    assert answer("objects", " Nobody") == "nobody"
-    assert answer("conflict", "NONE") == "none"
+    path, key = filled(review, 1), load_key(review / "key.json")
+    value = json.loads(path.read_text())
+    gone = {**value, "answers": dict(list(value["answers"].items())[1:])}
+    strange = {
+        **value,
+        "answers": {**value["answers"], "r0": value["answers"][key.items[0].review_id]},
+    }
+    for given, told in (
+        (gone, "has no answers for r"),
+        (strange, "is no text of this review"),
+        ({**value, "subset": "sha256:1"}, "another review"),
+    ):
+        path.write_text(json.dumps(given))
+        with pytest.raises(InputError, match=told):
+            load_answers(path, key)
 
 
 def test_kappa_of_a_known_table() -> None:
@@ -316,9 +261,10 @@ def test_kappa_has_no_sense_where_nothing_varies() -> None:
 
 
 def test_classes_that_both_named() -> None:
-    items = [KeyItem("r1", 1, "", dict.fromkeys(SLOT_NAMES, "none"))]
-    one = {"r1": dict.fromkeys(SLOT_NAMES, "none") | {"objects": "car+bus"}}
-    other = {"r1": dict.fromkeys(SLOT_NAMES, "none") | {"objects": "car"}}
+    nothing = dict.fromkeys(SLOT_NAMES, "none")
+    items = [KeyItem(review_id="r1", source_id=1, text_sha256="", extracted=nothing)]
+    one = {"r1": nothing | {"objects": "car+bus"}}
+    other = {"r1": nothing | {"objects": "car"}}
     assert compare(items, one, other).slots["objects"].overlap == pytest.approx(0.5)
 
 

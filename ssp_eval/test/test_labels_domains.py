@@ -30,7 +30,7 @@ from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.results import load_cells
 from ssp_eval.evaluate.run import result_to_json
 from ssp_eval.labels.propose import propose
-from ssp_eval.labels.review import is_unreviewed
+from ssp_eval.labels.review import is_unreviewed, write_proposal
 from ssp_eval.labels.truth import truth_from_bag
 from ssp_eval.report.page import write_report
 from ssp_eval.score.aggregate import means
@@ -80,8 +80,7 @@ def by_clock(recordings: dict[str, Path], out: Path) -> dict[str, Path]:
     """Labels of each on a grid of its own, as they were before there were plans."""
     files = {domain: out / f"{domain}.labels.json" for domain in recordings}
     for domain, bag in recordings.items():
-        arguments = ["--out", str(files[domain]), "--plan", "clock"]
-        assert main(["labels", "new", str(bag), *arguments]) == 0
+        write_proposal(files[domain], propose(truth_from_bag(bag)), "test")
     return files
 
 
@@ -253,9 +252,6 @@ def test_where_no_plan_fits_all_nothing_is_written(
         (("simulation", "simulation"), [], 1, "is of the domain simulation, as"),
         (("simulation", "other"), [], 1, "is of the scenario merge,"),
         (("simulation", "physical", "synthetic", "other"), [], 2, "at most 3 recordings"),
-        (("simulation", "physical"), ["--plan", "clock"], 2, "is for one recording"),
-        (("simulation", "physical"), ["--count", "5"], 2, "is for one recording"),
-        (("simulation",), ["--count", "5", "--plan", "phase"], 2, "--count is for a grid"),
         (("simulation", "physical"), ["--truth", "FILE"], 1, "all recordings hold states"),
     ],
 )

@@ -66,10 +66,6 @@ def text_of(capsys: pytest.CaptureFixture[str]) -> str:
     return " ".join((captured.out + captured.err).split())
 
 
-def spaced(first_s: float, count: int = 9, spacing_s: float = 0.5) -> list[float]:
-    return pytest.approx([first_s + k * spacing_s for k in range(count)])  # type: ignore[return-value]
-
-
 # Templates.
 
 
@@ -77,34 +73,15 @@ def test_an_imported_video_gets_a_template_and_a_note(
     imported: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "labels.json"
-    assert new(imported, out, "--trigger", 3, "--conflict", 3.4) == 0
+    assert new(imported, out) == 0
     assert "holds no states to propose labels from: a template" in text_of(capsys)
-    assert times(out) == spaced(1.2)
+    # Around the middle of 0 to 6.96 s.
+    assert times(out) == pytest.approx([1.5 + k / 2 for k in range(9)])
     value = json.loads(out.read_text())
     assert (value["scenario"], value["domain"]) == ("merge", "synthetic")
     label = value["labels"][0]
     assert [label[k] for k in ("phase", "objects", "position", "motion", "conflict")] == [None] * 5
     assert (label["lon_actions"], label["lat_actions"]) == ([], [])
-
-
-@pytest.mark.parametrize(
-    ("more", "first_s"),
-    [
-        ((), 2.0),  # the middle of 0 to 7.96 s
-        (("--trigger", 3), 1.0),
-        (("--conflict", 3), 1.0),
-        (("--trigger", 0.1), 0.0),
-        (("--conflict", 7.9), 3.9),
-        (("--count", 3, "--spacing", 1, "--trigger", 3), 2.0),
-    ],
-)
-def test_a_video_file_gets_times_around_the_event(
-    video: Path, tmp_path: Path, more: tuple[object, ...], first_s: float
-) -> None:
-    out = tmp_path / "labels.json"
-    assert new(video, out, "--scenario", "merge", *more) == 0
-    count = 3 if "--count" in more else 9
-    assert times(out) == spaced(first_s, count, 1.0 if count == 3 else 0.5)
 
 
 def test_the_times_of_an_event_are_taken(video: Path, tmp_path: Path) -> None:
@@ -127,8 +104,6 @@ def test_the_times_of_an_event_are_taken(video: Path, tmp_path: Path) -> None:
     # K*'s times are on the source's clock, a label's begin with its clip.
     assert new(video, out, "--event", "cut_in", "--start", "0.52", "--force") == 0
     assert times(out) == pytest.approx([t_s - 0.52 for t_s in starts])
-    assert new(video, out, "--event", "cut_in", "--plan", "clock", "--force") == 0
-    assert times(out) == spaced(1.3)
 
 
 def test_labels_that_no_frame_is_near_enough_to_are_warned_about(
@@ -164,9 +139,8 @@ def test_a_session_may_be_labelled_by_hand_too(make_bag: MakeBag, tmp_path: Path
     ("more", "code", "what"),
     [
         ((), 1, "give --scenario or --event"),
-        (("--scenario", "m", "--trigger", 9), 1, "outside the clip"),
-        (("--scenario", "m", "--trigger", "nan"), 2, "is no number from 0"),
-        (("--scenario", "m", "--spacing", 5), 1, "too short"),
+        (("--scenario", "m", "--start", "nan"), 2, "is no number from 0"),
+        (("--scenario", "m", "--start", 5), 1, "too short"),
         (("--scenario", "m", "--start", 8), 1, "has no frame from 8 s on"),
         (("--event", "no_such"), 1, "no such event"),
     ],
@@ -193,11 +167,6 @@ def test_an_event_names_the_version_of_a_clips_truth(
     assert "no such event" in text_of(capsys)
     assert main(["labels", "new", *given, "--event", "cut_in"]) == 1
     assert "none.json" in text_of(capsys)
-    assert main(["labels", "new", *given, "--trigger", "3"]) == 2
-
-
-def test_times_are_for_templates(make_bag: MakeBag, tmp_path: Path) -> None:
-    assert new(make_bag(), tmp_path / "l.json", "--trigger", 3) == 2
 
 
 def test_what_is_no_video_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -251,16 +220,16 @@ def test_the_check_says_what_to_fill_in(
     video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], json_: bool
 ) -> None:
     out = tmp_path / "labels.json"
-    assert new(video, out, "--scenario", "m", "--count", 2) == 0
+    assert new(video, out, "--scenario", "m") == 0
     capsys.readouterr()
     assert check(out, *(["--json"] if json_ else [])) == 1
     text = capsys.readouterr().out
     if json_:
         value = json.loads(text)
         assert value["template"] is True
-        assert len(value["unfilled"]) == 8
+        assert len(value["unfilled"]) == 36
     else:
-        assert "template: fill in 8 fields" in text
+        assert "template: fill in 36 fields" in text
         assert "labels[1].lat_actions" in text
 
 
@@ -435,25 +404,13 @@ def test_a_sheet_is_not_overwritten_unasked(
     assert "data:image/jpeg" in out.read_text()
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".JPEG"])
-def test_a_picture_holds_all_frames(video: Path, tmp_path: Path, suffix: str) -> None:
-    out = tmp_path / f"sheet{suffix}"
-    assert sheet(video, written(tmp_path, filled()), out) == 0
-    image = cv2.imread(str(out))
-    assert image is not None
-    assert image.shape[1] >= 3 * 640
-    frame = image[8 + 66 : 8 + 66 + 360, 8 + 648 : 8 + 648 + 640]
-    assert level(frame) == pytest.approx(12, abs=2)
-
-
 @pytest.mark.parametrize(
     ("out", "change", "code", "what"),
     [
-        ("sheet.pdf", {}, 2, "ends in .html, .png, .jpg"),
+        ("sheet.pdf", {}, 2, "ends in .html"),
         ("s.html", {"labels": []}, 1, "labels: List should have at least 1 item"),
         ("s.html", {"labels": [{"phase": "approach"}]}, 1, "labels[0].t_s: Field required"),
         ("s.html", {"labels": [{"t_s": 99.0}]}, 1, "inside the clip"),
-        ("s.png", {"labels": [{"t_s": 99.0}]}, 1, "inside the clip"),
     ],
 )
 def test_what_gives_no_sheet_is_said(

@@ -24,7 +24,7 @@ from ssp_eval.labels.check import response_problems
 from ssp_eval.labels.cli import labels as labels_command
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.review import is_unreviewed, sidecar, write_proposal
-from ssp_eval.labels.truth import ProposalRules, Truth
+from ssp_eval.labels.truth import Truth
 from ssp_eval.recordings.geometry import motion_word, position_word
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import Interval
@@ -160,16 +160,6 @@ def test_labels_don_t_depend_on_where_the_site_lies(
     assert propose(there).labels == propose(here).labels
 
 
-@pytest.mark.parametrize(("count", "spacing_s"), [(1, 0.5), (5, 0.3), (9, 0.5), (9, 1.2)])
-def test_label_times_are_equally_spaced_inside_the_clip(count: int, spacing_s: float) -> None:
-    source = cut_in()
-    labels = propose(source, ProposalRules(count=count, spacing_s=spacing_s)).labels.labels
-    times = [label.t_s for label in labels]
-    assert times == pytest.approx([times[0] + k * spacing_s for k in range(count)])
-    assert source.start_s <= times[0]
-    assert times[-1] <= source.end_s
-
-
 def test_a_proposal_passes_the_schema() -> None:
     labels = propose(cut_in()).labels
     assert parse_labels(json.loads(json.dumps(labels_to_json(labels))), "x") == labels
@@ -217,7 +207,7 @@ def test_no_event_and_no_conflict_are_said() -> None:
     with pytest.raises(InputError, match="no conflict"):
         propose(replace(source, series=far))
     with pytest.raises(InputError, match="too short"):
-        propose(source, ProposalRules(count=50, spacing_s=1.0))
+        propose(replace(source, start_s=8.0))
     with pytest.raises(InputError, match="no states of the VUT"):
         propose(replace(source, vut_id="nobody"))
 
@@ -326,12 +316,10 @@ def truth_file(source: Truth) -> dict[str, object]:
 def test_command_line_from_a_truth_file(tmp_path: Path) -> None:
     source, out = tmp_path / "clip.truth.json", tmp_path / "labels.json"
     source.write_text(json.dumps(truth_file(cut_in())))
-    run = CliRunner().invoke(
-        labels_command, ["new", "--truth", str(source), "--out", str(out), "--count", "7"]
-    )
+    run = CliRunner().invoke(labels_command, ["new", "--truth", str(source), "--out", str(out)])
     assert run.exit_code == 0, run.output
     loaded = load_labels(out)
-    assert (loaded.scenario, loaded.domain, len(loaded.labels)) == ("cut_in", "synthetic", 7)
+    assert (loaded.scenario, loaded.domain, len(loaded.labels)) == ("cut_in", "synthetic", 12)
     shown = CliRunner().invoke(labels_command, ["check", str(out), "--json"])
     checked = json.loads(shown.output)
     assert checked["unreviewed"] is True

@@ -40,7 +40,7 @@ _PATH = click.Path(path_type=Path)
               help="Texts to review.")  # fmt: skip
 @click.option("--seed", type=int, default=0, show_default=True, help="Of their choice.")
 @click.option("--returned", type=_PATH, nargs=2, metavar="A B",
-              help="What both reviewers returned, CSV or JSON; needs --key.")  # fmt: skip
+              help="What both reviewers returned, JSON; needs --key.")  # fmt: skip
 @click.option("--key", "key_file", type=_PATH, help="Key of the review, key.json.")
 @click.option("--measure", "corpus", type=_PATH, metavar="CORPUS.jsonl",
               help="Texts with known slots, to measure the extraction by.")  # fmt: skip

@@ -10,11 +10,10 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import load_model, make_folder, read_mapping, write_bytes, write_text
+from ssp_core.files import load_model, make_folder, read_mapping, write_text
 from ssp_core.options import Number
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import FILL_IN, counts_text, load_labels, phase_counts, unfilled
-from ssp_eval.labels.boxes import boxes_command
 from ssp_eval.labels.check import (
     event_problems,
     phase_problems,
@@ -24,11 +23,10 @@ from ssp_eval.labels.check import (
 )
 from ssp_eval.labels.new import new
 from ssp_eval.labels.review import is_unreviewed, sidecar
-from ssp_eval.labels.sheet import LEAST_WIDTH_PX, Rows, html_sheet, picture_sheet, pictures
+from ssp_eval.labels.sheet import Rows, html_sheet, pictures
 from ssp_scenario_manager.event_spec.load import load_event
 
 _PATH = click.Path(path_type=Path)
-_SHEETS = (".html", ".png", ".jpg")
 
 
 @click.group()
@@ -36,7 +34,6 @@ def labels() -> None:
     """Proposes labels files, checks them, shows the frames to label from (METHOD 5.2)."""
 
 
-labels.add_command(boxes_command)
 labels.add_command(new)
 
 
@@ -107,34 +104,23 @@ def check(file: Path, event: str | None, as_json: bool) -> int:
 @labels.command()
 @click.argument("source", metavar="BAG|VIDEO", type=_PATH)
 @click.option("--labels", "file", type=_PATH, required=True, help="Labels file or template.")
-@click.option("--out", type=_PATH, required=True, help="Sheet to write: .html, .png or .jpg.")
+@click.option("--out", type=_PATH, required=True, help="Page to write, .html.")
 @click.option("--start", type=Number(0), default=0.0, help="Of VIDEO's clip in the file, s.")
-@click.option(
-    "--width",
-    type=click.IntRange(LEAST_WIDTH_PX, 4096),
-    default=LEAST_WIDTH_PX,
-    show_default=True,
-    help="Of each frame, px; on a page at least this.",
-)
 @click.option("--force", is_flag=True, help="Overwrite an existing file.")
-def sheet(source: Path, file: Path, out: Path, start: float, width: int, force: bool) -> None:
+def sheet(source: Path, file: Path, out: Path, start: float, force: bool) -> None:
     """Writes a contact sheet: the frames of BAG or VIDEO at the labels' times, with the labels."""
-    suffix = out.suffix.lower().replace(".jpeg", ".jpg")
-    if suffix not in _SHEETS:
-        raise click.UsageError(f"--out {out}: name a file that ends in {', '.join(_SHEETS)}")
+    if out.suffix.lower() != ".html":
+        raise click.UsageError(f"--out {out}: name a file that ends in .html")
     if out.exists() and not force:
         raise InputError("exists already", file=out, remedy="give --force to overwrite it")
     rows = load_model(Rows, file)
     with console.progress("frames", None):
         found = pictures(source, [row.t_s for row in rows.labels], start)
     missing = [f"{row.t_s:g}" for row, one in zip(rows.labels, found, strict=True) if one is None]
+    if len(missing) == len(found):
+        raise InputError("no label's time lies inside the clip", file=file, field="labels")
     make_folder(out.parent)
-    if suffix == ".html":
-        if len(missing) == len(found):
-            raise InputError("no label's time lies inside the clip", file=file, field="labels")
-        write_text(out, html_sheet(rows, found, str(source), width))
-    else:
-        write_bytes(out, picture_sheet(rows, found, suffix, width))
+    write_text(out, html_sheet(rows, found, str(source)))
     if missing:
         console.note(f"warning: no frame at {', '.join(missing)} s")
     console.note(f"{out}: {len(found) - len(missing)} frames")

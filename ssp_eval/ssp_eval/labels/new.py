@@ -12,14 +12,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.options import Domain, Number
 from ssp_core.run_file.model import ConflictThresholds
-from ssp_eval.data.labels import (
-    BY_CLOCK,
-    BY_PHASE,
-    FILL_IN,
-    counts_text,
-    phase_counts,
-    template_json,
-)
+from ssp_eval.data.labels import FILL_IN, counts_text, phase_counts, template_json
 from ssp_eval.data.provenance import bag_folder, find_bag, find_labels, labels_places
 from ssp_eval.labels.check import response_problems
 from ssp_eval.labels.plan import NoPlan
@@ -34,14 +27,7 @@ from ssp_eval.labels.planned import (
 )
 from ssp_eval.labels.propose import Proposal, grid_times, propose
 from ssp_eval.labels.review import NewFile, proposed_file, write_files
-from ssp_eval.labels.truth import (
-    DEFAULT_RULES,
-    UNKNOWN_VERSION,
-    ProposalRules,
-    Truth,
-    given_event,
-    is_bag,
-)
+from ssp_eval.labels.truth import UNKNOWN_VERSION, Truth, given_event, is_bag
 
 _PATH = click.Path(path_type=Path)
 _MOST = 3
@@ -58,24 +44,7 @@ _MOST = 3
 @click.option("--event-version", help="K* version, where the source names none.")
 @click.option("--event", help="K*, by name or file, where the recordings hold none.")
 @click.option("--template", is_flag=True, help="Templates, even where states are recorded.")
-@click.option(
-    "--plan",
-    "kind",
-    type=click.Choice([BY_PHASE, BY_CLOCK]),
-    help="Label times from the phases, or a grid on the clock. Default: phase where the phases "
-    "are known.",
-)
-@click.option("--trigger", type=Number(0), help="Clip time to centre a template's grid on, s.")
-@click.option("--conflict", type=Number(0), help="Likewise; between both if both are given.")
 @click.option("--start", type=Number(0), default=0.0, help="Of VIDEO's clip in the file, s.")
-@click.option(
-    "--count", type=click.IntRange(1, 1000), help=f"Labels of a grid.  [{DEFAULT_RULES.count}]"
-)
-@click.option(
-    "--spacing",
-    type=click.FloatRange(0.1, 60.0),
-    help=f"Seconds between them.  [{DEFAULT_RULES.spacing_s}]",
-)
 @click.option("--force", is_flag=True, help="Overwrite existing files.")
 def new(
     sources: tuple[Path, ...],
@@ -86,12 +55,7 @@ def new(
     event_version: str | None,
     event: str | None,
     template: bool,
-    kind: str | None,
-    trigger: float | None,
-    conflict: float | None,
     start: float,
-    count: int | None,
-    spacing: float | None,
     force: bool,
 ) -> None:
     """Proposes labels from recorded states, or writes a template where there are none.
@@ -112,15 +76,6 @@ def new(
         raise click.UsageError(f"give at most {_MOST} recordings, one per domain")
     if not sources and (truth is None or template):
         raise click.UsageError("give a BAG or VIDEO, or --truth FILE")
-    grid = {"--count": count, "--spacing": spacing}
-    centre = {"--trigger": trigger, "--conflict": conflict}
-    if not sources and _given(centre):
-        raise click.UsageError(f"{_given(centre)} needs BAG or VIDEO and --template")
-    by_clock = kind == BY_CLOCK or _given({**grid, **centre})
-    if by_clock and kind == BY_PHASE:
-        raise click.UsageError(f"{_given({**grid, **centre})} is for a grid (--plan {BY_CLOCK})")
-    if by_clock and len(sources) > 1:
-        raise click.UsageError("a grid on the clock is for one recording; it is no common plan")
     given = Given(
         domain, scenario, event_version, None if event is None else given_event(event), truth, start
     )
@@ -135,37 +90,27 @@ def new(
             f"note: neither {first.path} nor --event or --event-version names a K* version; the "
             f"labels say {UNKNOWN_VERSION}, and fit no recording of a K*"
         )
-    planned = None if by_clock else _plan(recordings, optional=kind is None)
+    planned = _plan(recordings)
     if planned is not None:
         _write(planned_files(recordings, planned, targets, template))
         _say_plan(recordings, planned, targets, template)
         return
-    rules = ProposalRules(
-        count=count or DEFAULT_RULES.count, spacing_s=spacing or DEFAULT_RULES.spacing_s
-    )
     if first.truth is None or template:
-        _grid_template(targets[0], first, rules, trigger, conflict)
+        _grid_template(targets[0], first)
         return
-    if told := _given(centre):
-        raise click.UsageError(
-            f"{told} needs --template: labels are proposed around the recorded event"
-        )
-    proposal = propose(first.truth, rules)
+    proposal = propose(first.truth)
     _write([proposed_file(targets[0], proposal, first.origin)])
     _say_proposal(targets[0], proposal, first.truth)
 
 
-def _plan(recordings: Sequence[Recording], optional: bool) -> Planned | None:
-    """The plan of all recordings.
-
-    Args:
-        optional: a recording alone may do without one; why there is none is said.
+def _plan(recordings: Sequence[Recording]) -> Planned | None:
+    """The plan of all recordings; one alone may do without, and why there is none is said.
 
     Raises:
-        InputError: there is no plan.
+        InputError: there is no plan for several.
     """
     one = recordings[0]
-    if len(recordings) > 1 or not optional:
+    if len(recordings) > 1:
         return plan_recordings(recordings)
     if one.truth is None and one.timeline is None:
         return None
@@ -174,11 +119,6 @@ def _plan(recordings: Sequence[Recording], optional: bool) -> Planned | None:
     except NoPlan as error:
         console.note(f"note: {error}: a grid on the clock, which isn't aligned with the phases")
         return None
-
-
-def _given(options: dict[str, float | int | None]) -> str:
-    """The names of the options that are given."""
-    return ", ".join(name for name, value in options.items() if value is not None)
 
 
 def _targets(
@@ -280,36 +220,20 @@ def _sheet_hint(source: Path, labels: Path) -> str:
     return f"`ssp labels sheet {source} --labels {labels} --out sheet.html` shows the frames"
 
 
-def _grid_template(
-    out: Path,
-    one: Recording,
-    rules: ProposalRules,
-    trigger_s: float | None,
-    conflict_s: float | None,
-) -> None:
-    """A template on a clock grid, around the times that are given or the middle of the clip."""
+def _grid_template(out: Path, one: Recording) -> None:
+    """A template on a clock grid, around the event or, where it isn't known, the clip's middle."""
     facts = one.source
     if facts is None:
         raise ValueError(f"{one.path} has no frames to write a template for")
     if not facts.states.series:
         console.note(f"note: {one.path} holds no states to propose labels from: a template")
-    known = [t_s for t_s in (trigger_s, conflict_s) if t_s is not None]
-    for t_s in known:
-        if not facts.first_s <= t_s <= facts.last_s:
-            raise InputError(
-                f"{t_s:g} s lies outside the clip",
-                file=one.path,
-                remedy=f"it runs from {facts.first_s:g} s to {facts.last_s:g} s",
-            )
-    if not known and one.timeline is not None:
-        known = [one.timeline.trigger_s, one.timeline.conflict_s]
     middle_s = (facts.first_s + facts.last_s) / 2.0
-    span_s = (min(known), max(known)) if known else (middle_s, middle_s)
-    times_s = grid_times(facts.first_s, facts.last_s, span_s, rules, str(one.path))
-    _write([NewFile(out, template_json(one.scenario, one.domain, one.event_version, times_s))])
-    around = "the middle of the clip"
-    if known:
+    span_s, around = (middle_s, middle_s), "the middle of the clip"
+    if one.timeline is not None:
+        span_s = one.timeline.trigger_s, one.timeline.conflict_s
         around = f"{span_s[0]:.2f} to {span_s[1]:.2f} s"
+    times_s = grid_times(facts.first_s, facts.last_s, span_s, str(one.path))
+    _write([NewFile(out, template_json(one.scenario, one.domain, one.event_version, times_s))])
     console.note(
         f"{out}: {FILL_IN} {len(times_s)} labels from {times_s[0]:g} to {times_s[-1]:g} s, around "
         f"{around}; {_sheet_hint(one.path, out)}"

@@ -16,11 +16,25 @@ from ssp_core.motion.event import TOLERANCE_S, Corridor, RecordedEvent, find_eve
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.data.labels import BY_CLOCK, BY_PHASE, Label, Labels, PhasePosition
-from ssp_eval.labels.plan import NoPlan, Plan, Timeline, plan_labels
-from ssp_eval.labels.truth import DEFAULT_RULES, ProposalRules, Truth
+from ssp_eval.labels.plan import USUAL_LABELS, NoPlan, Plan, Timeline, plan_labels
+from ssp_eval.labels.truth import Truth
 from ssp_eval.recordings.event import Crop, crop_of
-from ssp_eval.recordings.geometry import in_view, is_hidden, motion_word, position_word
+from ssp_eval.recordings.geometry import (
+    STANDSTILL_MPS,
+    in_view,
+    is_hidden,
+    motion_word,
+    position_word,
+)
 from ssp_eval.score.motion import Motion, lat_action, lon_action
+
+# The camera's horizontal field of view where the clip doesn't know it.
+_HFOV_RAD = math.radians(75.0)
+# Beyond it an object doesn't count as visible.
+_RANGE_M = 80.0
+# Between labels on a clock grid, and what their times are multiples of.
+_SPACING_S = 0.5
+_TIME_GRID_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -28,7 +42,6 @@ class ClipScene:
     """What doesn't change over a clip."""
 
     truth: Truth
-    rules: ProposalRules
     event: RecordedEvent
     corridor: Corridor
     standing: frozenset[str]
@@ -48,11 +61,11 @@ class ClipScene:
 
     def sees(self, now: dict[str, ObjectState], object_id: str) -> bool:
         """True when an object is in the camera's field and range and not hidden."""
-        vut_id, rules = self.truth.vut_id, self.rules
+        vut_id = self.truth.vut_id
         if object_id not in now or vut_id not in now:
             return False
-        hfov_rad = rules.hfov_rad if self.truth.hfov_rad is None else self.truth.hfov_rad
-        if not in_view(now[vut_id], now[object_id], hfov_rad, rules.range_m):
+        hfov_rad = _HFOV_RAD if self.truth.hfov_rad is None else self.truth.hfov_rad
+        if not in_view(now[vut_id], now[object_id], hfov_rad, _RANGE_M):
             return False
         others = [s for key, s in now.items() if key not in (vut_id, object_id)]
         return not is_hidden(now[vut_id], now[object_id], others)
@@ -96,8 +109,6 @@ def own_motion(
     lon, lat = int(lon_action(motion)[0]), int(lat_action(motion)[0])
     return LON_ACTIONS[lon], LAT_ACTIONS[lat]
 
-
-_TIME_GRID_S = 0.1
 
 _CONFLICT_OF_PHASE = {
     "approach": "no_conflict",
@@ -153,8 +164,8 @@ class _Located:
         )  # fmt: skip
 
 
-def propose(truth: Truth, rules: ProposalRules = DEFAULT_RULES) -> Proposal:
-    """Labels on a clock grid from ground truth, by the rules in the module's docstring.
+def propose(truth: Truth) -> Proposal:
+    """Labels of one recording on a clock grid, for what no plan fits.
 
     Raises:
         InputError: there is no VUT, no event, no conflict, or the clip is too short.
@@ -162,12 +173,12 @@ def propose(truth: Truth, rules: ProposalRules = DEFAULT_RULES) -> Proposal:
     found = _locate(truth)
     trigger_s = found.event.trigger_s
     span_s = (trigger_s, trigger_s if found.event.conflict_s is None else found.event.conflict_s)
-    times_s = grid_times(found.crop.start_s, found.crop.end_s, span_s, rules, truth.source)
-    return _proposal(found, times_s, (), None, rules)
+    times_s = grid_times(found.crop.start_s, found.crop.end_s, span_s, truth.source)
+    return _proposal(found, times_s, (), None)
 
 
 def propose_planned(
-    truths: Sequence[Truth], rules: ProposalRules = DEFAULT_RULES, others: Sequence[Timeline] = ()
+    truths: Sequence[Truth], others: Sequence[Timeline] = ()
 ) -> tuple[Plan, list[Proposal]]:
     """Labels of all recordings of a scenario by one plan (METHOD 5.2b).
 
@@ -184,7 +195,7 @@ def propose_planned(
     proposals = []
     for one, timeline in zip(found, timelines, strict=True):
         times_s = [timeline.time_of(at) for at in plan.at]
-        proposals.append(_proposal(one, times_s, plan.at, timeline.risk_s(plan), rules))
+        proposals.append(_proposal(one, times_s, plan.at, timeline.risk_s(plan)))
     return plan, proposals
 
 
@@ -221,7 +232,6 @@ def _proposal(
     times_s: Sequence[float],
     places: Sequence[PhasePosition],
     onset_s: float | None,
-    rules: ProposalRules,
 ) -> Proposal:
     """Labels at these times.
 
@@ -231,8 +241,7 @@ def _proposal(
     """
     truth, series, event = found.truth, found.series, found.event
     ticks_s = [t_s for t_s, _ in series]
-    standing = _standing(truth, series, event, rules)
-    scene = ClipScene(truth, rules, event, found.corridor, standing)
+    scene = ClipScene(truth, event, found.corridor, _standing(truth, series, event))
     visible_s = scene.risk_s(series)
     labels = []
     everywhere: Sequence[PhasePosition | None] = places or (None,) * len(times_s)
@@ -292,9 +301,9 @@ def _critical_event(
 
 
 def grid_times(
-    start_s: float, end_s: float, centre_s: tuple[float, float], rules: ProposalRules, source: str
+    start_s: float, end_s: float, centre_s: tuple[float, float], source: str
 ) -> list[float]:
-    """Equally spaced times, centred on a span such as that from trigger to conflict.
+    """Nine times 0.5 s apart, centred on a span such as that from trigger to conflict.
 
     They lie inside the clip on a 0.1 s grid; where it ends too early or begins too late, they are
     shifted.
@@ -302,33 +311,32 @@ def grid_times(
     Raises:
         InputError: the clip is shorter than the labels' span.
     """
-    span_s = (rules.count - 1) * rules.spacing_s
+    span_s = (USUAL_LABELS - 1) * _SPACING_S
     first_grid = math.ceil(start_s / _TIME_GRID_S - 1e-6)
     last_grid = math.floor((end_s - span_s) / _TIME_GRID_S + 1e-6)
     if last_grid < first_grid:
         raise InputError(
-            f"is too short: {rules.count} labels {rules.spacing_s} s apart span {span_s:.1f} s, "
+            f"is too short: {USUAL_LABELS} labels {_SPACING_S} s apart span {span_s:.1f} s, "
             f"the clip has {end_s - start_s:.1f} s",
             file=source,
-            remedy="give a smaller --count or --spacing",
+            remedy="write its labels by hand",
         )
     wanted = round(((sum(centre_s) - span_s) / 2.0) / _TIME_GRID_S)
     first_s = min(max(wanted, first_grid), last_grid) * _TIME_GRID_S
-    return [round(first_s + k * rules.spacing_s, 6) for k in range(rules.count)]
+    return [round(first_s + k * _SPACING_S, 6) for k in range(USUAL_LABELS)]
 
 
 def _standing(
     truth: Truth,
     series: Sequence[tuple[float, dict[str, ObjectState]]],
     event: RecordedEvent,
-    rules: ProposalRules,
 ) -> frozenset[str]:
     """The OTs without an event that stand over the whole clip."""
     moving = {
         state.object_id
         for _, states in series
         for state in states.values()
-        if abs(state.speed_mps) >= rules.motion.standstill_mps
+        if abs(state.speed_mps) >= STANDSTILL_MPS
     }
     return frozenset(truth.target_ids) - moving - {event.object_id}
 
@@ -354,14 +362,13 @@ def _label(
     actions = _ACTIONS_OF_PHASE[phase] | ({own[0]} & _OWN_ACTIONS_OF_PHASE.get(phase, set()))
     if phase in ("trigger", "conflict") and scene.hides(now):
         conflict = None
-    motion = scene.rules.motion
     return Label(
         t_s=t_s,
         phase=phase,
         risk_visible=t_s >= visible_s - TOLERANCE_S,
         objects=tuple(sorted({state.object_class.word for state in seen})) if seen else None,
         position=None if critical is None else position_word(scene.corridor, vut, critical),
-        motion=None if critical is None else motion_word(scene.corridor, vut, critical, motion),
+        motion=None if critical is None else motion_word(scene.corridor, vut, critical),
         conflict=conflict,
         lon_actions=tuple(action for action in LON_ACTIONS if action in actions),
         lat_actions=tuple(dict.fromkeys(("straight", own[1]))),

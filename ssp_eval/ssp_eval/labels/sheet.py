@@ -20,7 +20,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.run_file.values import Finite
 from ssp_core.templates import templates
-from ssp_core.video import Tile, Video, contact_sheet
+from ssp_core.video import Video
 from ssp_eval.data.labels import LABEL_KEYS
 from ssp_eval.labels.truth import is_bag, video_times
 from ssp_eval.recordings.clip import Clip, NoQuestion
@@ -88,7 +88,6 @@ def _of_video(path: Path, times_s: Sequence[float], start_s: float) -> list[Pict
 
 LEAST_WIDTH_PX = 640
 _SLOTS = tuple(key for key in LABEL_KEYS if key != "t_s")
-_COLUMNS = 3
 _QUALITY = 90
 _HERE = Path(__file__).parent
 
@@ -115,43 +114,14 @@ class Rows(BaseModel):
     labels: Annotated[list[Row], Field(min_length=1)]
 
 
-def picture_sheet(
-    rows: Rows, pictures: Sequence[Picture | None], suffix: str, width_px: int = LEAST_WIDTH_PX
-) -> bytes:
-    """One picture with all frames, as PNG or JPEG.
+def html_sheet(rows: Rows, pictures: Sequence[Picture | None], source: str) -> str:
+    """A page with every frame in its own size, or LEAST_WIDTH_PX, and its slots beside it.
 
     Args:
         pictures: one for each row, None where the clip has none.
-        suffix: ``.png`` or ``.jpg``.
-        width_px: of each frame.
-
-    Raises:
-        InputError: the clip has no frame at any of the times.
-    """
-    tiles = [
-        Tile(picture.image, _lines(row, picture))
-        for row, picture in zip(rows.labels, pictures, strict=True)
-        if picture is not None
-    ]
-    if not tiles:
-        raise InputError("no label's time lies inside the clip", field="labels")
-    return encode(contact_sheet(tiles, _COLUMNS, width_px), suffix, _QUALITY)
-
-
-def html_sheet(
-    rows: Rows,
-    pictures: Sequence[Picture | None],
-    source: str,
-    width_px: int = LEAST_WIDTH_PX,
-) -> str:
-    """A page with every frame in its own size, at least as wide as asked, and its slots beside it.
-
-    Args:
-        pictures: one for each row, None where the clip has none.
-        width_px: least width of a frame on the page.
     """
     items = [
-        {"t_s": row.t_s, "slots": row.slots, "picture": _shown(picture, width_px)}
+        {"t_s": row.t_s, "slots": row.slots, "picture": _shown(picture)}
         for row, picture in zip(rows.labels, pictures, strict=True)
     ]
     return (
@@ -166,28 +136,15 @@ def html_sheet(
     )
 
 
-def _shown(picture: Picture | None, width_px: int) -> dict[str, Any] | None:
+def _shown(picture: Picture | None) -> dict[str, Any] | None:
     if picture is None:
         return None
     data = b64encode(encode(picture.image, ".jpg", _QUALITY)).decode()
     return {
         "uri": f"data:image/jpeg;base64,{data}",
         "t_s": picture.t_s,
-        "width_px": max(width_px, picture.image.shape[1]),
+        "width_px": max(LEAST_WIDTH_PX, picture.image.shape[1]),
     }
-
-
-def _lines(row: Row, picture: Picture) -> tuple[str, ...]:
-    at = f"t = {row.t_s:g} s (frame at {picture.t_s:.3f} s)"
-    if not any(row.slots.values()):
-        return (f"{at}: to be filled in",)
-    slots = {key: text or "-" for key, text in row.slots.items()}
-    risk = {"true": "risk visible", "false": "no risk visible"}.get(slots["risk_visible"], "risk -")
-    return (
-        f"{at}: {slots['phase']}, {risk}",
-        f"{slots['objects']} | {slots['position']} | {slots['motion']} | {slots['conflict']}",
-        f"lon {slots['lon_actions']} | lat {slots['lat_actions']}",
-    )
 
 
 def _text(value: Any) -> str:

@@ -25,35 +25,13 @@ from ssp_core.video import Video
 from ssp_core.vocabulary import ObjectClass, ObjectWord, Role
 from ssp_eval.data.provenance import Provenance, read_provenance
 from ssp_eval.recordings.event import NO_RULES, EventRules, rules_of
-from ssp_eval.recordings.geometry import DEFAULT_MOTION, MotionThresholds
 from ssp_eval.recordings.states import NO_STATES, RecordedStates, attached, frame_times, read_states
 from ssp_scenario_manager.compile.task import EVENT_FILE
 from ssp_scenario_manager.event_spec.load import event_version, load_event
 from ssp_scenario_manager.event_spec.model import Event
 
-
-@dataclass(frozen=True)
-class ProposalRules:
-    """Everything that a proposal depends on besides the states.
-
-    Args:
-        count: labels on a clock grid, at least one.
-        spacing_s: between labels on a clock grid.
-        hfov_rad: the camera's horizontal field of view where the clip doesn't know it.
-        range_m: beyond it an object doesn't count as visible.
-        motion: thresholds of the motion classes.
-    """
-
-    count: int = 9
-    spacing_s: float = 0.5
-    hfov_rad: float = math.radians(75.0)
-    range_m: float = 80.0
-    motion: MotionThresholds = DEFAULT_MOTION
-
-
 # A labels file must name a version; this one says that nobody knows it.
 UNKNOWN_VERSION = "unknown"
-DEFAULT_RULES = ProposalRules()
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,28 +26,13 @@ from ssp_eval.recordings.sight import MIN_SHARE, clear_share
 _EYE_HEIGHT_M = 1.45
 # Seen from the VUT's front, an object this far to the side is beside it rather than ahead.
 _BESIDE_RAD = math.radians(60.0)
-
-
-@dataclass(frozen=True)
-class MotionThresholds:
-    """Where one class of motion ends and another begins.
-
-    Args:
-        standstill_mps: below this speed an object is stationary.
-        walker_standstill_mps: the same for pedestrians.
-        lateral_mps: lateral speed above which a lane change is observable (METHOD 1).
-        leaving_m: an object this near the middle of the VUT's path isn't leaving it yet.
-        receding_mps: opening speed above which an object ahead pulls away from the VUT.
-    """
-
-    standstill_mps: float = 0.3
-    walker_standstill_mps: float = 0.15
-    lateral_mps: float = OBSERVABLE_LATERAL_MPS
-    leaving_m: float = 0.5
-    receding_mps: float = 3.0
-
-
-DEFAULT_MOTION = MotionThresholds()
+# Below this speed an object is stationary.
+STANDSTILL_MPS = 0.3
+_WALKER_STANDSTILL_MPS = 0.15
+# An object this near the middle of the VUT's path isn't leaving it yet.
+_LEAVING_M = 0.5
+# An object ahead that opens the gap faster pulls away from the VUT.
+_RECEDING_MPS = 3.0
 
 
 def position_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> str:
@@ -72,12 +56,7 @@ def position_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> s
     return side if extent.s_min_m <= front_m or beside else f"front_{side}"
 
 
-def motion_word(
-    corridor: Corridor,
-    vut: ObjectState,
-    other: ObjectState,
-    thresholds: MotionThresholds = DEFAULT_MOTION,
-) -> str:
+def motion_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> str:
     """The motion slot (METHOD 5.1): how an object moves over the ground, in the VUT's frame.
 
     The direction of its velocity against the VUT's path decides between crossing (45 to 135
@@ -86,7 +65,7 @@ def motion_word(
     reached into a cut-out; an object ahead in the corridor that opens the gap fast is receding.
     """
     walker = other.object_class is ObjectClass.PEDESTRIAN
-    standstill = thresholds.walker_standstill_mps if walker else thresholds.standstill_mps
+    standstill = _WALKER_STANDSTILL_MPS if walker else STANDSTILL_MPS
     if abs(other.speed_mps) < standstill:
         return "stationary"
     along_mps, left_mps = corridor.velocity(other)
@@ -97,15 +76,15 @@ def motion_word(
         return "crossing_from_right" if left_mps > 0 else "crossing_from_left"
     extent = corridor.extent(other)
     offset_m = (extent.l_min_m + extent.l_max_m) / 2.0
-    if abs(left_mps) > thresholds.lateral_mps and not walker:
+    if abs(left_mps) > OBSERVABLE_LATERAL_MPS and not walker:
         inwards = left_mps * offset_m < 0
         if inwards:
             return "cutting_in_from_left" if offset_m > 0 else "cutting_in_from_right"
-        if corridor.overlaps(extent) and abs(offset_m) >= thresholds.leaving_m:
+        if corridor.overlaps(extent) and abs(offset_m) >= _LEAVING_M:
             return "cutting_out"
     ahead = extent.s_min_m > corridor.front_m(vut)
     opening_mps = along_mps - corridor.velocity(vut)[0]
-    if ahead and corridor.overlaps(extent) and opening_mps > thresholds.receding_mps:
+    if ahead and corridor.overlaps(extent) and opening_mps > _RECEDING_MPS:
         return "receding"
     return "same_direction"
 

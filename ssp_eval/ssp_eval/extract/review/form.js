@@ -133,7 +133,7 @@ function unanswered() {
     const place = (index + step) % ids.length;
     if (!whole(ids[place])) { show(place); return; }
   }
-  say("Every text is answered. Save CSV or JSON, and send the file back.");
+  say("Every text is answered. Save, and send the file back.");
 }
 
 function onward() {
@@ -142,30 +142,16 @@ function onward() {
   else unanswered();
 }
 
-function save(name, type, content) {
+function save() {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([content], { type }));
-  link.download = name;
+  link.href = URL.createObjectURL(new Blob([asJson()], { type: "application/json" }));
+  link.download = `answers_${data.reviewer}.json`;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   const left = ids.filter((id) => !whole(id)).length;
   if (left) say(`Saved, but ${left} of ${ids.length} texts are not whole yet.`, true);
   else say("Saved. Send the file back.");
 }
-
-function asCsv() {
-  const names = data.slots.map((slot) => slot.name);
-  const rows = [["review_id", ...names, "comment"]];
-  for (const id of [...ids].sort()) {
-    const one = answer(id);
-    rows.push([id, ...names.map((name) => one[name] || ""), plain(one.comment || "")]);
-  }
-  return rows.map((row) => row.map(quoted).join(",") + "\r\n").join("");
-}
-
-// No spreadsheet shall compute a comment.
-const plain = (text) => (/^[=+\-@\t\r]/.test(text) ? `'${text}` : text);
-const quoted = (text) => (/[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
 
 function asJson() {
   const given = {};
@@ -197,9 +183,7 @@ async function load(file) {
 at("previous").addEventListener("click", () => show(index - 1));
 at("next").addEventListener("click", () => show(index + 1));
 at("open").addEventListener("click", unanswered);
-at("csv").addEventListener("click", () => save(`answers_${data.reviewer}.csv`, "text/csv", asCsv()));
-at("json").addEventListener("click", () =>
-  save(`answers_${data.reviewer}.json`, "application/json", asJson()));
+at("save").addEventListener("click", save);
 at("load").addEventListener("click", () => at("file").click());
 at("file").addEventListener("change", (event) => {
   if (event.target.files[0]) load(event.target.files[0]);

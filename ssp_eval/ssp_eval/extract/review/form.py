@@ -1,9 +1,7 @@
-"""What reviewers get: a form of one file that works offline, and the same as a spreadsheet."""
+"""What reviewers get: a form of one file that works offline."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import random
 from collections.abc import Mapping
@@ -16,11 +14,10 @@ from ssp_core.files import make_folder, write_json, write_text
 from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
 from ssp_eval.extract.conventions import ASKED, CONVENTIONS, GENERAL, REVIEWERS_TOO
 from ssp_eval.extract.measure import NOBODY
-from ssp_eval.extract.review.answers import ANSWERS_SCHEMA, COLUMNS, NONE, REVIEWERS, UNSURE
+from ssp_eval.extract.review.answers import ANSWERS_SCHEMA, NONE, REVIEWERS, UNSURE
 from ssp_eval.extract.review.subset import Subset
 
 _HERE = Path(__file__).parent
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute what begins so
 
 
 def write_review(subset: Subset, out: Path) -> None:
@@ -34,10 +31,9 @@ def write_review(subset: Subset, out: Path) -> None:
         raise InputError("isn't empty", file=out, remedy="name a new folder")
     for reviewer in REVIEWERS:
         folder = make_folder(out / f"reviewer_{reviewer}")
-        texts = _order(subset, reviewer)
-        write_text(folder / "form.html", form(texts, subset.key.subset, reviewer))
-        write_text(folder / "sheet.csv", sheet(texts))
-    write_json(out / "key.json", subset.key.to_json())
+        page = form(_order(subset, reviewer), subset.key.subset, reviewer)
+        write_text(folder / "form.html", page)
+    write_json(out / "key.json", subset.key.model_dump(mode="json", by_alias=True))
 
 
 def form(texts: Mapping[str, str], subset: str, reviewer: int) -> str:
@@ -79,18 +75,6 @@ def form(texts: Mapping[str, str], subset: str, reviewer: int) -> str:
         style=(_HERE / "form.css").read_text(encoding="utf-8"),
         script=(_HERE / "form.js").read_text(encoding="utf-8"),
     )
-
-
-def sheet(texts: Mapping[str, str]) -> str:
-    """The spreadsheet to fill in: CSV that also Excel takes for UTF-8."""
-    stream = io.StringIO()
-    writer = csv.writer(stream)
-    writer.writerow(COLUMNS)
-    for key, text in texts.items():
-        shown = _shown(text)
-        shown = f"'{shown}" if shown.startswith(_FORMULA) else shown
-        writer.writerow([key, shown, *[""] * (len(COLUMNS) - 2)])
-    return "\ufeff" + stream.getvalue()
 
 
 def _order(subset: Subset, reviewer: int) -> dict[str, str]:

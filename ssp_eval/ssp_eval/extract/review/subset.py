@@ -93,9 +93,23 @@ def make_subset(
     series = sha256_json([one.sha256 for one in chosen])[7:11]
     named = {f"r{series}-{number:0{width}d}": one for number, one in enumerate(chosen, start=1)}
     items = tuple(
-        KeyItem(review_id, one.source_id, one.sha256, one.answers)
+        KeyItem(
+            review_id=review_id,
+            source_id=one.source_id,
+            text_sha256=one.sha256,
+            extracted=one.answers,
+        )
         for review_id, one in named.items()
     )
     subset = sha256_json({item.review_id: item.text_sha256 for item in items})
     texts = {review_id: one.text for review_id, one in named.items()}
-    return Subset(texts, Key(subset, source_sha256, extractor, seed, items))
+    return Subset(
+        texts,
+        Key(
+            subset=subset,
+            source_sha256=source_sha256,
+            extractor=extractor,
+            seed=seed,
+            items=items,
+        ),
+    )
