@@ -32,7 +32,7 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import Verdict
 from ssp_monitor.recorder.recorder import OFFERED
 from ssp_monitor.recorder.report import REPORT_NAME
-from ssp_monitor.ros.conversions import PUBLISHED, message_class, recording_profile
+from ssp_monitor.ros.conversions import PUBLISHED, recording_profile
 from ssp_msgs.msg import (
     ObjectState,
     RecorderStatus,
@@ -375,8 +375,6 @@ def test_a_publisher_of_another_type_keeps_the_recorder_from_being_ready(session
     ("parameter", "match"),
     [
         ("include:=(", "parameter include: is no regular expression"),
-        ("queue_mb:=0", "parameter queue_mb: is out of range"),
-        ("split_mb:=-1.0", "parameter split_mb: is out of range"),
         ("video:=mpeg", "video: is no codec"),
     ],
 )
@@ -431,7 +429,3 @@ def test_the_bag_states_the_profiles_that_publishers_have():
         assert f"durability: {qos.durability.name.lower()}\n" in text
         assert f"reliability: {qos.reliability.name.lower()}\n" in text
         assert recording_profile(profile).depth > qos.depth
-
-
-def test_message_classes_are_found_by_name():
-    assert message_class("ssp_msgs/msg/ObjectState") is ObjectState

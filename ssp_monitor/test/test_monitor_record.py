@@ -270,11 +270,3 @@ def test_wrong_arguments_are_one_message(arguments, status, message, tmp_path, m
     assert main(["bag", "record", *arguments]) == status
     assert message in capsys.readouterr().err
     assert not (tmp_path / "x").exists()
-
-
-def test_a_directory_that_exists_is_refused(talker, recorder, tmp_path):
-    process = recorder("--all", "-o", tmp_path)
-    _, told = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 1
-    assert "exists already" in told
-    assert "Traceback" not in told

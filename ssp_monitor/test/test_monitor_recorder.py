@@ -275,11 +275,6 @@ def test_a_flipped_byte_is_found_out(small_bag, clock_cdr):
     assert found.text.startswith("problems: ")
 
 
-def test_a_missing_file_is_found_out(small_bag):
-    (small_bag / "small_0.mcap").unlink()
-    assert "the bag can't be read" in check_closed(small_bag, {"/clock": 10}).problems[0]
-
-
 def test_a_large_bag_is_read_for_a_while_and_says_so(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/clock", CLOCK_TYPE)
@@ -428,11 +423,6 @@ def test_a_removed_bag_is_a_failure_that_counts_what_is_lost(tmp_path, clock_cdr
     assert state.failure is not None
     assert "bag_0.mcap: writing failed" in state.failure
     assert (state.messages, state.dropped) == (0, 5)
-
-
-def test_the_recorder_refuses_a_directory_that_exists(tmp_path):
-    with pytest.raises(InputError, match="exists already"):
-        Recorder(tmp_path, [CLOCK])
 
 
 def test_topics_are_renamed_and_nodes_are_not():

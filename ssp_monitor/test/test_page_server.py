@@ -16,7 +16,6 @@ import pytest
 from ssp_core.errors import HostError
 from ssp_monitor.page import server, viewers
 from ssp_monitor.page.server import FOLDER, PageServer, load_assets
-from ssp_monitor.page.viewers import Mailbox
 from ssp_monitor.status.board import Answer
 
 TOKEN = "the-right-token-of-this-test"
@@ -515,18 +514,6 @@ def test_a_viewer_that_takes_nothing_holds_up_nobody(page, monkeypatch):
         assert live(page, work) == '"last"'
     finally:
         stuck.close()
-
-
-def test_mailbox_keeps_the_newest_of_each_kind():
-    async def run() -> dict[str, Any]:
-        box = Mailbox()
-        for k in range(1000):
-            box.put("snapshot", str(k))
-        box.put("events", "e")
-        assert box.dropped == 999
-        return dict(await box.take())
-
-    assert asyncio.run(run()) == {"snapshot": "999", "events": "e"}
 
 
 # -- beginning and end ------------------------------------------------------------------------

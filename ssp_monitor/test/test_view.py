@@ -59,19 +59,6 @@ def _colour(mark: Marker) -> Any:
 
 
 @pytest.mark.ros
-def test_a_state_that_was_held_up_on_its_way_is_shown_as_old():
-    """It arrives now and would look new, were it not for the manager's clock."""
-    board = Board(
-        objects={"vut": Received(_state(), NOW_NS)},
-        manager_at_ns=NOW_NS,
-        manager_stamp_ns=_state().stamp_ns + 2 * NS_PER_S,
-    )
-    box, name = Moving().marks(board, NOW_NS)
-    assert _colour(box) == STALE
-    assert "silent for 2.0 s" in name.text
-
-
-@pytest.mark.ros
 def test_standing_marks_have_names_of_their_own_and_two_points_a_line(run_mapping):
     marks = [*standing_marks(drawing_of(RunSpec.model_validate(run_mapping)))]
     assert len({(mark.ns, mark.id) for mark in marks}) == len(marks)

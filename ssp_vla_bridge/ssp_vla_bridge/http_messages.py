@@ -70,9 +70,7 @@ _HEALTH: TypeAdapter[Health] = TypeAdapter(
 _ANSWER: TypeAdapter[ServiceAnswer] = TypeAdapter(
     Annotated[ServiceAnswer, BeforeValidator(of_schema(HTTP_SCHEMA, ServiceAnswer))]
 )
-_REQUEST: TypeAdapter[Request] = TypeAdapter(
-    Annotated[Request, BeforeValidator(of_schema(HTTP_SCHEMA, Request))]
-)
+_REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
 
 
 def request_to_json(request: Request, prompt: str | None = None) -> dict[str, Any]:
@@ -81,36 +79,13 @@ def request_to_json(request: Request, prompt: str | None = None) -> dict[str, An
     return {"schema": HTTP_SCHEMA, **value, "prompt": prompt}
 
 
-def request_from_json(value: Any) -> Request:
-    """The inverse of request_to_json; the prompt is read by whom it concerns.
-
-    Raises:
-        InputError: naming the field that is wrong.
-    """
-    if isinstance(value, dict):
-        if not isinstance(value.get("prompt"), str | None):
-            raise InputError("must be a string", field="prompt", value=value["prompt"])
-        value = {key: one for key, one in value.items() if key != "prompt"}
-    return read_json(_REQUEST, value)
-
-
-def answer_to_json(answer: ServiceAnswer) -> dict[str, Any]:
-    """The JSON object of an answer."""
-    return {"schema": HTTP_SCHEMA, **_ANSWER.dump_python(answer, mode="json")}
-
-
 def answer_from_json(value: Any) -> ServiceAnswer:
-    """The inverse of answer_to_json; raises InputError naming the field that is wrong."""
+    """A service's answer; raises InputError naming the field that is wrong."""
     return read_json(_ANSWER, value)
 
 
-def health_to_json(health: Health) -> dict[str, Any]:
-    """The JSON object of a service's health."""
-    return {"schema": HTTP_SCHEMA, **_HEALTH.dump_python(health, mode="json")}
-
-
 def health_from_json(value: Any) -> Health:
-    """The inverse of health_to_json; raises InputError naming the field that is wrong."""
+    """A service's health; raises InputError naming the field that is wrong."""
     return read_json(_HEALTH, value)
 
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from ssp_core.errors import InputError
 from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.messages import TASK, EgoSample, NativeArray, Request, Response
-from ssp_vla_bridge.trajectory import check_trajectory
 
 
 def test_reads_rows_as_forward_and_left(make_response):
@@ -74,11 +73,6 @@ def test_two_arrays_of_the_name_are_not_chosen_between(make_response):
     assert adapted.invalid == ("shape",)
 
 
-def test_an_error_is_a_missing_answer(make_response):
-    response = replace(make_response([(0, 0), (4, 0), (7, 0)]), error_code=1)
-    assert adapt("waypoints", response).invalid == ("missing",)
-
-
 def test_unknown_adapter_names_the_known_ones(make_response):
     with pytest.raises(InputError, match="waypoints"):
         adapt("no_such_adapter", make_response())
@@ -131,29 +125,6 @@ def test_names_why_a_written_trajectory_is_none(text, reason):
     adapted = adapt("waypoints", Response("r1", 0, "model", "model/1", text))
     assert adapted.trajectory is None
     assert adapted.invalid == (reason,)
-
-
-numbers = st.floats() | st.sampled_from([0.0, 0.5, 1.0])
-arrays = st.builds(
-    NativeArray,
-    name=st.sampled_from(["trajectory", "other"]),
-    shape=st.lists(st.integers(0, 4), max_size=3).map(tuple),
-    data=st.lists(numbers, max_size=8).map(tuple),
-    frame=st.sampled_from(["ego_xy", "map"]),
-    unit=st.sampled_from(["m", "px"]),
-    step_s=numbers,
-    first_time_s=numbers,
-)
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.lists(arrays, max_size=2).map(tuple), st.integers(0, 4))
-def test_never_raises_and_gives_a_trajectory_or_a_reason(given_arrays, error_code):
-    response = Response("r", 0, "m", "m/1", "text", given_arrays, error_code=error_code)
-    adapted = adapt("waypoints", response)
-    assert (adapted.trajectory is None) == bool(adapted.invalid)
-    if adapted.trajectory is not None:
-        assert check_trajectory(adapted.trajectory) == ()
 
 
 @settings(max_examples=50, deadline=None)

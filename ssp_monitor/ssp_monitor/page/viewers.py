@@ -22,13 +22,10 @@ class Mailbox:
     def __init__(self) -> None:
         self._slots: dict[str, Payload] = {}
         self._filled = asyncio.Event()
-        self.dropped = 0
         self.filled_ns = 0
 
     def put(self, kind: str, payload: Payload) -> None:
         """The newest of its kind; an older one that wasn't fetched is dropped."""
-        if kind in self._slots:
-            self.dropped += 1
         self._slots[kind] = payload
         self.filled_ns = time.monotonic_ns()
         self._filled.set()

@@ -105,10 +105,6 @@ def test_an_empty_text_with_a_trajectory_stays_empty(cases):
     assert adapted.invalid == ()
 
 
-def test_an_error_is_a_missing_answer(cases):
-    assert read(cases, array(path()), error_code=1).invalid == ("missing",)
-
-
 TEXTS = ["Keep distance since it's ahead.", 'He said "stop".', "a\nb\\c", "", 'it\'s "both"']
 
 

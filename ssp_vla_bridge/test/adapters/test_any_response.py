@@ -76,9 +76,10 @@ def test_there_is_a_valid_trajectory_or_a_reason(name, given_response, given_req
     adapted = adapt(name, given_response, given_request)
     assert (adapted.trajectory is None) == bool(adapted.invalid)
     assert set(adapted.invalid) <= set(INVALID_REASONS)
+    if given_response.error_code:
+        assert adapted.invalid == ("missing",)
     if adapted.trajectory is not None:
         assert check_trajectory(adapted.trajectory) == ()
-        assert not given_response.error_code
     assert name == f"{adapted.info.name}:{adapted.info.mode}"
     assert len(set(adapted.info.notes)) == len(adapted.info.notes)
 

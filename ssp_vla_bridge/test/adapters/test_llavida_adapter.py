@@ -100,10 +100,6 @@ def test_a_short_list_stays_short(cases):
     assert adapted.info.notes == ("4 rows instead of 6",)
 
 
-def test_an_error_is_a_missing_answer(cases):
-    assert cases.read("llavida", listed(cases, LEFT), error_code=1).invalid == ("missing",)
-
-
 def test_points_without_an_outer_bracket_at_the_limit_of_tokens_are_cut_off(cases):
     text = "3-second trajectory: (0.0, 2.0), (0.0, 4.0), (0.0, 6.0)"
     assert cases.read("llavida", text).invalid == ()

@@ -331,12 +331,6 @@ def test_stages_that_say_nothing_leave_the_whole_text(cases, stages):
     assert cases.read("openemma", text, decoding={"stages": stages}).invalid == ()
 
 
-def test_an_error_is_a_missing_answer(cases):
-    adapted = cases.read("openemma", cases.pairs(PLAN), error_code=2)
-    assert adapted.invalid == ("missing",)
-    assert adapted.trajectory is None
-
-
 def limited(text, *names):
     """Decoding that says of these stages that they ended at the limit of tokens."""
     spans = [("intent", 0, 0), ("motion", 0, len(text))]
