@@ -26,7 +26,9 @@ from ssp_eval.recordings.sight import (
 from tests.support.states import object_state as box
 
 CAMERA = Camera()
-OPTICS = Optics(intrinsics(CAMERA), Mounting.of(CAMERA))
+OPTICS = Optics(
+    intrinsics(CAMERA), Mounting(CAMERA.forward_m, CAMERA.height_m, CAMERA.pitch_down_rad)
+)
 ZONE = ((20.0, -1.2), (24.0, -1.2), (24.0, 1.2), (20.0, 1.2))
 
 

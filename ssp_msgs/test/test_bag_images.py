@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.bag.frames import VideoDecoder, is_keyframe
 from ssp_core.bag.images import (
     MAX_PIXELS,
     decode_still,
@@ -91,20 +90,6 @@ def test_spoiled_messages_raise_nothing_but_value_errors(
                 decode_still(image)
             except ValueError:
                 continue
-
-
-@settings(deadline=None)
-@given(st.binary(max_size=300), st.sampled_from(["h264", "h265"]))
-def test_no_bytes_break_the_decoder(noise: bytes, form: str) -> None:
-    decoder = VideoDecoder(form)
-    start = b"\0\0\0\1\x67" if form == "h264" else b"\0\0\0\1\x42\1"
-    for number, data in enumerate((noise, start + noise, noise)):
-        is_keyframe(memoryview(data), form)
-        try:
-            decoder.decode(number, memoryview(data))
-        except ValueError:
-            continue
-    decoder.finish()
 
 
 def still(data: bytes, layout: RawLayout | None = None, form: str = "jpeg") -> ImageMessage:

@@ -10,7 +10,6 @@ from collections.abc import Callable
 import click
 import pytest
 
-from ssp_core import cli
 from ssp_core.cli import VERBS, main
 from ssp_core.errors import HostError, InputError, PeerError
 
@@ -101,14 +100,6 @@ def test_a_full_disk_is_one_message(
     )
 
 
-def test_exit_inside_a_verb(verb: Callable[[Callable[[], object]], None]) -> None:
-    def function() -> None:
-        click.get_current_context().exit(7)
-
-    verb(function)
-    assert main(["probe"]) == 7
-
-
 def test_a_bug_is_a_traceback(verb: Callable[[Callable[[], object]], None]) -> None:
     def function() -> None:
         raise RuntimeError("a bug")
@@ -116,17 +107,6 @@ def test_a_bug_is_a_traceback(verb: Callable[[Callable[[], object]], None]) -> N
     verb(function)
     with pytest.raises(RuntimeError, match="a bug"):
         main(["probe"])
-
-
-def test_a_verb_that_is_no_command_is_a_bug(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(VERBS, "probe", ("ssp_core.cli:main", "no command"))
-    with pytest.raises(TypeError, match="no click command"):
-        main(["probe"])
-
-
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--version"]) == 0
-    assert cli.__version__ in capsys.readouterr().out
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -136,22 +136,6 @@ def test_who_ends_without_being_asked_is_noticed(group: ProcessGroup) -> None:
     assert group.processes["good"].describe_exit() == "killed by SIGKILL"
 
 
-def test_leaving_the_block_by_an_error_ends_all(
-    environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(processes, "_SHM", tmp_path)
-    pids = []
-
-    def session() -> None:
-        with ProcessGroup(environment, tmp_path / "logs") as group:
-            pids.append(start(group, "good"))
-            raise RuntimeError("a bug")
-
-    with pytest.raises(RuntimeError, match="a bug"):
-        session()
-    assert not alive(pids[0])
-
-
 PARENT = """
 import sys
 from pathlib import Path
@@ -265,11 +249,6 @@ def test_ports_go_when_nobody_lives_in_their_domain(shm: Path) -> None:
         assert names(shm) == sorted([*live, *new])
     remove_stale_shared_memory()
     assert names(shm) == sorted(new)
-
-
-def test_no_shared_memory_at_all(shm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "_SHM", shm / "none")
-    assert remove_stale_shared_memory() == 0
 
 
 def test_ports_of_one_domain_go(shm: Path) -> None:

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from ssp_core.run_file.road import (
-    MOST_SCENERY,
     Building,
     CurvePiece,
     Lane,
@@ -23,7 +22,7 @@ from ssp_core.run_file.road import (
 )
 from ssp_core.run_file.values import Start
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_core.world.scenery import Clearance, item_pose, left_out, reversed_item, shifted
+from ssp_core.world.scenery import Clearance, item_pose, left_out, reversed_item
 
 CURVES = {
     "straight": [CurvePiece(length_m=200.0)],
@@ -128,10 +127,6 @@ def test_the_other_direction_has_the_same_things(
         assert clear[0] == clear[1]
 
 
-def test_a_later_start_shifts_arc_lengths_alone() -> None:
-    assert shifted(stop(50.0, -5.0), -20.0) == stop(30.0, -5.0)
-
-
 def test_a_road_without_scenery_is_written_as_ever() -> None:
     assert "scenery" not in road().model_dump(mode="json")
     full = road("straight", stop(50.0, -5.0), house(60.0, 12.0))
@@ -156,10 +151,3 @@ def test_what_makes_no_sense_is_refused(item: dict[str, Any]) -> None:
     whole = road().model_dump(mode="json")
     with pytest.raises(ValidationError):
         Road.model_validate(whole | {"scenery": [item]})
-
-
-def test_there_is_a_most() -> None:
-    whole = road().model_dump(mode="json")
-    items = [stop(50.0, -5.0).model_dump()] * (MOST_SCENERY + 1)
-    with pytest.raises(ValidationError):
-        Road.model_validate(whole | {"scenery": items})

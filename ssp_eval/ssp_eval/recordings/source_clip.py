@@ -7,12 +7,13 @@ truth. That is a version of its own; the event that it was made from qualifies n
 
 from __future__ import annotations
 
+import importlib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import click
 
@@ -22,8 +23,9 @@ from ssp_core.files import make_folder
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.event import find_event, instants_of
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import PHASES, PhaseWord
-from ssp_core.world.source_clip import ClipBoard, clip_maker
 from ssp_eval.recordings.event import rules_of
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.event_spec.checks.check import check_event
@@ -45,6 +47,27 @@ _DRAWN = {
     "vru_crossing": ("crossing_from_right", "pedestrian"),
     "occluded_crossing": ("crossing_from_right", "pedestrian"),
 }
+
+
+class ClipBoard(Protocol):
+    """A whole clip before it is drawn; map and block frame are the same."""
+
+    scenario: str
+    seed: int
+    road: Road
+    fps: float
+    duration_s: float
+
+    def times(self) -> list[float]:
+        """Times of the frames in s, from 0."""
+
+    def states(self, t_s: float) -> Sequence[ObjectState]:
+        """All objects at a time, the VUT too."""
+
+
+def clip_maker() -> Any:
+    """The module that draws clips; its package and this one never import each other."""
+    return importlib.import_module("ssp_ot_controller.camera.clip")
 
 
 @dataclass(frozen=True)
@@ -89,7 +112,8 @@ def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> ClipBo
             )
     shown = [road.lanes_same_direction.value, road.lanes_opposite.value]
     same, opposite = (count if isinstance(count, int) else 2 for count in shown)
-    return clip_maker().board_of(interaction.type, seed, *(lanes or (same, opposite)))
+    board: ClipBoard = clip_maker().board_of(interaction.type, seed, *(lanes or (same, opposite)))
+    return board
 
 
 def measure_clip(event: Event, board: ClipBoard) -> Drawn:

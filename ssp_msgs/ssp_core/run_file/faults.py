@@ -105,9 +105,21 @@ def check_object_faults(run: RunSpec, faults: list[Fault], file: str | Path | No
     """
     for index, fault in enumerate(faults):
         rule = _RULES.get(fault.kind)
-        if rule is not None:
-            _check_target(run, rule, fault, f"faults[{index}].target", file)
-            _check_value(rule, fault, f"faults[{index}].value", file)
+        if rule is None:
+            continue
+        known = run.object_ids if rule.objects == "any" else [run.vut.id]
+        if fault.target not in known:
+            raise InputError(
+                f"is no object that {fault.kind} can strike in this run",
+                file=file,
+                field=f"faults[{index}].target",
+                value=fault.target,
+                remedy=f"choose {', '.join(known)}",
+            )
+        if wrong := _wrong_value(rule, fault):
+            problem, remedy = wrong
+            field = f"faults[{index}].value"
+            raise InputError(problem, file=file, field=field, value=fault.value, remedy=remedy)
 
 
 def _check_times(run: RunSpec, faults: list[Fault], file: str | Path) -> None:
@@ -123,46 +135,17 @@ def _check_times(run: RunSpec, faults: list[Fault], file: str | Path) -> None:
             )
 
 
-def _check_target(
-    run: RunSpec, rule: _Rule, fault: Fault, field: str, file: str | Path | None
-) -> None:
-    known = run.object_ids if rule.objects == "any" else [run.vut.id]
-    if fault.target not in known:
-        raise InputError(
-            f"is no object that {fault.kind} can strike in this run",
-            file=file,
-            field=field,
-            value=fault.target,
-            remedy=f"choose {', '.join(known)}",
-        )
-
-
-def _check_value(rule: _Rule, fault: Fault, field: str, file: str | Path | None) -> None:
-    value = fault.value
+def _wrong_value(rule: _Rule, fault: Fault) -> tuple[str, str] | None:
+    """What is wrong with a fault's value, and the remedy."""
+    value, low, high = fault.value, rule.low, rule.high
     if value is None:
-        if rule.value == "always":
-            raise InputError(
-                f"is missing: {fault.kind} has a size",
-                file=file,
-                field=field,
-                remedy=f"give it ({rule.unit})",
-            )
-        return
-    if rule.value == "never":
-        raise InputError(
-            f"means nothing for {fault.kind}",
-            file=file,
-            field=field,
-            value=value,
-            remedy="leave it out",
+        needed = rule.value == "always"
+        return (
+            (f"is missing: {fault.kind} has a size", f"give it ({rule.unit})") if needed else None
         )
-    low, high = rule.low, rule.high
+    if rule.value == "never":
+        return f"means nothing for {fault.kind}", "leave it out"
     if (low is not None and value <= low) or (high is not None and value > high):
         top = f" and at most {high:g}" if high is not None else ""
-        raise InputError(
-            f"is no size of {fault.kind}",
-            file=file,
-            field=field,
-            value=value,
-            remedy=f"give a number above {low:g}{top} ({rule.unit})",
-        )
+        return f"is no size of {fault.kind}", f"give a number above {low:g}{top} ({rule.unit})"
+    return None

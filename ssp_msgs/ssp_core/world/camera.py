@@ -62,18 +62,6 @@ class Mounting:
     roll_right_rad: float = 0.0
 
     @classmethod
-    def of(cls, camera: Camera) -> Mounting:
-        """The mounting of a run's camera."""
-        return cls(
-            camera.forward_m,
-            camera.height_m,
-            camera.pitch_down_rad,
-            camera.left_m,
-            camera.yaw_left_rad,
-            camera.roll_right_rad,
-        )
-
-    @classmethod
     def of_transform(
         cls,
         translation_m: tuple[float, float, float],
@@ -155,10 +143,10 @@ def optical_axes(
 
 def view_from(pose: Pose2, camera: Camera) -> View:
     """The camera of a VUT whose reference point has this pose, in the pose's parent frame."""
-    return mounted_view(pose, intrinsics(camera), Mounting.of(camera))
+    return mounted_view(pose, intrinsics(camera), camera)
 
 
-def mounted_view(pose: Pose2, lens: Intrinsics, mounting: Mounting) -> View:
+def mounted_view(pose: Pose2, lens: Intrinsics, mounting: Mounting | Camera) -> View:
     """As ``view_from``, from the numbers that a recording holds.
 
     Args:

@@ -87,13 +87,6 @@ def test_a_jump_of_the_systems_clock(tmp_path: Path, jump: str, split: Split | N
         assert (sorted(given) if split else given) == sorted(times)
 
 
-def test_splitting_by_time_doesnt_end_in_a_file_per_message(tmp_path: Path) -> None:
-    """Two publishers whose clocks are an hour apart, in a session that is dated by stamps."""
-    times = [START_NS + k * STEP_NS + JUMPS["to and fro"](k) for k in range(COUNT)]
-    record(tmp_path / "bag", times, Split(max_s=60.0))
-    assert len(list((tmp_path / "bag").glob("*.mcap"))) < COUNT // 10
-
-
 def test_stamps_that_jump_date_a_simulated_session(tmp_path: Path) -> None:
     """What has no stamp of its own is dated by the newest one, so it never goes back."""
     times = [k * STEP_NS + max(0, JUMPS["back and forth"](k)) for k in range(COUNT)]

@@ -13,7 +13,7 @@ from ssp_core.bag.repair import recover
 from ssp_core.errors import InputError
 
 from .checks import held, kept_until_ns, missing
-from .conftest import DEADLINE_S, Field, Recording, wait_for
+from .conftest import DEADLINE_S, Field, Recording
 from .load import LoadTopic
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -85,15 +85,3 @@ def test_a_kill_at_a_random_moment_costs_at_most_a_second(field_: Field, seed: i
 
 def _has_data(bag: Path) -> bool:
     return any(file.stat().st_size > 8 for file in bag.glob("*.mcap"))
-
-
-def test_what_was_killed_is_said_to_be_unfinished(field_: Field) -> None:
-    load = field_.load(*TOPICS)
-    recording = field_.record(*NAMES)
-    wait_for(lambda: recording.size() > 200_000, "data")
-    recording.kill()
-    load.stop()
-    assert not (recording.bag / "metadata.yaml").exists()
-    report = check_bag(recording.bag)
-    assert not report.ok
-    assert "ssp bag recover" in " ".join(report.problems)

@@ -17,7 +17,6 @@ from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Importance, Profile, TopicSpec, importance
 
 from .checks import held
-from .conftest import DEADLINE_S
 from .load import IMAGE, TEXT, LoadTopic, encode
 
 pytestmark = pytest.mark.system
@@ -94,36 +93,3 @@ def test_the_least_important_is_dropped_and_counted(
     numbers = [m.number for m in found[OTHERS.name]]
     assert len(numbers) == put[OTHERS.name] - dropped[OTHERS.name]
     assert numbers == sorted(set(numbers))
-
-
-def test_a_disk_that_stands_still_costs_no_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nothing is written for a while: the queue stays within its limit, and every message is
-    either in the bag or counted."""
-    real = mcap_output.write_buffers
-    stands, goes_on = tmp_path / "stands", tmp_path / "goes_on"
-
-    def stuck(descriptor: int, buffers: Sequence[bytes], *rest: int) -> None:
-        if len(buffers) and sum(map(len, buffers)) > 1 << 20:
-            stands.touch()
-            while not goes_on.exists():
-                time.sleep(0.005)
-        real(descriptor, buffers, *rest)
-
-    monkeypatch.setattr(mcap_output, "write_buffers", stuck)
-    recorder = Recorder(tmp_path / "bag", SPECS[:1], queue_bytes=QUEUE_BYTES)
-    put = 0
-    deadline = time.monotonic() + DEADLINE_S
-    while not stands.exists() or put < 400:
-        assert time.monotonic() < deadline
-        recorder.put_all([BagMessage(FRAMES.name, put, put, encode(FRAMES, put, 0), put)])
-        put += 1
-        assert recorder.state().queue_bytes <= QUEUE_BYTES
-        if not stands.exists():
-            time.sleep(0.005)
-    goes_on.touch()
-    state = recorder.stop()
-    assert state.dropped > 0
-    assert state.messages + state.dropped == put
-    assert len(held(tmp_path / "bag", (FRAMES,))[FRAMES.name]) == state.messages
