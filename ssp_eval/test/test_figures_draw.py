@@ -17,7 +17,7 @@ from ssp_core.vocabulary import DOMAINS
 from ssp_eval.figures.domains import domains
 from ssp_eval.figures.foundation import foundation
 from ssp_eval.figures.matrix import matrix
-from ssp_eval.figures.models import controls, models
+from ssp_eval.figures.models import models
 from ssp_eval.figures.scores import Scores, pareto_front, words
 from ssp_eval.figures.style import (
     COMPONENT_LOOKS,
@@ -37,7 +37,6 @@ KINDS = {
     "domains": domains,
     "models": lambda scores: models(scores, None),
     "foundation": foundation,
-    "controls": controls,
 }
 CONTROLS = ("+black", "+shuffled", "perfect", "silent", "constant_velocity", "copy_history")
 CASES = {
@@ -151,31 +150,6 @@ def test_thousands_of_pages_are_drawn_when_they_are_asked_for(
     assert isinstance(left_out, LeftOut)
     assert left_out.reason == "180 cells are 5 pages; ask for them with --only matrix"
     assert len(list(matrix(rows, whole=True))) == 5
-
-
-def test_controls_stand_beside_the_models_that_they_check() -> None:
-    plain = [row for row in rows_of(MODELS[:2]) if row.domain == "physical"]
-    spoilt = [
-        replace(row, model=f"{row.model}+black", control=True, tqsr=0.0, rsr=0.0) for row in plain
-    ]
-    perfect = [replace(row, model="perfect", control=True, jovr=1.0) for row in plain[:1]]
-    found = drawn([*plain, *spoilt, *perfect], "controls")["controls"]
-    assert gids(found)["control"] == 2 * 2 + 1
-    texts = [text for text, _, _ in texts_of(found)]
-    for model in MODELS[:2]:
-        own = [row.ivcs or 0.0 for row in plain if row.model == model]
-        other = [row.ivcs or 0.0 for row in spoilt if row.model == f"{model}+black"]
-        change = f"{(sum(other) - sum(own)) / 2:+.2f}".replace("-", "−")
-        assert change in texts
-        assert f"{model}: black frames" in texts
-        assert f"{model}: black frames 2" in found.caption
-    assert "perfect 1" in found.caption
-    (left_out,) = controls(Scores(tuple(plain)))
-    assert isinstance(left_out, LeftOut)
-    # They change no other figure.
-    for kind in ("domains", "models", "foundation"):
-        with_them, without = drawn([*plain, *spoilt, *perfect], kind), drawn(plain, kind)
-        assert [gids(one) for one in with_them.values()] == [gids(one) for one in without.values()]
 
 
 def test_a_large_matrix_goes_over_pages_without_losing_a_cell() -> None:

@@ -1,4 +1,4 @@
-"""The driven path put together from ego histories, and plans seen from later."""
+"""The driven path put together from ego histories."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pytest
 
 from ssp_core.geometry import Pose2
 from ssp_eval.data.ego_path import EgoPath, recorded_paths
-from ssp_vla_bridge.trajectory import Trajectory
 
 SPEED_MPS, RADIUS_M = 10.0, 40.0
 
@@ -57,16 +56,4 @@ def test_a_gap_between_histories_is_not_bridged() -> None:
     assert found is not None
     assert found.t_s[-1] == pytest.approx(0.5)
     assert path.after(1.0, 3.0) is None
-    plan = Trajectory((0.0, 1.0), (0.0, 1.0), (0.0, 0.0))
-    assert path.seen_from(plan, 1.0, 3.5) is None
     assert ego_path([{"stamp_ns": 1, "history": []}, {"missing": "x"}]).pieces == ()
-
-
-def test_a_plan_is_where_it_was_planned_when_seen_from_later() -> None:
-    path = ego_path([request(1.0), request(1.5)])
-    plan = Trajectory((0.0, 1.0), (0.0, 10.0), (0.0, 1.0))
-    seen = path.seen_from(plan, 1.0, 1.3)
-    assert seen is not None
-    place = pose_at(1.3).to_local(*pose_at(1.0).to_parent(10.0, 1.0))
-    assert (seen.x_m[1], seen.y_m[1]) == pytest.approx(place, abs=1e-9)
-    assert path.seen_from(plan, 1.0, 1.0) is plan

@@ -7,7 +7,6 @@ from statistics import median
 
 from matplotlib.axes import Axes
 
-from ssp_eval.evaluate.models import BLACK, SHUFFLED
 from ssp_eval.figures.ranks import rank_slopes
 from ssp_eval.figures.scores import Group, Scores, listed, words
 from ssp_eval.figures.style import (
@@ -18,7 +17,6 @@ from ssp_eval.figures.style import (
     LOOKS,
     NAMES_IN,
     NO_MODEL,
-    ORANGE,
     PAGE_IN,
     RED,
     ROW_IN,
@@ -40,10 +38,8 @@ from ssp_eval.figures.style import (
     text_width_in,
     widest_in,
 )
-from ssp_eval.score.aggregate import BY_MODEL, Cell, Mean, means, relative_difference
+from ssp_eval.score.aggregate import BY_MODEL, Cell, means, relative_difference
 from ssp_eval.score.metrics import COMPONENTS, IVCS_LAST, METRIC_LABELS
-from ssp_eval.statistics.table import Value, by_column
-from ssp_eval.statistics.tables import ANSWERERS, SEEING, control_tables
 
 # Ends of the axes that all panels share.
 _LIMITS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
@@ -301,79 +297,3 @@ def _profile(axes: Axes, model: str, group: Group, middle: Sequence[float | None
             ends = [value, value], [place - 0.4, place + 0.4]
             axes.plot(*ends, color="white", linewidth=2.6, solid_capstyle="butt")
             axes.plot(*ends, color=INK, linewidth=1.2, solid_capstyle="butt")
-
-
-NAME = "controls"
-_SPOILT = {BLACK: "black frames", SHUFFLED: "shuffled frames"}
-_OWN, _OTHER, _CONTROL = Look(BLUE, "o", ""), Look(ORANGE, "s", ""), Look("#bdbdbd", "D", "")
-
-
-def controls(scores: Scores) -> list[Drawing | LeftOut]:
-    """Mean IVCS of each model beside itself with spoilt frames, and of the other controls."""
-    tables = {table.name: table for table in control_tables(scores.rows)}
-    lines: dict[str, tuple[float | None, float]] = {}
-    counts: dict[str, int] = {}
-    for row in by_column(tables.get(SEEING)):
-        own, spoilt = _value(row["ivcs"]), _value(row["ivcs_spoilt"])
-        if own is not None and spoilt is not None:
-            name = f"{row['model']}: {_SPOILT[str(row['condition'])]}"
-            lines[name], counts[name] = (own, spoilt), int(str(row["n"]))
-    for row in by_column(tables.get(ANSWERERS)):
-        value = _value(row["ivcs"])
-        if value is not None:
-            lines[str(row["model"])], counts[str(row["model"])] = (None, value), int(str(row["n"]))
-    if not lines:
-        return [LeftOut(NAME, "there are no scored cells of controls")]
-    return [
-        _page(page, {m: lines[m] for m in members}, counts)
-        for page, members in pages_of(NAME, list(lines))
-    ]
-
-
-def _page(
-    name: str, lines: Mapping[str, tuple[float | None, float]], counts: Mapping[str, int]
-) -> Drawing:
-    width_in = row_width_in(lines)
-    names = names_in(lines, NAMES_IN[width_in])
-    seeing = any(own is not None for own, _ in lines.values())
-    legend = {"as it is": _OWN, "spoilt frames": _OTHER} if seeing else {}
-    if any(own is None for own, _ in lines.values()):
-        legend["answerer of the harness"] = _CONTROL
-    sheet, axes, head_in = named_rows(width_in, list(names.values()), legend, right_in=0.45)
-    for row, (label, (own, value)) in enumerate(lines.items()):
-        if own is not None:
-            axes.plot([own, value], [row, row], color=GREY, linewidth=1.2, zorder=2)
-        marks = ((own, _OWN, 7.5), (value, _CONTROL if own is None else _OTHER, 4.5))
-        for x, look, size in marks:
-            if x is not None:
-                # The larger one is seen behind the other where nothing changed.
-                mark(axes, (x, row), look, f"control-{label}", markersize=size)
-        text = f"{value:.2f}" if own is None else f"{value - own:+z.2f}".replace("-", "−")
-        sheet.figure.text(
-            1.0 - 0.05 / width_in, 1.0 - (head_in + ROW_IN * (row + 0.5)) / sheet.height_in, text,
-            va="center_baseline", ha="right", color=GREY,
-        )  # fmt: skip
-    share_axis(axes, "IVCS, mean over cells")
-    told = ", ".join(f"{label} {counts[label]}" for label in lines)
-    return Drawing(
-        name,
-        sheet.figure,
-        caption(
-            "Controls, which enter no mean elsewhere. A model's IVCS as it is and with spoilt "
-            "frames, everything else in the question being the same: means over the recordings "
-            "scored with both, at the right the change. Who scores as much without seeing isn't "
-            "scored for what it sees."
-            if seeing
-            else "Controls, which enter no mean elsewhere.",
-            "Answerers of the harness, at the right their IVCS: perfect should have 1, silent 0, "
-            "and constant_velocity and copy_history see no frame."
-            if len(legend) != 2
-            else "",
-            f"Cells: {told}.",
-            renamed(names),
-        ),
-    )
-
-
-def _value(value: Value) -> float | None:
-    return value.value if isinstance(value, Mean) else None

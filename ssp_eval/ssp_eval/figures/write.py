@@ -17,7 +17,7 @@ from ssp_eval.statistics.rows import CellRow
 if TYPE_CHECKING:
     from ssp_eval.figures.style import Drawing, LeftOut
 
-GROUPS = ("matrix", "domains", "models", "foundation", "controls")
+GROUPS = ("matrix", "domains", "models", "foundation")
 DPI = 300
 # No date and no version in a file: the same rows give the same bytes.
 _METADATA: dict[str, dict[str, str | None]] = {
@@ -76,7 +76,7 @@ def _drawings(
     from ssp_eval.figures.domains import domains
     from ssp_eval.figures.foundation import foundation
     from ssp_eval.figures.matrix import matrix
-    from ssp_eval.figures.models import controls, models
+    from ssp_eval.figures.models import models
 
     wanted = only or GROUPS
     if "matrix" in wanted:
@@ -87,8 +87,6 @@ def _drawings(
         yield from models(scores, reference)
     if "foundation" in wanted:
         yield from foundation(scores)
-    if "controls" in wanted:
-        yield from controls(scores)
 
 
 def written_drawings(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,10 +29,8 @@ from ssp_eval.statistics.statistics_tables import (
 from ssp_eval.statistics.table import FORMATS, Table, write_tables
 from ssp_eval.statistics.tables import all_tables, with_notices
 
-OVERLAYS = "overlays"
-CHOICES = (*GROUPS, OVERLAYS)
-# Overlays of more cells take minutes, and are drawn when they are asked for by name.
-MOST_OVERLAID = 24
+PHASES = "phases"
+CHOICES = (*GROUPS, PHASES)
 
 
 @dataclass(frozen=True)
@@ -55,10 +53,10 @@ def draw_figures(
     campaign: Path | None = None,
     cells: Sequence[CellData] = (),
 ) -> None:
-    """Writes figures and overlays and says what was left out, and why.
+    """Writes figures and says what was left out, and why.
 
     Args:
-        campaign: whose frames the overlays are drawn on; None: there are none.
+        campaign: whose frames are drawn on; None: there are none.
 
     Raises:
         InputError: the reference is no model, or a file can't be read or written.
@@ -72,27 +70,15 @@ def draw_figures(
 
         if groups or not wanted.only:
             done.append(write_figures(rows, wanted.folder, wanted.reference, groups, advance))
-        if campaign is not None and (not wanted.only or OVERLAYS in wanted.only):
-            done.append(_overlays(wanted, campaign, cells, advance))
+        if campaign is not None and (not wanted.only or PHASES in wanted.only):
+            # Pictures need OpenCV, which figures of a CSV file do without.
+            from ssp_eval.figures.phases import write_phase_frames
+
+            limit = not wanted.only
+            done.append(write_phase_frames(campaign, wanted.folder, cells, advance, limit))
     for name, reason in (one for written in done for one in written.left_out):
         console.note(f"{name}: not drawn: {reason}")
     click.echo(f"{wanted.folder} ({sum(len(written.files) for written in done)} files)")
-
-
-def _overlays(
-    wanted: WantedFigures,
-    campaign: Path,
-    cells: Sequence[CellData],
-    advance: Callable[[str], None],
-) -> Written:
-    scored = sum(cell.score is not None and not cell.is_control for cell in cells)
-    if not wanted.only and scored > MOST_OVERLAID:
-        why = f"{scored} cells take minutes; ask for them with --only {OVERLAYS}"
-        return Written((), ((OVERLAYS, why),))
-    # Pictures need OpenCV and PyAV, which figures of a CSV file do without.
-    from ssp_eval.figures.overlays import write_overlays
-
-    return write_overlays(campaign, wanted.folder, advance, cells)
 
 
 TABLES = "tables"
@@ -167,7 +153,7 @@ class _Wanted:
     "--figures",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Draw all figures into DIR: SVG, PDF and PNG with a caption each, and overlays.",
+    help="Draw all figures into DIR: SVG, PDF and PNG with a caption each.",
 )
 @click.option(
     "--only",
@@ -231,8 +217,8 @@ def report(
             raise click.UsageError("--block is of labels, of which --from-cells knows nothing")
         if out is None and (_is_given("resamples") or _is_given("seed")):
             raise click.UsageError("--resamples and --seed need --out DIR: figures draw nothing")
-        if OVERLAYS in only:
-            raise click.UsageError("overlays need the frames of a campaign, not --from-cells")
+        if PHASES in only:
+            raise click.UsageError("phases need the frames of a campaign, not --from-cells")
         if out is None and (drawn is None or tables is not None):
             raise click.UsageError("--from-cells needs --out DIR, or --figures DIR alone")
         rows = rows_from_csv(from_cells, console.note)
