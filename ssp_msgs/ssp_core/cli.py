@@ -5,7 +5,9 @@ from __future__ import annotations
 import errno
 import importlib
 import sys
+from collections.abc import Mapping
 from signal import Signals
+from typing import Any
 
 import click
 
@@ -73,26 +75,36 @@ NOT_EVERYWHERE = frozenset(
 
 
 class VerbGroup(click.Group):
-    """Loads a verb's command on demand."""
+    """A group of whose commands some are loaded when they are called.
+
+    Args:
+        verbs: those, by name: ``module:function`` and a line of help.
+    """
+
+    def __init__(self, *args: Any, verbs: Mapping[str, tuple[str, str]], **given: Any) -> None:
+        super().__init__(*args, **given)
+        self._verbs = verbs
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(VERBS)
+        return [*super().list_commands(ctx), *self._verbs]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in VERBS:
-            return None
-        module_name, function = VERBS[name][0].split(":")
+        if name not in self._verbs:
+            return super().get_command(ctx, name)
+        place = self._verbs[name][0]
+        module_name, function = place.split(":")
         command = getattr(importlib.import_module(module_name), function)
         if not isinstance(command, click.Command):
-            raise TypeError(f"{VERBS[name][0]} is no click command")
+            raise TypeError(f"{place} is no click command")
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        own = [(name, command.get_short_help_str(80)) for name, command in self.commands.items()]
         with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in VERBS.items()])
+            formatter.write_dl([*own, *((name, text) for name, (_, text) in self._verbs.items())])
 
 
-@click.group(cls=VerbGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=VerbGroup, verbs=VERBS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="ssp")
 def cli() -> None:
     """Closed-track orchestration, and evaluation of driving VLAs across three domains.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import click
 
+from ssp_core.cli import VerbGroup
 from ssp_core.console import note, visible
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
@@ -50,29 +50,7 @@ _LAZY = {
 }
 
 
-class _Group(click.Group):
-    """The commands of this file, and the lazy ones."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return [*super().list_commands(ctx), *_LAZY]
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in _LAZY:
-            return super().get_command(ctx, name)
-        module, function = _LAZY[name][0].split(":")
-        command = getattr(importlib.import_module(module), function)
-        if not isinstance(command, click.Command):
-            raise TypeError(f"{_LAZY[name][0]} is no click command")
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """As click does it, without importing the lazy ones."""
-        own = {name: command.get_short_help_str(80) for name, command in self.commands.items()}
-        with formatter.section("Commands"):
-            formatter.write_dl([*own.items(), *((name, _LAZY[name][1]) for name in _LAZY)])
-
-
-@click.group(cls=_Group)
+@click.group(cls=VerbGroup, verbs=_LAZY)
 def spec() -> None:
     """Check, draw, compare, extract and review event specifications (K*)."""
 

@@ -1,138 +1,47 @@
-"""The CARLA configuration: its frame, what it tells of a task, and the check against the map."""
+"""The CARLA configuration: its frame, and what it tells of a task."""
 
 from __future__ import annotations
 
 import json
 import math
-import re
-import sys
-import types
-from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.errors import InputError
-from ssp_core.files import load_model
 from ssp_core.geometry import Pose2
 from ssp_core.hashing import sha256_file
-from ssp_core.run_file.participants import TimeHeadway
-from ssp_scenario_manager.compile.targets import carla as carla_check
 from ssp_scenario_manager.compile.targets.carla import carla_config, export_carla, transform
-from ssp_scenario_manager.compile.targets.carla_config import CarlaConfig, Transform
 from ssp_scenario_manager.compile.targets.map_file import map_file
 from ssp_scenario_manager.compile.task import PlaceLink
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
-LANE_TYPES = types.SimpleNamespace(Any="Any", Driving="Driving", Sidewalk="Sidewalk", NONE="NONE")
 
 
-def _place(x: float, y: float, yaw: float) -> Any:
-    return types.SimpleNamespace(
-        location=types.SimpleNamespace(x=x, y=y, z=0.0), rotation=types.SimpleNamespace(yaw=yaw)
-    )
+def as_told(value: Any) -> Any:
+    """JSON-like data whose fields are attributes."""
+    return json.loads(json.dumps(value), object_hook=lambda fields: SimpleNamespace(**fields))
 
 
-# Lane id, type, y of the centre and width, of the straight road of 400 m that ``make_block`` makes.
-# CARLA's y is to the right.
-LANES = (
-    (3, "Sidewalk", -13.75, 3.0),
-    (2, "Driving", -10.5, 3.5),
-    (1, "Driving", -7.0, 3.5),
-    (-1, "Driving", -3.5, 3.5),
-    (-2, "Driving", 0.0, 3.5),
-    (-3, "Sidewalk", 3.25, 3.0),
-)
-VERGE = (-4, "NONE", 7.75, 6.0)
-
-
-class _Waypoint:
-    """As carla.Waypoint on one of those lanes."""
-
-    def __init__(self, lanes: Any, index: int, x: float) -> None:
-        self.lane_id, self.lane_type, y, self.lane_width = lanes[index]
-        self._lanes, self._index = lanes, index
-        self.transform = _place(x, y, 0.0 if self.lane_id < 0 else 180.0)
-
-    def next(self, distance: float) -> list[_Waypoint]:
-        x = self.transform.location.x + (distance if self.lane_id < 0 else -distance)
-        return [_Waypoint(self._lanes, self._index, x)] if 0.0 <= x <= 400.0 else []
-
-    def _beside(self, step: int) -> _Waypoint | None:
-        index = self._index + step
-        if not 0 <= index < len(self._lanes):
-            return None
-        return _Waypoint(self._lanes, index, self.transform.location.x)
-
-    def get_left_lane(self) -> _Waypoint | None:
-        return self._beside(-1 if self.lane_id < 0 else 1)
-
-    def get_right_lane(self) -> _Waypoint | None:
-        return self._beside(1 if self.lane_id < 0 else -1)
-
-
-class _Map:
-    """As carla.Map of that road; it finds no strips of type none, as CARLA's doesn't."""
-
-    def __init__(self, name: str, xodr: str) -> None:
-        assert "<OpenDRIVE" in xodr
-        self._lanes = (*LANES, VERGE) if 'lane id="-4"' in xodr else LANES
-
-    def get_waypoint(self, place: Any, project_to_road: bool, lane_type: str) -> _Waypoint | None:
-        found = [
-            (abs(place.y - y), index)
-            for index, (_, kind, y, _) in enumerate(self._lanes)
-            if kind != "NONE" and lane_type in ("Any", kind)
-        ]
-        apart, index = min(found)
-        inside = apart <= self._lanes[index][3] / 2 and 0.0 <= place.x <= 400.0
-        return _Waypoint(self._lanes, index, place.x) if inside or project_to_road else None
-
-
-def _made_here() -> types.ModuleType:
-    module = types.ModuleType("carla")
-    module.Location = lambda x, y, z: types.SimpleNamespace(x=x, y=y, z=z)  # type: ignore[attr-defined]
-    module.LaneType = LANE_TYPES  # type: ignore[attr-defined]
-    module.Map = _Map  # type: ignore[attr-defined]
-    return module
-
-
-@pytest.fixture(params=["made here", "installed"] if carla_check.is_installed() else ["made here"])
-def with_carla(request: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """CARLA's map: one of a known road made here, and the real one where the extra is there."""
-    if request.param == "made here":
-        monkeypatch.setitem(sys.modules, "carla", _made_here())
-
-
-@pytest.fixture
-def without_carla(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(carla_check, "is_installed", lambda: False)
-
-
-def exported(case: Any, folder: Path, map_text: str | None = None) -> CarlaConfig:
+def exported(case: Any, folder: Path, map_text: str | None = None) -> Any:
     files = export_carla(case.task, case.block, case.plan, map_text, folder)
-    return load_model(CarlaConfig, files[0])
-
-
-def config_of(case: Any) -> tuple[CarlaConfig, str]:
-    chart = map_file(case.task, case.block, None)
-    return carla_config(case.task, case.block, case.plan, chart), chart.data.decode()
+    return as_told(json.loads(files[0].read_text()))
 
 
 poses = st.builds(Pose2, st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-math.pi, math.pi))
 
 
-def _back(told: Transform) -> tuple[float, float, float]:
+def _back(told: Any) -> tuple[float, float, float]:
     """CARLA's transform as a right-handed pose, by the definition of its frame."""
     return told.location.x, -told.location.y, math.radians(-told.rotation.yaw)
 
 
 @given(poses, st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
 def test_the_frame_is_mirrored_and_nothing_else(pose: Pose2, ahead: float, left: float) -> None:
-    told = transform(pose)
+    told = as_told(transform(pose))
     x, y, yaw = _back(told)
     assert math.dist((x, y), (pose.x_m, pose.y_m)) < 1e-6
     assert math.remainder(yaw - pose.yaw_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-8)
@@ -146,7 +55,6 @@ def test_the_frame_is_mirrored_and_nothing_else(pose: Pose2, ahead: float, left:
     assert math.dist((cx, -cy), there) < 1e-5
 
 
-@pytest.mark.usefixtures("without_carla")
 def test_bodies_appear_around_their_middle_above_the_ground(case_of: Any, tmp_path: Path) -> None:
     config = exported(case_of("occluded_crossing"), tmp_path)
     vut, walker, truck = config.actors
@@ -164,11 +72,10 @@ def test_bodies_appear_around_their_middle_above_the_ground(case_of: Any, tmp_pa
     assert walker.drive is None
 
 
-@pytest.mark.usefixtures("without_carla")
 def test_a_lane_change_to_the_right_is_to_the_right(case_of: Any, tmp_path: Path) -> None:
     config = exported(case_of("cut_in"), tmp_path)
     (trigger,) = config.triggers
-    assert trigger.act.model_dump() == {
+    assert vars(trigger.act) == {
         "kind": "lane_change",
         "right_m": 3.5,
         "duration_s": 2.4,
@@ -188,7 +95,6 @@ def test_a_lane_change_to_the_right_is_to_the_right(case_of: Any, tmp_path: Path
     assert target.drive.start_s == pytest.approx(0.7)
 
 
-@pytest.mark.usefixtures("without_carla")
 def test_an_arrival_has_its_anchor_and_a_walk_its_route(case_of: Any, tmp_path: Path) -> None:
     config = exported(case_of("vru_crossing"), tmp_path)
     (trigger,) = config.triggers
@@ -200,40 +106,15 @@ def test_an_arrival_has_its_anchor_and_a_walk_its_route(case_of: Any, tmp_path: 
     assert ends == [(110.0, 2.55), (110.0, -13.25)]
 
 
-@pytest.mark.usefixtures("without_carla")
 def test_a_braking_goes_to_its_speed(case_of: Any, tmp_path: Path) -> None:
     (trigger,) = exported(case_of("lead_braking"), tmp_path).triggers
-    assert trigger.act.model_dump() == {
+    assert vars(trigger.act) == {
         "kind": "brake",
         "speed_mps": 2.0,
         "deceleration_mps2": 4.0,
     }
 
 
-@pytest.mark.usefixtures("without_carla")
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (
-            {"condition": TimeHeadway(type="time_headway", object_id="ot1", below_s=1.0)},
-            r"run.triggers\[0\].condition.type: .*time_headway",
-        ),
-        ({"edge": "rising"}, r"run.triggers\[0\].edge: .*rising"),
-    ],
-)
-def test_a_trigger_that_the_file_has_no_words_for_is_refused(
-    change: Any, words: str, case_of: Any, tmp_path: Path
-) -> None:
-    case = case_of("cut_in")
-    trigger = case.task.run.triggers[0].model_copy(update=change)
-    run = case.task.run.model_copy(update={"triggers": [trigger]})
-    task = case.task.model_copy(update={"run": run})
-    with pytest.raises(InputError, match=words):
-        export_carla(task, case.block, case.plan, None, tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.usefixtures("without_carla")
 def test_camera_world_and_sources_are_those_of_the_task(case_of: Any, tmp_path: Path) -> None:
     case = case_of("cut_in")
     config = exported(case, tmp_path)
@@ -262,15 +143,13 @@ def test_camera_world_and_sources_are_those_of_the_task(case_of: Any, tmp_path: 
     assert config.map.generation is not None
 
 
-@pytest.mark.usefixtures("without_carla")
 def test_no_camera_is_null(case_of: Any) -> None:
     case = case_of("cut_in")
     task = case.task.model_copy(update={"run": case.task.run.model_copy(update={"camera": None})})
     chart = map_file(task, case.block, None)
-    assert carla_config(task, case.block, case.plan, chart).camera is None
+    assert carla_config(task, case.block, case.plan, chart)["camera"] is None
 
 
-@pytest.mark.usefixtures("without_carla")
 @pytest.mark.parametrize(
     ("name", "load"),
     [
@@ -290,7 +169,6 @@ def test_carlas_own_towns_are_loaded_and_others_generated(
     assert (config.map.generation is None) == (load == "load_world")
 
 
-@pytest.mark.usefixtures("without_carla")
 def test_the_sun_turns_as_yaw_does(case_of: Any) -> None:
     case = case_of("cut_in")
     for azimuth, told in ((0.0, 0.0), (90.0, 270.0), (-30.0, 30.0)):
@@ -298,10 +176,9 @@ def test_the_sun_turns_as_yaw_does(case_of: Any) -> None:
         run = case.task.run.model_copy(update={"look": look})
         task = case.task.model_copy(update={"run": run})
         config = carla_config(task, case.block, case.plan, map_file(task, case.block, None))
-        assert config.weather.sun_azimuth_angle == pytest.approx(told)
+        assert config["weather"]["sun_azimuth_angle"] == pytest.approx(told)
 
 
-@pytest.mark.usefixtures("without_carla")
 @pytest.mark.parametrize("name", EVENTS)
 def test_the_same_task_gives_the_same_bytes(name: str, case_of: Any, tmp_path: Path) -> None:
     texts = []
@@ -311,87 +188,3 @@ def test_the_same_task_gives_the_same_bytes(name: str, case_of: Any, tmp_path: P
         texts.append([f.read_bytes() for f in files])
     assert texts[0] == texts[1]
     assert json.loads(texts[0][0])["schema"] == "ssp.carla/1"
-
-
-@pytest.mark.usefixtures("with_carla")
-@pytest.mark.parametrize("name", EVENTS)
-def test_a_good_configuration_fits_the_map(name: str, case_of: Any, tmp_path: Path) -> None:
-    config, text = config_of(case_of(name))
-    assert carla_check.check_against_map(config, text) == []
-
-
-@pytest.mark.usefixtures("with_carla")
-def test_a_verge_is_ground_to_wait_on(case_of: Any, block_of: Any) -> None:
-    config, text = config_of(case_of("vru_crossing", block_of(right_boundary="verge")))
-    raw = config.model_dump(mode="json", by_alias=True)
-    raw["actors"][1]["reference"]["location"]["y"] = 9.0
-    assert carla_check.check_against_map(CarlaConfig.model_validate(raw), text) == []
-
-
-def test_a_bent_road_fits_carlas_reading(case_of: Any, curved_block: Any) -> None:
-    pytest.importorskip("carla", reason="the extra carla isn't installed")
-    for name in EVENTS:
-        config, text = config_of(case_of(name, curved_block))
-        assert carla_check.check_against_map(config, text) == []
-
-
-Spoil = Callable[[dict[str, Any]], None]
-
-
-def _set(path: str, value: Any) -> Spoil:
-    def spoil(raw: dict[str, Any]) -> None:
-        *parents, last = path.split(".")
-        node: Any = raw
-        for part in parents:
-            node = node[int(part)] if part.isdigit() else node[part]
-        node[int(last) if last.isdigit() else last] = value
-
-    return spoil
-
-
-def _route(index: int, points: list[tuple[float, float]]) -> Spoil:
-    return _set(f"actors.{index}.drive.route", [{"x": x, "y": y, "z": 0.0} for x, y in points])
-
-
-@pytest.mark.usefixtures("with_carla")
-@pytest.mark.parametrize(
-    ("name", "spoil", "words"),
-    [
-        ("cut_in", _set("actors.0.reference.location.y", 3.5), "vut starts at .* no driving lane"),
-        ("cut_in", _set("actors.0.reference.location.y", 0.8), "vut starts 0.80 m beside"),
-        ("cut_in", _set("actors.0.reference.rotation.yaw", 180.0), "180.0 deg off"),
-        ("cut_in", _set("actors.0.reference.rotation.yaw", 6.0), "6.0 deg off"),
-        ("cut_in", _set("actors.0.reference.location.z", 2.0), "height of 2 m"),
-        ("cut_in", _route(0, [(15.0, 0.0), (450.0, 0.0)]), "leaves the driving lanes"),
-        ("cut_in", _route(0, [(15.0, 0.0), (385.0, 1.0)]), "leaves its lane's centre"),
-        ("cut_in", _route(1, [(380.0, -3.5), (52.0, -3.5)]), "ot1 isn't connected"),
-        ("vru_crossing", _set("actors.1.reference.location.y", 0.0), "on driving lane -2"),
-        ("vru_crossing", _set("actors.1.reference.location.y", 9.0), "no lane of any kind"),
-        (
-            "vru_crossing",
-            _set("triggers.0.act.drive.route.1", {"x": 110.0, "y": -20.0, "z": 0.0}),
-            "off the map",
-        ),
-        ("occluded_crossing", _set("actors.2.reference.location.y", 30.0), "no lane of any kind"),
-    ],
-)
-def test_what_doesnt_fit_the_map_is_named(
-    name: str, spoil: Spoil, words: str, case_of: Any
-) -> None:
-    config, text = config_of(case_of(name))
-    raw = config.model_dump(mode="json", by_alias=True)
-    spoil(raw)
-    problems = carla_check.check_against_map(CarlaConfig.model_validate(raw), text)
-    assert len(problems) == 1
-    assert re.search(words, problems[0]), problems
-
-
-def test_a_misfit_is_refused_before_anything_is_written(
-    case_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(carla_check, "is_installed", lambda: True)
-    monkeypatch.setattr(carla_check, "check_against_map", lambda *_: ["ot1 floats", "so does vut"])
-    case = case_of("cut_in")
-    with pytest.raises(InputError, match=r"ot1 floats \(1 more\)"):
-        export_carla(case.task, case.block, case.plan, None, tmp_path)
-    assert list(tmp_path.iterdir()) == []

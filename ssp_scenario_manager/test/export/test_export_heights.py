@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,7 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
-from ssp_scenario_manager.compile.targets import carla
 from ssp_scenario_manager.compile.targets.carla import export_carla
-from ssp_scenario_manager.compile.targets.carla_config import CarlaConfig
 from ssp_scenario_manager.compile.targets.map_file import Heights
 from ssp_scenario_manager.compile.targets.opendrive import opendrive_map
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
@@ -96,9 +94,8 @@ def test_a_broken_map_is_refused(text: str, words: str) -> None:
 
 
 def test_scenarios_and_configurations_tell_heights(
-    case_of: Any, block_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    case_of: Any, block_of: Any, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(carla, "is_installed", lambda: False)
     place = PlaceLink(kind="opendrive", name="hill.xodr", sha256="sha256:map")
     block = block_of()
     case = case_of("vru_crossing", block, "openscenario", place)
@@ -108,10 +105,12 @@ def test_scenarios_and_configurations_tell_heights(
     told = [float(p.get("z", "nan")) for p in root.iter("WorldPosition")]
     # VUT at 15 m, pedestrian at 110 m, its path, and the anchor less the front overhang.
     assert told == pytest.approx([3.3, 5.2, 5.2, 5.2, 5.128], abs=0.021)
-    config = load_model(CarlaConfig, export_carla(case.task, block, case.plan, text, tmp_path)[0])
-    assert config.actors[0].reference.location.z == pytest.approx(3.3, abs=0.021)
-    assert config.actors[1].spawn.location.z == pytest.approx(5.2 + 0.975, abs=0.021)
-    assert config.conflict.z == pytest.approx(5.2, abs=0.021)
+    files = export_carla(case.task, block, case.plan, text, tmp_path)
+    config = json.loads(files[0].read_text())
+    vut, walker = config["actors"]
+    assert vut["reference"]["location"]["z"] == pytest.approx(3.3, abs=0.021)
+    assert walker["spawn"]["location"]["z"] == pytest.approx(5.2 + 0.975, abs=0.021)
+    assert config["conflict"]["z"] == pytest.approx(5.2, abs=0.021)
 
 
 def test_on_a_flat_map_heights_are_the_players(case_of: Any, tmp_path: Path) -> None:

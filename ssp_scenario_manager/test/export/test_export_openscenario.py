@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,13 +13,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree  # type: ignore[import-untyped]  # it ships no types
-from pydantic import TypeAdapter
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import Polyline
 from ssp_core.motion.event import RESOLUTION_CONFIRMATION_S
 from ssp_core.motion.state import DEFAULT_SIZES
-from ssp_core.run_file.participants import Condition, FollowPath, RelativeDistance, TimeToArrival
+from ssp_core.run_file.participants import (
+    ElapsedTime,
+    FollowPath,
+    RelativeDistance,
+    TimeToArrival,
+)
 from ssp_core.vocabulary import ObjectClass, Phase
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 from ssp_scenario_manager.compile.targets.ramps import legs
@@ -194,102 +197,6 @@ def test_a_trigger_fires_once_on_no_edge_after_its_lead_time(
     assert event.get("maximumExecutionCount") == "1"
     act = need(root, ".//Act[@name='act_manoeuvre']/StartTrigger//SimulationTimeCondition")
     assert (float(act.get("value", "")), act.get("rule")) == (spec.not_before_s, "greaterThan")
-
-
-VALUES: TypeAdapter[Any] = TypeAdapter(Condition)
-HEADWAY = {"type": "time_headway", "object_id": "ot1", "below_s": 2.0}
-TTC = {"type": "time_to_collision", "object_id": "ot1", "below_s": 3.0}
-FAST = {"type": "speed", "object_id": "ot1", "relation": "above", "value_mps": 1.0}
-LATE = {"type": "elapsed_time", "after_s": 4.5}
-FENCE = [(-999.0, -999.0), (999.0, -999.0), (999.0, 999.0), (-999.0, 999.0)]
-REGION = {"type": "in_region", "object_id": "vut", "polygon": FENCE}
-PHASE = {"type": "phase_reached", "phase": "conflict"}
-
-
-@pytest.mark.parametrize(
-    ("name", "asked", "tag", "attributes", "of"),
-    [
-        (
-            "cut_in",
-            {**HEADWAY, "edge": "rising"},
-            "TimeHeadwayCondition",
-            {"entityRef": "ot1", "value": "2.0"},
-            "vut",
-        ),
-        (
-            "lead_braking",
-            {**TTC, "below_s": 90.0},
-            "TimeToCollisionCondition",
-            {"value": "90.0", "freespace": "true"},
-            "vut",
-        ),
-        ("cut_in", FAST, "SpeedCondition", {"value": "1.0", "rule": "greaterThan"}, "ot1"),
-        (
-            "cut_in",
-            {**FAST, "object_id": "vut", "relation": "below", "value_mps": 40.0},
-            "SpeedCondition",
-            {"value": "40.0", "rule": "lessThan"},
-            "vut",
-        ),
-        (
-            "cut_in",
-            {**LATE, "edge": "rising"},
-            "SimulationTimeCondition",
-            {"value": "4.5", "rule": "greaterThan"},
-            None,
-        ),
-    ],
-)
-def test_a_condition_is_told_as_openscenarios_own(
-    name: str,
-    asked: dict[str, Any],
-    tag: str,
-    attributes: dict[str, str],
-    of: str | None,
-    case_of: Any,
-    xsd: etree.XMLSchema,
-    tmp_path: Path,
-) -> None:
-    case = case_of(name)
-    edge = asked.get("edge", "none")
-    bare = {key: value for key, value in asked.items() if key != "edge"}
-    task = _with_trigger(case, condition=VALUES.validate_python(bare), edge=edge)
-    files = export_openscenario(task, case.block, None, tmp_path)
-    xsd.assertValid(etree.parse(files[0]))
-    condition = trigger_of(ET.parse(files[0]).getroot())
-    leaf = need(condition, f".//{tag}")
-    assert {k: leaf.get(k) for k in attributes} == attributes
-    assert condition.get("conditionEdge") == edge
-    entity = condition.find(".//TriggeringEntities/EntityRef")
-    assert (None if entity is None else entity.get("entityRef")) == of
-    if tag == "TimeToCollisionCondition":
-        assert need(leaf, ".//EntityRef").get("entityRef") == "ot1"
-
-
-def test_nested_conditions_become_groups_of_which_one_must_hold_whole(
-    case_of: Any, xsd: etree.XMLSchema, tmp_path: Path
-) -> None:
-    case = case_of("cut_in")
-    either = {"type": "any", "of": [TTC, {"type": "all", "of": [HEADWAY, LATE]}]}
-    asked = VALUES.validate_python({"type": "all", "of": [FAST, either]})
-    task = _with_trigger(case, condition=asked)
-    files = export_openscenario(task, case.block, None, tmp_path)
-    xsd.assertValid(etree.parse(files[0]))
-    event = need(ET.parse(files[0]).getroot(), ".//Event[@name='manoeuvre']/StartTrigger")
-    around = ("Condition", "ByEntityCondition", "ByValueCondition", "EntityCondition")
-    names = [
-        [
-            next(e.tag for e in c.iter() if e.tag.endswith("Condition") and e.tag not in around)
-            for c in group
-        ]
-        for group in event.iterfind("ConditionGroup")
-    ]
-    assert names == [
-        ["SpeedCondition", "TimeToCollisionCondition"],
-        ["SpeedCondition", "TimeHeadwayCondition", "SimulationTimeCondition"],
-    ]
-    named = [c.get("name") for c in event.iter("Condition")]
-    assert len(set(named)) == 5
 
 
 def test_a_lane_change_goes_one_lane_right_over_the_distance_of_its_time(
@@ -486,85 +393,22 @@ def test_a_users_map_goes_along_as_it_is(case_of: Any, tmp_path: Path) -> None:
         export_openscenario(case.task, case.block, None, tmp_path)
 
 
-def _with_trigger(case: Any, **fields: Any) -> Task:
-    trigger = case.task.run.triggers[0].model_copy(update=fields)
-    return changed(case, triggers=[trigger])
-
-
-def _with_condition(case: Any, condition: Any, edge: str = "none") -> Task:
-    return _with_trigger(case, condition=VALUES.validate_python(condition), edge=edge)
-
-
-def _with_shift(case: Any, shift_m: float) -> Task:
-    manoeuvre = case.task.run.triggers[0].manoeuvre
-    return _with_trigger(case, manoeuvre=manoeuvre.model_copy(update={"lateral_shift_m": shift_m}))
-
-
 @pytest.mark.parametrize(
-    ("name", "spoil", "words"),
+    "change",
     [
-        ("cut_in", lambda c: _with_trigger(c, held_for_s=0.2), "held_for_s"),
-        ("cut_in", lambda c: _with_condition(c, REGION), r"triggers\[0\].condition.type.*polygons"),
-        ("cut_in", lambda c: _with_condition(c, PHASE), "triggers.*phases, which are measured"),
-        (
-            "cut_in",
-            lambda c: _with_condition(c, {"type": "any", "of": [LATE, PHASE]}),
-            r"condition.of\[1\].type",
-        ),
-        (
-            "cut_in",
-            lambda c: _with_condition(c, {"type": "all", "of": [LATE]}, edge="rising"),
-            r"triggers\[0\].edge",
-        ),
-        (
-            "cut_in",
-            lambda c: _with_condition(
-                c, {"type": "all", "of": [{"type": "any", "of": [LATE, FAST]}] * 7}
-            ),
-            "groups",
-        ),
-        ("cut_in", lambda c: _with_shift(c, 0.4), "another lane"),
-        ("cut_in", lambda c: _with_shift(c, 3.5), "another lane"),
-        ("cut_in", lambda c: _with_shift(c, -1.75), "another lane"),
-        (
-            "vru_crossing",
-            lambda c: changed(
-                c,
-                targets=[
-                    c.task.run.targets[0].model_copy(update={"approach": c.task.run.vut.approach})
-                ],
-            ),
-            "drives before",
-        ),
-        (
-            "lead_braking",
-            lambda c: changed(
-                c, targets=[c.task.run.targets[0].model_copy(update={"approach": None})]
-            ),
-            "no approach",
-        ),
-        (
-            "cut_in",
-            lambda c: changed(c, vut=c.task.run.vut.model_copy(update={"approach": None})),
-            "no path for the VUT",
-        ),
+        {"held_for_s": 0.2},
+        {"edge": "rising"},
+        {"condition": ElapsedTime(type="elapsed_time", after_s=4.5)},
     ],
 )
-def test_what_openscenario_cant_tell_is_refused_and_nothing_written(
-    name: str, spoil: Callable[[Any], Task], words: str, case_of: Any, tmp_path: Path
+def test_a_trigger_that_no_compiler_makes_is_a_bug(
+    change: Any, case_of: Any, tmp_path: Path
 ) -> None:
-    case = case_of(name)
-    with pytest.raises(InputError, match=words):
-        export_openscenario(spoil(case), case.block, None, tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_small_miss_of_the_lanes_centre_is_an_offset_in_it(case_of: Any, tmp_path: Path) -> None:
     case = case_of("cut_in")
-    task = _with_shift(case, -3.3)
-    files = export_openscenario(task, case.block, None, tmp_path)
-    change = need(ET.parse(files[0]).getroot(), ".//LaneChangeAction")
-    assert float(change.get("targetLaneOffset", "")) == pytest.approx(0.2)
+    task = changed(case, triggers=[case.task.run.triggers[0].model_copy(update=change)])
+    with pytest.raises(ValueError, match="no compiled trigger"):
+        export_openscenario(task, case.block, None, tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_same_task_gives_the_same_bytes(case_of: Any, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The map file beside a scenario: its lanes, and the height of the ground on it."""
+"""What every export has: where it comes from, its trigger, and the map with the ground's height."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray
-from ssp_core.run_file.participants import LaneChange
+from ssp_core.run_file.participants import RelativeDistance, TimeToArrival, TriggerSpec
 from ssp_core.run_file.values import Point
 from ssp_scenario_manager.compile.targets.opendrive import opendrive_map
 from ssp_scenario_manager.compile.task import Task
@@ -89,10 +89,6 @@ def _samples(index: int, road: RoadRecord) -> FloatArray:
     return np.column_stack([line.to_map_many(s, 0.0), np.full_like(s, index), s])
 
 
-# A lane change ends within this of a lane's centre, or it isn't one.
-_LANE_CENTRE_M = 0.5
-
-
 @dataclass(frozen=True, slots=True)
 class MapFile:
     """The OpenDRIVE map of an export.
@@ -118,6 +114,14 @@ def provenance(task: Task) -> dict[str, str]:
     }
 
 
+def asked_of(spec: TriggerSpec) -> RelativeDistance | TimeToArrival:
+    """What fires a compiled task's trigger: a distance or an arrival, at once and on no edge."""
+    plain = spec.edge == "none" and spec.held_for_s == 0.0
+    if not (plain and isinstance(spec.condition, RelativeDistance | TimeToArrival)):
+        raise ValueError(f"{spec.id} asks what no compiled trigger does: {spec.condition.type}")
+    return spec.condition
+
+
 def map_file(task: Task, block: Block, map_text: str | None) -> MapFile:
     """The user's OpenDRIVE map, or one of the block where it was placed on a site or a SUMO net.
 
@@ -132,32 +136,3 @@ def map_file(task: Task, block: Block, map_text: str | None) -> MapFile:
     name = PurePath(task.place.name).name.split(".")[0]
     data = opendrive_map([block], name, provenance(task))
     return MapFile(f"{name}.xodr", data, own=True, heights=Heights(None))
-
-
-def lanes_crossed(block: Block, from_l_m: float, change: LaneChange) -> tuple[int, float]:
-    """How many lanes to the left a lane change goes, and where beside that lane's centre it ends.
-
-    Args:
-        from_l_m: offset before it, + left of the reference line.
-
-    Returns:
-        Lanes, < 0 to the right, and the offset from the target lane's centre in m, + left.
-
-    Raises:
-        InputError: it ends in no lane of its direction, or in the one that it started from.
-    """
-    lanes = block.forward_lanes
-    goal = from_l_m + change.lateral_shift_m
-
-    def nearest(offset_m: float) -> int:
-        return min(range(len(lanes)), key=lambda i: abs(lanes[i].y_m - offset_m))
-
-    start, end = nearest(from_l_m), nearest(goal)
-    beside = goal - lanes[end].y_m
-    if start == end or abs(beside) > _LANE_CENTRE_M:
-        raise InputError(
-            "doesn't end in another lane of its direction",
-            field="run.triggers[0].manoeuvre.lateral_shift_m",
-            value=change.lateral_shift_m,
-        )
-    return end - start, beside

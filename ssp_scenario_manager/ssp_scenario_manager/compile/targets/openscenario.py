@@ -11,12 +11,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeAlias
 
 from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships no types
 
-from ssp_core.errors import InputError
 from ssp_core.files import write_bytes
+from ssp_core.geometry import Polyline
 from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
+from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Look, RunSpec
 from ssp_core.run_file.participants import (
@@ -25,27 +27,20 @@ from ssp_core.run_file.participants import (
     LaneChange,
     Motion,
     ParticipantSpec,
+    RelativeDistance,
     TriggerSpec,
 )
+from ssp_core.run_file.values import Point
 from ssp_scenario_manager.compile.targets.map_file import (
     Heights,
     MapFile,
-    lanes_crossed,
+    asked_of,
     map_file,
     provenance,
 )
 from ssp_scenario_manager.compile.targets.opendrive import FIXED_DATE, to_bytes
-from ssp_scenario_manager.compile.targets.openscenario_conditions import (
-    Firing,
-    after,
-    driven,
-    entity,
-    outside_control,
-    position,
-    start_position,
-    stop_at,
-)
 from ssp_scenario_manager.compile.targets.ramps import (
+    CLASSES,
     TARGET_START_S,
     Ramp,
     distance_during,
@@ -62,6 +57,10 @@ MINOR_VERSION = 0
 # What an eye can tell from fog, by Koschmieder's law: contrast 5 %.
 _FOG_CONTRAST = 0.05
 _CLEAR_M = 100000.0
+_Start: TypeAlias = "xosc.EntityTrigger | xosc.ValueTrigger"
+_Action: TypeAlias = (
+    "xosc.AbsoluteSpeedAction | xosc.RelativeLaneChangeAction | xosc.FollowTrajectoryAction"
+)
 
 
 def export_openscenario(task: Task, block: Block, map_text: str | None, folder: Path) -> list[Path]:
@@ -77,7 +76,8 @@ def export_openscenario(task: Task, block: Block, map_text: str | None, folder: 
         The files: ``<event>.xosc``, ``<event>_external.xosc`` and the map.
 
     Raises:
-        InputError: the task has something that OpenSCENARIO 1.0 can't tell.
+        InputError: the block can't be put into OpenDRIVE, a place has no height on the map, or the
+            trigger never fires.
     """
     chart = map_file(task, block, map_text)
     files = {
@@ -96,9 +96,6 @@ def scenario_xml(task: Task, block: Block, chart: MapFile, *, external: bool) ->
     Args:
         external: the VUT stands until the user's controller drives it; else it drives in its lane
             at the speeds of a session, whatever it meets.
-
-    Raises:
-        InputError: the task has something that OpenSCENARIO 1.0 can't tell.
     """
     run = task.run
     entities = xosc.Entities()
@@ -126,60 +123,57 @@ def scenario_xml(task: Task, block: Block, chart: MapFile, *, external: bool) ->
 
 
 def _storyboard(run: RunSpec, block: Block, heights: Heights, external: bool) -> xosc.StoryBoard:
-    route = _route(run)
+    route = _path_of(run.vut)
     init = xosc.Init()
     init.add_global_action(xosc.EnvironmentAction(_environment(run.look)))
     for who in (run.vut, *run.targets):
-        init.add_init_action(who.id, xosc.TeleportAction(start_position(who, heights)))
+        at = who.start
+        start = position((at.x_m, at.y_m), heights, at.yaw_rad)
+        init.add_init_action(who.id, xosc.TeleportAction(start))
         init.add_init_action(who.id, _speed(Ramp(0.0, 0.0)))
     if external:
         init.add_init_action(VUT_ID, outside_control())
 
-    manoeuvres = [_manoeuvre(run, block, trigger, route, heights) for trigger in run.triggers]
     # When the event is over depends on how the VUT drives: in the external file nobody knows.
     speeds, over_s = ((), None) if external else driven_speeds(run)
 
     def stop(name: str) -> xosc.Trigger:
         return stop_at(name, journey(route).braking_from_m, run.end.at_latest_s, over_s)
 
-    acts = []
-    for trigger, group in zip(run.triggers, manoeuvres, strict=True):
-        name = f"act_{trigger.id}"
-        start = after(f"{trigger.id}_not_before", trigger.not_before_s)
-        act = xosc.Act(name, start, stop(name))
-        act.add_maneuver_group(group)
-        acts.append(act)
+    groups = [] if external else [_vut_drive(speeds)]
+    groups += [_approach(who) for who in run.targets if who.approach is not None]
     story = xosc.Story("story")
-    approach = xosc.Act("approach", after("approach_starts", 0.0), stop("approach"))
-    movers = [t for t in run.targets if t.approach is not None]
-    if not external:
-        approach.add_maneuver_group(_vut_drive(speeds))
-    for who in movers:
-        approach.add_maneuver_group(_approach(who))
-    if movers or not external:
-        story.add_act(approach)
-    for act in acts:
-        story.add_act(act)
+    if groups:
+        story.add_act(_act("approach", after("approach_starts", 0.0), stop("approach"), groups))
+    for trigger in run.triggers:
+        name, group = f"act_{trigger.id}", _manoeuvre(run, block, trigger, heights)
+        start = after(f"{trigger.id}_not_before", trigger.not_before_s)
+        story.add_act(_act(name, start, stop(name), [group]))
     board = xosc.StoryBoard(init, stop("storyboard"))
     board.add_story(story)
     return board
 
 
-def _route(run: RunSpec) -> Motion:
-    if run.vut.approach is None:
-        raise InputError("has no path for the VUT", field="run.vut.approach")
-    return run.vut.approach
+def _act(
+    name: str, start: _Start, stop: xosc.Trigger, groups: Sequence[xosc.ManeuverGroup]
+) -> xosc.Act:
+    act = xosc.Act(name, start, stop)
+    for group in groups:
+        act.add_maneuver_group(group)
+    return act
+
+
+def _path_of(who: ParticipantSpec) -> Motion:
+    """What a participant of a compiled task drives before any trigger."""
+    if who.approach is None:
+        raise ValueError(f"{who.id} has no approach")
+    return who.approach
 
 
 def _speed(change: Ramp) -> xosc.AbsoluteSpeedAction:
-    if change.duration_s == 0.0:
-        dynamics = xosc.TransitionDynamics(
-            xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0
-        )
-    else:
-        dynamics = xosc.TransitionDynamics(
-            xosc.DynamicsShapes.linear, xosc.DynamicsDimension.time, change.duration_s
-        )
+    shapes = xosc.DynamicsShapes
+    shape = shapes.step if change.duration_s == 0.0 else shapes.linear
+    dynamics = xosc.TransitionDynamics(shape, xosc.DynamicsDimension.time, change.duration_s)
     return xosc.AbsoluteSpeedAction(change.to_mps, dynamics)
 
 
@@ -194,15 +188,9 @@ def _group(entity_id: str, name: str, events: list[xosc.Event]) -> xosc.Maneuver
     return group
 
 
-def _event(
-    name: str,
-    trigger: xosc.EntityTrigger | xosc.ValueTrigger | xosc.Trigger,
-    actions: list[
-        xosc.AbsoluteSpeedAction | xosc.RelativeLaneChangeAction | xosc.FollowTrajectoryAction
-    ],
-) -> xosc.Event:
+def _event(name: str, start: _Start, *actions: _Action) -> xosc.Event:
     event = xosc.Event(name, xosc.Priority.parallel)
-    event.add_trigger(trigger)
+    event.add_trigger(start)
     for i, action in enumerate(actions):
         event.add_action(f"{name}_{i}", action)
     return event
@@ -211,79 +199,61 @@ def _event(
 def _vut_drive(speeds: Sequence[tuple[float, float]]) -> xosc.ManeuverGroup:
     """The VUT's speeds as the SIL's driver drives, leg by leg."""
     events = [
-        _event(f"vut_{i}", after(f"vut_{i}_starts", leg.start_s), [_speed(leg.change)])
+        _event(f"vut_{i}", after(f"vut_{i}_starts", leg.start_s), _speed(leg.change))
         for i, leg in enumerate(legs(speeds))
     ]
     return _group(VUT_ID, "vut_drive", events)
 
 
 def _approach(who: ParticipantSpec) -> xosc.ManeuverGroup:
-    if who.approach is None:
-        raise ValueError(f"{who.id} has no approach")
     name = f"{who.id}_approach"
     start = after(f"{name}_starts", TARGET_START_S)
-    return _group(who.id, name, [_event(name, start, [_speed(journey(who.approach).start)])])
+    return _group(who.id, name, [_event(name, start, _speed(journey(_path_of(who)).start))])
 
 
 def _manoeuvre(
-    run: RunSpec, block: Block, trigger: TriggerSpec, route: Motion, heights: Heights
+    run: RunSpec, block: Block, trigger: TriggerSpec, heights: Heights
 ) -> xosc.ManeuverGroup:
     who = next(t for t in run.targets if t.id == trigger.object_id)
-    field = f"run.triggers[{run.triggers.index(trigger)}]"
-    condition = Firing(trigger, run.vut, route, heights, field).condition()
-    manoeuvre = trigger.manoeuvre
+    name, manoeuvre = trigger.id, trigger.manoeuvre
+    start = firing(trigger, run.vut, _path_of(run.vut), heights)
     if isinstance(manoeuvre, FollowPath):
-        return _group(
-            who.id, trigger.id, _walk(who, trigger.id, manoeuvre.motion, condition, heights)
-        )
-    if who.approach is None:
-        raise InputError("has no approach to leave or brake on", field="run.targets", value=who.id)
-    cruise = who.approach.cruise_mps
+        return _group(who.id, name, _walk(who, name, manoeuvre.motion, start, heights))
+    cruise = _path_of(who).cruise_mps
     if isinstance(manoeuvre, Brake):
         change = ramp(cruise, manoeuvre.to_mps, manoeuvre.deceleration_mps2)
-        return _group(who.id, trigger.id, [_event(trigger.id, condition, [_speed(change)])])
+        return _group(who.id, name, [_event(name, start, _speed(change))])
     slower = ramp(cruise, manoeuvre.cruise_mps, manoeuvre.deceleration_mps2)
     shift = _lane_change(who, block, manoeuvre, slower)
-    return _group(who.id, trigger.id, [_event(trigger.id, condition, [shift, _speed(slower)])])
+    return _group(who.id, name, [_event(name, start, shift, _speed(slower))])
 
 
 def _lane_change(
     who: ParticipantSpec, block: Block, manoeuvre: LaneChange, slower: Ramp
 ) -> xosc.RelativeLaneChangeAction:
-    """Sideways over the distance that is driven in the planned time.
+    """Sideways to another lane's centre over the distance that is driven in the planned time.
 
     ScenarioRunner knows a lane change's distance only. The sine is the player's shape nearest to
     a session's quintic.
     """
-    if who.approach is None:
-        raise ValueError(f"{who.id} has no approach")
+    lanes = block.forward_lanes
+
+    def nearest(offset_m: float) -> int:
+        return min(range(len(lanes)), key=lambda i: abs(lanes[i].y_m - offset_m))
+
     _, from_l = block.line.to_local(who.start.x_m, who.start.y_m)
-    lanes, beside = lanes_crossed(block, from_l, manoeuvre)
-    distance = distance_during(who.approach.cruise_mps, slower, manoeuvre.duration_s)
-    return xosc.RelativeLaneChangeAction(
-        lanes,
-        who.id,
-        xosc.TransitionDynamics(
-            xosc.DynamicsShapes.sinusoidal, xosc.DynamicsDimension.distance, distance
-        ),
-        beside if abs(beside) > 0.01 else None,
+    to_left = nearest(from_l + manoeuvre.lateral_shift_m) - nearest(from_l)
+    distance = distance_during(_path_of(who).cruise_mps, slower, manoeuvre.duration_s)
+    dynamics = xosc.TransitionDynamics(
+        xosc.DynamicsShapes.sinusoidal, xosc.DynamicsDimension.distance, distance
     )
+    return xosc.RelativeLaneChangeAction(to_left, who.id, dynamics)
 
 
 def _walk(
-    who: ParticipantSpec,
-    name: str,
-    motion: Motion,
-    condition: xosc.EntityTrigger | xosc.ValueTrigger | xosc.Trigger,
-    heights: Heights,
+    who: ParticipantSpec, name: str, motion: Motion, start: _Start, heights: Heights
 ) -> list[xosc.Event]:
     """A path of its own, its speed up from standstill, and the stop at its end."""
-    if who.approach is not None:
-        raise InputError(
-            "drives before it follows a path of its own, which isn't told here",
-            field="run.targets",
-            value=who.id,
-        )
     points = times_along(motion)
     trajectory = xosc.Trajectory(f"{name}_path", False)
     trajectory.add_shape(
@@ -291,13 +261,13 @@ def _walk(
     )
     trip = journey(motion)
     # A session's ramp is rounded, and lags behind a straight one by half of the rounding.
-    start = replace(trip.start, duration_s=trip.start.duration_s + DEFAULT_RAMP_S)
+    faster = replace(trip.start, duration_s=trip.start.duration_s + DEFAULT_RAMP_S)
     follow = xosc.FollowTrajectoryAction(trajectory, xosc.FollowingMode.position)
     stop_name = f"{name}_stop"
     stop = driven(f"{stop_name}_starts", who.id, trip.braking_from_m)
     return [
-        _event(name, condition, [follow, _speed(start)]),
-        _event(stop_name, stop, [_speed(trip.stop)]),
+        _event(name, start, follow, _speed(faster)),
+        _event(stop_name, stop, _speed(trip.stop)),
     ]
 
 
@@ -321,3 +291,129 @@ def _environment(look: Look) -> xosc.Environment:
         weather,
         xosc.RoadCondition(1.0),
     )
+
+
+def _box(size: Size) -> xosc.BoundingBox:
+    return xosc.BoundingBox(
+        size.width_m,
+        size.length_m,
+        size.height_m,
+        0.5 * (size.front_m - size.rear_m),
+        0.0,
+        0.5 * size.height_m,
+    )
+
+
+def entity(who: ParticipantSpec) -> xosc.Vehicle | xosc.Pedestrian:
+    """A participant as OpenSCENARIO 1.0 has it, named by its CARLA blueprint."""
+    facts, box = CLASSES[who.object_class], _box(who.size)
+    made: xosc.Vehicle | xosc.Pedestrian
+    if facts.category is None:
+        walks = xosc.PedestrianCategory.pedestrian
+        made = xosc.Pedestrian(who.object_class, facts.mass_kg, walks, box, model=facts.blueprint)
+    else:
+        wheel, track = facts.wheel_m, facts.track_m
+        made = xosc.Vehicle(
+            facts.blueprint,
+            facts.category,
+            box,
+            xosc.Axle(facts.steering_rad, wheel, track, facts.wheelbase_m, wheel / 2),
+            xosc.Axle(0.0, wheel, track, 0.0, wheel / 2),
+            facts.speed_mps,
+            facts.acceleration_mps2,
+            facts.deceleration_mps2,
+        )
+    made.add_property("type", "ego_vehicle" if who.id == VUT_ID else "simulation")
+    return made
+
+
+def position(place: Point, heights: Heights, yaw_rad: float | None = None) -> xosc.WorldPosition:
+    """A place of frame map. On a flat map its height is left to the player."""
+    z = None if heights.is_flat else heights.at(place)
+    return xosc.WorldPosition(place[0], place[1], z, yaw_rad)
+
+
+def outside_control() -> xosc.ControllerAction:
+    """Leaves an entity to the user, in the words of ScenarioRunner and of esmini."""
+    properties = xosc.Properties()
+    properties.add_property("module", "external_control")
+    properties.add_property("esminiController", "ExternalController")
+    nothing = xosc.OverrideControllerValueAction()
+    nothing.set_throttle(False)
+    nothing.set_brake(False)
+    nothing.set_clutch(False)
+    nothing.set_parkingbrake(False)
+    nothing.set_steeringwheel(False)
+    nothing.set_gear(False)
+    assign = xosc.AssignControllerAction(xosc.Controller("user", properties))
+    return xosc.ControllerAction(assign, nothing)
+
+
+def after(name: str, time_s: float, point: str = "start") -> xosc.ValueTrigger:
+    """True from a time after the scenario's start, s."""
+    condition = xosc.SimulationTimeCondition(time_s, xosc.Rule.greaterThan)
+    return xosc.ValueTrigger(name, 0, xosc.ConditionEdge.none, condition, point)
+
+
+def driven(
+    name: str, entity_id: str, distance_m: float, point: str = "start"
+) -> xosc.EntityTrigger:
+    """True once an entity has driven a distance since the scenario's start, m."""
+    far, none = xosc.TraveledDistanceCondition(distance_m), xosc.ConditionEdge.none
+    return xosc.EntityTrigger(name, 0, none, far, entity_id, triggeringpoint=point)
+
+
+def stop_at(
+    name: str, vut_driven_m: float, at_latest_s: float, over_s: float | None
+) -> xosc.Trigger:
+    """Ends where a session does, by whichever comes first.
+
+    Args:
+        name: of the act or storyboard that ends; conditions' names begin with it, since
+            ScenarioRunner remembers by names what is done.
+        vut_driven_m: the VUT is at the end of its route.
+        at_latest_s: time is up, s after the scenario's start.
+        over_s: the event is over, s after the scenario's start; None: not known beforehand.
+    """
+    ends: list[_Start] = [
+        driven(f"{name}_vut_at_goal", VUT_ID, vut_driven_m, "stop"),
+        after(f"{name}_time_is_up", at_latest_s, "stop"),
+    ]
+    if over_s is not None:
+        ends.append(after(f"{name}_event_is_over", over_s, "stop"))
+    stop = xosc.Trigger("stop")
+    for end in ends:
+        group = xosc.ConditionGroup("stop")
+        group.add_condition(end)
+        stop.add_conditiongroup(group)
+    return stop
+
+
+def firing(trigger: TriggerSpec, vut: ParticipantSpec, route: Motion, heights: Heights) -> _Start:
+    """The condition that starts a trigger's act, asked of the VUT.
+
+    Args:
+        route: the VUT's path, frame map; an anchor is moved back along it by the front overhang.
+    """
+    condition, less = asked_of(trigger), xosc.Rule.lessThan
+    if isinstance(condition, RelativeDistance):
+        asked = xosc.RelativeDistanceCondition(
+            condition.below_m,
+            less,
+            xosc.RelativeDistanceType.longitudinal,
+            condition.object_id,
+            freespace=True,
+        )
+    else:
+        path = Polyline(route.path)
+        station, _ = path.project(*condition.anchor)
+        place = path.pose(station - vut.size.front_m)
+        asked = xosc.TimeToCollisionCondition(
+            condition.below_s,
+            less,
+            alongroute=False,
+            freespace=False,
+            position=position((place.x_m, place.y_m), heights, place.yaw_rad),
+        )
+    name = f"{trigger.id}_fires"
+    return xosc.EntityTrigger(name, trigger.lead_time_s, xosc.ConditionEdge.none, asked, VUT_ID)

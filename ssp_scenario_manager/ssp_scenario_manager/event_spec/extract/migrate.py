@@ -1,7 +1,7 @@
 """From ``ssp.event/1`` to ``ssp.event/2``: part T as values with identity fields, and the intent.
 
-What said one thing and means it still keeps its review. What the old form left open (a range of
-lanes, ``any``) is no value of the source; it is written as ``unresolved`` and waits for a person.
+Part T is reviewed anew, all else keeps its review. What the old form left open (a range of lanes,
+``any``) is no value of the source; it is written as ``unresolved`` and waits for a person.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
-from ssp_core.hashing import sha256_json
 from ssp_scenario_manager.event_spec.extract import candidate
-from ssp_scenario_manager.event_spec.load import OLD_SCHEMA, seal_event
+from ssp_scenario_manager.event_spec.fields import within
+from ssp_scenario_manager.event_spec.load import OLD_SCHEMA
 from ssp_scenario_manager.event_spec.model import SCHEMA, UNRESOLVED, Event
 
 _INTENT_SOURCE = "the older form of this file had no intent"
@@ -47,21 +47,17 @@ def migrate(value: Mapping[str, Any], path: Path) -> Migrated:
         _mapping(value, part, path) for part in ("topology", "participants", "uncertainty")
     )
     decisions: dict[str, str] = {}
-    fields, kept = {}, set()
+    fields = {}
     for name, old in road.items():
         fields[name], why = _field(name, old)
-        if why is None:
-            kept.add(f"topology.{name}")
-        else:
+        if why is not None:
             decisions[f"topology.{name}"] = why
-    known = {field: dict(entry) for field, entry in entries.items()}
-    for field, entry in known.items():
-        if field != "topology" and not field.startswith("topology."):
-            continue
-        name = field.removeprefix("topology.")
-        if field not in kept or entry.get("seal") != _old_seal(field, road.get(name), entry):
-            entry |= {"review": "unreviewed", "seal": None}
-            kept.discard(field)
+    # The seals of part T were made of other values.
+    open_again = {"review": "unreviewed", "seal": None}
+    known = {
+        field: {**entry, **open_again} if within(field, "topology") else entry
+        for field, entry in entries.items()
+    }
     participants = {}
     for who, participant in people.items():
         participants[who] = dict(participant)
@@ -82,8 +78,7 @@ def migrate(value: Mapping[str, Any], path: Path) -> Migrated:
         "participants": participants,
         "uncertainty": known,
     }
-    event = parse_model(Event, {**value, **new}, path)
-    return Migrated(seal_event(event, sorted(kept & set(known))), decisions)
+    return Migrated(parse_model(Event, {**value, **new}, path), decisions)
 
 
 def _mapping(value: Mapping[str, Any], part: str, path: Path) -> dict[str, Any]:
@@ -117,20 +112,3 @@ def _field(name: str, old: Any) -> tuple[dict[str, Any], str | None]:
     if old in ("any", UNRESOLVED):
         return {"value": UNRESOLVED, "identity": True}, "what the source shows"
     return {"value": old, "identity": True}, None
-
-
-def _old_seal(path: str, own: Any, entry: Mapping[str, Any]) -> str:
-    """The seal of an entry as the older form made it."""
-    if isinstance(own, Mapping) and "unit" in own:
-        ends = {key: _number(own.get(key)) for key in ("min", "max")}
-        own = {**ends, "unit": own["unit"]}
-    if isinstance(own, list):
-        own = sorted(own)
-    names = ("confidence", "provenance", "source", "review")
-    known = [entry.get(name) for name in names]
-    known[0] = _number(known[0])
-    return sha256_json([path, own, *known])
-
-
-def _number(value: Any) -> Any:
-    return float(value) if isinstance(value, int) else value
