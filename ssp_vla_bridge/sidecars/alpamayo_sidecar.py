@@ -1,12 +1,10 @@
-"""Alpamayo behind HTTP: the real package and weights, asked as their own test script asks them.
+"""Alpamayo 1.5 behind HTTP: the real package and weights, asked as their own test script asks them.
 
-    python alpamayo_sidecar.py                  # Alpamayo 1.5, front camera alone, port 8301
-    python alpamayo_sidecar.py --model r1 --front-alone
+    python alpamayo_sidecar.py                  # front camera alone, port 8301
 
 In: the newest 4 frames at 10 Hz and 16 poses at 10 Hz, the last one the origin. Out: `pred_xyz` as
 it is, of shape (1, sets, samples, 64, 3), and the texts of `extra`; the answer's text is the chain
-of causation of the first sample. R1 was made for four cameras: alone with the front camera it is
-used off its range, which has to be asked for and is recorded.
+of causation of the first sample.
 
 `--loader module:function` puts something else in the place of the weights: the function is given
 the arguments and gives `sample(images, xyz, rot) -> (pred_xyz, pred_rot, extra)` with images
@@ -29,9 +27,8 @@ FRAMES = 4
 POSES = 16
 STEP_S = 0.1
 FRAME_TOLERANCE_S = 0.03
-FRONT_CAMERA = 1  # the index of the wide front camera in the packages' own tables
-WEIGHTS = {"1.5": "nvidia/Alpamayo-1.5-10B", "r1": "nvidia/Alpamayo-R1-10B"}
-REQUIREMENTS = {"1.5": "requirements-alpamayo-1.5.txt", "r1": "requirements-alpamayo-r1.txt"}
+FRONT_CAMERA = 1  # the index of the wide front camera in the package's own tables
+WEIGHTS = "nvidia/Alpamayo-1.5-10B"
 
 Sample = Callable[[Any, Any, Any], tuple[Any, Any, Json]]
 
@@ -63,30 +60,24 @@ def _rotation(yaw_rad: float) -> list[list[float]]:
 
 
 def load_weights(arguments: argparse.Namespace) -> tuple[str, Sample]:
-    """The real model: NVlabs/alpamayo1.5 f42e594 or NVlabs/alpamayo 1cba38c."""
-    package = {"1.5": "alpamayo1_5", "r1": "alpamayo_r1"}[arguments.model]
+    """The real model: NVlabs/alpamayo1.5 f42e594."""
     try:
         import torch
-
-        if arguments.model == "1.5":
-            from alpamayo1_5 import helper
-            from alpamayo1_5.models.alpamayo1_5 import Alpamayo1_5 as Model
-        else:
-            from alpamayo_r1 import helper
-            from alpamayo_r1.models.alpamayo_r1 import AlpamayoR1 as Model
+        from alpamayo1_5 import helper
+        from alpamayo1_5.models.alpamayo1_5 import Alpamayo1_5
     except ImportError as error:
         raise LoadError(
-            f"{package} can't be imported by {sys.executable} ({error}); install "
-            f"{REQUIREMENTS[arguments.model]} into a Python 3.12 of its own"
+            f"alpamayo1_5 can't be imported by {sys.executable} ({error}); install "
+            "requirements-alpamayo-1.5.txt into a Python 3.12 of its own"
         ) from error
     if not torch.cuda.is_available():
         raise LoadError("torch sees no GPU; Alpamayo needs one with at least 24 GB")
-    weights = arguments.weights or WEIGHTS[arguments.model]
+    weights = arguments.weights or WEIGHTS
     chosen = {"attn_implementation": arguments.attention} if arguments.attention else {}
     if arguments.revision:
         chosen["revision"] = arguments.revision
     try:
-        model = Model.from_pretrained(weights, dtype=torch.bfloat16, **chosen).to("cuda")
+        model = Alpamayo1_5.from_pretrained(weights, dtype=torch.bfloat16, **chosen).to("cuda")
         processor = helper.get_processor(model.tokenizer)
     except OSError as error:
         raise LoadError(
@@ -96,11 +87,8 @@ def load_weights(arguments: argparse.Namespace) -> tuple[str, Sample]:
 
     def sample(images: Any, xyz: Any, rot: Any) -> tuple[Any, Any, Json]:
         frames = torch.from_numpy(images)
-        if arguments.model == "1.5":
-            camera = torch.tensor([FRONT_CAMERA])
-            messages = helper.create_message(frames=frames, camera_indices=camera)
-        else:
-            messages = helper.create_message(frames)
+        camera = torch.tensor([FRONT_CAMERA])
+        messages = helper.create_message(frames=frames, camera_indices=camera)
         inputs = processor.apply_chat_template(
             messages,
             tokenize=True,
@@ -132,8 +120,6 @@ def load_weights(arguments: argparse.Namespace) -> tuple[str, Sample]:
 
 def main() -> int:
     arguments_of = parser("Serves Alpamayo.", PORT)
-    arguments_of.add_argument("--model", choices=sorted(WEIGHTS), default="1.5")
-    arguments_of.add_argument("--front-alone", action="store_true", help="R1 off its range")
     arguments_of.add_argument("--weights", help="folder or name on the hub")
     arguments_of.add_argument("--revision", help="commit of the weights")
     arguments_of.add_argument("--attention", help="sdpa where flash-attn isn't installed")
@@ -143,13 +129,6 @@ def main() -> int:
     arguments_of.add_argument("--top-p", type=float, default=0.98)
     arguments_of.add_argument("--max-generation-length", type=int, default=256)
     arguments = arguments_of.parse_args()
-    if arguments.model == "r1" and not arguments.front_alone:
-        print(
-            "error: R1 was made for four cameras and a clip has the front one; use 1.5, or say "
-            "--front-alone",
-            file=sys.stderr,
-        )
-        return 2
     facts = {
         "seed": arguments.seed,
         "temperature": arguments.temperature,
@@ -158,7 +137,6 @@ def main() -> int:
         "max_generation_length": arguments.max_generation_length,
         "attention": arguments.attention or "the model's own",
         "cameras": ["front"],
-        "cameras_as_trained": arguments.model == "1.5",
     }
     return serve(arguments, load_weights, lambda sample: answerer(sample, facts))
 

@@ -133,7 +133,6 @@ def test_alpamayo_of_the_real_shapes_becomes_a_trajectory(start, drive_request):
     assert array.data[64 * 3 + 1] == 1.0  # y of the second sample
     assert response.decoding["extra"]["cot"][0][0][2].endswith("(2).")
     assert response.decoding["seed"] == 42
-    assert response.decoding["cameras_as_trained"] is True
     trajectory = adapt("alpamayo", response, drive_request).trajectory
     assert trajectory.t_s[:2] == (0.0, pytest.approx(0.1))
     assert trajectory.t_s[-1] == pytest.approx(6.4)
@@ -355,8 +354,6 @@ def test_what_is_no_request_is_refused(start):
     ("script", "arguments", "status", "words"),
     [
         ("alpamayo_sidecar.py", (), 1, "error: alpamayo1_5 can't be imported by "),
-        ("alpamayo_sidecar.py", ("--model", "r1", "--front-alone"), 1, "alpamayo_r1 can't be"),
-        ("alpamayo_sidecar.py", ("--model", "r1"), 2, "R1 was made for four cameras"),
         ("llavida_sidecar.py", ("--weights", "x"), 1, "error: LLaViDA can't be imported by"),
         ("llavida_sidecar.py", (), 1, "--weights must name the folder"),
         ("llavida_sidecar.py", ("--prompt", "nowhere.txt"), 2, "nowhere.txt can't be read"),

@@ -76,11 +76,7 @@ class Snapshots:
         self._limits: Limits | None = run.limits if run else None
 
     def snapshot(self, now_ns: int) -> dict[str, Any]:
-        """Everything but events, site and picture.
-
-        Args:
-            now_ns: steady clock.
-        """
+        """Everything but events, site and picture."""
         board = self._board
         return {
             "session": self._session(),
@@ -408,11 +404,7 @@ class Pictures:
         return ""
 
     def take(self, now_ns: int) -> bytes | None:
-        """The newest picture, if one is due that nobody took yet.
-
-        Args:
-            now_ns: steady clock.
-        """
+        """The newest picture, if one is due that nobody took yet."""
         if self._jpeg is None or now_ns < self._next_ns:
             return None
         self._next_ns = now_ns + self._period_ns

@@ -192,11 +192,7 @@ class Moving:
     _shown: set[tuple[str, int]] = field(default_factory=set)
 
     def marks(self, board: Board, now_ns: int) -> list[Marker]:
-        """The marks of all objects as they were last heard.
-
-        Args:
-            now_ns: steady clock, as in their times of arrival.
-        """
+        """The marks of all objects as they were last heard."""
         fresh: list[ObjectState] = []
         marks: list[Marker] = []
         for heard in board.objects.values():

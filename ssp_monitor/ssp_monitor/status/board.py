@@ -1,4 +1,7 @@
-"""The newest of everything that was heard of a session, as plain values, and how old each is."""
+"""The newest of everything that was heard of a session, as plain values, and how old each is.
+
+Here and wherever a board is looked at, ``at_ns`` and ``now_ns`` are of this host's steady clock.
+"""
 
 from __future__ import annotations
 
@@ -171,11 +174,7 @@ class Board:
     events_seen: int = 0
 
     def hear_states(self, states: Iterable[ObjectState], at_ns: int) -> None:
-        """Newest states; one that was overtaken on its way is dropped.
-
-        Args:
-            at_ns: when, steady clock.
-        """
+        """Newest states; one that was overtaken on its way is dropped."""
         for state in states:
             known = self.objects.get(state.object_id)
             if known is None and len(self.objects) >= MOST_OBJECTS:
@@ -275,11 +274,7 @@ def age_s(now_ns: int, at_ns: int | None) -> float:
 
 
 def links_of(board: Board, now_ns: int) -> dict[str, LinkFact]:
-    """The links as they are now; nothing when the manager hasn't told of them lately.
-
-    Args:
-        now_ns: steady clock.
-    """
+    """The links as they are now; nothing when the manager hasn't told of them lately."""
     return board.links if age_s(now_ns, board.links_at_ns) <= LINKS_FRESH_S else {}
 
 
@@ -287,9 +282,6 @@ def object_age_s(board: Board, heard: Received, now_ns: int) -> float:
     """How old an object's state is: the worst of what arrival, stamp and manager say of it.
 
     A state that was held up on its way arrives late and looks new by its arrival alone.
-
-    Args:
-        now_ns: steady clock.
     """
     age = age_s(now_ns, heard.at_ns)
     if board.manager_stamp_ns is not None and age_s(now_ns, board.manager_at_ns) <= STALE_S:

@@ -33,11 +33,7 @@ _BEFORE_START = (
 
 
 def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
-    """Everything, as sentences; empty once the session is past its start.
-
-    Args:
-        now_ns: steady clock.
-    """
+    """Everything, as sentences; empty once the session is past its start."""
     session = board.session.state if board.session is not None else SessionPhase.UNKNOWN
     if session not in _BEFORE_START:
         return []
@@ -156,7 +152,6 @@ def health(board: Board, clock: ClockWatch, now_ns: int) -> tuple[Status, ...]:
 
     Args:
         clock: of session time.
-        now_ns: steady clock.
     """
     objects = dict.fromkeys([*(board.run.object_ids if board.run else ()), *sorted(board.objects)])
     return (
