@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
@@ -15,6 +16,7 @@ from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import CountField
 from ssp_scenario_manager.session import outbox
+from ssp_scenario_manager.session.limits import Violation
 from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import SessionEvent
@@ -105,9 +107,8 @@ class Driver:
         """Accepts every reference in the outbox, empties it and returns what was in it."""
         sent, self.session.outbox = self.session.outbox, []
         for fact in sent:
-            reference = getattr(fact, "reference", None)
-            if reference is not None:
-                self.session.on_ack(reference.reference_id, True, 0, "", self.now_ns)
+            if isinstance(fact, Reference):
+                self.session.on_ack(fact.reference_id, True, 0, "", self.now_ns)
         return sent
 
     def until(self, phase: str) -> None:
@@ -164,7 +165,7 @@ def changes(facts: list[Any]) -> list[tuple[str, str, str]]:
 
 def violations(facts: list[Any]) -> list[SafetyCode]:
     """The limits among what a session sends."""
-    return [f.violation.code for f in facts if isinstance(f, outbox.LimitPassed)]
+    return [f.code for f in facts if isinstance(f, Violation)]
 
 
 class SessionTools:

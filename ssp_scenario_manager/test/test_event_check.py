@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from ssp_core.clock import ns_to_seconds
+from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec, WantedPassing
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_core.world.plant import make_plant
@@ -352,6 +353,6 @@ def test_references_end_soon_after_the_event_however_long_the_road_is(
         for change in session.of_kind(outbox.StateChanged)
         if change.state is SessionPhase.STOPPING
     ]
-    last = session.of_kind(outbox.Dispatch)[-1].reference
+    last = session.of_kind(Reference)[-1]
     ends_s = ns_to_seconds(last.execute_at_ns) + last.points[-1].t_s
     assert 5.0 < ends_s - ns_to_seconds(over.stamp_ns) < 30.0

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from ssp_core.cdr.states import StateArray, encode_states
+from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.inputs import PendingStates
 
 MS = 1_000_000
@@ -85,7 +85,7 @@ def test_a_trigger_is_judged_before_the_states_of_the_targets_are_taken_in(
     )
     # With the states that were taken in, the gap would be 12.3 m.
     dispatched, fired = driver.acknowledge()
-    assert isinstance(dispatched, outbox.Dispatch)
+    assert isinstance(dispatched, Reference)
     assert fired.samples[-1].value == pytest.approx(39.0 - 0.9 - 23.2 - 3.6)
     driver.session.on_target_state(waiting)
     driver.session.step(driver.now_ns)
@@ -104,7 +104,7 @@ def test_a_state_that_does_not_follow_from_the_last_one_fires_no_trigger(
     assert driver.session.outbox == []
     driver.session.step(driver.now_ns)
     assert tools.violations(driver.session.outbox) == [SafetyCode.POSITION_JUMP]
-    assert not any(isinstance(fact, outbox.Dispatch) for fact in driver.session.outbox)
+    assert not any(isinstance(fact, Reference) for fact in driver.session.outbox)
 
 
 def test_a_limit_that_is_passed_with_a_trigger_still_ends_the_run(driver: Any, tools: Any) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from ssp_core.motion.event import PhaseBegan
+from ssp_core.motion.reference import Reference
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
@@ -31,13 +32,13 @@ REACHABLE = ("IDLE", "LOADED", "CONNECTED", "ARMED", "RUNNING", "STOPPING", "FIN
 EFFECTS: dict[tuple[str, str], tuple[str, list[type]]] = {
     ("LOADED", "connect"): ("CONNECTED", []),
     ("LOADED", "reset"): ("IDLE", []),
-    ("CONNECTED", "arm"): ("ARMED", [outbox.ArmObjects]),
+    ("CONNECTED", "arm"): ("ARMED", [outbox.ObjectCommand]),
     ("CONNECTED", "reset"): ("IDLE", []),
-    ("ARMED", "disarm"): ("CONNECTED", [outbox.ArmObjects]),
-    ("ARMED", "start"): ("RUNNING", [PhaseBegan, outbox.Dispatch]),
+    ("ARMED", "disarm"): ("CONNECTED", [outbox.ObjectCommand]),
+    ("ARMED", "start"): ("RUNNING", [PhaseBegan, Reference]),
     ("RUNNING", "stop"): ("STOPPING", []),
     ("FINISHED", "reset"): ("IDLE", []),
-    ("ABORTED", "all_clear"): ("IDLE", [outbox.ClearObjects]),
+    ("ABORTED", "all_clear"): ("IDLE", [outbox.ObjectCommand]),
 }
 
 
@@ -109,7 +110,7 @@ def test_abort_is_accepted_announced_and_ends_in_aborted(
     assert driver.session.state is SessionPhase.ABORTED
     assert driver.command("all_clear").accepted
     assert driver.session.state is SessionPhase.IDLE
-    assert any(isinstance(f, outbox.ClearObjects) for f in driver.session.outbox)
+    assert outbox.ObjectCommand.ALL_CLEAR in driver.session.outbox
 
 
 @pytest.mark.parametrize("command", [c for c in SESSION_COMMANDS if c != "abort"])
@@ -215,7 +216,9 @@ def test_failed_arming_goes_back_and_disarms_all(driver: Any, tools: Any) -> Non
     driver.session.outbox.clear()
     driver.session.arming_failed(0, "ot1 refused")
     assert tools.changes(driver.session.outbox) == [("ARMED", "arm_failed", "CONNECTED")]
-    assert [f.armed for f in driver.session.outbox if isinstance(f, outbox.ArmObjects)] == [False]
+    assert [f for f in driver.session.outbox if isinstance(f, outbox.ObjectCommand)] == [
+        outbox.ObjectCommand.DISARM
+    ]
     driver.session.outbox.clear()
     driver.session.arming_failed(0, "once more")
     assert driver.session.outbox == []

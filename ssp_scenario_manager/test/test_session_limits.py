@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import FollowPath
 from ssp_core.safety.codes import SafetyCode
@@ -68,7 +69,7 @@ def test_no_trigger_is_judged_on_a_state_that_cannot_be_believed(
     driver.move("vut", **changed)
     driver.step()
     assert driver.session.state.name.startswith("ABORT")
-    assert not [f for f in driver.session.outbox if isinstance(f, outbox.Dispatch)]
+    assert not [f for f in driver.session.outbox if isinstance(f, Reference)]
 
 
 def test_a_collision_while_aborting_is_a_further_reason_once(driver: Any, tools: Any) -> None:
@@ -116,8 +117,8 @@ def test_a_refused_reference(driver: Any) -> None:
     driver.session.on_ack("nobody's", False, 7, "", 0)
     assert driver.session.state is SessionPhase.RUNNING
     driver.session.on_ack("ot1-1", False, 7, "leaves the geofence", 5)
-    (passed,) = [f for f in driver.session.outbox if isinstance(f, outbox.LimitPassed)]
-    assert passed.violation == Violation(
+    (passed,) = [f for f in driver.session.outbox if isinstance(f, Violation)]
+    assert passed == Violation(
         SafetyCode.REFERENCE_REFUSED, "ot1", 7.0, 0.0, 5, "leaves the geofence"
     )
     assert driver.session.state is SessionPhase.ABORTING
@@ -167,7 +168,7 @@ def test_a_manoeuvre_that_cannot_be_driven_aborts_with_the_reason(driver: Any, t
     driver.step()
     assert tools.violations(driver.session.outbox) == [SafetyCode.EVENT_MISSING]
     assert "trigger gap fired" in driver.session.reasons[0]
-    assert not [f for f in driver.session.outbox if isinstance(f, outbox.Dispatch)]
+    assert not [f for f in driver.session.outbox if isinstance(f, Reference)]
 
 
 def test_nothing_is_sent_after_the_abort_that_was_found_with_it(
@@ -186,7 +187,7 @@ def test_nothing_is_sent_after_the_abort_that_was_found_with_it(
     driver.move("vut", x_m=25.0, speed_mps=5.0)
     driver.step()
     sent = [type(fact) for fact in driver.session.outbox]
-    assert sent == [outbox.Dispatch, outbox.Triggered, outbox.LimitPassed, outbox.StateChanged]
+    assert sent == [Reference, outbox.Triggered, Violation, outbox.StateChanged]
     assert "trigger gap fired" in driver.session.reasons[0]
 
 

@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ssp_core.motion.event import PhaseBegan
+from ssp_core.motion.reference import Reference
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
@@ -123,18 +124,22 @@ def test_no_sequence_breaks_the_promises(
                     assert all(wanted in happened for wanted in needed)
                     assert "abort" not in since or "all_clear" in since
                     since = []
-            elif isinstance(fact, outbox.Dispatch | outbox.Triggered | PhaseBegan):
+            elif isinstance(fact, Reference | outbox.Triggered | PhaseBegan):
                 # Nothing is sent but while running: what follows an abort in the outbox would
                 # reach the objects after it.
                 assert here is SessionPhase.RUNNING
-            elif isinstance(fact, outbox.ArmObjects):
-                assert here is (SessionPhase.ARMED if fact.armed else SessionPhase.CONNECTED)
-            elif isinstance(fact, outbox.ClearObjects):
+            elif fact in (outbox.ObjectCommand.ARM, outbox.ObjectCommand.DISARM):
+                assert here is (
+                    SessionPhase.ARMED
+                    if fact is outbox.ObjectCommand.ARM
+                    else SessionPhase.CONNECTED
+                )
+            elif fact is outbox.ObjectCommand.ALL_CLEAR:
                 assert here is SessionPhase.IDLE
-            elif isinstance(fact, outbox.LimitPassed):
+            elif isinstance(fact, Violation):
                 # An event stands before the abort that it leads to.
                 assert here not in (SessionPhase.IDLE, SessionPhase.FINISHED) or (
-                    fact.violation.code is SafetyCode.OPERATOR
+                    fact.code is SafetyCode.OPERATOR
                 )
         assert here is session.state
         if "abort" in since and "all_clear" not in since:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from ssp_core.motion.event import PhaseBegan
+from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_scenario_manager.session import outbox
@@ -28,10 +29,10 @@ def test_a_run_from_load_to_reset(driver: Any, tools: Any) -> None:
         ("CONNECTED", "arm", "ARMED"),
         ("ARMED", "start", "RUNNING"),
     ]
-    assert [f.armed for f in facts if isinstance(f, outbox.ArmObjects)] == [True]
+    assert [f for f in facts if isinstance(f, outbox.ObjectCommand)] == [outbox.ObjectCommand.ARM]
     (begun,) = [f for f in facts if isinstance(f, PhaseBegan)]
     assert (begun.phase, begun.stamp_ns) == (Phase.APPROACH, 0)
-    (sent,) = [f.reference for f in facts if isinstance(f, outbox.Dispatch)]
+    (sent,) = [f for f in facts if isinstance(f, Reference)]
     assert (sent.object_id, sent.purpose, sent.event_version) == ("ot1", "approach", "sha256:event")
     assert (sent.dispatched_ns, sent.execute_at_ns, sent.expires_at_ns) == (0, S // 2, 3 * S // 2)
 
@@ -44,16 +45,16 @@ def test_a_run_from_load_to_reset(driver: Any, tools: Any) -> None:
     assert not driver.session.outbox
     driver.move("vut", x_m=24.0)
     driver.step()
-    fired, dispatched = sorted(driver.acknowledge(), key=lambda f: isinstance(f, outbox.Dispatch))
+    fired, dispatched = sorted(driver.acknowledge(), key=lambda f: isinstance(f, Reference))
     assert isinstance(fired, outbox.Triggered)
     assert [s.value for s in fired.samples] == pytest.approx([12.5, 11.5])
     assert fired.crossing_ns == 5030 * MS
     assert fired.stamp_ns == 5040 * MS
-    assert fired.reference_ids == (dispatched.reference.reference_id,)
-    assert fired.dispatched_ns == dispatched.reference.dispatched_ns
-    assert dispatched.reference.purpose == "manoeuvre"
-    assert dispatched.reference.dispatched_ns == 5040 * MS
-    assert dispatched.reference.execute_at_ns == 5140 * MS
+    assert fired.reference_ids == (dispatched.reference_id,)
+    assert fired.dispatched_ns == dispatched.dispatched_ns
+    assert dispatched.purpose == "manoeuvre"
+    assert dispatched.dispatched_ns == 5040 * MS
+    assert dispatched.execute_at_ns == 5140 * MS
     assert driver.session.verdict is Verdict.NONE
 
     # It moves over, is in conflict, and then both go on at the same speed.
@@ -99,7 +100,7 @@ def test_the_event_is_that_of_the_initiator(
     run_mapping.update(observable="braking", initiator="ot1")
     driver = make_driver(RunSpec.model_validate(run_mapping))
     driver.until("RUNNING")
-    sent = [f.reference for f in driver.acknowledge() if isinstance(f, outbox.Dispatch)]
+    sent = [f for f in driver.acknowledge() if isinstance(f, Reference)]
     assert [r.object_id for r in sent] == ["ot1"]
     driver.move("ot1", y_m=0.0, acceleration_mps2=-2.0)
     driver.move("ot2", y_m=0.0, acceleration_mps2=-2.0)
@@ -160,7 +161,9 @@ def test_reasons_of_transitions(driver: Any) -> None:
     told = [f.reason for f in driver.session.outbox if isinstance(f, outbox.StateChanged)]
     assert told == ["rain", "requested by somebody"]
     # Whoever disarms the session disarms the objects.
-    assert [f.armed for f in driver.session.outbox if isinstance(f, outbox.ArmObjects)] == [False]
+    assert [f for f in driver.session.outbox if isinstance(f, outbox.ObjectCommand)] == [
+        outbox.ObjectCommand.DISARM
+    ]
 
 
 def test_one_state_of_the_vut_is_judged_once(driver: Any, monkeypatch: pytest.MonkeyPatch) -> None:

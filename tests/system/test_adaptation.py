@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run.in_process import InProcessSession, run_in_process
@@ -108,7 +109,7 @@ def test_a_link_that_is_too_slow_ends_the_adaptation_and_not_the_run(study: Modu
     assert (session.session.verdict, session.session.reasons) == (Verdict.VALID, ())
     notes = [note.text for note in session.of_kind(outbox.Note)]
     assert any("adaptation ends" in note and "was refused" in note for note in notes)
-    assert sum(d.reference.purpose == "adapted" for d in session.of_kind(outbox.Dispatch)) < 40
+    assert sum(r.purpose == "adapted" for r in session.of_kind(Reference)) < 40
 
 
 def test_the_adapted_references_are_the_same_in_every_run(study: ModuleType) -> None:

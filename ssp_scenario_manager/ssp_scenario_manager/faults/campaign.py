@@ -37,6 +37,7 @@ from ssp_scenario_manager.run.faults import NEED_PROCESSES
 from ssp_scenario_manager.run.in_process import InProcessSession, Record, judged
 from ssp_scenario_manager.run.sweep import for_one_process
 from ssp_scenario_manager.session import outbox
+from ssp_scenario_manager.session.limits import Violation
 
 MANAGER = "scenario_manager"
 
@@ -76,7 +77,7 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
         SafetyNote(
             ns_to_seconds(seen.stamp_ns), MEANINGS[seen.code].limit_name, MANAGER, seen.object_id
         )
-        for seen in (passed.violation for passed in session.of_kind(outbox.LimitPassed))
+        for seen in session.of_kind(Violation)
     ]
     return Evidence(
         spec=spec,

@@ -191,25 +191,17 @@ class ObjectEndpoints:
         self._publishers[reference.object_id].publish(encode_reference(reference))
         self.references_sent[reference.object_id] += 1
 
-    def command(self, spec: RunSpec, wish: outbox.ArmObjects | outbox.ClearObjects) -> None:
+    def command(self, spec: RunSpec, command: outbox.ObjectCommand) -> None:
         """Sends a command to each object of a run; only refusals are reported back."""
-        if isinstance(wish, outbox.ClearObjects):
-            command = ObjectCommand.Request.COMMAND_ALL_CLEAR
-        elif wish.armed:
-            command = ObjectCommand.Request.COMMAND_ARM
-        else:
-            command = ObjectCommand.Request.COMMAND_DISARM
         for target in spec.targets:
-            request = ObjectCommand.Request(command=command, event_version=spec.event_version)
+            request = ObjectCommand.Request(command=command.value, event_version=spec.event_version)
             future = self._clients[target.id].call_async(request)
-            future.add_done_callback(partial(self._on_answer, target.id, wish))
+            future.add_done_callback(partial(self._on_answer, target.id, command))
 
-    def _on_answer(
-        self, object_id: str, wish: outbox.ArmObjects | outbox.ClearObjects, future: Any
-    ) -> None:
+    def _on_answer(self, object_id: str, command: outbox.ObjectCommand, future: Any) -> None:
         answer = future.result()
         if answer is not None and not answer.accepted:
-            arming = isinstance(wish, outbox.ArmObjects) and wish.armed
+            arming = command is outbox.ObjectCommand.ARM
             self._on_refusal(object_id, arming, answer.error_msg)
 
 
@@ -257,13 +249,6 @@ def phase_to_msg(began: PhaseBegan) -> PhaseEvent:
     return message
 
 
-def limit_to_msg(passed: outbox.LimitPassed, source: str) -> SafetyEvent:
-    seen = passed.violation
-    return safety_event(
-        LimitFact(seen.code, source, seen.object_id, seen.measured, seen.limit, seen.stamp_ns)
-    )
-
-
 class Publications:
     """Owns the publishers and counts the heartbeats.
 
@@ -298,7 +283,7 @@ class Publications:
 
     def send(
         self,
-        fact: outbox.Triggered | PhaseBegan | outbox.LimitPassed | outbox.Note,
+        fact: outbox.Triggered | PhaseBegan | Violation | outbox.Note,
         arrival_ns: int,
     ) -> None:
         """A decision record, a phase, an event, or a word for people.
@@ -314,7 +299,10 @@ class Publications:
         elif isinstance(fact, outbox.Note):
             self._log.info(fact.text)
         else:
-            self._safety.publish(limit_to_msg(fact, self._name))
+            limit = LimitFact(
+                fact.code, self._name, fact.object_id, fact.measured, fact.limit, fact.stamp_ns
+            )
+            self._safety.publish(safety_event(limit))
 
     def report_links(
         self, session: Session, links: LinkClocks, losses: LossCounters, now_ns: int

@@ -17,6 +17,7 @@ from ssp_core.cdr.references import Acknowledgement
 from ssp_core.cdr.states import decode_state, decode_states
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
+from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.codes import SafetyCode
@@ -299,11 +300,11 @@ class ScenarioManager(Node):
     # -- sending -------------------------------------------------------------------------------
 
     def _send(self, fact: outbox.Outgoing) -> None:
-        if isinstance(fact, outbox.Dispatch):
-            self._links.send(fact.reference)
+        if isinstance(fact, Reference):
+            self._links.send(fact)
         elif isinstance(fact, outbox.StateChanged):
             self._announce(fact)
-        elif isinstance(fact, outbox.ArmObjects | outbox.ClearObjects):
+        elif isinstance(fact, outbox.ObjectCommand):
             if self._session.spec is not None:
                 self._links.command(self._session.spec, fact)
         else:

@@ -35,8 +35,6 @@ from ssp_scenario_manager.session.state_machine import SessionEvent
 from ssp_scenario_manager.session.supervision import ABORT_STANDSTILL_S, SILENT_S
 
 WHO = "run_scenario"
-# As ObjectCommand.srv has them.
-_ARM, _DISARM, _ALL_CLEAR = 2, 3, 7
 HOLD_NS = seconds_to_ns(0.1)
 # A session that is over while something still rolls is watched for so long.
 ROLL_OUT_S = 20.0
@@ -237,21 +235,19 @@ class InProcessSession:
         while self.session.outbox:
             fact = self.session.outbox.pop(0)
             self.sent.append(fact)
-            if isinstance(fact, outbox.Dispatch):
-                self._fresh.append(fact.reference)
-            elif isinstance(fact, outbox.ArmObjects):
-                self._command_objects(_ARM if fact.armed else _DISARM)
-            elif isinstance(fact, outbox.ClearObjects):
-                self._command_objects(_ALL_CLEAR)
+            if isinstance(fact, Reference):
+                self._fresh.append(fact)
+            elif isinstance(fact, outbox.ObjectCommand):
+                self._command_objects(fact)
 
     def of_kind(self, kind: type[Fact]) -> list[Fact]:
         """What the session sent of one kind, in its order."""
         return [fact for fact in self.sent if isinstance(fact, kind)]
 
-    def _command_objects(self, command: int) -> None:
+    def _command_objects(self, command: outbox.ObjectCommand) -> None:
         for target in self._spec.targets:
-            refusal = self._plant.command(target.id, command, self._spec.event_version)
-            if refusal and command == _ARM:
+            refusal = self._plant.command(target.id, command.value, self._spec.event_version)
+            if refusal and command is outbox.ObjectCommand.ARM:
                 reason = f"{target.id} refused: {refusal}"
                 self._script.on_setback(reason)
                 self.session.arming_failed(self._now_ns, reason)

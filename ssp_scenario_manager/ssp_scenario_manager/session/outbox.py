@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.reference import Reference
@@ -25,13 +26,6 @@ class StateChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class Dispatch:
-    """A reference to be sent to its object."""
-
-    reference: Reference
-
-
-@dataclass(frozen=True, slots=True)
 class Triggered:
     """Decision record of a trigger (TriggerEvent.msg, without the node's own latency)."""
 
@@ -46,23 +40,12 @@ class Triggered:
     reference_ids: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class LimitPassed:
-    """A limit was passed; the session aborts."""
+class ObjectCommand(Enum):
+    """What every object of the run is to be told, as ObjectCommand.srv has it."""
 
-    violation: Violation
-
-
-@dataclass(frozen=True, slots=True)
-class ArmObjects:
-    """The objects are to be armed (True) or disarmed (False)."""
-
-    armed: bool
-
-
-@dataclass(frozen=True, slots=True)
-class ClearObjects:
-    """The objects may leave ABORTING."""
+    ARM = 2
+    DISARM = 3
+    ALL_CLEAR = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +56,5 @@ class Note:
     text: str
 
 
-Outgoing = (
-    StateChanged
-    | Dispatch
-    | Triggered
-    | PhaseBegan
-    | LimitPassed
-    | ArmObjects
-    | ClearObjects
-    | Note
-)
+# A reference goes to its object; a violation is announced, and the session aborts.
+Outgoing = StateChanged | Reference | Triggered | PhaseBegan | Violation | ObjectCommand | Note

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.motion.event import PhaseBegan, next_phase
+from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.participants import TriggerSpec
 from ssp_core.safety import limits as judge
@@ -50,7 +51,7 @@ def fire(
     firing: Firing,
     targets: Mapping[str, ObjectState],
     now_ns: int,
-) -> tuple[outbox.Dispatch, outbox.Triggered]:
+) -> tuple[Reference, outbox.Triggered]:
     """The reference that a trigger sends, and its decision record.
 
     Raises:
@@ -69,7 +70,7 @@ def fire(
         )
     except ValueError as error:
         raise CannotFire(f"its manoeuvre can't be driven: {error}") from error
-    dispatch = run.send(reference)
+    run.send(reference)
     run.adaptations.fire(trigger, reference, current)
     record = outbox.Triggered(
         stamp_ns=firing.fired_ns,
@@ -82,7 +83,7 @@ def fire(
         object_ids=(reference.object_id,),
         reference_ids=(reference.reference_id,),
     )
-    return dispatch, record
+    return reference, record
 
 
 def judge_phases(
@@ -234,7 +235,7 @@ def _left_the_run(run: Run, state: ObjectState, now_ns: int) -> Violation | None
     return Violation(SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, detail)
 
 
-def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Outgoing | Violation]:
+def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Outgoing]:
     """Judges the dispatched manoeuvres on the VUT's newest state, and adapts them.
 
     A passing order that can't be kept ends the run: nothing that happens afterwards would be the
@@ -244,7 +245,7 @@ def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Out
         vut: state of the VUT that hasn't been judged yet.
         now_ns: session time, that of a dispatch.
     """
-    facts: list[outbox.Outgoing | Violation] = []
+    facts: list[outbox.Outgoing] = []
     for adapted, decision in run.adaptations.judge(run.spec, run.path, vut, now_ns):
         object_id, pace = adapted.target.id, decision.pace
         if decision.wrong_order:

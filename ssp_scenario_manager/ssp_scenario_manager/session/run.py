@@ -20,7 +20,6 @@ from ssp_scenario_manager.dispatch.references import (
     PendingReferences,
     is_fatal,
 )
-from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation, of_object
 from ssp_scenario_manager.triggers.evaluator import TriggerWatch
 
@@ -144,15 +143,14 @@ class Run:
             execute_at_ns=now_ns + seconds_to_ns(lead_s),
         )
 
-    def send(self, reference: Reference) -> outbox.Dispatch:
+    def send(self, reference: Reference) -> Reference:
         """Remembers that an answer is due."""
         self.answers.expect(reference)
-        return outbox.Dispatch(reference)
+        return reference
 
-    def send_again(self, now_ns: int) -> list[outbox.Dispatch]:
-        """Copies of references whose answer may have been lost."""
-        again = self.answers.again(now_ns, self.spec.step_s)
-        return [outbox.Dispatch(reference) for reference in again]
+    def send_again(self, now_ns: int) -> list[Reference]:
+        """References whose answer may have been lost."""
+        return self.answers.again(now_ns, self.spec.step_s)
 
     def answer(
         self, reference_id: str, accepted: bool, code: int, message: str, now_ns: int

@@ -116,13 +116,13 @@ class Session:
         self._move(event, now_ns, why)
         if event is SessionEvent.ARM and self._run is not None:
             self._run.armed = True
-            self.outbox.append(outbox.ArmObjects(True))
+            self.outbox.append(outbox.ObjectCommand.ARM)
         elif event is SessionEvent.DISARM:
-            self.outbox.append(outbox.ArmObjects(False))
+            self.outbox.append(outbox.ObjectCommand.DISARM)
         elif event is SessionEvent.START and self._run is not None:
             self._take(progress.begin(self._run, now_ns))
         elif event is SessionEvent.ALL_CLEAR:
-            self.outbox.append(outbox.ClearObjects())
+            self.outbox.append(outbox.ObjectCommand.ALL_CLEAR)
         elif event is SessionEvent.RESET:
             self._run = None
         return Answer(True)
@@ -131,7 +131,7 @@ class Session:
         """An object refused to arm or didn't answer."""
         if self.state is SessionPhase.ARMED:
             self._move(SessionEvent.ARM_FAILED, now_ns, reason)
-            self.outbox.append(outbox.ArmObjects(False))
+            self.outbox.append(outbox.ObjectCommand.DISARM)
 
     # -- what arrives --------------------------------------------------------------------------
 
@@ -212,7 +212,7 @@ class Session:
         if self._run is not None and not self._run.blame(violation):
             return
         if not announced:
-            self.outbox.append(outbox.LimitPassed(violation))
+            self.outbox.append(violation)
         if self.state is not SessionPhase.ABORTING:
             self._move(SessionEvent.ABORT, violation.stamp_ns, violation.text)
 
@@ -352,10 +352,10 @@ class Session:
         if self._run is not None:
             self._run.reason(Verdict.ABORTED, text, now_ns)
         violation = limits.Violation(SafetyCode.OPERATOR, "", 0.0, 0.0, now_ns, text)
-        self.outbox.append(outbox.LimitPassed(violation))
+        self.outbox.append(violation)
         self._move(SessionEvent.ABORT, now_ns, text)
 
-    def _take(self, facts: Iterable[outbox.Outgoing | limits.Violation]) -> None:
+    def _take(self, facts: Iterable[outbox.Outgoing]) -> None:
         """Sends what was found, or ends the run for it; what was found beside that is not sent."""
         for fact in facts:
             if isinstance(fact, limits.Violation):
