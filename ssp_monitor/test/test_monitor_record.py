@@ -262,7 +262,6 @@ def test_images_become_video_and_what_is_no_image_stays(talker, recorder, tmp_pa
         (["--all", "-o", "x", "--split-s", "nan"], 2, "'nan' is no number from 0"),
         (["--all", "-o", "x", "--split-mb", "inf"], 2, "'inf' is no number from 0"),
         (["--all", "-o", "x", "--duration", "inf"], 2, "'inf' is no number from 0.1"),
-        (["--topics", "/a", "-o", "x"], 2, "name topics as arguments"),
     ],
 )
 def test_wrong_arguments_are_one_message(arguments, status, message, tmp_path, monkeypatch, capsys):

@@ -6,6 +6,7 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,26 +15,15 @@ import click
 from ssp_core.console import err, note, out
 from ssp_core.options import Number, usage_errors
 from ssp_core.terminal import on_stop_signals
-from ssp_monitor.recorder.disk import DiskNeeds
-from ssp_monitor.recorder.encoding import CODECS, video_choice
-from ssp_monitor.recorder.plan import MB, QUEUE_MB, RESERVE_MB, RecordingPlan, patterns, split_by
+from ssp_monitor.recorder.encoding import CODECS
+from ssp_monitor.recorder.plan import MB, QUEUE_MB, RESERVE_MB, options_plan
 from ssp_monitor.recorder.report import RepeatedWarnings
-from ssp_monitor.recorder.topics import MOST_TOPICS, Selection
-
-
-def _no_topics(_: click.Context, __: click.Parameter, value: str | None) -> None:
-    if value is not None:
-        raise click.UsageError(
-            "record has no --topics: name topics as arguments, or give --include RE"
-        )
+from ssp_monitor.recorder.topics import MOST_TOPICS
 
 
 @click.command("record")
 @click.argument("topics", nargs=-1, metavar="[TOPIC]...")
-@click.option(
-    "--topics", "_", metavar="TOPIC", hidden=True, expose_value=False, callback=_no_topics
-)
-@click.option("--all", "everything", is_flag=True, help="Every topic, those that come late too.")
+@click.option("--all", is_flag=True, help="Every topic, those that come late too.")
 @click.option("--include", multiple=True, metavar="RE", help="Topics with such names; repeatable.")
 @click.option("--exclude", multiple=True, metavar="RE", help="None of these; repeatable.")
 @click.option(
@@ -59,22 +49,12 @@ def _no_topics(_: click.Context, __: click.Parameter, value: str | None) -> None
     help="End the recording when the disk has less room than this.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@click.pass_context
 def record_command(
-    ctx: click.Context,
     topics: tuple[str, ...],
-    everything: bool,
-    include: tuple[str, ...],
-    exclude: tuple[str, ...],
     bag: Path,
     duration: float | None,
-    split_mb: float,
-    split_s: float,
-    video: str | None,
-    video_topics: str,
-    queue_mb: int,
-    reserve_mb: int,
     as_json: bool,
+    **given: Any,
 ) -> None:
     """Record topics into a bag until Ctrl-C.
 
@@ -82,24 +62,12 @@ def record_command(
     /rosout and /parameter_events. An expression may match anywhere in a name. Ctrl-C is the regular
     end: exit status 0, or 1 when messages were lost or the bag is not as it must be.
     """
-    if not (topics or everything or include):
+    if not (topics or given["all"] or given["include"]):
         raise click.UsageError("name topics, or give --all or --include")
     named = frozenset(topic if topic.startswith("/") else f"/{topic}" for topic in topics)
     with usage_errors():
-        plan = RecordingPlan(
-            bag_dir=bag,
-            selection=Selection(
-                everything=everything,
-                include=patterns(include, "--include"),
-                exclude=patterns(exclude, "--exclude"),
-                named=named,
-                most=MOST_TOPICS,
-            ),
-            needs=DiskNeeds(reserve_mb * MB),
-            split=split_by(split_mb, split_s),
-            video=video_choice(video or "", video_topics),
-            queue_bytes=queue_mb * MB,
-        )
+        plan = options_plan({**given, "most_topics": MOST_TOPICS}, bag, "--{}")
+    plan = replace(plan, selection=replace(plan.selection, named=named))
     from ssp_monitor.ros.recording import record
 
     sayings = RepeatedWarnings()
@@ -140,7 +108,7 @@ def record_command(
             f"{closed.state.bytes / MB:.1f} MB, {closed.lost} lost, {checked}",
             markup=False,
         )
-    ctx.exit(0 if ok else 1)
+    click.get_current_context().exit(0 if ok else 1)
 
 
 def _line(status: Any) -> str:

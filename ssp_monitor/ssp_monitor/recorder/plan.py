@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from ssp_core.bag.split import Split
 from ssp_core.errors import InputError
 from ssp_monitor.recorder.disk import DiskNeeds
-from ssp_monitor.recorder.encoding import VideoChoice
+from ssp_monitor.recorder.encoding import VideoChoice, video_choice
 from ssp_monitor.recorder.topics import Pattern, Selection, TopicSpec
 
 RUN_NAME = "run.yaml"
@@ -102,21 +104,34 @@ class RecordingPlan:
     run_id: str | None = None
 
 
-def patterns(texts: tuple[str, ...], field_name: str) -> tuple[Pattern, ...]:
-    """Those of some options that are not empty.
+def options_plan(given: Mapping[str, Any], bag_dir: Path, called: str) -> RecordingPlan:
+    """The recording that options mean, those of a command line or a node's parameters.
+
+    Args:
+        given: ``all``, ``include`` and ``exclude`` (a text or several), ``most_topics``,
+            ``split_mb``, ``split_s``, ``queue_mb``, ``reserve_mb``, ``video``, ``video_topics``.
+        called: what an option is called towards people, with ``{}`` for its name.
 
     Raises:
-        InputError: one is no expression.
+        InputError: one is no expression, no codec or out of range.
     """
-    return tuple(Pattern(text, field_name) for text in texts if text)
 
+    def patterns(option: str) -> tuple[Pattern, ...]:
+        texts = (given[option],) if isinstance(given[option], str) else given[option]
+        return tuple(Pattern(text, called.format(option)) for text in texts if text)
 
-def split_by(split_mb: float, split_s: float) -> Split | None:
-    """When to go on in a new file; 0 is never.
-
-    Raises:
-        InputError: a limit is out of range.
-    """
-    if not split_mb and not split_s:
-        return None
-    return Split(round(split_mb * MB) if split_mb else None, split_s or None)
+    split_mb, split_s = given["split_mb"], given["split_s"]
+    size = round(split_mb * MB) if split_mb else None
+    return RecordingPlan(
+        bag_dir=bag_dir,
+        selection=Selection(
+            everything=given["all"],
+            include=patterns("include"),
+            exclude=patterns("exclude"),
+            most=given["most_topics"],
+        ),
+        needs=DiskNeeds(given["reserve_mb"] * MB),
+        split=Split(size, split_s or None) if split_mb or split_s else None,
+        video=video_choice(given["video"] or "", given["video_topics"]),
+        queue_bytes=given["queue_mb"] * MB,
+    )

@@ -12,17 +12,14 @@ from ssp_core.credentials import LEAST_TOKEN, TOKEN_VARIABLE
 from ssp_core.node_interface import RUN_FILE, Parameter
 from ssp_core.run_file.model import load_run
 from ssp_monitor.recorder.disk import DiskNeeds, expected_rate
-from ssp_monitor.recorder.encoding import video_choice
 from ssp_monitor.recorder.plan import (
-    MB,
     QUEUE_MB,
     RESERVE_MB,
     RecordingPlan,
-    patterns,
+    options_plan,
     run_attachments,
-    split_by,
 )
-from ssp_monitor.recorder.topics import MOST_TOPICS, Selection, bag_topics, uses_simulated_time
+from ssp_monitor.recorder.topics import MOST_TOPICS, bag_topics, uses_simulated_time
 from ssp_monitor.replay.player import FASTEST, SLOWEST
 
 DEFAULT_PORT = 8080
@@ -131,22 +128,15 @@ def session_plan(given: Mapping[str, Any], full_name: Callable[[str], str]) -> R
     topics = bag_topics(run)
     # A topic that is heard under another name is not recorded a second time under that.
     own = {full_name(topic.name) for topic in topics}
-    return RecordingPlan(
-        bag_dir=Path(given["bag_dir"]),
-        selection=Selection(
-            everything=given["all"],
-            include=patterns((given["include"],), "parameter include"),
-            exclude=patterns((given["exclude"],), "parameter exclude"),
-            own=frozenset(own | {topic.name for topic in topics}),
-            most=given["most_topics"],
-        ),
-        needs=DiskNeeds(given["reserve_mb"] * MB, run.end.at_latest_s, expected_rate(run)),
+    plan = options_plan(given, Path(given["bag_dir"]), "parameter {}")
+    own |= {topic.name for topic in topics}
+    return replace(
+        plan,
+        selection=replace(plan.selection, own=frozenset(own)),
+        needs=DiskNeeds(plan.needs.reserve_bytes, run.end.at_latest_s, expected_rate(run)),
         topics=topics,
         attachments=tuple(run_attachments(run_file)),
         simulated_time=uses_simulated_time(run),
-        split=split_by(given["split_mb"], given["split_s"]),
-        video=video_choice(given["video"], given["video_topics"]),
-        queue_bytes=given["queue_mb"] * MB,
         lost_limit=given["lost_limit"],
         run_id=run.run_id,
     )
