@@ -19,7 +19,7 @@ from ssp_core.errors import HostError, PeerError
 
 # In the order in which the data flow.
 BENCHMARKS = (
-    "topology", "wire", "dispatch", "sil", "sil_in_process", "adaptation", "recorder", "recording",
+    "dispatch", "sil", "sil_in_process", "adaptation", "recorder", "recording",
     "replay", "memory", "scoring", "analysis", "extraction", "page", "report_page",
 )  # fmt: skip
 # A benchmark that missed a limit is measured this often in all.

@@ -1,6 +1,6 @@
 """Does conflict timing hold when the VUT isn't as fast as planned? With and without adaptation.
 
-    python adaptation.py [--seeds N] [--jobs N] [--svg FILE]
+    python adaptation.py [--seeds N] [--jobs N]
 
 Each run is a whole session in one process, with everything that a session has. The VUT doesn't
 respond: its cruise speed is off by a seeded share of up to 20 % from the start, and by another one
@@ -21,7 +21,6 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -52,7 +51,6 @@ from ssp_scenario_manager.dispatch.references import (
     approach_reference,
     manoeuvre_reference,
 )
-from ssp_scenario_manager.event_spec import picture as drawing
 from ssp_scenario_manager.run.in_process import Record, run_in_process
 from ssp_scenario_manager.run.result import instants
 
@@ -90,7 +88,6 @@ AHEAD_M = 20.0
 GIVES_WAY_S = 0.12
 GIVES_WAY_MPS2 = 7.0
 AFTER_S = 6.0
-_WASH = "#e3efe6"
 
 
 @dataclass(frozen=True)
@@ -419,67 +416,13 @@ def table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def picture(rows: Sequence[Row]) -> str:
-    """Errors as cumulative shares, one panel per scenario, as SVG."""
-    width, height, left, top, gap = 340.0, 230.0, 54.0, 68.0, 60.0
-    most = 0.8
-    shapes = []
-    for k, scenario in enumerate(SCENARIOS):
-        x0 = left + k * (width + gap)
-        shapes.append(drawing.text(x0, top - 18, scenario, size=15, bold=True))
-        inside = width * TOLERANCE_S / most
-        shapes.append(drawing.box(x0, top, inside, height, _WASH))
-        for share in (0.0, 0.5, ASKED_SHARE, 1.0):
-            y = top + height * (1.0 - share)
-            shapes.append(drawing.line([(x0, y), (x0 + width, y)], drawing.LINE))
-            shapes.append(
-                drawing.text(x0 - 6, y + 4, f"{share:.0%}", size=11, anchor="end",
-                             colour=drawing.FAINT)
-            )  # fmt: skip
-        for i in range(5):
-            x = x0 + width * i / 4
-            label = f"{most * i / 4:.1f}"
-            shapes.append(
-                drawing.text(x, top + height + 16, label, size=11, anchor="middle",
-                             colour=drawing.FAINT)
-            )  # fmt: skip
-        for row in rows:
-            if row.scenario != scenario:
-                continue
-            colour = drawing.VUT if row.adapted else drawing.OT
-            shapes.append(_steps(row.errors_s, most, x0, top, width, height, colour))
-    words = f"error of the time gap, s (shaded: {TOLERANCE_S} s)"
-    total = left + 2 * width + gap + 24
-    shapes.append(drawing.text(total / 2, top + height + 40, words, anchor="middle"))
-    shapes.append(drawing.text(left, 22, "with adaptation", colour=drawing.VUT, bold=True))
-    shapes.append(drawing.text(left + 130, 22, "without", colour=drawing.OT, bold=True))
-    return drawing.document(total, top + height + 56, "Error of the time gap", shapes)
-
-
-def _steps(
-    errors_s: Sequence[float], most: float, x0: float, y0: float, width: float, height: float,
-    colour: str,
-) -> str:  # fmt: skip
-    """Share of runs whose error is at most so large; who is beyond the axis is missing."""
-    points = [(x0, y0 + height)]
-    for i, error in enumerate(e for e in errors_s if e <= most):
-        x = x0 + width * error / most
-        points += [(x, points[-1][1]), (x, y0 + height * (1.0 - (i + 1) / len(errors_s)))]
-    points.append((x0 + width, points[-1][1]))
-    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-    return f"<polyline points='{path}' fill='none' stroke='{colour}' stroke-width='2'/>"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--seeds", type=int, default=100 if LONG else 10)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--svg", type=Path)
     asked = parser.parse_args()
     rows = study(asked.seeds, asked.jobs)
     print(table(rows), flush=True)
-    if asked.svg is not None:
-        asked.svg.write_text(picture(rows), encoding="utf-8")
     for without, adapted in zip(rows[::2], rows[1::2], strict=True):
         report(
             f"adaptation: {adapted.scenario}, within {TOLERANCE_S} s",
