@@ -12,13 +12,11 @@ import numpy as np
 import pytest
 import yaml
 
-from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocabulary import PHASES, ObjectClass, Role
 from ssp_eval.audit.examine import examine
 from ssp_eval.audit.recording import read_recording
-from ssp_eval.data.provenance import ImportedSite, read_provenance
 from ssp_ot_controller.camera.clip import write_clip
 from ssp_ot_controller.camera.storyboards import storyboard
 from ssp_scenario_manager.event_spec.load import load_event
@@ -41,7 +39,6 @@ from foreign_recordings import (
     write_video,
 )
 
-MAPS = Path(find_shipped("boulevard", "site")).parent.parent / "maps"
 OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
 ROLES = {"vut": Role.VUT, "ot1": Role.OT}
 
@@ -166,57 +163,3 @@ def test_a_clip_with_its_truth_as_a_table_measures_the_clips_event(tmp_path: Pat
     assert starts(event) == pytest.approx(starts(event_of(series)), abs=1 / board.fps)
     assert provenance.road is not None
     assert provenance.road.lanes == board.road.lanes
-
-
-@pytest.mark.parametrize("name", ["motorway.xodr", "bend.xodr"])
-def test_a_way_along_any_road_of_a_map_binds_that_road(name: str, tmp_path: Path) -> None:
-    """Each direction of each road that is driven along gets its own block."""
-    library = load_library(MAPS / name)
-    bound = 0
-    for block in library.blocks:
-        if block.segment == "junction" or block.length_m < 60.0 or "[" in block.block_id:
-            continue
-        lane = block.forward_lanes[0]
-        states: dict[str, list[ObjectState]] = {"vut": [], "ot1": []}
-        for k in range(101):
-            for who, ahead_m in (("vut", 5.0), ("ot1", 20.0)):
-                s_m = ahead_m + 0.3 * k
-                x, y = block.line.to_map(s_m, lane.y_m)
-                pose = block.line.pose(s_m)
-                # Along an offset of a bend the speed isn't that of the line.
-                speed = 3.0 * (1.0 - lane.y_m * block.line.curvature_1pm(s_m))
-                states[who].append(
-                    ObjectState(
-                        who,
-                        ObjectClass.CAR,
-                        ROLES[who],
-                        k * 100_000_000,
-                        x,
-                        y,
-                        pose.yaw_rad,
-                        speed,
-                        0.0,
-                        0.0,
-                        DEFAULT_SIZES[ObjectClass.CAR],
-                    )
-                )
-        folder = tmp_path / f"{bound}"
-        folder.mkdir()
-        video = write_video(folder / "clip.avi", 100)
-        table = write_table(folder / "clip.csv", states)
-        out = folder / "rec"
-        given = ("--states", str(table), "--site", str(MAPS / name), "--out", str(out))
-        assert main(["import-video", str(video), *given]) == 0
-        site = imported_site(out)
-        assert site.block == block.block_id
-        assert [lane.y_m for lane in site.road.lanes] == [lane.y_m for lane in block.lanes]
-        bound += 1
-    assert bound >= 1
-
-
-def imported_site(bag: Path) -> ImportedSite:
-    with BagReader(bag) as reader:
-        record = read_provenance(reader).imported
-    assert record is not None
-    assert record.site is not None
-    return record.site

@@ -42,7 +42,6 @@ class Policy:
 
     Args:
         timeout_s: for one whole answer.
-        tries: of one request.
         first_wait_s: before the second try; doubled for each further one.
         longest_wait_s: a server that wants a longer wait is given up.
         max_bytes: of one answer.
@@ -66,7 +65,6 @@ class Trouble:
     Args:
         kind: by which a remedy is found: ``unreachable``, ``lost``, ``too_large``, ``unsendable``,
             ``key``, or the status as text.
-        reason: for people.
         safe: nothing was answered, so that asking again costs nothing.
         lost: an answer may have been made.
         late: no whole answer came within the time that it had.
@@ -93,7 +91,6 @@ class NoAnswer(PeerError):
     """There is no answer; one line with the reason and what can be done.
 
     Args:
-        message: the line.
         not_taken: the service was away or too busy to take the request; later it may.
         late: no whole answer came in time; another time it may.
     """
@@ -120,12 +117,7 @@ class Chat(Protocol):
 
 
 def pause_s(policy: Policy, trouble: Trouble, tries: int, left_s: float | None) -> float | None:
-    """How long to wait before the next try; None: there is none.
-
-    Args:
-        policy: patience.
-        left_s: until the deadline, None: there is no deadline.
-    """
+    """How long to wait before the next try; None: there is none."""
     if tries >= policy.tries or not (trouble.safe or (trouble.lost and policy.retry_lost)):
         return None
     if trouble.wait_s is not None:

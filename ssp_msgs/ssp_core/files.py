@@ -276,7 +276,6 @@ def field_path(
     """``labels[3].position`` for the location of a pydantic error.
 
     Args:
-        location: as pydantic gives it.
         value: what was validated. Where pydantic names the chosen kind of a union, which is no
             key of the file, the part is left out.
         missing: whether the last part may be a key that isn't there. pydantic says by the

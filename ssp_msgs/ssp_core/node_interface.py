@@ -123,7 +123,6 @@ class Status:
     """One part's health.
 
     Args:
-        name: of the part.
         part: what it belongs to: an object's id, or a node's name.
         values: names with units, and what was measured.
     """

@@ -11,9 +11,7 @@ from ssp_core.geometry import Pose2
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Camera
 from ssp_core.world.camera import (
-    Mounting,
     intrinsics,
-    mounted_view,
     object_corners,
     project,
     shown_box,
@@ -113,12 +111,3 @@ def test_camera_info_numbers() -> None:
     lens = intrinsics(LEVEL)
     assert lens.k() == pytest.approx([320, 0, 319.5, 0, 320, 239.5, 0, 0, 1])
     assert lens.p() == pytest.approx([320, 0, 319.5, 0, 0, 320, 239.5, 0, 0, 0, 1, 0])
-
-
-def test_a_view_from_recorded_numbers_is_that_of_the_camera() -> None:
-    camera = LEVEL.model_copy(update={"pitch_down_rad": 0.05})
-    pose = Pose2(3.0, -7.0, 2.0)
-    seen = mounted_view(pose, intrinsics(camera), Mounting(2.0, 1.5, 0.05))
-    wanted = view_from(pose, camera)
-    assert np.array_equal(seen.position_m, wanted.position_m)
-    assert np.array_equal(seen.rotation, wanted.rotation)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pytest
-import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict, Field
@@ -186,15 +185,6 @@ def test_what_is_written_as_json_is_read_back(tmp_path: Path, value: dict[str, A
     path = tmp_path / "round.json"
     write_json(path, value)
     assert read_mapping(path) == value
-
-
-plain_text = st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=12)
-
-
-@FILE_PER_TEST
-@given(value=st.dictionaries(plain_text, plain_text | st.integers() | st.booleans(), max_size=4))
-def test_what_pyyaml_writes_is_read_back(tmp_path: Path, value: dict[str, Any]) -> None:
-    assert read_mapping(put(tmp_path, yaml.safe_dump(value) if value else "{}")) == value
 
 
 YAML_PIECES = [

@@ -320,24 +320,3 @@ def test_what_is_foreseen_of_a_crossing_is_what_it_covers(
     assert foreseen is not None
     assert foreseen == pytest.approx((min(s for s, _ in covered), max(e for _, e in covered)))
     assert meet(5.0, way[0]).zone_gap_m == pytest.approx(foreseen[0] - 13.0)
-
-
-@settings(max_examples=100, deadline=None)
-@given(
-    x=st.floats(-10.0, 150.0), y=metres, yaw=st.floats(-3.0, 3.0), speed=st.floats(0.0, 15.0),
-    vut_mps=st.floats(0.0, 15.0),
-)  # fmt: skip
-def test_left_and_right_are_alike(
-    x: float, y: float, yaw: float, speed: float, vut_mps: float
-) -> None:
-    vut = state(x_m=10.0, speed_mps=vut_mps)
-    left = encounter(vut, state("ot", x_m=x, y_m=y, yaw_rad=yaw, speed_mps=speed), PATH)
-    right = encounter(vut, state("ot", x_m=x, y_m=-y, yaw_rad=-yaw, speed_mps=speed), PATH)
-    assert right.lateral_m == pytest.approx(-left.lateral_m)
-    for name in ("gap_m", "clearance_m", "along_mps", "ttc_s", "object_arrival_s"):
-        assert getattr(right, name) == pytest.approx(getattr(left, name), nan_ok=False), name
-    if y != 0.0:
-        assert right.towards_mps == pytest.approx(left.towards_mps)
-    assert left.ttc_s >= 0.0
-    assert left.vut_arrival_s >= 0.0
-    assert left.object_arrival_s >= 0.0

@@ -174,13 +174,6 @@ def test_a_lane_change_ends_parallel_to_the_path_at_its_end(
     assert (points[-1].x_m, points[-1].speed_mps) == (300.0, 0.0)
 
 
-def test_lane_changes_to_both_sides_are_mirror_images() -> None:
-    left = columns(lane_change(STRAIGHT, 0.0, 12.0, 3.5, 2.5, 12.0, 2.0))
-    right = columns(lane_change(STRAIGHT, 0.0, 12.0, -3.5, 2.5, 12.0, 2.0))
-    sign = np.array([1, 1, -1, -1, 1, 1, -1])[:, None]
-    assert np.allclose(left, sign * right)
-
-
 @pytest.mark.parametrize("shift_m", [3.5, -3.5])
 @pytest.mark.parametrize("turn_rad", [0.3, -0.3])
 def test_beside_a_bend_that_begins_and_ends_at_once_speed_and_acceleration_agree(

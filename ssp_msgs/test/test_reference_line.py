@@ -215,13 +215,6 @@ def test_a_place_between_two_legs_of_a_hairpin_is_an_error() -> None:
     assert line.to_map(50.0, 19.0) == pytest.approx((50.0, 19.0), abs=1e-9)
 
 
-def test_a_clothoid_is_checked_where_it_bends_most() -> None:
-    line = ReferenceLine(HOME, [clothoid(100.0, 0.0, 0.02)])
-    assert line.to_local(*line.to_map(5.0, 40.0)) == pytest.approx((5.0, 40.0), abs=1e-6)
-    with pytest.raises(NotOneToOne):
-        line.to_map(99.0, 51.0)
-
-
 # -- paths ----------------------------------------------------------------------------------------
 
 

@@ -64,9 +64,6 @@ def is_keyframe(data: memoryview, form: str) -> bool:
 class VideoDecoder:
     """Turns frames of one video into pictures; frames before the first keyframe give none.
 
-    Args:
-        form: ``h264`` or ``h265``.
-
     Raises:
         ValueError: another format.
     """
@@ -193,7 +190,6 @@ class Frames:
     """The frames of one image topic of an open bag.
 
     Args:
-        bag: open for reading.
         topic: its messages are CompressedImage, Image or CompressedVideo.
         damaged: called for what is no picture, which is then left out; by default it is an error.
 
@@ -242,7 +238,6 @@ class Frames:
         the first keyframe of a bag can't be, and are left out.
 
         Args:
-            start_ns: first log time.
             stop_ns: the first log time that is no longer given.
             stamps: only pictures with these stamps.
 

@@ -236,7 +236,6 @@ class DiskSync:
 
         Args:
             name: of the file; a name waits once.
-            descriptor: open for writing.
 
         Raises:
             OSError: an earlier request failed: what was written may be lost.
@@ -319,7 +318,6 @@ def write_buffers(descriptor: int, buffers: Sequence[Buffer], gathered: int = GA
     """Writes all buffers in order, without joining them.
 
     Args:
-        descriptor: open for writing.
         buffers: the bytes.
         gathered: buffers that the system takes in one call.
 

@@ -224,7 +224,6 @@ class BagReader(Closing):
 
         Args:
             topics: only these; names that the bag doesn't have give nothing.
-            start_ns: first log time.
             stop_ns: the first log time that is no longer given.
 
         Raises:
@@ -298,7 +297,6 @@ def object_states(bag: BagReader, ids: Iterable[str]) -> dict[str, list[ObjectSt
     (ObjectStates.msg); a bag may hold both.
 
     Args:
-        bag: open for reading.
         ids: objects; those that the bag knows nothing of get an empty list.
 
     Returns:

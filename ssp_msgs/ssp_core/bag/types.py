@@ -138,9 +138,6 @@ def installed_file(msgtype: str) -> Path | None:
 def installed_types(msgtype: str, known: Container[str]) -> Typesdict:
     """A type and all that it uses, read from their .msg files.
 
-    Args:
-        known: types that need no look.
-
     Raises:
         InputError: the file of one isn't there, or is no definition.
     """

@@ -68,8 +68,6 @@ def _layout(id_size: int, reference_size: int, phase: int) -> struct.Struct:
     """Layout of a state whose texts have these lengths, NUL included.
 
     Args:
-        id_size: bytes of object_id.
-        reference_size: bytes of reference_id.
         phase: 0 or 4, the state's distance from START modulo 8.
     """
     codes = START + phase + 8 + len(_FRAME) + 4 + id_size

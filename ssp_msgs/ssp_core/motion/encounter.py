@@ -192,7 +192,6 @@ def is_conflict(meeting: Encounter, ttc_s: float | None, arrival_gap_s: float | 
     past, so that the gap between arrivals says nothing about it.
 
     Args:
-        meeting: the object relative to the VUT.
         ttc_s: threshold of TTC; None: the event doesn't use it.
         arrival_gap_s: threshold of the arrival gap; None: the event doesn't use it.
     """

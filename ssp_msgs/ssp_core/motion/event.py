@@ -98,8 +98,6 @@ def next_phase(
     """Takes the states of one instant into account.
 
     Args:
-        watch: what is known so far.
-        vut: state of the VUT.
         target: state of the object target that carries the event, same stamp.
         path: the VUT's path.
         thresholds: when a conflict begins.
@@ -205,9 +203,6 @@ def find_event(
     BRAKING_HOLD_S.
 
     Args:
-        instants: in time order.
-        path: of the VUT over the whole clip.
-        thresholds: when a conflict begins.
         observable: ``lateral``: the OT enters the VUT's corridor from the side, ahead of the VUT
             or, where it never does that, behind it; ``braking``: it brakes in the corridor ahead.
         harmless: an entry behind the VUT is an event without a conflict, too.
@@ -245,13 +240,7 @@ def find_event(
 def _resolution_s(
     instants: Sequence[Instant], under: Sequence[int], for_good_s: float | None
 ) -> float | None:
-    """Time from which no threshold is passed for good; None: not in these instants.
-
-    Args:
-        instants: in time order.
-        under: rising indices of the instants in conflict.
-        for_good_s: see find_event.
-    """
+    """Time from which no threshold is passed for good; None: not in these instants."""
     for last, following in pairwise([*under, len(instants)]):
         start = last + 1
         if start == following:
@@ -271,12 +260,6 @@ def resolution_ns(
     """Stamp after the conflict's start from which no threshold is passed to the last instant.
 
     Looked at from the end, so that a long recording costs no more than its resolution.
-
-    Args:
-        instants: in time order.
-        path: of the VUT.
-        thresholds: when a conflict begins.
-        conflict_ns: stamp of the conflict's start.
     """
     since_ns = None
     for now in reversed(instants):

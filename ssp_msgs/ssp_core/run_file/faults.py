@@ -36,7 +36,6 @@ class _Rule:
         value: whether it has one: never, maybe or always.
         low: the value is above this, where it has a bound.
         high: and at most this.
-        unit: of the value.
     """
 
     objects: Literal["vut", "any"]

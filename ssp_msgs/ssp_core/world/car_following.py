@@ -33,10 +33,8 @@ def following_acceleration(
     softened: CAH + b tanh((IDM - CAH) / b).
 
     Args:
-        speed_mps: own speed.
         gap_m: bumper gap, > 0.
         ahead_mps: speed of the one ahead along the same path.
-        ahead_acceleration_mps2: its acceleration along the path.
     """
     a, b = driver.acceleration_mps2, driver.comfortable_deceleration_mps2
     v = speed_mps

@@ -125,7 +125,6 @@ def make_plant(run: RunSpec, work_dir: Path | None = None, module: str = PLANT_M
     """The world's side of a run.
 
     Args:
-        run: the run, in mode lockstep.
         work_dir: for SUMO's files, where there is traffic; None: a temporary folder.
         module: that has ``make_plant(run, work_dir)``.
     """

@@ -7,13 +7,10 @@ import resource
 from pathlib import Path
 
 import pytest
-import yaml
 
 from ssp_core.bag.check import check_bag
-from ssp_core.bag.metadata import ROOT_KEY, offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import BagMessage
-from ssp_core.bag.writer import BagWriter
 from ssp_monitor.recorder.recorder import OVERHEAD_BYTES, Recorder
 from ssp_monitor.recorder.topics import MOST_TOPICS, Profile, TopicSpec
 
@@ -26,9 +23,6 @@ HUGE_BYTES = 100_000_000
 HUGE = LoadTopic("/load/cloud", rate_hz=0, size_bytes=HUGE_BYTES, latched=True, depth=1)
 # So seldom that whoever is kept from reading for long finds it still kept, at both ends.
 SMALL = LoadTopic("/load/state", rate_hz=10, size_bytes=20_000, depth=500)
-MANY = 10_000
-
-
 def test_a_message_of_100_mb_through_the_middleware(field_: Field) -> None:
     """It is larger than the segment of shared memory, and than a file of this split bag."""
     load = field_.load(SMALL, HUGE)
@@ -75,29 +69,6 @@ def test_a_message_that_is_larger_than_the_queue_is_counted(tmp_path: Path) -> N
         recorder.put_all([BagMessage(HUGE.name, 0, 0, data)])
     state = recorder.stop()
     assert (state.messages, state.dropped, state.failure) == (2, 1, None)
-
-
-def test_a_bag_with_10_000_topics(tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    qos = offered_qos(10)
-    names = [f"/many/topic_{k:05d}" for k in range(MANY)]
-    with BagWriter(bag) as writer:
-        for name in names:
-            writer.add_topic(name, TEXT, qos)
-        for k in (1, 2):
-            for name in names:
-                writer.write(name, encode(LoadTopic(name, msgtype=TEXT), k, 0), k, k, k)
-            writer.flush()
-    assert check_bag(bag).problems == ()
-    with BagReader(bag) as reader:
-        assert set(reader.topics) == set(names)
-        one = [message.sequence for message in reader.messages([names[7_777]])]
-    assert one == [1, 2]
-    # It is written as JSON there; who expects YAML reads the same.
-    text = (bag / "metadata.yaml").read_text()
-    facts = yaml.load(text, Loader=yaml.CSafeLoader)[ROOT_KEY]
-    assert len(facts["topics_with_message_count"]) == MANY
-    assert facts["message_count"] == 2 * MANY
 
 
 def test_a_graph_with_more_topics_than_the_limit(field_: Field) -> None:
