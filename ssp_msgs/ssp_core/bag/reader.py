@@ -12,7 +12,7 @@ from mcap.records import Channel, Schema
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from ssp_core.bag.index import ChunkRun, ContentCache, Selection, merged
+from ssp_core.bag.index import ChunkRun, Selection, merged
 from ssp_core.bag.mcap_file import DAMAGE, McapFile, damaged
 from ssp_core.bag.metadata import read_metadata
 from ssp_core.bag.split import REPEATED_KEY
@@ -72,9 +72,9 @@ class Part(McapFile):
             for number, channel in self.channels.items()
             if topics is None or channel.topic in topics
         }
-        wanted, cache = Selection(channels, start_ns, stop_ns), ContentCache()
+        wanted = Selection(channels, start_ns, stop_ns)
         return [
-            ChunkRun(self, index, wanted, cache)
+            ChunkRun(self, index, wanted)
             for index in self.chunks
             if wanted.overlaps(index.message_start_time, index.message_end_time)
             and not channels.keys().isdisjoint(index.message_index_offsets)

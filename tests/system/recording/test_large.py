@@ -23,6 +23,8 @@ HUGE_BYTES = 100_000_000
 HUGE = LoadTopic("/load/cloud", rate_hz=0, size_bytes=HUGE_BYTES, latched=True, depth=1)
 # So seldom that whoever is kept from reading for long finds it still kept, at both ends.
 SMALL = LoadTopic("/load/state", rate_hz=10, size_bytes=20_000, depth=500)
+
+
 def test_a_message_of_100_mb_through_the_middleware(field_: Field) -> None:
     """It is larger than the segment of shared memory, and than a file of this split bag."""
     load = field_.load(SMALL, HUGE)
