@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, NotRequired
+from typing import Annotated, Any, Generic, Literal, NotRequired, TypeVar
 
 from pydantic import RootModel, Strict, ValidationError, with_config
 from typing_extensions import TypedDict
@@ -99,40 +99,13 @@ _Evidence = tuple[tuple[_Place, _Place], ...]
 _Coordinates = tuple[Annotated[float, Strict()] | None, ...]
 
 
+Words = TypeVar("Words")
+
+
 # Typed mappings rather than models, since a campaign has hundreds of thousands of them.
 @with_config(CLOSED)
-class _Objects(TypedDict):
-    value: tuple[ObjectWord, ...] | None
-    evidence: _Evidence
-
-
-@with_config(CLOSED)
-class _Position(TypedDict):
-    value: PositionWord | None
-    evidence: _Evidence
-
-
-@with_config(CLOSED)
-class _Motion(TypedDict):
-    value: MotionWord | None
-    evidence: _Evidence
-
-
-@with_config(CLOSED)
-class _Conflict(TypedDict):
-    value: ConflictWord | None
-    evidence: _Evidence
-
-
-@with_config(CLOSED)
-class _LonAction(TypedDict):
-    value: LonWord | None
-    evidence: _Evidence
-
-
-@with_config(CLOSED)
-class _LatAction(TypedDict):
-    value: LatWord | None
+class _Said(TypedDict, Generic[Words]):
+    value: Words | None
     evidence: _Evidence
 
 
@@ -140,12 +113,12 @@ class _LatAction(TypedDict):
 class SlotsLine(TypedDict):
     """The slots of a text as a line of a file has them."""
 
-    objects: _Objects | None
-    position: _Position | None
-    motion: _Motion | None
-    conflict: _Conflict | None
-    lon_action: _LonAction | None
-    lat_action: _LatAction | None
+    objects: _Said[tuple[ObjectWord, ...]] | None
+    position: _Said[PositionWord] | None
+    motion: _Said[MotionWord] | None
+    conflict: _Said[ConflictWord] | None
+    lon_action: _Said[LonWord] | None
+    lat_action: _Said[LatWord] | None
 
 
 @with_config(CLOSED)

@@ -18,6 +18,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.textpath import text_to_path
 
 from ssp_eval.score.cli import DISCLAIMER, NULL
+from ssp_eval.score.metrics import BY_NAME, COMPONENTS
 
 COLUMN_IN, PAGE_IN, MOST_HEIGHT_IN = 3.4, 7.0, 9.0
 SMALL_PT, TEXT_PT = 7.0, 8.0
@@ -286,9 +287,8 @@ def mark(
 
 
 UNITS = (
-    "JOVR: valid text and trajectory; SemAcc: effective accuracy of the semantic slots; CIA: "
-    "critical interaction accuracy; TQSR: feasible trajectory with an admissible action; RSR: risk "
-    "response; all from 0 to 1, more is better."
+    "; ".join(f"{BY_NAME[name].label}: {BY_NAME[name].meaning}" for name in COMPONENTS)
+    + "; all from 0 to 1, more is better."
 )
 
 

@@ -36,8 +36,6 @@ from ssp_eval.statistics.tables import ANSWERERS, MEAN_TABLES, SEEING, all_table
 
 # Beyond, a table is folded up.
 MOST_OPEN = 60
-# Of more scenarios than these a table of ranks has them as rows, in a table of its own.
-MOST_ACROSS = 8
 MAIN = ("ivcs", "ivcs_difference")
 
 
@@ -188,28 +186,6 @@ def _begun(table: Table) -> Table:
         return replace(table, notes=table.all_notes)
     note = f"The first {MOST_ROWS} of {len(table.rows)} rows; ssp report --tables DIR writes all."
     return replace(table, rows=table.rows[:MOST_ROWS], notes=(note, *table.all_notes))
-
-
-def rank_grids(table: Table) -> list[Grid]:
-    """Ranks; those of many scenarios stand in a second table with the scenarios as rows."""
-    scenarios = [column for column in table.columns if column.key.startswith("rank_")][:-1]
-    if len(scenarios) <= MOST_ACROSS:
-        return [grid(table)]
-    names = [str(row[0]) for row in table.rows]
-    turned = Table(
-        f"{table.name}_scenarios",
-        f"{table.title} in each of {len(scenarios)} scenarios",
-        (
-            Column("scenario", "scenario", "text"),
-            *(Column(f"{name} ", name, "count") for name in names),
-        ),
-        tuple(
-            (column.title, *(row[table.columns.index(column)] for row in table.rows))
-            for column in scenarios
-        ),
-        table.notes,
-    )
-    return [grid(table, hide={column.key for column in scenarios}), grid(turned)]
 
 
 def summary(cells: Sequence[CellData], audits: Mapping[str, str]) -> dict[str, Any]:
@@ -430,10 +406,9 @@ def _tables(cells: list[CellData]) -> dict[str, Any]:
     means += [without_notes(grid(found[name]), common) for name in more]
     told, ranks = common_notes(
         [
-            one
+            grid(table)
             for table in (found["ranks_model"], found["ranks_domain"])
             if len(table.rows) > 1
-            for one in rank_grids(table)
         ]
     )
     seeing, answerers = found.get(SEEING), found.get(ANSWERERS)
