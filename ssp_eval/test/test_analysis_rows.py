@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval.statistics.csv_rows import COLUMNS, rows_from_csv
 from ssp_eval.statistics.notices import everywhere, notices
-from ssp_eval.statistics.rows import MACRO, entering, merged, repeated
+from ssp_eval.statistics.rows import COLUMNS, MACRO, entering, merged, repeated, rows_from_csv
 from ssp_eval.statistics.table import write_tables
 from ssp_eval.statistics.tables import all_tables, matrix_table
 from support.score_rows import row

@@ -17,7 +17,7 @@ from ssp_core.errors import InputError
 from ssp_eval.figures.write import DPI, write_figures
 from ssp_eval.report.cli import report
 from ssp_eval.score.cli import DISCLAIMER
-from ssp_eval.statistics.csv_rows import COLUMNS
+from ssp_eval.statistics.rows import COLUMNS
 from support.score_rows import rows_of
 
 HEAD = ",".join(COLUMNS)
@@ -109,7 +109,7 @@ def test_the_command_draws_from_component_scores(tmp_path: Path) -> None:
         "matrix.pdf", "matrix.png", "matrix.svg", "matrix.txt",
     ]  # fmt: skip
     wrong = [
-        [*given, "--only", "overlays"],
+        [*given, "--only", "phases"],
         ["--from-cells", str(cells)],
         ["--from-cells", str(cells), "--only", "matrix", "--out", str(out)],
     ]

@@ -19,9 +19,8 @@ from ssp_eval.evaluate.results import load_cells
 from ssp_eval.extract.llm import Extracted, Extractor
 from ssp_eval.report.page import write_report
 from ssp_eval.score.thresholds import Thresholds
-from ssp_eval.statistics.csv_rows import rows_from_csv
 from ssp_eval.statistics.notices import notices
-from ssp_eval.statistics.rows import entering, rows_from_campaign
+from ssp_eval.statistics.rows import entering, rows_from_campaign, rows_from_csv
 from ssp_eval.statistics.table import write_tables
 from ssp_eval.statistics.tables import matrix_table
 

@@ -33,8 +33,8 @@ from ssp_eval.evaluate.results import load_cells, request_lines
 from ssp_eval.figures.projection import overlay, project, top_view
 from ssp_eval.report.cell_view import segments
 from ssp_eval.report.cli import report
-from ssp_eval.report.drawings import matrix, shade
 from ssp_eval.report.page import write_report
+from ssp_eval.report.render import matrix, shade
 from ssp_vla_bridge.messages import Request, Response
 from ssp_vla_bridge.trajectory import Trajectory
 from support.answering import Answering

@@ -20,8 +20,7 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec, with_controls
 from ssp_eval.evaluate.results import load_cells
-from ssp_eval.report.drawings import seeing_plot
-from ssp_eval.report.render import common_notes, grid
+from ssp_eval.report.render import common_notes, grid, seeing_plot
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.statistics.notices import everywhere, notices
 from ssp_eval.statistics.rows import rows_from_campaign

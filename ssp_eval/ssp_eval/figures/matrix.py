@@ -29,12 +29,11 @@ from ssp_eval.figures.style import (
     text_width_in,
 )
 from ssp_eval.score.cli import NULL, format_ratio, format_response
-from ssp_eval.score.metrics import COMPONENTS, METRIC_LABELS
+from ssp_eval.score.metrics import COMPONENT_RATIOS, METRIC_LABELS
 from ssp_eval.statistics.rows import OK, CellRow
 
 NAME = "matrix"
-# The response has a column of its own.
-_IN_IVCS, _BESIDE = COMPONENTS[:4], ("act_acc_eff", "atc_eff")
+_IN_IVCS, _BESIDE = COMPONENT_RATIOS, ("act_acc_eff", "atc_eff")
 NOT_ADMITTED = "†"
 # More take minutes and thousands of files that nobody may have wanted.
 MOST_PAGES = 24

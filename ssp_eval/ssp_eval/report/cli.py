@@ -16,9 +16,8 @@ from ssp_eval.evaluate.results import CellData, cell_files, load_cells
 from ssp_eval.figures.write import GROUPS, Written, write_figures
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED
-from ssp_eval.statistics.csv_rows import rows_from_csv
 from ssp_eval.statistics.notices import everywhere, notice_table, notices
-from ssp_eval.statistics.rows import CellRow, rows_from_cells, scale
+from ssp_eval.statistics.rows import CellRow, rows_from_cells, rows_from_csv, scale
 from ssp_eval.statistics.statistics import Options, compute, steps_of
 from ssp_eval.statistics.statistics_tables import (
     failures_by_cell,

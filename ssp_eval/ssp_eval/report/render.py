@@ -11,28 +11,110 @@ from types import MappingProxyType
 from typing import Any
 
 import jinja2
+from jinja2 import Template
 from markupsafe import Markup
 
 from ssp_core import __version__
 from ssp_core.files import make_folder, write_text
 from ssp_core.templates import templates
 from ssp_eval.data.records import SLOT_NAMES
+from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
 from ssp_eval.evaluate.results import CellData, KeptAudits, read_cells
+from ssp_eval.pages import number
 from ssp_eval.report.cell_view import RecordView, record_views, tolerated
-from ssp_eval.report.drawings import matrix, seeing_plot
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.cell import STAGES
-from ssp_eval.score.metrics import COMPONENTS, DIAGNOSTIC, METRIC_LABELS
+from ssp_eval.score.cli import format_response
+from ssp_eval.score.metrics import BY_NAME, COMPONENT_RATIOS, DIAGNOSTIC, METRIC_LABELS
 from ssp_eval.statistics.notices import notices
-from ssp_eval.statistics.rows import rows_from_cells
+from ssp_eval.statistics.rows import compared_labels, rows_from_cells
 from ssp_eval.statistics.statistics_tables import (
     NONE,
     STAGE_NAMES,
     failures_by_cell,
     failures_by_model,
 )
-from ssp_eval.statistics.table import Column, Table, Value, fields
+from ssp_eval.statistics.table import Column, Table, Value, by_column, fields
 from ssp_eval.statistics.tables import ANSWERERS, MEAN_TABLES, SEEING, all_tables
+
+COLUMNS = tuple(BY_NAME[name] for name in (*COMPONENT_RATIOS, *DIAGNOSTIC))
+# Cells that are scored and stay out of domain means (METHOD 4).
+MARKS = {UNPAIRED: "†", UNAUDITED: "‡"}
+# One hue from light to dark: readable without colour vision and in print.
+_LIGHT, _DARK = (214, 228, 240), (8, 64, 129)
+# Room for a name, and px of a letter of it; a longer one is cut.
+_NAME, _LETTER, _MOST_LETTERS = 140.0, 7.2, 40
+_HERE = Path(__file__).parent
+
+
+def _template(name: str) -> Template:
+    environment = templates(_HERE)
+    environment.filters["px"] = number
+    return environment.get_template(name)
+
+
+def shade(value: float) -> str:
+    """Colour of a score in [0, 1]."""
+    share = min(max(value, 0.0), 1.0)
+    mixed = (round(a + (b - a) * share) for a, b in zip(_LIGHT, _DARK, strict=True))
+    return "#" + "".join(f"{part:02x}" for part in mixed)
+
+
+def matrix(cells: Sequence[CellData]) -> str:
+    """The figure as SVG, one row per cell, in the order given (scenarios together)."""
+
+    def name(cell: CellData) -> str:
+        text = f"{cell.model} {MARKS.get(cell.admission, '')}".rstrip()
+        return text if len(text) <= _MOST_LETTERS else text[: _MOST_LETTERS - 1] + "…"
+
+    marked = sorted({cell.admission for cell in cells} & set(MARKS))
+    compared = compared_labels(cells).items()
+    longest = max((len(name(cell)) for cell in cells), default=0)
+    return _template("matrix.svg.j2").render(
+        cells=cells,
+        columns=COLUMNS,
+        in_ivcs=len(COMPONENT_RATIOS),
+        apart={scenario for scenario, found in compared if not found.comparable},
+        marked=" · ".join(f"{MARKS[status]} {status}" for status in marked),
+        push=max(0.0, longest * _LETTER - _NAME),
+        name=name,
+        shade=shade,
+        response=format_response,
+        stages=STAGES,
+        stage_names=STAGE_NAMES,
+    )
+
+
+_SPOILT = {"black": "black frames", "shuffled": "frames of other times"}
+# Answerers that see no frame: what a model must beat to show that it looks.
+_BLIND = ("constant_velocity", "copy_history")
+
+
+def seeing_plot(seeing: Table | None, answerers: Table | None) -> str:
+    """The figure as SVG, one row per model; empty where no model was asked blindly."""
+    models: dict[str, dict[str, tuple[float, float]]] = {}
+    for row in by_column(seeing):
+        own, spoilt = _number(row["ivcs"]), _number(row["ivcs_spoilt"])
+        if own is not None and spoilt is not None:
+            models.setdefault(str(row["model"]), {})[str(row["condition"])] = (own, spoilt)
+    if not models:
+        return ""
+    blind = {
+        str(row["model"]): value
+        for row in by_column(answerers)
+        if row["model"] in _BLIND and (value := _number(row["ivcs"])) is not None
+    }
+    legend = [("own", "as it is"), *_SPOILT.items()]
+    if blind:
+        legend.append(("answerer", "answerer that sees nothing"))
+    return _template("seeing.svg.j2").render(
+        models=models, blind=blind, spoilt_names=_SPOILT, legend=legend
+    )
+
+
+def _number(value: Value) -> float | None:
+    return value.value if isinstance(value, Mean) else None
+
 
 # Beyond, a table is folded up.
 MOST_OPEN = 60
@@ -72,27 +154,21 @@ class Grid:
         return len(self.rows) > MOST_OPEN
 
 
-def grid(
-    table: Table,
-    *,
-    hide: Collection[str] = (),
-    links: Callable[[int], str] = lambda row: "",
-) -> Grid:
+def grid(table: Table, links: Sequence[str] = ()) -> Grid:
     """The table for the page.
 
     Args:
-        hide: keys of columns that aren't shown.
-        links: by row, where the name of its model leads; empty for nowhere.
+        links: where the name of each row's model leads; none: nowhere.
     """
     places = [
         place
         for place, column in enumerate(table.columns)
-        if column.printed and column.key not in hide and not _is_empty(table, place)
+        if column.printed and not _is_empty(table, place)
     ]
     columns = [table.columns[place] for place in places]
     heads = tuple(Field(column.title, "", _look(column)) for column in columns)
     rows = []
-    for number, row in enumerate(table.rows):
+    for row, link in zip(table.rows, links or [""] * len(table.rows), strict=True):
         shown = fields(table, row)
         total = sum(_count(table, row, key) for key in (*STAGE_NAMES, NONE))
         rows.append(
@@ -102,7 +178,7 @@ def grid(
                     "" if shown[place].n is None else f"n={shown[place].n}",
                     _look(column),
                     _share(column, row[place], total),
-                    links(number) if column.key == "model" else "",
+                    link if column.key == "model" else "",
                 )
                 for column, place in zip(columns, places, strict=True)
             )
@@ -252,7 +328,7 @@ FOLDER = Path("report") / "cells"
 # In a row's word of stages: 0 to 6 for the stage that fails first, this where none does.
 CLEAN = "-"
 # Scores of a row before its risk response and after it.
-BEFORE_RISK = ("ivcs", *(name for name in COMPONENTS if name != "rsr"))
+BEFORE_RISK = ("ivcs", *COMPONENT_RATIOS)
 SCORES = (*BEFORE_RISK, *DIAGNOSTIC)
 
 
@@ -347,7 +423,6 @@ def _short(value: float | None) -> float | None:
 _FOLDED = ("by_scenario_model", "by_domain_model", "strata", "foundation_models")
 # Notices that aren't about all cells, before a page only counts them.
 MOST_NOTICES = 12
-_HERE = Path(__file__).parent
 
 
 @dataclass(frozen=True)
@@ -429,9 +504,9 @@ def _whole(cells: list[CellData], details: Details) -> dict[str, Any]:
     own = [cell for cell in cells if not cell.is_control]
     controls = [cell for cell in cells if cell.is_control]
 
-    def failures(group: list[CellData]) -> Any:
-        ids = [cell.id for cell in group if cell.score is not None]
-        return grid(failures_by_cell(group), links=lambda row: f"#{ids[row]}") if ids else None
+    def failures(group: list[CellData]) -> Grid | None:
+        links = [f"#{cell.id}" for cell in group if cell.score is not None]
+        return grid(failures_by_cell(group), links) if links else None
 
     return {
         "browse": False,

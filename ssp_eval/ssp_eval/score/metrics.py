@@ -99,6 +99,8 @@ def of_role(*roles: Role) -> tuple[str, ...]:
 COMPONENTS, DIAGNOSTIC = of_role("component"), of_role("diagnostic")
 IVCS_FIRST, IVCS_LAST = ("ivcs", *COMPONENTS), (*COMPONENTS, "ivcs")
 RATIOS = tuple(metric for metric in METRICS if metric.numerator)
+# The components that stand in columns of scores; the response has a column of its own.
+COMPONENT_RATIOS = tuple(metric.name for metric in RATIOS if metric.role == "component")
 SUMMED = tuple(dict.fromkeys(x for m in RATIOS for x in (m.numerator, m.denominator)))
 
 
