@@ -10,7 +10,7 @@ import pytest
 from ssp_core.geometry import Polyline
 from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.motion.reference import Reference, sample
-from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.run_file.model import Limits
 from ssp_core.vocabulary import ControlState, ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS, tightened
 from ssp_ot_controller.control.stopping import StoppingRoom
@@ -54,17 +54,19 @@ def driving() -> Reference:
     )
 
 
-def test_a_driving_car_refuses_both(driving: Reference, state: Any, run: RunSpec) -> None:
+def refusals(here: Any, current: Reference | None) -> tuple[list[RefusalCode], Reference]:
+    """What the object says to a stale reference and to one out of the fence, and the latter."""
+    old = invalid_references.stale("r", here, current, "sha256:event", NOW_NS)
+    out = invalid_references.out_of_fence("r", here, current, "sha256:event", NOW_NS, FENCE)
+    given = [judged(old, here, current), judged(out, here, current)]
+    return [one.code for one in given if one is not None], out
+
+
+def test_a_driving_car_refuses_both(driving: Reference, state: Any) -> None:
     here = sample(driving, NOW_NS)
     car = state("ot1", stamp_ns=NOW_NS, x_m=here.x_m, y_m=3.5, speed_mps=here.speed_mps)
-    old = invalid_references.stale("r", car, driving, "sha256:event", NOW_NS)
-    refusal = judged(old, car, driving)
-    assert refusal is not None
-    assert refusal.code is RefusalCode.EXPIRED
-    out = invalid_references.out_of_fence("r", car, driving, "sha256:event", NOW_NS, FENCE)
-    refusal = judged(out, car, driving)
-    assert refusal is not None
-    assert refusal.code is RefusalCode.FENCE
+    codes, out = refusals(car, driving)
+    assert codes == [RefusalCode.EXPIRED, RefusalCode.FENCE]
     assert out.points[-1].x_m > 300.0
     assert out.points[-1].speed_mps == 0.0
 
@@ -74,11 +76,4 @@ def test_a_standing_dummy_refuses_both(yaw_rad: float, state: Any) -> None:
     person = state(
         "ot1", ObjectClass.PEDESTRIAN, stamp_ns=NOW_NS, x_m=100.0, y_m=-3.0, yaw_rad=yaw_rad
     )
-    old = invalid_references.stale("r", person, None, "sha256:event", NOW_NS)
-    refusal = judged(old, person, None)
-    assert refusal is not None
-    assert refusal.code is RefusalCode.EXPIRED
-    out = invalid_references.out_of_fence("r", person, None, "sha256:event", NOW_NS, FENCE)
-    refusal = judged(out, person, None)
-    assert refusal is not None
-    assert refusal.code is RefusalCode.FENCE
+    assert refusals(person, None)[0] == [RefusalCode.EXPIRED, RefusalCode.FENCE]
