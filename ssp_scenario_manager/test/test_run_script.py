@@ -1,11 +1,13 @@
-"""The steps of a run_scenario goal, and that it always comes to an end."""
+"""The steps of a run_scenario goal, that it always comes to an end, and what a run ended with."""
 
 from __future__ import annotations
 
 import pytest
 
+from ssp_core.run_file.verdict import RecordedVerdict
 from ssp_core.vocabulary import SessionPhase as P
-from ssp_scenario_manager.session.run_script import PATIENCE_S, RunScript
+from ssp_core.vocabulary import Verdict as V
+from ssp_scenario_manager.session.run_script import PATIENCE_S, RunOutcome, RunScript
 from ssp_scenario_manager.session.state_machine import Answer
 from ssp_scenario_manager.session.state_machine import SessionEvent as E
 
@@ -141,3 +143,29 @@ def test_it_says_what_it_waits_for() -> None:
     assert script.waits_for == "no heartbeat of ot1; no recorder"
     assert script.next(P.ARMED, 1) is E.START
     assert script.waits_for == ""
+
+
+def test_the_first_verdict_that_says_more_than_valid_stays() -> None:
+    outcome = RunOutcome(V.VALID, ()).with_reason(V.INVALID_HARNESS, "died")
+    assert outcome == RunOutcome(V.INVALID_HARNESS, ("died",))
+    assert outcome.with_reason(V.ABORTED, "late") == RunOutcome(V.INVALID_HARNESS, ("died", "late"))
+    assert outcome.with_reason(V.ABORTED, "died") == outcome
+
+
+@pytest.mark.parametrize("told", [None, RecordedVerdict(V.VALID, ())])
+def test_a_recorder_that_has_nothing_to_add(told: RecordedVerdict | None) -> None:
+    outcome = RunOutcome(V.VALID, ())
+    assert outcome.with_word_of_recorder(told) == outcome
+
+
+def test_what_the_recorder_alone_knows() -> None:
+    told = RecordedVerdict(V.INVALID_HARNESS, ("the recorder lost 3 messages",))
+    outcome = RunOutcome(V.VALID, ()).with_word_of_recorder(told)
+    assert outcome == RunOutcome(V.INVALID_HARNESS, ("the recorder lost 3 messages",))
+    assert not outcome.ok
+
+
+def test_what_both_know_is_said_once() -> None:
+    told = RecordedVerdict(V.FAILED_SAFETY, ("collision", "the recorder lost 3 messages"))
+    outcome = RunOutcome(V.FAILED_SAFETY, ("collision",)).with_word_of_recorder(told)
+    assert outcome.reasons == ("collision", "the recorder lost 3 messages")
