@@ -32,7 +32,7 @@ from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.run_script import RunOutcome, RunScript
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import SessionEvent
-from ssp_scenario_manager.session.supervision import ABORT_STANDSTILL_S, SILENT_S
+from ssp_scenario_manager.session.supervision import AbortWatch, LivenessMonitor
 
 WHO = "run_scenario"
 HOLD_NS = seconds_to_ns(0.1)
@@ -79,10 +79,10 @@ class InProcessSession:
         self._on_hold = on_hold
         self._now_ns = 0
         self._steady_ns = 0
-        self._aborting_since_ns: int | None = None
+        self._abort = AbortWatch()
         self._armed_ns: int | None = None
         self._script = RunScript("", 0)
-        self._heard_ns: dict[str, int] = {}
+        self._liveness = LivenessMonitor()
         self._links: dict[str, LinkEstimate] = {}
         self._fresh: list[Reference] = []
         self._aborts = [fault for fault in spec.faults if fault.kind == "operator_abort"]
@@ -139,17 +139,13 @@ class InProcessSession:
 
     def _facts(self) -> Facts:
         """Ages as the node measures them, counted in holds."""
-        ids = [t.id for t in self._spec.targets]
+        heard = self._liveness.facts(self._spec, self._steady_ns)
         return replace(
             Facts.of_one_process(self._spec),
-            vut_age_s=self._age_s(names.VUT_ID),
-            target_age_s={i: self._age_s(i) for i in ids},
+            vut_age_s=heard.vut_age_s,
+            target_age_s=heard.target_age_s,
             links=dict(self._links),
         )
-
-    def _age_s(self, object_id: str) -> float:
-        heard_ns = self._heard_ns.get(object_id)
-        return math.inf if heard_ns is None else ns_to_seconds(self._steady_ns - heard_ns)
 
     # -- while it runs -------------------------------------------------------------------------
 
@@ -175,24 +171,15 @@ class InProcessSession:
 
     def _waits_in_vain(self) -> bool:
         """An abort whose end nobody reports: of what is not heard no standstill is known."""
-        if self.session.state is not SessionPhase.ABORTING:
-            self._aborting_since_ns = None
-        elif self._aborting_since_ns is None:
-            self._aborting_since_ns = self._steady_ns
-        elif ns_to_seconds(self._steady_ns - self._aborting_since_ns) > ABORT_STANDSTILL_S:
-            return True
-        else:
-            ids = [target.id for target in self._spec.targets]
-            silent = [i for i in ids if self._age_s(i) > SILENT_S]
-            return bool(silent) and self.session.stands(self._now_ns, without=silent)
-        return False
+        return self._abort.unconfirmed(self.session, self._liveness, self._steady_ns, self._now_ns)
 
     def _take(self, report: StepReport) -> None:
         session = self.session
         self._now_ns = report.now_ns
         self.faults += report.faults
+        self._liveness.hear(names.SIL_WORLD, self._steady_ns)
         for state in (*report.vut_states, *report.target_states):
-            self._heard_ns[state.object_id] = self._steady_ns
+            self._liveness.hear(state.object_id, self._steady_ns)
         for state in report.vut_states:
             session.on_vut_state(state)
         for state in report.target_states:

@@ -145,6 +145,33 @@ SILENT_S = 1.0
 _REMEMBERED_S = WINDOW_S + 0.5
 
 
+class AbortWatch:
+    """Whether anybody is left who could report the standstill that an abort ends with."""
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def unconfirmed(
+        self, session: Session, liveness: LivenessMonitor, steady_ns: int, now_ns: int
+    ) -> bool:
+        """A dead world can't report a standstill; the result must still be given."""
+        if session.state is not SessionPhase.ABORTING:
+            self._since_ns = None
+            return False
+        if self._since_ns is None:
+            self._since_ns = steady_ns
+        waited_s = ns_to_seconds(steady_ns - self._since_ns)
+        # The world was silent while it waited for a participant that died; it goes on after that.
+        spec = session.spec
+        has_world = spec is None or spec.mode != "live"
+        world_age_s = liveness.age_s(names.SIL_WORLD, steady_ns)
+        world_dead = has_world and min(world_age_s, waited_s) > SILENT_S
+        ids = [t.id for t in spec.targets] if spec else []
+        silent = [i for i in ids if liveness.age_s(i, steady_ns) > SILENT_S]
+        others_stand = bool(silent) and session.stands(now_ns, without=silent)
+        return world_dead or others_stand or waited_s > ABORT_STANDSTILL_S
+
+
 class Supervisor:
     """Silence, links and timeouts of a session."""
 
@@ -152,7 +179,7 @@ class Supervisor:
         self._session = session
         self._liveness = liveness
         self._arming_since_ns: int | None = None
-        self._aborting_since_ns: int | None = None
+        self._abort = AbortWatch()
         self._awake_ns: int | None = None
         self._late = 0, 0.0
 
@@ -182,7 +209,7 @@ class Supervisor:
         self.watch_silence(steady_ns, now_ns)
         if (reason := self._not_armed(steady_ns)) is not None:
             session.arming_failed(now_ns, reason)
-        return self._standstill_unconfirmed(steady_ns, now_ns)
+        return self._abort.unconfirmed(session, self._liveness, steady_ns, now_ns)
 
     def watch_silence(self, steady_ns: int, now_ns: int) -> None:
         """Ends a session in which somebody is silent for too long."""
@@ -209,22 +236,3 @@ class Supervisor:
             self._arming_since_ns = None
             return f"{', '.join(waiting)} did not arm in {ARM_CONFIRMATION_S:g} s"
         return None
-
-    def _standstill_unconfirmed(self, steady_ns: int, now_ns: int) -> bool:
-        """A dead world can't report a standstill; the result must still be given."""
-        session, liveness = self._session, self._liveness
-        if session.state is not SessionPhase.ABORTING:
-            self._aborting_since_ns = None
-            return False
-        if self._aborting_since_ns is None:
-            self._aborting_since_ns = steady_ns
-        waited_s = ns_to_seconds(steady_ns - self._aborting_since_ns)
-        # The world was silent while it waited for a participant that died; it goes on after that.
-        spec = session.spec
-        has_world = spec is None or spec.mode != "live"
-        world_age_s = liveness.age_s(names.SIL_WORLD, steady_ns)
-        world_dead = has_world and min(world_age_s, waited_s) > SILENT_S
-        ids = [t.id for t in spec.targets] if spec else []
-        silent = [i for i in ids if liveness.age_s(i, steady_ns) > SILENT_S]
-        others_stand = bool(silent) and session.stands(now_ns, without=silent)
-        return world_dead or others_stand or waited_s > ABORT_STANDSTILL_S
