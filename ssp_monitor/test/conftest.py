@@ -8,6 +8,7 @@ import pytest
 
 from ssp_core.bag.writer import BagWriter
 from ssp_core.clock import NS_PER_S
+from ssp_core.processes import free_domain, remove_stale_shared_memory
 from support.bags import clock
 from support.runs import small_run
 
@@ -59,3 +60,13 @@ def small_bag(tmp_path, clock_cdr):
         for k in range(10):
             writer.write("/clock", clock_cdr(k * NS_PER_S), k * NS_PER_S, k * NS_PER_S)
     return path
+
+
+@pytest.fixture
+def domain(monkeypatch):
+    """A ROS domain of the test's own, on this host."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with free_domain() as domain_id:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
+        yield domain_id
+    remove_stale_shared_memory()

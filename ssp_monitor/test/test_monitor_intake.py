@@ -28,7 +28,6 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.steps import Heartbeat, encode_heartbeat
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import HostError
-from ssp_core.processes import free_domain
 from ssp_core.vocabulary import SessionPhase
 from ssp_monitor.recorder.disk import DiskNeeds
 from ssp_monitor.recorder.plan import RecordingPlan
@@ -77,16 +76,13 @@ def topic(name: str, profile: Profile = Profile.STATE, msgtype: str = STRING) ->
 
 
 @pytest.fixture
-def node(monkeypatch):
+def node(domain):
     """A node that publishes, in a domain of its own."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with free_domain() as domain_id:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
-        rclpy.init(domain_id=domain_id)
-        node = rclpy.create_node("publishes")
-        yield node
-        node.destroy_node()
-        rclpy.shutdown()
+    rclpy.init(domain_id=domain)
+    node = rclpy.create_node("publishes")
+    yield node
+    node.destroy_node()
+    rclpy.shutdown()
 
 
 class Reception:

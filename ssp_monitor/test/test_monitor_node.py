@@ -26,7 +26,6 @@ from ssp_core.bag.check import check_bag
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
 from ssp_core.errors import InputError
-from ssp_core.processes import free_domain, remove_stale_shared_memory
 from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import Verdict
@@ -108,15 +107,6 @@ class Session:
         self.executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
-
-
-@pytest.fixture
-def domain(monkeypatch):
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with free_domain() as domain_id:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
-        yield domain_id
-    remove_stale_shared_memory()
 
 
 @pytest.fixture

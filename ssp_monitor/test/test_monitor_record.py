@@ -29,24 +29,14 @@ from ssp_core.bag.check import check_bag
 from ssp_core.bag.metadata import parse_offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
-from ssp_core.processes import free_domain, remove_stale_shared_memory
 from ssp_monitor.recorder.report import REPORT_NAME
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 120.0
 
 
-@pytest.fixture(scope="module")
-def domain():
-    with free_domain() as domain_id:
-        yield domain_id
-    remove_stale_shared_memory()
-
-
 @pytest.fixture
-def talker(domain, monkeypatch):
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+def talker(domain):
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     node = rclpy.create_node("talker", context=context)

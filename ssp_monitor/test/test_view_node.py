@@ -17,7 +17,6 @@ from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
-from ssp_core.processes import free_domain
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_monitor.ros.view_node import ViewNode
 from ssp_msgs.msg import ObjectState as ObjectStateMsg
@@ -26,14 +25,6 @@ from ssp_msgs.msg import RecorderStatus, SessionState
 pytestmark = pytest.mark.ros
 
 DEADLINE_S = 120.0
-
-
-@pytest.fixture
-def domain(monkeypatch):
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with free_domain() as domain_id:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
-        yield domain_id
 
 
 def _state(x_m: float) -> bytes:

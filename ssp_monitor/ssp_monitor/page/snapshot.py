@@ -90,7 +90,6 @@ class Snapshots:
             "replay": board.replay,
             "abort_unheard": self._is_abort_unheard(),
             "camera_fault": board.camera_fault,
-            "events_seen": board.events_seen,
         }
 
     def stale(self, now_ns: int) -> list[str]:
@@ -168,7 +167,6 @@ class Snapshots:
         sources = {
             "session": board.session_at_ns,
             "manager": board.manager_at_ns,
-            "links": board.links_at_ns,
             "recorder": board.recorder_at_ns,
             "camera": board.camera_at_ns,
         }
@@ -200,7 +198,6 @@ class Snapshots:
             "age": number(old_s, 2),
             "late": old_s > limit_s,
             "stale": old_s > STALE_S,
-            "finite": state.is_finite,
         }
         if state.reference_id:
             found["error"] = [
@@ -260,7 +257,6 @@ def _meeting(met: Encounter) -> dict[str, float | None]:
 def _link(link: LinkFact, limits: Limits | None) -> dict[str, Any]:
     return {
         "delay": number(link.delay_s, 4),
-        "offset": number(link.offset_s, 4),
         "age": number(link.state_age_s, 3),
         "lost": link.lost,
         "over": limits is not None and link.delay_s > limits.link_delay_s,
@@ -286,26 +282,20 @@ def _recorder(fact: RecorderFact | None) -> dict[str, Any] | None:
         return None
     return {
         "ready": fact.ready,
-        "bag": fact.bag,
         "failure": fact.failure,
-        "messages": fact.messages,
         "bytes": fact.bytes,
         "lost": fact.lost,
-        "dropped": fact.dropped,
         "missing": list(fact.missing),
-        "files": fact.files,
         "queue": number(fact.queue_bytes / fact.queue_limit_bytes)
         if fact.queue_limit_bytes
         else None,
-        "queue_bytes": fact.queue_bytes,
         "free_bytes": fact.free_bytes or None,
         "rate": number(fact.write_bytes_per_s, 0),
         # A recorder that doesn't know its disk says 0 free.
         "disk_left_s": number(fact.disk_left_s, 0) if fact.free_bytes else None,
-        "flush_age_s": number(fact.flush_age_s, 2),
         "warnings": list(fact.warnings),
         "topics": [
-            {"name": t.name, "lost": t.lost, "dropped": t.dropped, "rate": number(t.rate_hz, 1)}
+            {"name": t.name, "lost": t.lost, "dropped": t.dropped}
             for t in fact.topics
             if t.lost or t.dropped
         ][:20],

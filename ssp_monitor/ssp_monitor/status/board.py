@@ -65,10 +65,8 @@ class TopicFact:
     """What the recorder has of a topic that it lost something of, or doesn't hear."""
 
     name: str
-    messages: int
     lost: int
     dropped: int
-    rate_hz: float
 
 
 @dataclass(frozen=True, slots=True)
