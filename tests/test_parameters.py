@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -49,64 +50,52 @@ def started(monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
         remove_shared_ports(domain_id)
 
 
-def make(name: str, stop: Any, run_file: Path, start: Start) -> Any:
-    """The node itself; what isn't asked for stays as its table says."""
-    if name == "scenario_manager":
-        from ssp_scenario_manager.ros.manager_node import ScenarioManager
-
-        start()
-        return ScenarioManager()
-    if name == "object_target":
-        from ssp_ot_controller.ros.object_target import ObjectTargetNode
-
-        start(run_file=run_file, autostart="false")
-        return ObjectTargetNode(stop)
-    if name == "vut_adapter":
-        from ssp_ot_controller.ros.vut_adapter import VutAdapter
-
-        start(run_file=run_file, unit_forward_m=1)
-        return VutAdapter(stop)
-    if name == "played_vut":
-        from ssp_ot_controller.ros.played_vut import PlayedVut
-
-        start(run_file=run_file)
-        return PlayedVut(stop)
-    if name == "monitor":
-        from ssp_monitor.ros.monitor_node import MonitorNode
-
-        start(run_file=run_file, bag_dir=run_file.with_name("bag"))
-        return MonitorNode()
-    if name == "monitor_page":
-        from ssp_monitor.ros.page_node import MonitorPage
-
-        start(port=0, page_rate_hz=5)
-        return MonitorPage()
-    if name == "view":
-        from ssp_monitor.ros.view_node import ViewNode
-
-        start()
-        return ViewNode()
-    from ssp_vla_bridge.ros.vla_bridge import VlaBridge
-
-    start()
-    return VlaBridge("vla_bridge", namespace="/ssp")
+# Where each node is, and what it is given; what isn't stays as its table says.
+MADE: dict[str, tuple[str, dict[str, object]]] = {
+    "scenario_manager": ("ssp_scenario_manager.ros.manager_node:ScenarioManager", {}),
+    "object_target": (
+        "ssp_ot_controller.ros.object_target:ObjectTargetNode",
+        {"run_file": "run.yaml", "autostart": "false"},
+    ),
+    "vut_adapter": (
+        "ssp_ot_controller.ros.vut_adapter:VutAdapter",
+        {"run_file": "run.yaml", "unit_forward_m": 1},
+    ),
+    "played_vut": ("ssp_ot_controller.ros.played_vut:PlayedVut", {"run_file": "run.yaml"}),
+    "monitor": (
+        "ssp_monitor.ros.monitor_node:MonitorNode",
+        {"run_file": "run.yaml", "bag_dir": "bag"},
+    ),
+    "monitor_page": ("ssp_monitor.ros.page_node:MonitorPage", {"port": 0, "page_rate_hz": 5}),
+    "view": ("ssp_monitor.ros.view_node:ViewNode", {}),
+    "vla_bridge": ("ssp_vla_bridge.ros.vla_bridge:VlaBridge", {}),
+}
 
 
-@pytest.mark.parametrize("name", [
-    *("scenario_manager", "object_target", "vut_adapter", "played_vut"),
-    *("monitor", "monitor_page", "view", "vla_bridge"),
-])  # fmt: skip
+def make(name: str, folder: Path, start: Start) -> Any:
+    """The node itself, with files of a folder."""
+    from ssp_core.ros import StopRequest
+
+    place, given = MADE[name]
+    start(**{k: folder / str(v) if k in ("run_file", "bag_dir") else v for k, v in given.items()})
+    module, cls = place.split(":")
+    node = getattr(importlib.import_module(module), cls)
+    if name == "vla_bridge":
+        return node("vla_bridge", namespace="/ssp")
+    stops = name in ("object_target", "vut_adapter", "played_vut")
+    return node(StopRequest()) if stops else node()
+
+
+@pytest.mark.parametrize("name", MADE)
 def test_a_running_node_describes_its_parameters_and_refuses_to_change_them(
     name: str, started: Start, tmp_path: Path
 ) -> None:
     import rclpy.parameter
 
-    from ssp_core.ros import StopRequest
-
     run = prepare_run("cut_in", "north_track", tmp_path / "run", seed=None, mode="live")
     run_file = tmp_path / "run.yaml"
     run_file.write_text(run.model_dump_json(by_alias=True))
-    node = make(name, StopRequest(), run_file, started)
+    node = make(name, tmp_path, started)
     try:
         described = {
             one: node.describe_parameter(one)

@@ -15,13 +15,15 @@ import numpy as np
 from measure import report
 
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.types import serialize, typestore
 from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.states import encode_state
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients, ModelSpec
+from support.bags import picture
+from support.states import object_state
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 STATE = "/ssp/vut/state"
@@ -34,10 +36,6 @@ SHARE = 0.7
 
 def make_bag(folder: Path, seconds: int = SECONDS) -> list[float]:
     """Noise frames (which compress badly, as road surfaces do) and states, and label times."""
-    types = typestore().types
-    time_t = types["builtin_interfaces/msg/Time"]
-    header_t = types["std_msgs/msg/Header"]
-    image_t = types["sensor_msgs/msg/CompressedImage"]
     rng = np.random.default_rng(1)
     base = cv2.GaussianBlur(rng.integers(0, 256, (540, 960, 3), dtype=np.uint8), (5, 5), 0)
     jpegs = []
@@ -49,32 +47,15 @@ def make_bag(folder: Path, seconds: int = SECONDS) -> list[float]:
     with BagWriter(folder / "bag") as writer:
         writer.add_topic(IMAGE, "sensor_msgs/msg/CompressedImage")
         writer.add_topic(STATE, "ssp_msgs/msg/ObjectState")
-        state_t = types["ssp_msgs/msg/ObjectState"]
         for k in range(seconds * STATE_HZ):
             ns = k * 1_000_000_000 // STATE_HZ
-            stamp = time_t(sec=ns // 10**9, nanosec=ns % 10**9)
-            header = header_t(stamp=stamp, frame_id="map")
-            values = {
-                f: 0.0
-                for f in state_t.__dataclass_fields__
-                if state_t.__dataclass_fields__[f].type == "float"
-            }
-            values |= {"x": 10.0 * k / STATE_HZ, "speed": 10.0, "front": 3.6, "rear": 0.9}
-            state = state_t(
-                header=header,
-                object_id="vut",
-                object_class=1,
-                role=1,
-                control_state=0,
-                sequence=k + 1,
-                reference_id="",
-                **values,
+            state = object_state(
+                "vut", x_m=10.0 * k / STATE_HZ, speed_mps=10.0, stamp_ns=ns, sequence=k + 1
             )
-            writer.write(STATE, serialize(state), ns, ns)
+            writer.write(STATE, encode_state(state), ns, ns)
             if k % (STATE_HZ // FRAME_HZ) == 0:
-                jpeg = jpegs[k // (STATE_HZ // FRAME_HZ) % len(jpegs)].ravel()
-                image = image_t(header=header, format="jpeg", data=jpeg)
-                writer.write(IMAGE, serialize(image), ns, ns)
+                jpeg = jpegs[k // (STATE_HZ // FRAME_HZ) % len(jpegs)]
+                writer.write(IMAGE, picture(jpeg.tobytes(), ns, "map"), ns, ns)
         facts = {
             "schema": "ssp.import/1",
             "source": {

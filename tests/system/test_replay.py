@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
 from rcl_interfaces.srv import SetParameters
@@ -28,8 +29,9 @@ import ssp_core
 from ssp_core import names, ros
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.types import BagMessage, TypeDefinition, serialize, typestore
+from ssp_core.bag.types import BagMessage, TypeDefinition, serialize
 from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.references import encode_reference
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
@@ -41,6 +43,8 @@ from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Profile, TopicSpec
 from ssp_monitor.ros.recording_subscriptions import RecordingSubscriptions
 from ssp_msgs.msg import SessionState
+from tests.support.bags import header, message, picture, text
+from tests.support.states import make_reference
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -52,53 +56,15 @@ SESSION, REFERENCE, PLAIN = "/ssp/session_state", "/ssp/ot1/reference", "/plain"
 BEST_EFFORT = offered_qos(10).replace("reliability: reliable", "reliability: best_effort")
 
 
-def _header(ns: int, frame: str = "map") -> Any:
-    types = typestore().types
-    stamp = types["builtin_interfaces/msg/Time"](sec=ns // NS_PER_S, nanosec=ns % NS_PER_S)
-    return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
-
-
 def _image(ns: int, k: int) -> bytes:
-    import numpy as np
-
-    data = np.random.default_rng(k).integers(0, 256, 100_000 + 4 * k, dtype=np.uint8)
-    kind = typestore().types["sensor_msgs/msg/CompressedImage"]
-    return serialize(kind(header=_header(ns), format="jpeg", data=data))
+    noise = np.random.default_rng(k).integers(0, 256, 100_000 + 4 * k, dtype=np.uint8)
+    return picture(noise.tobytes(), ns, "map")
 
 
 def _session(ns: int, state: int) -> bytes:
-    kind = typestore().types["ssp_msgs/msg/SessionState"]
-    return serialize(
-        kind(
-            header=_header(ns),
-            state=state,
-            previous=0,
-            event="test",
-            reason="",
-            run_id="r",
-            scenario="s",
-            event_version="",
-            verdict=0,
-            reasons=[],
-        )
-    )
-
-
-def _reference(ns: int) -> bytes:
-    kind = typestore().types["ssp_msgs/msg/Reference"]
-    header = _header(ns)
-    return serialize(
-        kind(
-            header=header,
-            reference_id="ot1-1",
-            object_id="ot1",
-            event_version="",
-            purpose="approach",
-            execute_at=header.stamp,
-            expires_at=header.stamp,
-            points=[],
-        )
-    )
+    named = {"event": "test", "reason": "", "run_id": "r", "scenario": "s", "event_version": ""}
+    facts = {"state": state, "previous": 0, "verdict": 0, "reasons": []}
+    return serialize(message("ssp_msgs/msg/SessionState", header=header(ns), **named, **facts))
 
 
 def _state(ns: int, k: int) -> ObjectState:
@@ -109,7 +75,7 @@ def _state(ns: int, k: int) -> ObjectState:
 
 def _text(words: str) -> bytes:
     # As the middleware hands on and records a short message: filled up to a multiple of four.
-    data = serialize(typestore().types["std_msgs/msg/String"](data=words))
+    data = text(words)
     return data + bytes(-len(data) % 4)
 
 
@@ -140,7 +106,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
             if k in (0, 50, 150, 399):
                 writer.write(SESSION, _session(ns, k // 50 + 1), ns, ns)
             if k == 200:
-                writer.write(REFERENCE, _reference(ns), ns, ns)
+                writer.write(REFERENCE, encode_reference(make_reference(dispatched_ns=ns)), ns, ns)
     return path
 
 
