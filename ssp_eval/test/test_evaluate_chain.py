@@ -17,6 +17,7 @@ from ssp_eval.data.labels import load_labels
 from ssp_eval.data.records import load_records
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
+from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.model_client import (
     InProcessClients,
     Loss,
@@ -122,36 +123,6 @@ def test_stored_answers_are_not_asked_again(make_bag: BagMaker, tmp_path: Path) 
     assert other.requests == []
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped(make_bag: BagMaker, tmp_path: Path) -> None:
-    bag, out = make_bag(), tmp_path / "out"
-
-    def stop(index: int, request: Request) -> ModelReply:
-        if index == 4:
-            raise KeyboardInterrupt
-        return ModelReply(
-            Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"{index}")
-        )
-
-    with pytest.raises(KeyboardInterrupt):
-        evaluate(bag, out, "m", clients=Answering(stop))
-    raw = out / "cells" / "cut_in__simulation__m" / "raw.jsonl"
-    assert len(raw.read_text().splitlines()) == 4
-    # A kill in the middle of a line leaves the end of it.
-    with raw.open("a") as stream:
-        stream.write('{"schema": "ssp.resp')
-    rest = Answering(
-        lambda index, request: ModelReply(
-            Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"later {index}")
-        )
-    )
-    (result,) = evaluate(bag, out, "m", clients=rest)
-    assert rest.count == 5
-    assert (result.asked, result.reused) == (5, 4)
-    texts = [record.text for record in load_records(result.folder / "records.jsonl")]
-    assert texts == ["0", "1", "2", "3", *(f"later {k}" for k in range(5))]
-    assert len(raw.read_text().splitlines()) == 9
-
-
 @pytest.mark.parametrize("answered", [0, 2])
 def test_who_interrupts_is_told_what_is_kept(
     answered: int,
@@ -173,11 +144,12 @@ def test_who_interrupts_is_told_what_is_kept(
         )
 
     def over(clients: ModelClients) -> None:
-        def direct(bags: Any, models: Any, out: Path, options: CellOptions, *_: Any) -> Any:
+        def direct(bags: Any, models: Any, settings: Settings, *_: Any) -> Any:
             with asking() as (on_plan, on_record):
                 return run_campaign(
-                    bags, models, clients, out, options, True, on_plan=on_plan, on_record=on_record
-                )
+                    bags, models, clients, settings.out, settings.options, True,
+                    on_plan=on_plan, on_record=on_record,
+                )  # fmt: skip
 
         monkeypatch.setattr("ssp_eval.evaluate.cli.evaluate_bags", direct)
 
@@ -286,23 +258,6 @@ def test_no_labels_and_twice_the_same_cell_are_said(make_bag: BagMaker, tmp_path
         run_campaign(
             [(bag, None), (twin, None)], models, clients, tmp_path / "out", options, True
         )  # fmt: skip
-    with pytest.raises(InputError, match="unknown adapter"):
-        evaluate(bag, tmp_path / "out", "silent", adapter="nonsense")
-
-
-def test_an_unknown_adapter_is_refused_before_anything_is_asked(
-    make_bag: BagMaker, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    with pytest.raises(InputError, match="unknown adapter"):
-        run_campaign(
-            [(make_bag(), None)],
-            [ModelSpec("silent")],
-            InProcessClients(),
-            out,
-            CellOptions(adapter="nosuch"),
-        )
-    assert not out.exists()
 
 
 def test_a_bridge_that_died_is_seen_in_table_and_report(

@@ -153,22 +153,27 @@ _LONGEST_PAUSE_S = 30.0
 
 
 @dataclass(frozen=True)
-class Repeats:
-    """When a question is asked once more.
+class CellOptions:
+    """What a cell depends on besides its inputs.
 
     Args:
-        fresh: also where an answer is stored.
-        errors: at most this often after an error that may pass (model_client.PASSING).
-        pause_s: before the first repetition; doubled from each to the next, to 30 s at most.
+        adapter: that reads the raw answers; empty: each model's own.
+        fresh: ask again even where an answer is stored.
+        retry_errors: ask again at most this often after an error that may pass
+            (model_client.PASSING).
+        retry_pause_s: before the first of these; doubled from each to the next, to 30 s at most.
     """
 
+    adapter: str = ""
     fresh: bool = False
-    errors: int = 0
-    pause_s: float = 1.0
+    retry_errors: int = 0
+    retry_pause_s: float = 1.0
+    extractor: Extractor = field(default_factory=Extractor)
+    thresholds: Thresholds = DEFAULT
 
 
 def ask_all(
-    place: CellPlace, clients: ModelClients, out: Path, repeats: Repeats, on_record: Progress
+    place: CellPlace, clients: ModelClients, out: Path, options: CellOptions, on_record: Progress
 ) -> tuple[list[Asked], IgnoredAnswers]:
     """Asks about every label time that isn't answered in the cell's folder already.
 
@@ -176,7 +181,7 @@ def ask_all(
         clients: gives the way to the model; not touched when every answer is stored already.
         out: campaign folder, which keeps the newest frame of each request.
     """
-    cell = _Conversation(place, clients, repeats)
+    cell = _Conversation(place, clients, options)
     for label in place.labelled.labels.labels:
         question = cell.question(label.t_s)
         if isinstance(question, Question):
@@ -189,10 +194,10 @@ def ask_all(
 class _Conversation:
     """What one model was asked so far; its own last answer goes into the next request."""
 
-    def __init__(self, place: CellPlace, clients: ModelClients, repeats: Repeats) -> None:
-        self._place, self._clients, self._repeats = place, clients, repeats
+    def __init__(self, place: CellPlace, clients: ModelClients, options: CellOptions) -> None:
+        self._place, self._clients, self._options = place, clients, options
         self._store = RawStore(place.folder)
-        if repeats.fresh:
+        if options.fresh:
             self._store.forget()
         labels = place.labelled.labels
         labels_sha256 = sha256_json(labels_to_json(labels))
@@ -251,9 +256,9 @@ class _Conversation:
             while (
                 asked.loss in PASSING
                 and self._client is not None
-                and asked.again < self._repeats.errors
+                and asked.again < self._options.retry_errors
             ):
-                time.sleep(min(self._repeats.pause_s * 2**asked.again, _LONGEST_PAUSE_S))
+                time.sleep(min(self._options.retry_pause_s * 2**asked.again, _LONGEST_PAUSE_S))
                 asked = replace(self._ask(question, key), again=asked.again + 1)
         self._asked.append(replace(asked, no_previous=no_previous))
 
@@ -366,30 +371,6 @@ def _llm_notes(found: Extracted) -> list[str]:
     return notes
 
 
-@dataclass(frozen=True)
-class CellOptions:
-    """What a cell depends on besides its inputs.
-
-    Args:
-        adapter: that reads the raw answers; empty: each model's own.
-        fresh: ask again even where an answer is stored.
-        retry_errors: ask again at most this often after an error that may pass.
-        retry_pause_s: before the first of these, s.
-    """
-
-    adapter: str = ""
-    fresh: bool = False
-    retry_errors: int = 0
-    retry_pause_s: float = 1.0
-    extractor: Extractor = field(default_factory=Extractor)
-    thresholds: Thresholds = DEFAULT
-
-    @property
-    def repeats(self) -> Repeats:
-        """What is asked again."""
-        return Repeats(self.fresh, self.retry_errors, self.retry_pause_s)
-
-
 def fail_cell(
     labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOptions, reason: str
 ) -> CellResult:
@@ -451,7 +432,7 @@ def evaluate_cell(
         for _ in labelled.labels.labels:
             on_record()
         return write_cell(place, "refused", [refusal])
-    asked, ignored = ask_all(place, clients, out, options.repeats, on_record)
+    asked, ignored = ask_all(place, clients, out, options, on_record)
     records = records_of(asked, place.adapter, options.extractor)
     write_text(folder / RECORDS_FILE, "".join(record_to_json(r) + "\n" for r in records))
     if not records:

@@ -222,32 +222,18 @@ def evaluate(
     if labels_files:
         paired = list(zip(bags, labels_files, strict=True))
     make_extractor = partial(extractor_of, **llm, default_cache=out.absolute() / "extraction")
-    extractor = make_extractor()
+    options = CellOptions(
+        adapter, fresh, retry_errors, extractor=make_extractor(), thresholds=thresholds
+    )
     with kept_on_interrupt(out):
         if workers is None and engine == "processes":
+            settings = Settings(out, make_extractor, options, timeout_s, start_timeout_s)
             results = evaluate_bags(
-                paired,
-                models,
-                out,
-                CellOptions(
-                    adapter, fresh, retry_errors, extractor=extractor, thresholds=thresholds
-                ),
-                timeout_s,
-                propose_labels,
-                load_admissions(audits),
-                start_timeout_s,
+                paired, models, settings, propose_labels, load_admissions(audits)
             )
         else:
-            settings = Settings(
-                out=out.absolute(),
-                make_extractor=make_extractor,
-                adapter=adapter,
-                fresh=fresh,
-                retry_errors=retry_errors,
-                timeout_s=timeout_s,
-                start_timeout_s=start_timeout_s,
-                thresholds=thresholds,
-            )
+            place = out.absolute()
+            settings = Settings(place, make_extractor, options, timeout_s, start_timeout_s)
             with asking() as (on_plan, on_record):
                 results = run_parallel(
                     paired,

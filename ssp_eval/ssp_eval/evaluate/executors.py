@@ -11,7 +11,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -27,36 +27,43 @@ from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.campaign import labelled_clip
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip
-from ssp_eval.evaluate.model_client import ClientsWithAnswerers, ModelClients, TopicClients
+from ssp_eval.evaluate.model_client import (
+    CONNECT_S,
+    ClientsWithAnswerers,
+    ModelClients,
+    TopicClients,
+)
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.extract.llm import Extractor
 from ssp_eval.recordings.clip import Clip
-from ssp_eval.score.thresholds import DEFAULT, Thresholds
-
-ExtractorMaker = Callable[[], Extractor]
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What all cells of a campaign have in common; it can be sent to another process.
+    """What all cells of a campaign have in common.
 
     Args:
-        make_extractor: a client of a service can't be sent, so each process makes its own.
+        make_extractor: each worker makes its own, since a client of a service can't be sent.
+        options: of the cells; a worker replaces their extractor by its own.
+        timeout_s: for one answer, where the model has no time of its own.
+        start_timeout_s: until a bridge is on its topics.
         direct: models answer in the worker itself, without ROS; None: over topics.
         extractor_sha256: of the extractor that all workers must have; empty: any.
     """
 
     out: Path
-    make_extractor: ExtractorMaker
-    adapter: str = ""
-    fresh: bool = False
-    retry_errors: int = 0
-    retry_pause_s: float = 1.0
+    make_extractor: Callable[[], Extractor] = Extractor
+    options: CellOptions = field(default_factory=CellOptions)
     timeout_s: float = 60.0
-    start_timeout_s: float = 60.0
+    start_timeout_s: float = CONNECT_S
     direct: Callable[[], ModelClients] | None = None
     extractor_sha256: str = ""
-    thresholds: Thresholds = DEFAULT
+
+    def to_send(self) -> Settings:
+        """As they can be sent to another process, which must have the same extractor."""
+        digest = self.options.extractor.sha256
+        rules = replace(self.options, extractor=Extractor())
+        return replace(self, options=rules, extractor_sha256=digest)
 
 
 @dataclass(frozen=True)
@@ -98,14 +105,7 @@ class JobRunner(Closing):
             logs = settings.out / "logs" / name
             topics = TopicClients(logs, settings.timeout_s, False, settings.start_timeout_s)
             self._clients = ClientsWithAnswerers(self._stack.enter_context(topics))
-        self._options = CellOptions(
-            settings.adapter,
-            settings.fresh,
-            settings.retry_errors,
-            settings.retry_pause_s,
-            extractor,
-            settings.thresholds,
-        )
+        self._options = replace(settings.options, extractor=extractor)
 
     def run(self, job: Job, on_record: Callable[[], None] = lambda: None) -> CellResult:
         """Evaluates a cell as a campaign of one process does.

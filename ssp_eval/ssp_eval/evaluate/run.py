@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,10 +23,10 @@ from ssp_eval.evaluate.campaign import (
     plan_of,
     run_campaign,
 )
-from ssp_eval.evaluate.cell import CellOptions, fail_cell
+from ssp_eval.evaluate.cell import fail_cell
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers, losses_text
 from ssp_eval.evaluate.executors import Job, Settings, import_ray, run_pool, run_ray
-from ssp_eval.evaluate.model_client import CONNECT_S, ClientsWithAnswerers, TopicClients
+from ssp_eval.evaluate.model_client import ClientsWithAnswerers, TopicClients
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.score.cli import format_response
 from ssp_eval.score.metrics import COMPONENTS, METRIC_LABELS
@@ -143,15 +142,12 @@ def result_to_json(result: CellResult) -> dict[str, Any]:
 def evaluate_bags(
     bags: Sequence[tuple[Path, Path | None]],
     models: Sequence[ModelSpec],
-    out: Path,
-    options: CellOptions,
-    timeout_s: float = 60.0,
+    settings: Settings,
     propose_labels: bool = False,
     admissions: Mapping[str, Admission] | None = None,
-    start_timeout_s: float = CONNECT_S,
     no_controls: str = NO_CONTROLS,
 ) -> list[CellResult]:
-    """Evaluates every bag with every model.
+    """Evaluates every bag with every model, one cell after the other.
 
     Args:
         bags: bag and its labels file (None: look beside it).
@@ -162,16 +158,17 @@ def evaluate_bags(
         InputError: a bag, its labels or an option is wrong.
     """
     attached = any(model.attached for model in models)
+    times_s = settings.timeout_s, attached, settings.start_timeout_s
     with (
         asking(no_controls) as (on_plan, on_record),
-        TopicClients(out / "logs", timeout_s, attached, start_timeout_s) as topics,
+        TopicClients(settings.out / "logs", *times_s) as topics,
     ):
         return run_campaign(
             bags,
             models,
             ClientsWithAnswerers(topics),
-            out,
-            options,
+            settings.out,
+            settings.options,
             propose_labels,
             admissions,
             on_plan=on_plan,
@@ -213,7 +210,7 @@ def run_parallel(
         HostError: the engine isn't installed, or a worker has another version of the software.
     """
     for model in models:
-        model.read_by(settings.adapter)
+        model.read_by(settings.options.adapter)
         if model.attached:
             raise InputError(
                 "an attached bridge is one, and can't be asked by several workers",
@@ -227,7 +224,7 @@ def run_parallel(
         clips = open_clips(stack, bags, propose_labels, admissions)
         stack.enter_context(campaign_folder(settings.out))
         keep_audits(settings.out, (labelled.admission for labelled in clips))
-        on_plan(plan_of(clips, models, not settings.fresh and holds_answers(settings.out)))
+        on_plan(plan_of(clips, models, not settings.options.fresh and holds_answers(settings.out)))
         jobs: list[Job] = []
         clip_of: list[LabelledClip] = []
         for labelled, (bag, labels) in zip(clips, bags, strict=True):
@@ -241,8 +238,7 @@ def run_parallel(
                 clip_of.append(labelled)
 
         def on_dead(job: Job, reason: str) -> CellResult:
-            options = CellOptions(settings.adapter, extractor=settings.make_extractor())
-            return fail_cell(clip_of[job.number], job.model, settings.out, options, reason)
+            place = clip_of[job.number], job.model, settings.out
+            return fail_cell(*place, settings.options, reason)
 
-        same = replace(settings, extractor_sha256=settings.make_extractor().sha256)
-        return ENGINES[engine](jobs, same, workers, on_dead, on_record)
+        return ENGINES[engine](jobs, settings.to_send(), workers, on_dead, on_record)

@@ -14,6 +14,7 @@ from ssp_core.errors import SspError
 from ssp_core.ros import declare, make_node
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import driving_before
+from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.models import as_attached, attached_spec, load_models, with_controls
 from ssp_eval.evaluate.run import evaluate_bags
 from ssp_eval.ros.model_node import NAME
@@ -45,10 +46,12 @@ def _evaluate() -> int:
     results = evaluate_bags(
         [(Path(bag), None) for bag in given["bags"] if bag],
         with_controls(specs, driving_before(out)) if specs and given["controls"] else specs,
-        out,
-        CellOptions(adapter=given["adapter"], retry_errors=given["retry_errors"]),
-        given["timeout_s"],
-        start_timeout_s=given["start_timeout_s"],
+        Settings(
+            out,
+            options=CellOptions(adapter=given["adapter"], retry_errors=given["retry_errors"]),
+            timeout_s=given["timeout_s"],
+            start_timeout_s=given["start_timeout_s"],
+        ),
         no_controls="-p controls:=false",
     )
     for result in results:

@@ -62,7 +62,7 @@ class Extractor:
         chat: Chat | None = None,
         cache: Path | None = None,
         use_schema: bool = True,
-        note: Callable[[str], None] = lambda _: None,
+        note: Callable[[str], None] | None = None,
     ) -> None:
         self._chat, self._cache = chat, make_folder(cache) if cache else None
         self._use_schema, self._note = use_schema, note
@@ -128,6 +128,10 @@ class Extractor:
         names = ("asked", "cached", "failed", "not_asked", "too_long", "unusable")
         return {name: self.counts[name] for name in (*names, "slots_filled", "proposals_dropped")}
 
+    def _tell(self, text: str) -> None:
+        if self._note is not None:
+            self._note(text)
+
     def _identity(self, chat: Chat) -> dict[str, Any]:
         return {
             "model": chat.model,
@@ -161,9 +165,9 @@ class Extractor:
         except (PeerError, NoCompletion) as error:
             self._failures += 1
             self.counts["failed"] += 1
-            self._note(f"the LLM gave no answer: {error}")
+            self._tell(f"the LLM gave no answer: {error}")
             if self._failures == MAX_FAILURES:
-                self._note(f"{MAX_FAILURES} failures in a row; the LLM isn't asked any more")
+                self._tell(f"{MAX_FAILURES} failures in a row; the LLM isn't asked any more")
             return f"no answer: {error}"
         self._failures = 0
         self.counts["asked"] += 1
