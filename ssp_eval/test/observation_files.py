@@ -6,12 +6,23 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
+from ssp_core.bag.reader import BagReader
 from ssp_core.files import write_json
-from ssp_eval.observations.files import footage_of, sealed_observation, write_observation
+from ssp_eval.data.provenance import read_provenance
+from ssp_eval.observations.files import Footage, sealed_observation, write_observation
 from ssp_eval.observations.model import REASONS
+from ssp_eval.recordings.states import frame_times
 
 NOW = "2026-03-02T10:00:00Z"
 ALL = [[5, 90]]
+
+
+def footage_of(bag: Path) -> Footage:
+    """The frames of a recording, by their clip times."""
+    with BagReader(bag) as reader:
+        provenance = read_provenance(reader)
+        frames_s, _ = frame_times(reader, provenance)
+    return Footage(provenance.bag_sha256, frames_s)
 
 
 def answers() -> dict[str, Any]:

@@ -20,12 +20,12 @@ from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.data.audit import ROLES, TOPOLOGY, Property
 from ssp_eval.data.provenance import ImportRecord
 from ssp_eval.observations.agreement import agree
-from ssp_eval.observations.files import footage_of, load_observation
+from ssp_eval.observations.files import load_observation
 from ssp_scenario_manager.event_spec.load import event_version, load_event, seal_event
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from observation_files import answers, changed, seal
+from observation_files import answers, changed, footage_of, seal
 
 EVENT, VERSION = load_event("cut_in")
 
@@ -203,7 +203,7 @@ def test_states_that_are_no_numbers_are_lost_ones(
     bag = bag_writer(tmp_path / "bag", task=task, like_k_star=True, duration_s=12.0)
     one = look(read_recording(bag))
     assert "identity_switch" in codes(one)
-    assert any("ot1 is gone" in text for text in one.identities)
+    assert any("ot1 is gone" in text for text in one.history.identities)
 
 
 def test_the_only_lane_of_a_road_is_not_any_lane_of_another(

@@ -21,7 +21,6 @@ from ssp_eval.observations.agreement import agree
 from ssp_eval.observations.files import (
     default_place,
     find_observations,
-    footage_of,
     load_observation,
     load_observations,
     sealed_observation,
@@ -31,7 +30,7 @@ from ssp_scenario_manager.event_spec.load import load_event
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from observation_files import NOW, answers, changed, seal
+from observation_files import NOW, answers, changed, footage_of, seal
 
 Bags = Callable[..., Path]
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # scipy has no types
 
-from ssp_core.bag.images import decode_still, size_px
+from ssp_core.bag.images import decode_still
+from ssp_core.bag.images import size_px as size_of_image
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, JPEG_START, RAW_TYPE, ImageMessage, read_image
@@ -42,7 +43,6 @@ from ssp_eval.importers.target import (
     keep_every,
     make_bag,
     measured_motion,
-    output_size,
     write_states,
 )
 from ssp_eval.importers.tracks import Track, make_track
@@ -364,7 +364,7 @@ def _write(
 ) -> ImportSummary:
     writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
     kind = bag.types[options.camera]
-    source_px = stored_px = (0, 0)
+    size_px = (0, 0)
     camera = CameraFacts()
     count = 0
     for place, (_, data) in enumerate(bag.raw(options.camera)):
@@ -375,12 +375,11 @@ def _write(
             image = read_image(kind, data)
             found_px = _size(image)
             if count == 0:
-                source_px = found_px
-                stored_px = output_size(*found_px, options.clip.max_width_px)
-            elif found_px != source_px:
-                raise ValueError(f"{found_px[0]}x{found_px[1]} px, not {source_px[0]}x"
-                                 f"{source_px[1]} as the first")  # fmt: skip
-            shown = _stored(image, source_px, stored_px)
+                size_px = found_px
+            elif found_px != size_px:
+                raise ValueError(f"{found_px[0]}x{found_px[1]} px, not {size_px[0]}x"
+                                 f"{size_px[1]} as the first")  # fmt: skip
+            shown = _stored(image)
         except ValueError as error:
             at_s = ns_to_seconds(stamp_ns - clip.first_ns)
             raise InputError(
@@ -391,10 +390,9 @@ def _write(
         if count == 0:
             camera, more = camera_facts(
                 bag, options.camera_info, options.mounting, image.frame_id,
-                poses[VUT_ID].child_frame_id, tracks[0].body.ahead_m, source_px,
+                poses[VUT_ID].child_frame_id, tracks[0].body.ahead_m, size_px,
             )  # fmt: skip
             notes = [*notes, *clip.notes, *more]
-            camera = camera.scaled(*stored_px)
             camera.write(writer, stamp_ns)
         count += 1
         writer.write(IMAGE, target.image(stamp_ns, shown), stamp_ns, stamp_ns, count)
@@ -413,18 +411,18 @@ def _write(
     record = attach_record(writer, options.clip.declared, source, clip.crop_s, camera, motion)
     duration_s = ns_to_seconds(clip.last_ns - clip.first_ns)
     return ImportSummary(
-        options.clip.out, count, clip.keep_every, clip.rate_hz, duration_s, stored_px, record
+        options.clip.out, count, clip.keep_every, clip.rate_hz, duration_s, size_px, record
     )
 
 
 def _size(image: ImageMessage) -> tuple[int, int]:
     if image.layout is not None:
         return image.layout.width_px, image.layout.height_px
-    return size_px(image.data)
+    return size_of_image(image.data)
 
 
-def _stored(image: ImageMessage, source_px: tuple[int, int], stored_px: tuple[int, int]) -> bytes:
-    """The frame as JPEG: the recorded bytes where they are one of this size."""
-    if image.layout is None and source_px == stored_px and image.data[:2] == JPEG_START:
+def _stored(image: ImageMessage) -> bytes:
+    """The frame as JPEG: the recorded bytes where they are one."""
+    if image.layout is None and image.data[:2] == JPEG_START:
         return bytes(image.data)
-    return jpeg(decode_still(image), *stored_px)
+    return jpeg(decode_still(image))

@@ -70,7 +70,6 @@ from ssp_eval.importers.video import TableOptions, VideoOptions, import_clip
 @click.option("--camera-assumed", is_flag=True, help="The camera's values are a guess.")
 @domain_option("synthetic")
 @declaring
-@click.option("--max-width", type=click.IntRange(64, 8192), help="Scale wider frames down to PX.")
 @click.option(
     "--accept-damaged",
     "most_damaged",
@@ -212,7 +211,6 @@ def finish(summary: ImportSummary, who: str, json_: bool) -> None:
     help="Keep every n-th frame, n as large as leaves at least HZ frames per second [default: 10, "
     "or all of a slower camera].",
 )
-@click.option("--max-width", type=click.IntRange(64, 8192), help="Scale wider frames down to PX.")
 @domain_option(None)
 @declaring
 @click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")

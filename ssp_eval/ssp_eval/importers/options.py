@@ -94,14 +94,12 @@ class ImportOptions:
         end_s: as start_s, exclusive for a video; None: all.
         rate_hz: at least this many frames per second are kept, None: at least 10 where the source
             has them.
-        max_width_px: wider frames are scaled down, None: never.
     """
 
     out: Path
     start_s: float
     end_s: float | None
     rate_hz: float | None
-    max_width_px: int | None
     motion: MotionOptions
     declared: Declared
 
@@ -137,9 +135,7 @@ def import_options(out: Path, given: Mapping[str, Any]) -> ImportOptions:
     start_s, end_s = given["start"], given["end"]
     if end_s is not None and start_s >= end_s:
         raise click.UsageError(f"--start {start_s:g} must lie before --end {end_s:g}")
-    return ImportOptions(
-        out, start_s, end_s, given["rate"], given["max_width"], _motion(given), _declared(given)
-    )
+    return ImportOptions(out, start_s, end_s, given["rate"], _motion(given), _declared(given))
 
 
 def adding(*options: Option) -> Option:

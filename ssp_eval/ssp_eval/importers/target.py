@@ -6,11 +6,10 @@ import math
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-import cv2
 import numpy as np
 
 from ssp_core import names
@@ -310,19 +309,6 @@ class CameraFacts:
     lens: Intrinsics | None = None
     mounting: Mounting | None = None
 
-    def scaled(self, width_px: int, height_px: int) -> CameraFacts:
-        """The camera of frames that were scaled to this size."""
-        lens = self.lens
-        if lens is None or (lens.width_px, lens.height_px) == (width_px, height_px):
-            return self
-        x, y = width_px / lens.width_px, height_px / lens.height_px
-        # Pixel (0, 0) is the centre of the first pixel, half a pixel from the image's border.
-        scaled = Intrinsics(
-            width_px, height_px, lens.fx_px * x, lens.fy_px * y,
-            (lens.cx_px + 0.5) * x - 0.5, (lens.cy_px + 0.5) * y - 0.5,
-        )  # fmt: skip
-        return replace(self, lens=scaled)
-
     @property
     def record(self) -> ImportedCamera:
         """What import.json says of it."""
@@ -372,16 +358,6 @@ def keep_every(fps: float, rate_hz: float | None) -> int:
     return max(1, math.floor(fps / rate_hz + 1e-3))
 
 
-def output_size(width_px: int, height_px: int, max_width_px: int | None) -> tuple[int, int]:
-    """Width and height of the stored frames, px, aspect ratio kept."""
-    if max_width_px is None or width_px <= max_width_px:
-        return width_px, height_px
-    return max_width_px, max(1, round(height_px * max_width_px / width_px))
-
-
-def jpeg(image: Bgr, width_px: int, height_px: int) -> bytes:
-    """A frame in this size as JPEG."""
-    if image.shape[:2] != (height_px, width_px):
-        resized = cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA)
-        image = np.asarray(resized, dtype=np.uint8)
+def jpeg(image: Bgr) -> bytes:
+    """A frame as JPEG."""
     return encode_jpeg(image, JPEG_QUALITY)

@@ -35,7 +35,6 @@ from ssp_eval.importers.target import (
     keep_every,
     make_bag,
     measured_motion,
-    output_size,
     write_states,
 )
 from ssp_eval.importers.tracks import LEAST_SAMPLES, Track, make_track
@@ -154,7 +153,7 @@ def _write(
     advance: Callable[[int], None],
 ) -> ImportSummary:
     clip, info = options.clip, video.info
-    size_px = output_size(info.width_px, info.height_px, clip.max_width_px)
+    size_px = info.width_px, info.height_px
     camera = options.camera(*size_px)
     writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
     start_s, stamps_ns, change = 0.0, list[int](), _FrameChange()
@@ -166,7 +165,7 @@ def _write(
         stamps_ns.append(stamp_ns)
         if table is not None:
             change.take(frame.image)
-        data = target.image(stamp_ns, jpeg(frame.image, *size_px))
+        data = target.image(stamp_ns, jpeg(frame.image))
         writer.write(IMAGE, data, stamp_ns, stamp_ns, len(stamps_ns))
         advance(1)
     end_s = video.reached_s if clip.end_s is None else clip.end_s

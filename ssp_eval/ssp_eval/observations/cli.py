@@ -19,14 +19,12 @@ from ssp_eval.observations.agreement import agree
 from ssp_eval.observations.files import (
     Footage,
     default_place,
-    footage_of,
-    load_observation,
     read_observation,
     sealed_observation,
     write_observation,
 )
 from ssp_eval.observations.model import SCHEMA, Observation
-from ssp_eval.observations.page import Choice, chosen, render, shown_frames
+from ssp_eval.observations.page import chosen, render, shown_frames
 from ssp_eval.observations.questions import blank, cards, template
 from ssp_eval.recordings.states import frame_times
 from ssp_scenario_manager.compile.task import TASK_FOLDER
@@ -62,16 +60,6 @@ DEFAULT_TARGETS = ("ot1",)
     show_default=True,
     help="Show every n-th frame, n as large as leaves at least HZ.",
 )
-@click.option(
-    "--most",
-    type=click.IntRange(2, 5000),
-    default=600,
-    show_default=True,
-    help="Frames in all, at most.",
-)
-@click.option(
-    "--width", type=click.IntRange(160, 4096), default=960, show_default=True, help="Of frames, px."
-)
 @click.option("--force", is_flag=True, help="Replace a file that is there.")
 def observe(
     bag: Path,
@@ -84,8 +72,6 @@ def observe(
     start: float | None,
     end: float | None,
     rate: float,
-    most: int,
-    width: int,
     force: bool,
 ) -> None:
     """Makes an offline page to look at BAG with: its frames beside a form (METHOD 4.3).
@@ -127,10 +113,10 @@ def observe(
         write_text(target, template(str(bag), empty, questions, footage))
         console.note(f"{target}: fill it in, then `ssp audit observe {bag} --seal {target}`")
         return
-    indices = chosen(footage, Choice(rate, most, start, end))
+    indices = chosen(footage, rate, start, end)
     with console.progress("frames", len(indices)) as bar:
         task = bar.task_ids[0]
-        frames = shown_frames(path, indices, footage, width, lambda: bar.advance(task))
+        frames = shown_frames(path, indices, footage, lambda: bar.advance(task))
     write_text(target, render(empty | {"seal": None}, questions, frames, str(bag)))
     console.note(
         f"{target}: {len(frames)} of {len(footage.frames_s)} frames, "
@@ -180,9 +166,8 @@ def log_of(bag: Path) -> Path:
 
 @click.command("agree")
 @click.argument("files", metavar="A B", nargs=-1, type=_PATH)
-@click.option("--bag", type=_PATH, help="Hold the observations against this recording, too.")
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
-def agree_command(files: tuple[Path, ...], bag: Path | None, as_json: bool) -> int:
+def agree_command(files: tuple[Path, ...], as_json: bool) -> int:
     """Shows where two persons' sealed observations A and B of one recording agree.
 
     A field on which they differ is unverified; times within 0.1 s, or one frame, are the same and
@@ -190,14 +175,7 @@ def agree_command(files: tuple[Path, ...], bag: Path | None, as_json: bool) -> i
     """
     if len(files) < 2:
         raise click.UsageError("name two sealed observations")
-    period_s = 0.0
-    if bag is None:
-        observations = [read_observation(path) for path in files]
-    else:
-        footage = footage_of(find_bag(bag))
-        observations = [load_observation(path, footage) for path in files]
-        period_s = footage.period_s
-    found = agree(observations, period_s)
+    found = agree([read_observation(path) for path in files])
     if as_json:
         click.echo(json.dumps(found.to_json(), indent=1, ensure_ascii=False))
         return 1 if found.differing else 0

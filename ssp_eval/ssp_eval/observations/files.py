@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_mapping, write_json
-from ssp_eval.data.provenance import bag_folder, read_provenance
+from ssp_eval.data.provenance import bag_folder
 from ssp_eval.observations.model import Observation
-from ssp_eval.recordings.states import frame_times
 
 SUFFIXES = (".json", ".yaml", ".yml")
 STEM = "observation"
@@ -42,18 +40,6 @@ class Footage:
     def frame_at(self, t_s: float) -> int:
         """Index of the newest frame at or before a clip time, else of the first."""
         return max(0, bisect_right(self.frames_s, t_s + 1e-9) - 1)
-
-
-def footage_of(bag: Path) -> Footage:
-    """The frames of a recording, by their clip times.
-
-    Raises:
-        InputError: it is no recording of this project, has no frames, or never began.
-    """
-    with BagReader(bag) as reader:
-        provenance = read_provenance(reader)
-        frames_s, _ = frame_times(reader, provenance)
-    return Footage(provenance.bag_sha256, frames_s)
 
 
 def find_observations(bag: Path) -> list[Path]:

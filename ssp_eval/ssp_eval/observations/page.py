@@ -24,24 +24,9 @@ from ssp_eval.observations.files import Footage
 from ssp_eval.observations.questions import Card
 
 QUALITY = 82
+MOST_FRAMES = 600
+WIDTH_PX = 960
 _TOPIC = absolute(CAMERA_IMAGE)
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Which frames a page shows.
-
-    Args:
-        rate_hz: every n-th frame, n as large as leaves at least so many a second.
-        most: at most so many altogether; then n is larger.
-        start_s: from this clip time; None: from the clip's start.
-        end_s: to this clip time; None: to the last frame.
-    """
-
-    rate_hz: float
-    most: int
-    start_s: float | None = None
-    end_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -53,14 +38,21 @@ class Shown:
     jpeg: bytes
 
 
-def chosen(footage: Footage, choice: Choice) -> list[int]:
-    """Indices of the frames to show, rising.
+def chosen(
+    footage: Footage, rate_hz: float, start_s: float | None = None, end_s: float | None = None
+) -> list[int]:
+    """Indices of the frames to show, rising; 600 at most.
+
+    Args:
+        rate_hz: every n-th frame, n as large as leaves at least so many a second.
+        start_s: from this clip time; None: from the clip's start.
+        end_s: to this clip time; None: to the last frame.
 
     Raises:
         InputError: no frame lies in the span.
     """
-    start_s = 0.0 if choice.start_s is None else choice.start_s
-    end_s = math.inf if choice.end_s is None else choice.end_s
+    start_s = 0.0 if start_s is None else start_s
+    end_s = math.inf if end_s is None else end_s
     inside = [i for i, t_s in enumerate(footage.frames_s) if start_s <= t_s <= end_s]
     if not inside:
         raise InputError(
@@ -69,22 +61,20 @@ def chosen(footage: Footage, choice: Choice) -> list[int]:
         )
     every = 1
     if footage.period_s > 0.0:
-        every = max(1, math.floor(1.0 / (footage.period_s * choice.rate_hz) + 0.01))
-    return inside[:: max(every, math.ceil(len(inside) / choice.most))]
+        every = max(1, math.floor(1.0 / (footage.period_s * rate_hz) + 0.01))
+    return inside[:: max(every, math.ceil(len(inside) / MOST_FRAMES))]
 
 
 def shown_frames(
     bag: Path,
     indices: list[int],
     footage: Footage,
-    width_px: int,
     on_frame: Callable[[], None] = lambda: None,
 ) -> list[Shown]:
-    """The frames as JPEG, scaled down to a width.
+    """The frames as JPEG, at most WIDTH_PX wide.
 
     Args:
         indices: of the frames, rising.
-        width_px: at most.
 
     Raises:
         InputError: one of them is no picture.
@@ -99,8 +89,8 @@ def shown_frames(
                 continue
             image = picture.image
             height, width = image.shape[:2]
-            if width > width_px:
-                size = width_px, max(1, round(height * width_px / width))
+            if width > WIDTH_PX:
+                size = WIDTH_PX, max(1, round(height * WIDTH_PX / width))
                 image = np.asarray(
                     cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8
                 )

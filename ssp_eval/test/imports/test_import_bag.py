@@ -554,7 +554,7 @@ def test_a_camera_whose_place_nobody_says_has_none(day: TrackDay, tmp_path: Path
 def test_programs_get_the_summary_as_json(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(bag, tmp_path / "rec", *DECLARED, "--max-width", 64, "--rate", 5, "--json") == 0
+    assert run(bag, tmp_path / "rec", *DECLARED, "--rate", 5, "--json") == 0
     shown = json.loads(capsys.readouterr().out)
     assert (shown["frames"], shown["keep_every"], shown["rate_hz"]) == (51, 2, 5.0)
     assert (shown["width_px"], shown["height_px"], shown["duration_s"]) == (64, 48, 10.0)

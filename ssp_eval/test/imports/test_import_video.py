@@ -19,7 +19,7 @@ from rosbags.highlevel import AnyReader
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
-from ssp_eval.importers.target import keep_every, output_size
+from ssp_eval.importers.target import keep_every
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_vla_bridge.window import mounting_of
 
@@ -174,20 +174,6 @@ def test_a_guessed_geometry_is_marked(video: Path, tmp_path: Path) -> None:
     assert record["camera"]["provenance"] == "assumed"
 
 
-def test_wide_frames_are_scaled_and_the_camera_with_them(tmp_path: Path) -> None:
-    video = make_video(tmp_path / "wide.avi", 10.0, 10, (320, 160))
-    out = tmp_path / "bag"
-    args = ["--ego-unknown", "--max-width", 80, "--hfov-deg", 90, "--out", out]
-    assert run(video, "--start", 0, "--end", 1, *args) == 0
-    with BagReader(out) as reader:
-        image = reader.decode(next(iter(reader.messages([IMAGE]))))
-        info = reader.decode(next(iter(reader.messages([INFO]))))
-    picture = cv2.imdecode(image.data, cv2.IMREAD_COLOR)
-    assert picture is not None
-    assert picture.shape == (40, 80, 3)
-    assert (info.width, info.height, info.k[0]) == (80, 40, pytest.approx(40.0))
-
-
 def test_the_same_video_gives_the_same_bytes(video: Path, tmp_path: Path) -> None:
     for folder in ("a", "b"):
         out = tmp_path / folder / "bag"
@@ -291,12 +277,6 @@ def test_every_nth_frame_keeps_at_least_the_wanted_rate(fps: float, rate: float)
 )
 def test_ten_hertz_at_least_by_default(fps: float, n: int) -> None:
     assert keep_every(fps, None) == n
-
-
-def test_narrow_frames_keep_their_size() -> None:
-    assert output_size(640, 360, None) == (640, 360)
-    assert output_size(640, 360, 640) == (640, 360)
-    assert output_size(640, 360, 320) == (320, 180)
 
 
 def moving(path: Path, fourcc: str) -> Path:
