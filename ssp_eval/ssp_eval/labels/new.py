@@ -1,8 +1,14 @@
-"""``ssp labels new``: labels proposed from recorded states, or a template where there are none."""
+"""``ssp labels new``: labels proposed from recorded states, or a template where there are none.
+
+A recording with states has the times of its phases measured. One without (a video alone) has those
+that persons observed in it, or, if it is the K*'s own source clip, reviewed in the K* (METHOD 4.3);
+its labels can't be proposed, so that it gets a template.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -10,27 +16,123 @@ import click
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
+from ssp_core.hashing import sha256_file
 from ssp_core.options import Domain, Number
 from ssp_core.run_file.model import ConflictThresholds
+from ssp_core.vocabulary import DOMAINS
+from ssp_eval.data.audit import EVENT_PHASES
 from ssp_eval.data.labels import FILL_IN, counts_text, phase_counts, template_json
 from ssp_eval.data.provenance import bag_folder, find_bag, find_labels, labels_places
 from ssp_eval.labels.check import response_problems
-from ssp_eval.labels.plan import NoPlan
-from ssp_eval.labels.planned import (
-    Given,
-    Planned,
-    Recording,
-    plan_recordings,
-    planned_files,
-    read_recordings,
-    unanswered,
-)
-from ssp_eval.labels.propose import Proposal, grid_times, propose
+from ssp_eval.labels.plan import NoPlan, Plan, Timeline, plan_labels
+from ssp_eval.labels.propose import Proposal, grid_times, locate, propose
 from ssp_eval.labels.review import NewFile, proposed_file, write_files
-from ssp_eval.labels.truth import UNKNOWN_VERSION, Truth, given_event, is_bag
+from ssp_eval.labels.truth import (
+    UNKNOWN_VERSION,
+    KStar,
+    Source,
+    Truth,
+    given_event,
+    is_bag,
+    read_source,
+    shipped_event,
+    truth_from_file,
+    truth_of,
+)
+from ssp_eval.observations.agreement import agree
+from ssp_eval.observations.files import Footage, load_observations
+from ssp_eval.recordings.event import crop_of, rules_of, source_times
+from ssp_eval.score.thresholds import DEFAULT
 
 _PATH = click.Path(path_type=Path)
 _MOST = 3
+
+
+@dataclass(frozen=True)
+class _Given:
+    """What a user says where a recording doesn't.
+
+    Args:
+        truth: file of the states of the recording that holds none.
+        start_s: of a video's clip in its file, s.
+    """
+
+    domain: str | None = None
+    scenario: str | None = None
+    event_version: str | None = None
+    event: KStar | None = None
+    truth: Path | None = None
+    start_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Recording:
+    """A recording that is to be labelled; times on its clip clock.
+
+    Args:
+        path: of bag, video or truth file.
+        event_version: K* version, or UNKNOWN_VERSION.
+        origin: hash or name of what it is labelled from.
+        truth: its states; None: it has none.
+        timeline: its phases as persons observed them, or reviewed them in K*, where it has no
+            states; None: nobody knows them.
+        source: what it says of itself; None: it is a truth file alone.
+    """
+
+    path: Path
+    scenario: str
+    domain: str
+    event_version: str
+    origin: str
+    truth: Truth | None
+    timeline: Timeline | None = None
+    source: Source | None = None
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """A recording with the plan of its labels; without states there is no proposal."""
+
+    recording: _Recording
+    timeline: Timeline
+    plan: Plan
+    proposal: Proposal | None
+
+    @property
+    def times_s(self) -> list[float]:
+        """Of its labels."""
+        return [self.timeline.time_of(at) for at in self.plan.at]
+
+    def file(self, path: Path, template: bool) -> NewFile:
+        """Its labels file.
+
+        Args:
+            template: nothing is to be proposed, only the times and phases of the labels.
+        """
+        one = self.recording
+        if self.proposal is not None and not template:
+            return proposed_file(path, self.proposal, one.origin)
+        onset_s = self.timeline.risk_s(self.plan)
+        about = one.scenario, one.domain, one.event_version
+        return NewFile(path, template_json(*about, self.times_s, self.plan.at, onset_s))
+
+    @property
+    def unanswered(self) -> str:
+        """Labels that every model misses, for people: their clip shows no frame near enough for
+        METHOD 6.1; empty where there is none."""
+        crop, limit_s = self.timeline.crop, DEFAULT.match_window_s
+        shown_s = [t_s for t_s in self.timeline.frames_s if crop.holds(t_s)]
+        missed = [
+            f"{t_s:.3f}"
+            for t_s in self.times_s
+            if not any(t_s - s >= -1e-9 and DEFAULT.at_most(t_s - s, limit_s) for s in shown_s)
+        ]
+        if not missed:
+            return ""
+        return (
+            f"{self.recording.path}: at {', '.join(missed)} s the clip's newest frame is more than "
+            f"{limit_s:g} s old; no model is asked there, and all miss these labels"
+        )
 
 
 @click.command()
@@ -76,11 +178,11 @@ def new(
         raise click.UsageError(f"give at most {_MOST} recordings, one per domain")
     if not sources and (truth is None or template):
         raise click.UsageError("give a BAG or VIDEO, or --truth FILE")
-    given = Given(
+    given = _Given(
         domain, scenario, event_version, None if event is None else given_event(event), truth, start
     )
     paths = [find_bag(path) if is_bag(path) else path for path in sources]
-    recordings = read_recordings(paths, given)
+    recordings = _read(paths, given)
     targets = _targets(sources, recordings, out)
     _check_free(targets, force)
     _say_another_video(recordings, given)
@@ -90,10 +192,10 @@ def new(
             f"note: neither {first.path} nor --event or --event-version names a K* version; the "
             f"labels say {UNKNOWN_VERSION}, and fit no recording of a K*"
         )
-    planned = _plan(recordings)
-    if planned is not None:
-        _write(planned_files(recordings, planned, targets, template))
-        _say_plan(recordings, planned, targets, template)
+    planned = _plan(recordings) if len(recordings) > 1 else _plan_alone(first)
+    if planned:
+        _write([one.file(path, template) for one, path in zip(planned, targets, strict=True)])
+        _say_plan(planned, targets, template)
         return
     if first.truth is None or template:
         _grid_template(targets[0], first)
@@ -103,26 +205,153 @@ def new(
     _say_proposal(targets[0], proposal, first.truth)
 
 
-def _plan(recordings: Sequence[Recording]) -> Planned | None:
-    """The plan of all recordings; one alone may do without, and why there is none is said.
+def _read(paths: Sequence[Path], given: _Given) -> list[_Recording]:
+    """What is needed of recordings to plan and propose their labels.
+
+    Args:
+        paths: of bags and videos; none: the truth file alone.
 
     Raises:
-        InputError: there is no plan for several.
+        InputError: one is no recording, or realises another K*; two are of one domain or not of one
+            event; or the truth file belongs to none.
     """
-    one = recordings[0]
-    if len(recordings) > 1:
-        return plan_recordings(recordings)
-    if one.truth is None and one.timeline is None:
+    if not paths:
+        return [_of_truth_file(given)]
+    sources = [read_source(path, given.start_s) for path in paths]
+    event = given.event or next((one.event for one in sources if one.event is not None), None)
+    bare = [one for one in sources if not one.states.series]
+    if given.truth is not None and len(bare) != 1:
+        what = "all recordings hold states" if not bare else "several recordings hold no states"
+        raise InputError(f"can't be used: {what}", file=given.truth, field="--truth")
+    found = [_of_source(one, event, given) for one in sources]
+    _check_same_event(found)
+    return found
+
+
+def _of_truth_file(given: _Given) -> _Recording:
+    if given.truth is None:
+        raise InputError("there is neither a recording nor a truth file", field="--truth")
+    version = given.event_version or (None if given.event is None else given.event.version)
+    truth = truth_from_file(given.truth, given.domain, version, given.event)
+    return _Recording(
+        given.truth, truth.scenario, truth.domain, truth.event_version, sha256_file(given.truth),
+        truth,
+    )  # fmt: skip
+
+
+def _of_source(source: Source, event: KStar | None, given: _Given) -> _Recording:
+    path, facts = source.path, source.provenance
+    origin = source.origin or str(path)
+    truth_file = None if source.states.series else given.truth
+    if source.states.series or truth_file is not None:
+        truth = truth_of(source, event, truth_file, given.event_version)
+        return _Recording(
+            path, truth.scenario, truth.domain, truth.event_version, origin, truth, source=source
+        )
+    scenario, domain, version = given.scenario, given.domain or "synthetic", given.event_version
+    if facts is not None:
+        scenario, domain = facts.scenario or scenario, facts.domain
+        version = facts.event_version or version
+    known = event or shipped_event(scenario, version)
+    if scenario is None and known is not None:
+        scenario = known.event.name
+    if scenario is None:
+        raise InputError(
+            "doesn't say which scenario it shows", file=path, remedy="give --scenario or --event"
+        )
+    if known is not None and given.event is None and version != known.version:
+        known = None
+    timeline = _phases(source, known, domain, named=given.event is not None)
+    version = version or (None if known is None else known.version) or UNKNOWN_VERSION
+    return _Recording(path, scenario, domain, version, origin, None, timeline, source)
+
+
+def _phases(source: Source, k_star: KStar | None, domain: str, named: bool) -> Timeline | None:
+    """The phases of a recording without states, by whoever may say so (METHOD 4.3).
+
+    K* tells of its source clip alone. A synthetic video that nobody observed is taken for that clip
+    where a person says so: who names K* for it (``named``), or who imported it as one of K*'s where
+    K* knows of no other file.
+    """
+    digest = None if k_star is None else k_star.event.source.sha256
+    is_synthetic = domain == "synthetic"
+    is_source = is_synthetic and digest is not None and digest == source.video_sha256
+    starts: Mapping[str, float] | None = None
+    if not is_source and source.provenance is not None:
+        footage = Footage(source.provenance.bag_sha256, source.frames_s)
+        if told := [one for _, one in load_observations(source.path, footage)]:
+            starts = agree(told, footage.period_s).answers.phase_starts()
+    may_be_it = is_source or (is_synthetic and (named or digest is None))
+    if starts is None and k_star is not None and may_be_it:
+        # K* has them on the source's clock.
+        at = source_times(k_star.event)
+        starts = {name: at[name].mid - source.zero_s for name in EVENT_PHASES if name in at}
+    if starts is None or len(starts) < len(EVENT_PHASES):
         return None
+    trigger_s, conflict_s, resolution_s = (starts[name] for name in EVENT_PHASES)
+    window = None if k_star is None else rules_of(k_star.event).window
+    crop = crop_of(source.first_s, source.last_s, trigger_s, resolution_s, window)
+    return Timeline(domain, trigger_s, conflict_s, resolution_s, crop, source.frames_s)
+
+
+def _check_same_event(recordings: Sequence[_Recording]) -> None:
+    first = recordings[0]
+    seen: dict[str, Path] = {}
+    for one in recordings:
+        for field, ours, theirs in (
+            ("scenario", first.scenario, one.scenario),
+            ("K* version", first.event_version, one.event_version),
+        ):
+            if ours != theirs and UNKNOWN_VERSION not in (ours, theirs):
+                raise InputError(
+                    f"is of the {field} {theirs}, {first.path} of {ours}", file=one.path,
+                    remedy="labels are planned together for recordings of one event",
+                )  # fmt: skip
+        if one.domain in seen:
+            raise InputError(
+                f"is of the domain {one.domain}, as {seen[one.domain]} is", file=one.path,
+                remedy=f"give one recording per domain ({', '.join(DOMAINS)})",
+            )  # fmt: skip
+        seen[one.domain] = one.path
+
+
+def _plan(recordings: Sequence[_Recording]) -> list[_Planned]:
+    """One plan for all (METHOD 5.2b), and a proposal for each that has states.
+
+    Raises:
+        InputError: there is no plan, or a recording's phases aren't known.
+    """
+    located = [None if one.truth is None else locate(one.truth) for one in recordings]
+    timelines = []
+    for one, found in zip(recordings, located, strict=True):
+        timeline = one.timeline if found is None else found.timeline()
+        if timeline is None:
+            raise InputError(
+                "holds no states, and nobody says when its phases begin", file=one.path,
+                remedy="have a person look at it (`ssp audit observe`), give its clip's --truth "
+                "file, or of K*'s own synthetic clip its K* with --event",
+            )  # fmt: skip
+        timelines.append(timeline)
+    plan = plan_labels(timelines)
+    return [
+        _Planned(one, timeline, plan, None if found is None else found.by_plan(plan))
+        for one, timeline, found in zip(recordings, timelines, located, strict=True)
+    ]
+
+
+def _plan_alone(one: _Recording) -> list[_Planned]:
+    """The plan of a single recording; [] where there is none, and why is said."""
+    if one.truth is None and one.timeline is None:
+        return []
     try:
-        return plan_recordings(recordings)
+        return _plan([one])
     except NoPlan as error:
         console.note(f"note: {error}: a grid on the clock, which isn't aligned with the phases")
-        return None
+        return []
 
 
 def _targets(
-    sources: Sequence[Path], recordings: Sequence[Recording], out: Path | None
+    sources: Sequence[Path], recordings: Sequence[_Recording], out: Path | None
 ) -> list[Path]:
     """The file of each recording; ``sources`` are as the user named them."""
     if out is not None:
@@ -159,7 +388,7 @@ def _write(files: Sequence[NewFile]) -> None:
     write_files(files)
 
 
-def _say_another_video(recordings: Sequence[Recording], given: Given) -> None:
+def _say_another_video(recordings: Sequence[_Recording], given: _Given) -> None:
     event = None if given.event is None else given.event.event
     for one in recordings:
         video = None if one.source is None or one.truth is not None else one.source.video_sha256
@@ -169,28 +398,29 @@ def _say_another_video(recordings: Sequence[Recording], given: Given) -> None:
             )
 
 
-def _say_plan(
-    recordings: Sequence[Recording], planned: Planned, targets: Sequence[Path], template: bool
-) -> None:
-    for one, proposal, target in zip(recordings, planned.proposals, targets, strict=True):
-        if proposal is not None and one.truth is not None and not template:
-            _say_proposal(target, proposal, one.truth)
+def _say_plan(planned: Sequence[_Planned], targets: Sequence[Path], template: bool) -> None:
+    plan = planned[0].plan
+    for one, target in zip(planned, targets, strict=True):
+        truth = one.recording.truth
+        if one.proposal is not None and truth is not None and not template:
+            _say_proposal(target, one.proposal, truth)
         else:
-            times_s = f"{len(planned.plan.at)} labels"
-            console.note(f"{target}: {FILL_IN} {times_s}; {_sheet_hint(one.path, target)}")
-    counts = counts_text(planned.plan.counts)
+            hint = _sheet_hint(one.recording.path, target)
+            console.note(f"{target}: {FILL_IN} {len(plan.at)} labels; {hint}")
+    counts = counts_text(plan.counts)
     text = f"plan: {counts} labels in approach/trigger/conflict/resolution"
-    if len(recordings) > 1:
-        console.note(f"{text} of each of {len(recordings)} recordings")
+    if len(planned) > 1:
+        console.note(f"{text} of each of {len(planned)} recordings")
     else:
         console.note(
             f"{text}, by the durations of this recording alone: those of another domain may have "
             "others, and are not comparable then; `ssp labels new SYN SIM PHY` plans them together"
         )
-    if planned.plan.remark:
-        console.note(f"note: {planned.plan.remark}")
-    for problem in unanswered(recordings, planned):
-        console.note(f"warning: {problem}")
+    if plan.remark:
+        console.note(f"note: {plan.remark}")
+    for one in planned:
+        if one.unanswered:
+            console.note(f"warning: {one.unanswered}")
 
 
 def _say_proposal(out: Path, proposal: Proposal, truth: Truth) -> None:
@@ -220,7 +450,7 @@ def _sheet_hint(source: Path, labels: Path) -> str:
     return f"`ssp labels sheet {source} --labels {labels} --out sheet.html` shows the frames"
 
 
-def _grid_template(out: Path, one: Recording) -> None:
+def _grid_template(out: Path, one: _Recording) -> None:
     """A template on a clock grid, around the event or, where it isn't known, the clip's middle."""
     facts = one.source
     if facts is None:

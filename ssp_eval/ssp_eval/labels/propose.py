@@ -136,7 +136,7 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class _Located:
+class Located:
     """A recording whose event was found: what every label of it is read from."""
 
     truth: Truth
@@ -163,58 +163,52 @@ class _Located:
             truth.frames_s,
         )  # fmt: skip
 
-
-def propose(truth: Truth) -> Proposal:
-    """Labels of one recording on a clock grid, for what no plan fits.
-
-    Raises:
-        InputError: there is no VUT, no event, no conflict, or the clip is too short.
-    """
-    found = _locate(truth)
-    trigger_s = found.event.trigger_s
-    span_s = (trigger_s, trigger_s if found.event.conflict_s is None else found.event.conflict_s)
-    times_s = grid_times(found.crop.start_s, found.crop.end_s, span_s, truth.source)
-    return _proposal(found, times_s, (), None)
-
-
-def propose_planned(
-    truths: Sequence[Truth], others: Sequence[Timeline] = ()
-) -> tuple[Plan, list[Proposal]]:
-    """Labels of all recordings of a scenario by one plan (METHOD 5.2b).
-
-    Args:
-        others: phases of recordings without states.
-
-    Raises:
-        InputError: a recording has no VUT, event or conflict.
-        NoPlan: one has no resolution, or no plan fits them all.
-    """
-    found = [_locate(truth) for truth in truths]
-    timelines = [one.timeline() for one in found]
-    plan = plan_labels([*timelines, *others])
-    proposals = []
-    for one, timeline in zip(found, timelines, strict=True):
+    def by_plan(self, plan: Plan) -> Proposal:
+        """Labels of a scenario's plan (METHOD 5.2b)."""
+        timeline = self.timeline()
         times_s = [timeline.time_of(at) for at in plan.at]
-        proposals.append(_proposal(one, times_s, plan.at, timeline.risk_s(plan)))
-    return plan, proposals
+        return self.proposal(times_s, plan.at, timeline.risk_s(plan))
+
+    def proposal(
+        self,
+        times_s: Sequence[float],
+        places: Sequence[PhasePosition] = (),
+        onset_s: float | None = None,
+    ) -> Proposal:
+        """Labels at these times.
+
+        Args:
+            places: of a plan, one for each time; empty: they lie on a clock grid.
+            onset_s: risk_time_s of the plan; None: from when on the risk can be seen.
+        """
+        truth, series, event = self.truth, self.series, self.event
+        ticks_s = [t_s for t_s, _ in series]
+        scene = ClipScene(truth, event, self.corridor, _standing(truth, series, event))
+        visible_s = scene.risk_s(series)
+        labels = []
+        everywhere: Sequence[PhasePosition | None] = places or (None,) * len(times_s)
+        for t_s, at in zip(times_s, everywhere, strict=True):
+            now = series[max(0, bisect_right(ticks_s, t_s + TOLERANCE_S) - 1)][1]
+            own = own_motion(series, ticks_s, truth.vut_id, t_s)
+            labels.append(_label(t_s, at, now, scene, visible_s, own))
+        result = Labels(
+            scenario=truth.scenario,
+            domain=truth.domain,
+            event_version=truth.event_version,
+            risk_time_s=visible_s if onset_s is None else onset_s,
+            first_frame_dynamics=False,
+            labels=tuple(labels),
+            plan=BY_PHASE if places else BY_CLOCK,
+        )
+        return Proposal(result, event, self.crop)
 
 
-def propose_by_plan(truths: Sequence[Truth]) -> tuple[list[Proposal], str]:
-    """Labels of a scenario's recordings by one plan; each on a clock grid where there is none.
-
-    Returns:
-        The proposals, and why there is no plan, empty where there is one.
+def locate(truth: Truth) -> Located:
+    """Finds a recording's event.
 
     Raises:
-        InputError: see propose.
+        InputError: it has no VUT, event or conflict.
     """
-    try:
-        return propose_planned(truths)[1], ""
-    except NoPlan as error:
-        return [propose(truth) for truth in truths], str(error)
-
-
-def _locate(truth: Truth) -> _Located:
     series = [(t_s, {state.object_id: state for state in states}) for t_s, states in truth.series]
     vut = [states[truth.vut_id] for _, states in series if truth.vut_id in states]
     if not vut:
@@ -224,41 +218,37 @@ def _locate(truth: Truth) -> _Located:
     crop = crop_of(
         truth.start_s, truth.end_s, event.trigger_s, event.resolution_s, truth.rules.window
     )
-    return _Located(truth, series, corridor, event, crop)
+    return Located(truth, series, corridor, event, crop)
 
 
-def _proposal(
-    found: _Located,
-    times_s: Sequence[float],
-    places: Sequence[PhasePosition],
-    onset_s: float | None,
-) -> Proposal:
-    """Labels at these times.
+def propose(truth: Truth) -> Proposal:
+    """Labels of one recording on a clock grid, for what no plan fits.
 
-    Args:
-        places: of a plan, one for each time; empty: they lie on a clock grid.
-        onset_s: risk_time_s of the plan; None: from when on the risk can be seen.
+    Raises:
+        InputError: there is no VUT, no event, no conflict, or the clip is too short.
     """
-    truth, series, event = found.truth, found.series, found.event
-    ticks_s = [t_s for t_s, _ in series]
-    scene = ClipScene(truth, event, found.corridor, _standing(truth, series, event))
-    visible_s = scene.risk_s(series)
-    labels = []
-    everywhere: Sequence[PhasePosition | None] = places or (None,) * len(times_s)
-    for t_s, at in zip(times_s, everywhere, strict=True):
-        now = series[max(0, bisect_right(ticks_s, t_s + TOLERANCE_S) - 1)][1]
-        own = own_motion(series, ticks_s, truth.vut_id, t_s)
-        labels.append(_label(t_s, at, now, scene, visible_s, own))
-    result = Labels(
-        scenario=truth.scenario,
-        domain=truth.domain,
-        event_version=truth.event_version,
-        risk_time_s=visible_s if onset_s is None else onset_s,
-        first_frame_dynamics=False,
-        labels=tuple(labels),
-        plan=BY_PHASE if places else BY_CLOCK,
-    )
-    return Proposal(result, event, found.crop)
+    found = locate(truth)
+    trigger_s = found.event.trigger_s
+    span_s = (trigger_s, trigger_s if found.event.conflict_s is None else found.event.conflict_s)
+    times_s = grid_times(found.crop.start_s, found.crop.end_s, span_s, truth.source)
+    return found.proposal(times_s)
+
+
+def propose_by_plan(truths: Sequence[Truth]) -> tuple[list[Proposal], str]:
+    """Labels of a scenario's recordings by one plan; each on a clock grid where there is none.
+
+    Returns:
+        The proposals, and why there is no plan, empty where there is one.
+
+    Raises:
+        InputError: see locate and propose.
+    """
+    found = [locate(truth) for truth in truths]
+    try:
+        plan = plan_labels([one.timeline() for one in found])
+    except NoPlan as error:
+        return [propose(truth) for truth in truths], str(error)
+    return [one.by_plan(plan) for one in found], ""
 
 
 def _critical_event(
