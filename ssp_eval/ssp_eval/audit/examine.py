@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ssp_core.errors import InputError
 from ssp_eval.audit.checks import CHECKS
@@ -11,13 +11,12 @@ from ssp_eval.audit.evidence import (
     Evidence,
     Source,
     Subject,
-    Value,
     combined,
     is_source_clip,
     observed,
     reviewed,
 )
-from ssp_eval.audit.history import examine_history
+from ssp_eval.audit.history import History, examine_history
 from ssp_eval.audit.measure import Measured, Phases, Scene, measure
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
@@ -25,48 +24,36 @@ from ssp_eval.audit.visibility import examine_coverage
 from ssp_eval.data.audit import (
     EVENT_PHASES,
     FIELDS,
-    ChangeEntry,
     CoverageEntry,
     Property,
     phase_fraction,
 )
 from ssp_eval.recordings.event import Crop, crop_of, rules_of, source_times
-from ssp_eval.recordings.sight import Moment
 from ssp_eval.recordings.states import STATE_AGE_S
 from ssp_scenario_manager.event_spec.model import Event
 
 
 @dataclass(frozen=True)
-class Examined:
+class Examined(Subject):
     """One recording, examined.
 
     Args:
-        recording: as it was read, within its clip.
-        values: q(d, k) per field, with its source.
-        phases: None: nobody located any.
-        crop: the clip that all of this is of; None: the recording never began.
         phi: φ(d, e) per event that could be located.
         phi_half: half width of φ where a K* gives intervals.
-        measured: None without states.
-        log_said_by: who says what happened beside the event.
         contradictions: between what was announced and what was measured.
     """
 
-    recording: Recording
-    values: Mapping[str, Value]
-    phases: Phases | None
-    phases_source: Source
-    crop: Crop | None
     phi: Mapping[str, float]
     phi_half: Mapping[str, float]
-    measured: Measured | None
     findings: tuple[Finding, ...]
     coverage: CoverageEntry
-    identities: tuple[str, ...] = ()
-    changes: tuple[ChangeEntry, ...] = ()
-    log_said_by: str = ""
-    contradictions: tuple[str, ...] = ()
-    moments: tuple[Moment, ...] = field(default=(), repr=False)
+    history: History
+    contradictions: tuple[str, ...]
+
+    @property
+    def phases_source(self) -> Source:
+        """Who says when the phases begin."""
+        return "unverified" if self.located is None else self.located.source
 
     @property
     def properties(self) -> dict[str, Property]:
@@ -105,21 +92,13 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
     is_cropped = event is not None and one.rules.window is not None
     is_reviewed = located is not None and located.source == "reviewed"
     return Examined(
-        recording=one.recording,
-        values=one.values,
-        phases=phases,
-        phases_source="unverified" if located is None else located.source,
-        crop=one.crop,
+        **vars(one),
         phi=_phi(phases) if phases is not None and is_cropped else {},
         phi_half=_half_phi(event, phases) if is_reviewed else {},
-        measured=one.measured,
         findings=(*(f for check in CHECKS for f in check(one)), *history.findings, *blind),
         coverage=coverage,
-        identities=history.identities,
-        changes=history.changes,
-        log_said_by=history.said_by,
+        history=history,
         contradictions=() if one.measured is None else _announced(recording, phases),
-        moments=one.moments,
     )
 
 

@@ -58,57 +58,43 @@ def find_switches(
     def tell(kind: str, t_s: float, text: str) -> None:
         found.setdefault(kind, Switch(t_s, text))
 
-    sources = dict.fromkeys(s.source for s in sightings)
     last: dict[tuple[str, str], Sighting] = {}
     jumps: list[tuple[Sighting, Sighting]] = []
     for now in sightings:
-        who = now.object_id
+        who, t_s = now.object_id, now.t_s
         if now.source not in (WORLD, who):
-            tell(
-                f"name {now.source}",
-                now.t_s,
-                f"the states of {now.source} say {who} from {now.t_s:.2f} s on",
-            )
+            text = f"the states of {now.source} say {who} from {t_s:.2f} s on"
+            tell(f"name {now.source}", t_s, text)
         elif who not in known:
-            tell(
-                f"unknown {who}", now.t_s, f"{who}, who is nobody here, appears at {now.t_s:.2f} s"
-            )
-        before = last.get((now.source, who))
+            tell(f"unknown {who}", t_s, f"{who}, who is nobody here, appears at {t_s:.2f} s")
+        before = last.get((now.source, who), now)
         last[(now.source, who)] = now
-        if before is None:
-            continue
         if before.object_class != now.object_class:
-            tell(
-                f"class {who}",
-                now.t_s,
-                f"{who} is a {before.object_class} until {before.t_s:.2f} s, then a "
-                f"{now.object_class}",
-            )
+            was = f"{who} is a {before.object_class} until {before.t_s:.2f} s"
+            tell(f"class {who}", t_s, f"{was}, then a {now.object_class}")
         if 0 < now.sequence < before.sequence:
-            tell(
-                f"sequence {who}",
-                now.t_s,
-                f"the states of {who} come from two senders: their numbers go back from "
-                f"{before.sequence} to {now.sequence} at {now.t_s:.2f} s",
-            )
-        if _jumps(before, now):
+            text = f"their numbers go back from {before.sequence} to {now.sequence} at {t_s:.2f} s"
+            tell(f"sequence {who}", t_s, f"the states of {who} come from two senders: {text}")
+        if not _within_reach(before, now):
             jumps.append((before, now))
+    sources = {s.source for s in sightings}
     for source, who in [(WORLD, p) for p in participants] + [(p, p) for p in participants]:
         if source in sources:
             _gone(source, who, sightings, (start_s, end_s), tell)
     for (old_a, new_a), (old_b, new_b) in combinations(jumps, 2):
         same_time = old_a.source == old_b.source == WORLD and abs(new_a.t_s - new_b.t_s) < 1e-6
-        if same_time and _near(old_a, new_b) and _near(old_b, new_a):
+        if same_time and _within_reach(old_a, new_b) and _within_reach(old_b, new_a):
             a, b = sorted((new_a.object_id, new_b.object_id))
             tell(f"exchanged {a} {b}", new_a.t_s, f"{a} and {b} are exchanged at {new_a.t_s:.2f} s")
     for before, now in jumps:
-        tell(
-            f"jump {now.object_id}",
-            now.t_s,
-            f"{now.object_id} jumps by {_distance(before, now):.1f} m at {now.t_s:.2f} s"
-            + ("" if now.source == WORLD else " in its own states"),
-        )
-    _compare_classes(last, tell)
+        text = f"{now.object_id} jumps by {_distance_m(before, now):.1f} m at {now.t_s:.2f} s"
+        whose = "" if now.source == WORLD else " in its own states"
+        tell(f"jump {now.object_id}", now.t_s, text + whose)
+    for (source, who), own in last.items():
+        world = last.get((WORLD, who))
+        if source == who and world is not None and world.object_class != own.object_class:
+            text = f"{who} is a {own.object_class} in its own states and a {world.object_class}"
+            tell(f"class {who}", own.t_s, f"{text} in the world")
     return sorted(found.values(), key=lambda switch: (switch.t_s, switch.text))
 
 
@@ -125,42 +111,21 @@ def _gone(
     before, end_s = span_s
     for t_s in [*(t for t in times if before <= t <= end_s), end_s]:
         if t_s - before > GONE_S:
-            tell(
-                f"gone {who}",
-                before + GONE_S,
-                f"{where}{who} is gone from {before:.2f} to {t_s:.2f} s",
-            )
+            text = f"{where}{who} is gone from {before:.2f} to {t_s:.2f} s"
+            tell(f"gone {who}", before + GONE_S, text)
             return
         before = t_s
 
 
-def _jumps(before: Sighting, now: Sighting) -> bool:
-    dt = now.t_s - before.t_s
-    reach = max(abs(before.speed_mps), abs(now.speed_mps)) * max(dt, 0.0)
-    return _distance(before, now) > reach + JUMP_M
+def _within_reach(before: Sighting, now: Sighting) -> bool:
+    """Whether one object may have got from one place to the other at its speeds."""
+    speed_mps = max(abs(before.speed_mps), abs(now.speed_mps))
+    reach_m = speed_mps * max(now.t_s - before.t_s, 0.0) + JUMP_M
+    return _distance_m(before, now) <= reach_m
 
 
-def _distance(a: Sighting, b: Sighting) -> float:
+def _distance_m(a: Sighting, b: Sighting) -> float:
     return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
-
-
-def _near(old: Sighting, new: Sighting) -> bool:
-    return _distance(old, new) <= JUMP_M + max(abs(old.speed_mps), abs(new.speed_mps)) * abs(
-        new.t_s - old.t_s
-    )
-
-
-def _compare_classes(last: dict[tuple[str, str], Sighting], tell: Tell) -> None:
-    """An object's own states and the world must agree on what it is."""
-    for (source, who), own in last.items():
-        world = last.get((WORLD, who))
-        if source == who and world is not None and world.object_class != own.object_class:
-            tell(
-                f"class {who}",
-                own.t_s,
-                f"{who} is a {own.object_class} in its own states and a {world.object_class} in "
-                "the world",
-            )
 
 
 # The session waits for these events; that they stay away is a consequence of what the states say.

@@ -346,7 +346,7 @@ def _entry(
             "verdict_sha256": facts.verdict_sha256,
             "labels": _labels(one),
             "observations": _observations(recording),
-            "log_said_by": one.log_said_by,
+            "log_said_by": one.history.said_by,
             "status": status,
             "reasons": [
                 {**reason.finding.entry, "consequences": [c.entry for c in reason.consequences]}
@@ -360,8 +360,8 @@ def _entry(
             "epd": _epd(one, synthetic) if is_verified else None,
             "coverage": one.coverage,
             "safety_events": [event.text for event in recording.safety],
-            "identities": list(one.identities),
-            "changes": list(one.changes),
+            "identities": list(one.history.identities),
+            "changes": list(one.history.changes),
             "contradictions": list(one.contradictions),
             "disclosures": disclosures(one),
             "facts": {} if one.measured is None else dict(one.measured.facts),
