@@ -16,13 +16,7 @@ from ssp_core.vocabulary import ControlState, Verdict
 from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import read_recording
-from ssp_eval.data.audit import (
-    FIELDS,
-    Property,
-    phase_difference,
-    phase_fraction,
-    property_retention,
-)
+from ssp_eval.data.audit import phase_difference, phase_fraction
 from ssp_eval.recordings.event import Window, crop_of, phase_starts, rules_of
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
@@ -84,15 +78,6 @@ def test_without_a_trigger_the_clip_is_all_and_without_a_resolution_it_ends_with
     assert open_end.short_after_s == 0.0
     unknown = crop_of(0.0, 14.0, 10.64, 12.14, None)
     assert (unknown.start_s, unknown.end_s) == (0.0, 14.0)
-
-
-def test_kpr_weighs_what_is_equal() -> None:
-    """Two of five fields differ, one of them with weight 3: (1 + 1 + 1) / (1 + 3 + 1 + 1 + 1)."""
-    reference = {field: Property({"x": ("a",)}, "") for field in FIELDS}
-    other = dict.fromkeys(FIELDS[1:3], Property({"x": ("b",)}, ""))
-    found = {**reference, **other}
-    assert property_retention(found, reference) == pytest.approx(3 / 5)
-    assert property_retention(found, reference, {FIELDS[1]: 3.0}) == pytest.approx(3 / 7)
 
 
 def test_the_window_of_a_k_star_is_that_of_its_source() -> None:
@@ -213,9 +198,3 @@ def test_a_part_keeps_the_verdict_of_the_whole(
     facts = read_recording(tmp_path / "cut" / "bag").provenance
     assert facts.verdict == "aborted"
     assert "the operator aborted" in (facts.refusal or "")
-
-
-def test_the_clip_says_who_chose_it(session: Callable[..., Path]) -> None:
-    crop = look(session("simulated")).crop
-    assert crop is not None
-    assert crop.chosen_by == "METHOD 4.1 from K* cut_in"

@@ -16,7 +16,6 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
-from ssp_eval.data.audit import load_audit
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
@@ -59,12 +58,6 @@ def domain_rows(out: Path) -> tuple[int, int]:
     """Rows of the tables of means by domain and by model."""
     tables = {table.name: table for table in all_tables(rows_from_campaign(out))}
     return len(tables["by_domain"].rows), len(tables["by_model"].rows)
-
-
-def test_an_audit_file_reads_back(tmp_path: Path) -> None:
-    file = audit_file(tmp_path / "audit.json", "admitted", "sha256:x")
-    assert load_audit(file) == load_audit(tmp_path)
-    assert load_audit(file).admitted
 
 
 def test_an_admitted_recording_enters_domain_means(make_bag: BagMaker, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import ModelReply
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.recordings import clip as bag_content
-from ssp_eval.recordings.clip import BagContent, Clip
+from ssp_eval.recordings.clip import BagContent
 from ssp_vla_bridge.messages import Request
 from support.answering import Answering
 
@@ -88,13 +88,6 @@ def test_what_happens_while_models_are_asked_ends_the_asking(
     (raw,) = (tmp_path / "out").rglob("raw.jsonl")
     assert len(raw.read_text().splitlines()) == 1  # what was paid for stays
     assert not list((tmp_path / "out").rglob("score.json"))
-
-
-def test_a_bag_that_is_left_alone_has_its_hash(make_bag: BagMaker) -> None:
-    bag = make_bag()
-    with Clip(bag) as clip:
-        assert clip.provenance.bag_sha256 == sha256_file(the_file(bag))
-        assert clip.is_hashed
 
 
 def test_closing_ends_the_hashing(make_bag: BagMaker, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.model_client import MOST_CHARACTERS, MOST_NUMBERS, Loss, RequestTracker
-from ssp_eval.evaluate.models import LABELS_FILE, bridge_spec
 from ssp_eval.evaluate.raw_store import RawStore
 from ssp_vla_bridge.messages import Frame, NativeArray, Request, Response
 
@@ -96,17 +95,6 @@ def test_damage_inside_stored_answers_is_named(tmp_path: Path) -> None:
     raw.write_text("{broken\n" + raw.read_text())
     with pytest.raises(InputError, match=r"raw\.jsonl:1"):
         RawStore(tmp_path)
-
-
-def test_placeholders_of_a_bridge_s_options() -> None:
-    spec = bridge_spec("perfect")
-    assert spec.options_for("/labels.json", 7) == {
-        "labels_file": "/labels.json",
-        "clip_start_ns": 7,
-    }
-    assert bridge_spec(f'm={{"a": 1, "b": "{LABELS_FILE}"}}').options["a"] == 1
-    with pytest.raises(InputError, match="not valid JSON"):
-        bridge_spec("m={")
 
 
 def test_a_store_outlives_two_kills_in_the_middle_of_a_line(tmp_path: Path) -> None:

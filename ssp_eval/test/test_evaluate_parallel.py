@@ -23,7 +23,6 @@ from ssp_eval.data.labels import labels_version, load_labels
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.campaign import campaign_folder, run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.cli import evaluate
 from ssp_eval.evaluate.executors import (
     ADDRESS,
@@ -265,17 +264,6 @@ if __name__ == "__main__":
     settings = Settings(out=out, make_extractor=Extractor, direct=Slow)
     run_parallel(bags, [bridge_spec("constant_velocity")], settings, 2, propose_labels=True)
 """
-
-
-def test_results_are_in_the_order_of_bags_and_models(
-    bags: list[tuple[Path, Path | None]], tmp_path: Path
-) -> None:
-    models = [bridge_spec(name) for name in reversed(MODELS)]
-    results: list[CellResult] = run_parallel(bags, models, settings(tmp_path), 3,
-                                             propose_labels=True)  # fmt: skip
-    assert [(r.domain, r.model) for r in results] == [
-        (domain, model.name) for domain in ("simulation", "physical") for model in models
-    ]
 
 
 @pytest.mark.parametrize("changed", ["bag_sha256", "labels_sha256"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable
 from fractions import Fraction
@@ -19,10 +18,6 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, VIDEO_TYPE, encode_video_message, read_image
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.labels.sheet import pictures
 from ssp_eval.recordings.clip import Clip, Question
 
@@ -73,24 +68,6 @@ def test_requests_hold_the_same_frames(make_bag: BagMaker, tmp_path: Path) -> No
             # The frames differ from each other, so that the right one was decoded.
             last, first = frames[-1][1].jpeg, frames[0][1].jpeg
             assert len(frames) == 1 or last != first
-
-
-def test_a_cell_scores_the_same(make_bag: BagMaker, tmp_path: Path) -> None:
-    source = make_bag()
-    scores = []
-    for bag in (source, video_copy(source, tmp_path / "video")):
-        (result,) = run_campaign(
-            [(bag, None)],
-            [bridge_spec("perfect")],
-            InProcessClients(),
-            tmp_path / f"out_{bag.name}",
-            CellOptions(),
-            propose_labels=True,
-        )
-        assert result.status == "ok"
-        scores.append(json.loads((result.folder / "score.json").read_text()))
-    assert scores[0] == scores[1]
-    assert scores[0]["matched"] == 9
 
 
 def test_pictures_for_labels_come_from_video(make_bag: BagMaker, tmp_path: Path) -> None:

@@ -5,21 +5,16 @@ from __future__ import annotations
 import ast
 import inspect
 import json
-import random
 import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 import ssp_eval.extract
-from ssp_eval.data.labels import parse_labels
-from ssp_eval.data.records import BehaviourRecord, Slots, load_records, record_to_json
+from ssp_eval.data.records import Slots
 from ssp_eval.evaluate import cell
 from ssp_eval.extract import extract
 from ssp_eval.extract.llm import Extractor
 from ssp_eval.extract.measure import measure, parse_corpus
-from ssp_eval.score.cell import score_cell
 
 FOLDER = Path(ssp_eval.extract.__file__).parent
 # What knows labels, scores, audits or recordings.
@@ -36,12 +31,6 @@ TEXTS = (
     "The car is on a collision course with us. We brake and stay in our lane.",
     "The car is ahead and no longer a risk. We accelerate.",
 )
-LABELS = [
-    (["car"], "front_right", "same_direction", "no_conflict", "maintain", False),
-    (["car"], "front_right", "cutting_in_from_right", "potential", "decelerate", True),
-    (["car"], "front", "cutting_in_from_right", "active", "decelerate", True),
-    (["car"], "front", "same_direction", "resolved", "accelerate", True),
-]
 
 
 def imports(path: Path) -> set[str]:
@@ -108,59 +97,6 @@ def test_the_measure_shows_the_extractor_only_the_text() -> None:
         one = {"id": "a", "style": "coc", "text": TEXTS[1], "slots": slots | {"lon_action": action}}
         measure(parse_corpus(json.dumps(one), "memory"), spy)
     assert seen == [(TEXTS[1],), (TEXTS[1],)]
-
-
-def records(order: list[int]) -> list[BehaviourRecord]:
-    extractor = Extractor()
-    return [
-        BehaviourRecord(float(t), TEXTS[i], extractor(TEXTS[i]).slots) for t, i in enumerate(order)
-    ]
-
-
-def labels(order: list[int]) -> dict[str, object]:
-    rows = []
-    for t, i in enumerate(order):
-        objects, position, motion, conflict, action, is_risky = LABELS[i]
-        rows.append(
-            {"t_s": float(t), "phase": "conflict", "risk_visible": is_risky, "objects": objects,
-             "position": position, "motion": motion, "conflict": conflict,
-             "lon_actions": [action], "lat_actions": ["straight"]}
-        )  # fmt: skip
-    return {
-        "schema": "ssp.labels/1", "scenario": "cut_in", "domain": "simulation",
-        "event_version": "sha256:" + "0" * 64, "risk_time_s": 0.0, "first_frame_dynamics": True,
-        "labels": rows,
-    }  # fmt: skip
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_labels_that_change_after_extraction_change_no_byte_of_the_records(
-    seed: int, tmp_path: Path
-) -> None:
-    path = tmp_path / "records.jsonl"
-    order = list(range(len(TEXTS)))
-    path.write_text("".join(record_to_json(one) + "\n" for one in records(order)), "utf-8")
-    before = path.read_bytes()
-    right = score_cell(parse_labels(labels(order), "memory"), load_records(path)).to_json()
-    shuffled = order[1:] + order[:1]
-    random.Random(seed).shuffle(shuffled)
-    other = score_cell(parse_labels(labels(shuffled), "memory"), load_records(path)).to_json()
-    again = "".join(record_to_json(one) + "\n" for one in records(order)).encode()
-    assert path.read_bytes() == before == again
-    if shuffled != order:
-        assert other["sem_acc_eff"] < right["sem_acc_eff"]
-
-
-@pytest.mark.parametrize("order", [[1, 0, 2, 3], [3, 2, 1, 0], [2, 3, 0, 1]])
-def test_labels_and_records_permuted_alike_score_alike(order: list[int]) -> None:
-    """Scores of single outputs; what depends on the order in time (risk, flow) is left out."""
-    given = list(range(len(TEXTS)))
-    plain = score_cell(parse_labels(labels(given), "memory"), records(given)).to_json()
-    moved = score_cell(parse_labels(labels(order), "memory"), records(order)).to_json()
-    for name in ("n", "jovr", "sem_cov", "sem_acc_cond", "sem_acc_eff", "sem_acc_soft",
-                 "act_acc_eff"):  # fmt: skip
-        assert moved[name] == pytest.approx(plain[name]), name
-    assert plain["sem_cov"] > 0.5
 
 
 def test_records_are_made_without_labels() -> None:

@@ -18,7 +18,6 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.extract import extract
-from ssp_eval.extract.measure import share
 from ssp_eval.extract.review.agreement import Z_95, cohens_kappa, compare
 from ssp_eval.extract.review.answers import ANSWERS_SCHEMA, KeyItem, load_answers, load_key
 from ssp_eval.extract.review.form import form
@@ -266,12 +265,3 @@ def test_classes_that_both_named() -> None:
     one = {"r1": nothing | {"objects": "car+bus"}}
     other = {"r1": nothing | {"objects": "car"}}
     assert compare(items, one, other).slots["objects"].overlap == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize(
-    ("part", "whole", "low", "high"),
-    [(0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (5, 10, 0.2366, 0.7634),
-     (81, 263, 0.2553, 0.3662)],
-)  # fmt: skip
-def test_shares_have_wilsons_interval(part: int, whole: int, low: float, high: float) -> None:
-    assert share(part, whole).interval == pytest.approx((low, high), abs=1e-4)
