@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import base64
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, dataclass, field, fields
 from enum import IntEnum
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, cast
 
 import cv2
 import numpy as np
@@ -92,6 +93,23 @@ def of_schema(schema: str, form: Any) -> Callable[[Any], Any]:
         return {key: one for key, one in value.items() if key != "schema"}
 
     return check
+
+
+_UNIT = re.compile("_(s|m|mps|rad|radps)$")
+
+
+def bare_name(name: str) -> str:
+    """What a field is called in a message, which has units in its comments."""
+    return _UNIT.sub("", name)
+
+
+def of_message(kind: type[Read], message: Any, **given: Any) -> Read:
+    """A dataclass out of a message that has its fields without their units, whoever decoded it."""
+    for name in (one.name for one in fields(cast(Any, kind)) if one.name not in given):
+        value = getattr(message, bare_name(name))
+        value = value.tolist() if hasattr(value, "tolist") else value
+        given[name] = tuple(value) if isinstance(value, list) else value
+    return kind(**given)
 
 
 _INSTRUCTION = (

@@ -20,6 +20,7 @@ from ssp_vla_bridge.messages import (
     NativeArray,
     Request,
     Response,
+    of_message,
     response_from_json,
 )
 from ssp_vla_bridge.window import find_interface
@@ -36,29 +37,9 @@ def response_of_message(message: Any) -> Response:
     decoding = json.loads(message.decoding) if message.decoding else {}
     if not isinstance(decoding, dict):
         raise ValueError(f"decoding must be a JSON object, got {message.decoding[:100]!r}")
-    return Response(
-        request_id=str(message.request_id),
-        stamp_ns=stamp_ns(message.header.stamp),
-        model=str(message.model),
-        model_id=str(message.model_id),
-        text=str(message.text),
-        arrays=tuple(
-            NativeArray(
-                name=str(one.name),
-                shape=tuple(int(size) for size in one.shape),
-                data=tuple(float(value) for value in one.data),
-                frame=str(one.frame),
-                unit=str(one.unit),
-                step_s=float(one.step),
-                first_time_s=float(one.first_time),
-            )
-            for one in message.arrays
-        ),
-        decoding=decoding,
-        latency_s=float(message.latency),
-        error_code=int(message.error_code),
-        error_msg=str(message.error_msg),
-    )
+    arrays = tuple(of_message(NativeArray, one) for one in message.arrays)
+    at_ns = stamp_ns(message.header.stamp)
+    return of_message(Response, message, stamp_ns=at_ns, arrays=arrays, decoding=decoding)
 
 
 RAW_FILE = "raw.jsonl"

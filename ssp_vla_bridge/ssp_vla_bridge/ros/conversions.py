@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from array import array
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 from sensor_msgs.msg import CameraInfo, CompressedImage
@@ -14,7 +14,16 @@ from ssp_msgs.msg import EgoSample as EgoSampleMsg
 from ssp_msgs.msg import NativeArray as NativeArrayMsg
 from ssp_msgs.msg import VlaRequest, VlaResponse, VlaTask
 from ssp_vla_bridge.backends.recorded import response_of_message
-from ssp_vla_bridge.messages import CameraGeometry, DrivingTask, EgoSample, Frame, Request, Response
+from ssp_vla_bridge.messages import (
+    CameraGeometry,
+    DrivingTask,
+    EgoSample,
+    Frame,
+    Request,
+    Response,
+    bare_name,
+    of_message,
+)
 from ssp_vla_bridge.window import geometry_of
 
 
@@ -31,19 +40,9 @@ def request_from_msg(msg: Any) -> Request:
             Frame(session_ns(frame.header.stamp), bytes(frame.data)) for frame in msg.frames
         ),
         camera=_camera(msg),
-        history=tuple(EgoSample(s.t, s.x, s.y, s.yaw, s.speed, s.yaw_rate) for s in msg.history),
+        history=tuple(of_message(EgoSample, sample) for sample in msg.history),
         ego_provenance=msg.ego_provenance,
-        task=DrivingTask(
-            instruction=msg.task.instruction,
-            objects=tuple(msg.task.objects),
-            positions=tuple(msg.task.positions),
-            motions=tuple(msg.task.motions),
-            conflicts=tuple(msg.task.conflicts),
-            lon_actions=tuple(msg.task.lon_actions),
-            lat_actions=tuple(msg.task.lat_actions),
-            trajectory_step_s=msg.task.trajectory_step,
-            trajectory_horizon_s=msg.task.trajectory_horizon,
-        ),
+        task=of_message(DrivingTask, msg.task),
         previous=response_of_message(msg.previous[-1]) if msg.previous else None,
     )
 
@@ -60,7 +59,7 @@ def request_to_msg(request: Request) -> Any:
     msg = VlaRequest()
     msg.header.stamp = stamp_from_ns(request.stamp_ns)
     msg.request_id = request.request_id
-    msg.task = _task_to_msg(request.task)
+    msg.task = _message(VlaTask, request.task)
     for frame in request.frames:
         image = CompressedImage(format="jpeg", data=array("B", frame.jpeg))
         image.header.stamp = stamp_from_ns(frame.stamp_ns)
@@ -73,29 +72,20 @@ def request_to_msg(request: Request) -> Any:
         ]  # fmt: skip
         msg.camera_height = camera.height_m or 0.0
         msg.camera_pitch = camera.pitch_down_rad or 0.0
-    msg.history = [
-        EgoSampleMsg(t=s.t_s, x=s.x_m, y=s.y_m, yaw=s.yaw_rad, speed=s.speed_mps,
-                     yaw_rate=s.yaw_rate_radps)
-        for s in request.history
-    ]  # fmt: skip
+    msg.history = [_message(EgoSampleMsg, sample) for sample in request.history]
     msg.ego_provenance = request.ego_provenance
     if request.previous is not None:
         msg.previous = [response_to_msg(request.previous)]
     return msg
 
 
-def _task_to_msg(task: DrivingTask) -> Any:
-    return VlaTask(
-        instruction=task.instruction,
-        objects=list(task.objects),
-        positions=list(task.positions),
-        motions=list(task.motions),
-        conflicts=list(task.conflicts),
-        lon_actions=list(task.lon_actions),
-        lat_actions=list(task.lat_actions),
-        trajectory_step=task.trajectory_step_s,
-        trajectory_horizon=task.trajectory_horizon_s,
-    )
+def _message(kind: type, value: Any, **given: Any) -> Any:
+    """A message with the fields of a dataclass, without their units; of_message's inverse."""
+    for name in (one.name for one in fields(value)):
+        if name != "stamp_ns" and bare_name(name) not in given:
+            own = getattr(value, name)
+            given[bare_name(name)] = list(own) if isinstance(own, tuple) else own
+    return kind(**given)
 
 
 def response_to_msg(response: Response) -> Any:
@@ -109,26 +99,9 @@ def response_to_msg(response: Response) -> Any:
         if "\0" in getattr(response, name):
             # The middleware would cut it off there without a word.
             raise ValueError(f"{name} holds a NUL character")
-    msg = VlaResponse()
+    arrays = [_message(NativeArrayMsg, a, data=array("d", a.data)) for a in response.arrays]
+    decoding = json.dumps(dict(response.decoding), sort_keys=True, allow_nan=False)
+    code = int(response.error_code)
+    msg = _message(VlaResponse, response, arrays=arrays, decoding=decoding, error_code=code)
     msg.header.stamp = stamp_from_ns(response.stamp_ns)
-    msg.request_id = response.request_id
-    msg.model = response.model
-    msg.model_id = response.model_id
-    msg.text = response.text
-    msg.arrays = [
-        NativeArrayMsg(
-            name=a.name,
-            shape=list(a.shape),
-            data=array("d", a.data),
-            frame=a.frame,
-            unit=a.unit,
-            step=a.step_s,
-            first_time=a.first_time_s,
-        )
-        for a in response.arrays
-    ]
-    msg.decoding = json.dumps(dict(response.decoding), sort_keys=True, allow_nan=False)
-    msg.latency = response.latency_s
-    msg.error_code = int(response.error_code)
-    msg.error_msg = response.error_msg
     return msg
