@@ -258,15 +258,6 @@ def test_latex_wraps_long_texts_and_goes_on_where_a_page_ends():
     assert text.count(r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}") == 4
 
 
-def test_latex_names_the_letters_that_pdflatex_lacks():
-    def comments(name: str) -> str:
-        table = Table("t", "t", (Column("a", "a", "text"),), ((name,),))
-        return "".join(x for x in to_latex(table).splitlines() if x.startswith("%"))
-
-    assert "LuaLaTeX" not in comments("Łódź, ÅÄÖ, αβ ≥ ²")
-    assert comments("模型 Я").endswith("that has these letters: Я型模")
-
-
 @given(text=st.text(alphabet=st.characters(exclude_categories=("Cs",)), max_size=30))
 def test_whatever_a_name_holds_latex_stays_balanced(text):
     table = Table("t", text, (Column("a", text, "text"),), ((text,),), (text,))

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-
-from matplotlib.axes import Axes
-from matplotlib.patches import Rectangle
+from collections.abc import Iterator
 
 from ssp_eval.figures.ranks import rank_slopes
 from ssp_eval.figures.scores import Scores, words
@@ -21,12 +18,13 @@ from ssp_eval.figures.style import (
     Sheet,
     caption,
     fitted,
+    legend_height_in,
     mark,
+    mark_legend,
     share_axis,
     shown_mean,
-    text_width_in,
 )
-from ssp_eval.score.aggregate import Cell, Mean, mean
+from ssp_eval.score.aggregate import Cell, mean
 from ssp_eval.score.metrics import COMPONENTS, METRIC_LABELS, ivcs_terms, ivcs_weights
 
 NONE_ADMITTED = "no cell is admitted to domain means"
@@ -51,7 +49,9 @@ def _components(scores: Scores) -> Drawing | LeftOut:
     groups = scores.by_domain
     if not groups:
         return LeftOut(name, NONE_ADMITTED)
-    lane_in, left_in, head_in = 0.13, 0.52, 0.12 + 0.16
+    lane_in, left_in = 0.13, 0.52
+    legend = {f"{d} (n = {group['ivcs'].n})": DOMAIN_LOOKS[d] for d, group in groups.items()}
+    head_in = 0.06 + legend_height_in(list(legend), COLUMN_IN)
     row_in = lane_in * len(groups) + 0.1
     height_in = row_in * len(COMPONENTS)
     sheet = Sheet(COLUMN_IN, head_in + height_in + 0.42)
@@ -81,7 +81,7 @@ def _components(scores: Scores) -> Drawing | LeftOut:
     )
     axes.tick_params(axis="y", length=0)
     share_axis(axes, "score, mean over cells (ticks: single cells)")
-    _legend(sheet, {domain: group["ivcs"] for domain, group in groups.items()})
+    mark_legend(sheet, legend, 0.11)
     cells = ", ".join(f"{domain} {group['ivcs'].n}" for domain, group in groups.items())
     fewer = [
         f"{METRIC_LABELS[key]} in {domain}: {group[key].n}"
@@ -106,32 +106,6 @@ def _components(scores: Scores) -> Drawing | LeftOut:
     )
 
 
-def _legend(sheet: Sheet, groups: Mapping[str, Mean]) -> None:
-    page = sheet.page()
-    texts = [f"{domain} (n = {group.n})" for domain, group in groups.items()]
-    step = [0.16 + text_width_in(text) for text in texts]
-    gap = (sheet.width_in - 0.1 - sum(step)) / max(1, len(texts))
-    x = 0.12
-    for domain, text, width in zip(groups, texts, step, strict=True):
-        mark(page, (x, 0.11), DOMAIN_LOOKS[domain])
-        page.text(x + 0.08, 0.11, text, va="center_baseline")
-        x += width + min(gap, 0.2)
-
-
-def _component_legend(page: Axes) -> None:
-    x = 0.06
-    for key in COMPONENTS:
-        look = COMPONENT_LOOKS[key]
-        box = Rectangle(
-            (x, 0.06), 0.17, 0.1, facecolor=look.colour, edgecolor=INK, linewidth=0.4,
-            hatch=look.hatch,
-        )  # fmt: skip
-        page.add_patch(box)
-        text = METRIC_LABELS[key]
-        page.text(x + 0.21, 0.11, text, va="center_baseline")
-        x += 0.32 + text_width_in(text)
-
-
 def _contributions(scores: Scores) -> Drawing | LeftOut:
     name = "domains_contributions"
     admitted = _admitted(scores)
@@ -154,7 +128,9 @@ def _contributions(scores: Scores) -> Drawing | LeftOut:
 def _stacks(
     name: str, groups: list[tuple[str, str, list[Cell]]], scores: Scores
 ) -> Drawing | LeftOut:
-    bar_in, band_in, left_in, head_in = 0.17, 0.19, 0.8, 0.3
+    bar_in, band_in, left_in = 0.17, 0.19, 0.8
+    looks = {METRIC_LABELS[key]: COMPONENT_LOOKS[key] for key in COMPONENTS}
+    head_in = 0.06 + legend_height_in(list(looks), COLUMN_IN)
     bands = len({scenario for scenario, _, _ in groups})
     height_in = bar_in * len(groups) + band_in * bands + 0.05
     sheet = Sheet(COLUMN_IN, head_in + height_in + 0.42)
@@ -188,7 +164,7 @@ def _stacks(
     axes.tick_params(axis="y", length=0)
     share_axis(axes, "IVCS, mean over cells")
     axes.set_xlim(0.0, 1.0)
-    _component_legend(page)
+    mark_legend(sheet, looks, 0.11)
     counts = "; ".join(f"{scenario} {domain} {len(cells)}" for scenario, domain, cells in groups)
     weights = ", ".join(f"{w:.2f} {METRIC_LABELS[key]}" for key, w in ivcs_weights().items())
     nulls = [row for row in scores.entering if row.admitted and row.ivcs_nulls]

@@ -36,6 +36,10 @@ ORANGE, RED, PURPLE = "#E69F00", "#D55E00", "#CC79A7"
 INK, GREY, FAINT = "#1a1a1a", "#6b6b6b", "#d9d9d9"
 
 
+# The mark of bars; only it can show their hatch.
+SQUARE = "s"
+
+
 @dataclass(frozen=True)
 class Look:
     """How one of several things is told from the others, in colour and without."""
@@ -48,8 +52,8 @@ class Look:
 # Dark, light and between, so that a line without a mark is told apart in grey too.
 DOMAIN_LOOKS = {
     "synthetic": Look("#004a75", "o", ""),
-    "simulation": Look("#f0b030", "^", "//"),
-    "physical": Look(GREEN, "s", ".."),
+    "simulation": Look("#f0b030", "^", ""),
+    "physical": Look(GREEN, SQUARE, ""),
 }
 # For scenarios and architectures, in the order of their names.
 LOOKS = (
@@ -63,11 +67,11 @@ LOOKS = (
 )
 # What IVCS is made of, from light to dark and back so that neighbours differ in grey too.
 COMPONENT_LOOKS = {
-    "jovr": Look("#bdbdbd", "o", ""),
-    "sem_acc_eff": Look(BLUE, "^", ""),
-    "cia_eff": Look(SKY, "s", "////"),
-    "tqsr": Look(ORANGE, "D", "\\\\\\\\"),
-    "rsr": Look(YELLOW, "v", "...."),
+    "jovr": Look("#bdbdbd", SQUARE, ""),
+    "sem_acc_eff": Look(BLUE, SQUARE, ""),
+    "cia_eff": Look(SKY, SQUARE, "////"),
+    "tqsr": Look(ORANGE, SQUARE, "\\\\\\\\"),
+    "rsr": Look(YELLOW, SQUARE, "...."),
 }
 
 _SETTINGS: dict[Any, Any] = {
@@ -227,8 +231,6 @@ def names_in(names: Iterable[str], most_in: float) -> dict[str, str]:
     return shown
 
 
-# The mark of bars; only it can show their hatch.
-SQUARE = "s"
 _LINE_IN, _BOX_IN = 0.15, 0.09
 _LEFT_IN = 0.12
 

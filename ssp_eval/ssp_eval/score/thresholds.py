@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints, overload
 
 import click
-from pydantic import Field, field_validator
+from pydantic import Field, create_model, field_validator
 
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
@@ -20,6 +20,9 @@ from ssp_vla_bridge.trajectory import SUPPORT_END_S, TOLERANCE_S
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+
+Credit = Annotated[NonNegative, Field(le=1)]
 
 
 @dataclass(frozen=True)
@@ -44,19 +47,19 @@ class Thresholds:
         weight_jovr, weight_sem_acc_eff, weight_cia_eff, weight_tqsr, weight_rsr: of IVCS (6.10).
     """
 
-    tolerance: float = TOLERANCE_S
-    match_window_s: float = 0.11
-    soft_credit: float = 0.5
-    support_end_s: float = SUPPORT_END_S
-    stop_speed_mps: float = 0.5
-    accel_mps2: float = 0.5
-    lateral_shift_m: float = 0.3
-    max_backward_m: float = 0.2
-    max_speed_mps: float = 25.0
-    max_lateral_speed_mps: float = 5.0
-    max_accel_mps2: float = 8.0
-    response_count: int = 2
-    response_gap_s: float = 0.6
+    tolerance: NonNegative = TOLERANCE_S
+    match_window_s: NonNegative = 0.11
+    soft_credit: Credit = 0.5
+    support_end_s: Positive = SUPPORT_END_S
+    stop_speed_mps: NonNegative = 0.5
+    accel_mps2: Positive = 0.5
+    lateral_shift_m: Positive = 0.3
+    max_backward_m: NonNegative = 0.2
+    max_speed_mps: Positive = 25.0
+    max_lateral_speed_mps: Positive = 5.0
+    max_accel_mps2: Positive = 8.0
+    response_count: Annotated[int, Field(ge=1)] = 2
+    response_gap_s: Positive = 0.6
     weight_jovr: float = 0.10
     weight_sem_acc_eff: float = 0.30
     weight_cia_eff: float = 0.20
@@ -109,23 +112,8 @@ thresholds_option = click.option(
 )
 
 
-class ThresholdsFile(Strict):
-    """``ssp.thresholds/1``: what isn't given stays as METHOD has it; see Thresholds for each."""
-
+class _File(Strict):
     schema_: Literal["ssp.thresholds/1"] = Field(alias="schema")
-    tolerance: NonNegative | None = None
-    match_window_s: NonNegative | None = None
-    soft_credit: Annotated[NonNegative, Field(le=1)] | None = None
-    support_end_s: Positive | None = None
-    stop_speed_mps: NonNegative | None = None
-    accel_mps2: Positive | None = None
-    lateral_shift_m: Positive | None = None
-    max_backward_m: NonNegative | None = None
-    max_speed_mps: Positive | None = None
-    max_lateral_speed_mps: Positive | None = None
-    max_accel_mps2: Positive | None = None
-    response_count: Annotated[int, Field(ge=1)] | None = None
-    response_gap_s: Positive | None = None
 
     @field_validator("*", mode="before")
     @classmethod
@@ -135,7 +123,14 @@ class ThresholdsFile(Strict):
         return value
 
 
-KEYS = tuple(name for name in ThresholdsFile.model_fields if name != "schema_")
+_GIVEN: dict[str, Any] = {
+    name: (kind | None, None)
+    for name, kind in get_type_hints(Thresholds, include_extras=True).items()
+    if not name.startswith(WEIGHTS)
+}
+KEYS = tuple(_GIVEN)
+# ``ssp.thresholds/1``: what isn't given stays as METHOD has it; see Thresholds for each.
+ThresholdsFile = create_model("ThresholdsFile", __base__=_File, **_GIVEN)
 
 
 def load_thresholds(path: Path | None) -> Thresholds:

@@ -247,8 +247,7 @@ def to_latex(table: Table) -> str:
     r"""One or several ``table`` environments with booktabs rules, for ``\input`` into a paper.
 
     What is wider than the text is shrunk to it, and what is longer than a page goes on in another
-    part. Letters beyond Latin and Greek ones need an engine with Unicode fonts; a comment names
-    them.
+    part. Letters beyond Latin and Greek ones need an engine with Unicode fonts.
     """
     table = table.printed
     shown = [[str(text) for text in texts(table, row)] for row in table.rows]
@@ -258,8 +257,6 @@ def to_latex(table: Table) -> str:
     ]
     parts = _parts(shown, widths_cm)
     lines = [_PACKAGES]
-    if foreign := _foreign(table, shown):
-        lines.append(f"% needs LuaLaTeX or XeLaTeX with a font that has these letters: {foreign}")
     for number, part in enumerate(parts, start=1):
         lines += [r"\clearpage"] if number > 1 else []
         lines += _part(table, widths_cm, part, (number, len(parts)))
@@ -274,23 +271,6 @@ def _width_cm(column: Sequence[str], columns: int) -> float | None:
     if columns <= _FEW:
         return _WHOLE_CM
     return _NARROW_CM if longest <= _LINES * _NARROW_CM * _CHARACTERS_PER_CM else _BROAD_CM
-
-
-def _foreign(table: Table, shown: Sequence[Sequence[str]]) -> str:
-    """Characters that pdfLaTeX has no letters for."""
-    told = [
-        table.title,
-        *table.all_notes,
-        *(column.title for column in table.columns),
-    ]
-    every = {c for text in (*told, *(t for row in shown for t in row)) for c in text}
-    return "".join(
-        sorted(
-            c
-            for c in every
-            if ord(c) > 0x17F and c not in _LATEX and unicodedata.category(c)[0] not in "CZ"
-        )
-    )
 
 
 def _parts(
