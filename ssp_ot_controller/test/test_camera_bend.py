@@ -18,7 +18,6 @@ from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.camera import project, view_from
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.camera.kernels.bend import Bend, build_bend, locate_all, offsets_of
-from ssp_ot_controller.camera.kernels.ground import KERB_HEIGHT_M
 from ssp_ot_controller.camera.kernels.palettes import PALETTES
 from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.scenery import build_scenery
@@ -195,20 +194,6 @@ def test_a_car_in_its_lane_ahead_covers_the_middle_of_it(walk_m: float) -> None:
     u, v = round(float(spot.u_px[0])), round(float(spot.v_px[0]))
     assert changed[v - 4 : v + 4, u - 4 : u + 4].all()
     assert changed.mean() < 0.05
-
-
-def test_sidewalks_rise_beside_a_bend() -> None:
-    """The kerb's face shows on the right: its row is that of a step, not of the flat road."""
-    block = road(turn(60.0))
-    flat = picture(road(turn(60.0), walk_m=0.0), 70.0).astype(int)
-    raised = picture(block, 70.0).astype(int)
-    line, view = ReferenceLine.of_road(block), view_from(car(block, 70.0).pose, CAMERA)
-    x, y = line.pose(84.0).to_parent(0.0, block.right_edge_m - 0.01)
-    face = project(view, [(x, y, KERB_HEIGHT_M / 2)])
-    u, v = round(float(face.u_px[0])), round(float(face.v_px[0]))
-    kerb = np.multiply(PALETTES["suburb"].kerb, 0.72)
-    assert np.abs(raised[v, u] - kerb).max() < 25
-    assert np.abs(flat[v, u] - kerb).max() > 25
 
 
 # -- scenery --------------------------------------------------------------------------------------

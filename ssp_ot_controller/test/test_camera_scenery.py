@@ -15,7 +15,6 @@ from ssp_core.world.camera import project, view_from
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.scenery import item_pose
 from ssp_ot_controller.camera.kernels.bend import block_line, build_bend
-from ssp_ot_controller.camera.kernels.ground import KERB_HEIGHT_M
 from ssp_ot_controller.camera.kernels.palettes import PALETTES
 from ssp_ot_controller.camera.meshes.roadside import sign
 from ssp_ot_controller.camera.renderer.render import Scene, render
@@ -77,8 +76,8 @@ def test_a_building_has_the_place_and_the_extent_that_the_map_says(curve: str) -
     local = np.array([pose.to_local(x, y) for x, y in corners[:, :2]])
     # The roof hangs over by half a metre at most.
     assert np.abs(local).max(axis=0) == pytest.approx([10.25, 6.25], abs=0.26)
-    assert corners[:, 2].max() == pytest.approx(9.0 + KERB_HEIGHT_M, abs=1e-3)
-    assert corners[:, 2].min() == pytest.approx(KERB_HEIGHT_M, abs=1e-3)
+    assert corners[:, 2].max() == pytest.approx(9.0, abs=1e-3)
+    assert corners[:, 2].min() == pytest.approx(0.0, abs=1e-3)
     far = np.hypot(corners[:, 0] - prop.x_m, corners[:, 1] - prop.y_m).max()
     assert far <= prop.radius_m + 1e-4
 
@@ -132,8 +131,7 @@ def test_a_stop_sign_is_red_where_it_stands(curve: str) -> None:
     block = road(curve, STOP)
     image, car = picture(block)
     x, y = ReferenceLine.of_road(block).to_map(STOP.s_m, STOP.l_m)
-    # Beside the word, 2.5 m above the ground on the kerb.
-    place = np.array([x, y, 2.5 + KERB_HEIGHT_M + 0.27])
+    place = np.array([x, y, 2.5])  # above the ground
     seen = project(view_from(car.pose, CAMERA), place)
     u, v = float(seen.u_px[0]), float(seen.v_px[0])
     b, g, r = (int(c) for c in image[round(v), round(u)])

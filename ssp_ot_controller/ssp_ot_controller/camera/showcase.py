@@ -77,43 +77,15 @@ def _titled(image: Array, text: str) -> Array:
     return np.vstack([strip, image])
 
 
-def tile(state: ObjectState, camera: Camera, look: Look) -> Array:
-    """A cut-out around an object; its pixels are kept as they are, only larger."""
-    image = render(Scene(_ROAD, _VUT, (state,), {state.object_id: 0.35}), look, camera, 3, _SEED)
-    box = shown_box(view_from(_VUT.pose, camera), state)
-    if box is None:
-        raise ValueError(f"{state.object_id} isn't in the picture")
-    wide, high = _TILE
-    size = max(box[3] - box[1], (box[2] - box[0]) * high / wide, 16.0) * 1.35
-    scale = high / size
-    middle = (0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]))
-    move = np.array(
-        [[scale, 0.0, wide / 2 - scale * middle[0]], [0.0, scale, high / 2 - scale * middle[1]]]
-    )
-    how = cv2.INTER_NEAREST if scale > 1.0 else cv2.INTER_AREA
-    return np.asarray(cv2.warpAffine(image, move, _TILE, flags=how, borderValue=(128, 128, 128)))
-
-
-def classes(camera: Camera, look: Look) -> Array:
+def classes(camera: Camera) -> Array:
     """Rows are classes; columns are sides at each distance, from camera to nearest point."""
-    return np.vstack(
-        [
-            np.hstack(
-                [
-                    _cut_out(one, side, distance_m, camera, look)
-                    for distance_m in DISTANCES_M
-                    for side in SIDES
-                ]
-            )
-            for one in ObjectClass
-            if one is not ObjectClass.UNKNOWN
-        ]
-    )
+    known = [one for one in ObjectClass if one is not ObjectClass.UNKNOWN]
+    columns = [(distance_m, side) for distance_m in DISTANCES_M for side in SIDES]
+    return np.vstack([np.hstack([_tile(one, *at, camera) for at in columns]) for one in known])
 
 
-def _cut_out(
-    object_class: ObjectClass, side: str, distance_m: float, camera: Camera, look: Look
-) -> Array:
+def _tile(object_class: ObjectClass, distance_m: float, side: str, camera: Camera) -> Array:
+    """A cut-out around an object; its pixels are kept as they are, only larger."""
     size = DEFAULT_SIZES[object_class]
     near_m = {"rear": size.rear_m, "front": size.front_m}.get(side, size.width_m / 2)
     x_m = _VUT.x_m + camera.forward_m + distance_m + near_m
@@ -121,7 +93,16 @@ def _cut_out(
     y_m = (size.rear_m - size.front_m) / 2 if side == "side" else 0.0
     speed_mps = 1.4 if object_class is ObjectClass.PEDESTRIAN else 5.0
     state = _thing(object_class.word, object_class, x_m, y_m, SIDES[side], speed_mps)
-    return _titled(tile(state, camera, look), f"{object_class.word} {distance_m:.0f} m")
+    scene = Scene(_ROAD, _VUT, (state,), {state.object_id: 0.35})
+    image = render(scene, Look(), camera, 3, _SEED)
+    left, top, right, bottom = shown_box(view_from(_VUT.pose, camera), state) or (0, 0, 1, 1)
+    wide, high = _TILE
+    scale = high / (max(bottom - top, (right - left) * high / wide, 16.0) * 1.35)
+    x, y = (wide - scale * (left + right)) / 2, (high - scale * (top + bottom)) / 2
+    move = np.array([[scale, 0.0, x], [0.0, scale, y]])
+    how = cv2.INTER_NEAREST if scale > 1.0 else cv2.INTER_AREA
+    cut = np.asarray(cv2.warpAffine(image, move, _TILE, flags=how, borderValue=(128, 128, 128)))
+    return _titled(cut, f"{object_class.word} {distance_m:.0f} m")
 
 
 def street(look: Look, camera: Camera) -> Array:
@@ -152,16 +133,13 @@ def conditions(camera: Camera) -> Array:
 
 @click.command()
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path))
-@click.option("--light", default="day", type=click.Choice(["day", "dusk"]), show_default=True)
-@click.option("--rain", default=0.0, type=click.FloatRange(0.0, 1.0), show_default=True)
-def showcase(out: Path, light: str, rain: float) -> None:
+def showcase(out: Path) -> None:
     """Write contact sheets of the camera's pictures into a folder."""
     camera = Camera()  # 960 x 540
-    look = Look.model_validate({"light": light, "rain": rain})
     try:
         make_folder(out)
         for name, image in (
-            ("camera-classes.jpg", classes(camera, look)),
+            ("camera-classes.jpg", classes(camera)),
             ("camera-conditions.jpg", conditions(camera)),
         ):
             write_bytes(out / name, jpeg(image, _QUALITY))

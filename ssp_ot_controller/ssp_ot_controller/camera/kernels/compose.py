@@ -21,7 +21,6 @@ from ssp_ot_controller.camera.kernels.sky import sky_row
 SAMPLES = 2  # per pixel and axis
 
 _LEVEL = -1e-4  # rays that fall less than this per metre are taken for level
-_CONTACT = 0.6  # light that the ground loses under a body
 
 
 class Surroundings(NamedTuple):
@@ -55,14 +54,13 @@ class Buffers(threading.local):
     def cleared(self, height: int, width: int, room: int) -> Samples:
         """Empty memory for a frame of a size, with room for so many triangles."""
         kept = self._kept
-        if kept is None or kept.dark.shape != (height, width):
+        if kept is None or kept.cover.shape != (SAMPLES * height, SAMPLES * width):
             rows, columns = SAMPLES * height, SAMPLES * width
             kept = Samples(
                 inverse_depth=np.empty((rows, columns), np.float32),
                 owner=np.empty((rows, columns), np.int32),
                 planes=np.empty((0, PLANE_NUMBERS)),
                 cover=np.empty((rows, columns), np.uint8),
-                dark=np.empty((height, width), np.float32),
                 ramp=np.arange(columns, dtype=np.float32),
                 squares=sensor.falloff(width),
                 row=np.zeros(3 * width, np.float32),
@@ -77,7 +75,6 @@ class Buffers(threading.local):
         self._kept = kept
         kept.inverse_depth.fill(0.0)
         kept.cover.fill(0)
-        kept.dark.fill(0.0)
         return kept
 
 
@@ -99,18 +96,17 @@ def _count_drawn(inverse_depth: Array, v: int, drawn: Array, hidden: Array) -> i
 
 @inlined
 def _light_ground(
-    fog: Colour, shadow_light: Colour, clear: float, cover: Array, v: int, dark: Array, row: Array
+    fog: Colour, shadow_light: Colour, clear: float, cover: Array, v: int, row: Array
 ) -> None:
-    """Shadow, contact and fog on the ground of one image row."""
+    """Shadow and fog on the ground of one image row."""
     upper, lower = cover[SAMPLES * v], cover[SAMPLES * v + 1]
-    for u in range(dark.shape[0]):
+    for u in range(row.shape[0] // 3):
         shaded = 0
         for i in range(SAMPLES):
             shaded += upper[SAMPLES * u + i] + lower[SAMPLES * u + i]
         shadow = shaded / (SAMPLES * SAMPLES)
-        light = 1.0 - _CONTACT * dark[u]
         for k in range(3):
-            value = light * row[3 * u + k] * (1.0 - shadow * (1.0 - shadow_light[k]))
+            value = row[3 * u + k] * (1.0 - shadow * (1.0 - shadow_light[k]))
             row[3 * u + k] = fog[k] + clear * (value - fog[k])
 
 
@@ -210,9 +206,7 @@ def compose(
                 around.ground, around.bend, around.noise, eye.position, rays, start, hidden, row
             )
             clear = math.exp(around.fog_per_m * eye.position[2] / start[2])
-            _light_ground(
-                around.style.fog, around.shadow, clear, samples.cover, v, samples.dark[v], row
-            )
+            _light_ground(around.style.fog, around.shadow, clear, samples.cover, v, row)
         if total > 0:
             _draw_bodies(samples, eye.lens, around.style, around.noise, v)
         if light.shape[0] > 0:

@@ -22,7 +22,6 @@ from ssp_ot_controller.camera.kernels.shading import noise_at
 
 HALF_WIDTH_M = 80.0
 CELL_M = 0.02
-KERB_HEIGHT_M = 0.12
 
 # Channels of the surface table; blue, green and red come first in both.
 DASHED, GRAIN, PAVING = 3, 4, 5
@@ -33,7 +32,7 @@ CHANNELS = 6
 LINE_WIDTH_M = 0.14
 _EDGE_INSET_M = 0.2
 _DOUBLE_GAP_M = 0.14
-_KERB_TOP_M = 0.16
+_KERB_FACE_M, _KERB_TOP_M = 0.08, 0.24
 _ZEBRA_BAR_M = 0.5
 ZEBRA_HALF_LENGTH_M = 2.0
 STOP_WIDTH_M = 0.4
@@ -73,9 +72,11 @@ def _surface(road: Road, palette: Palette) -> Array:
         if width > 0.0:
             _paint(table, colour, near, far, palette.sidewalk)
             _paint(table, PAVING, near, far, 1.0)
-            near, far = sorted((edge, edge + outward * _KERB_TOP_M))
-            _paint(table, colour, near, far, palette.kerb)
-            _paint(table, PAVING, near, far, 0.0)
+            # The kerb is painted: a dark face towards the road, and its light top.
+            for begin, end, light in ((0.0, _KERB_FACE_M, 0.6), (_KERB_FACE_M, _KERB_TOP_M, 1.0)):
+                near, far = sorted((edge + outward * begin, edge + outward * end))
+                _paint(table, colour, near, far, np.multiply(palette.kerb, light))
+                _paint(table, PAVING, near, far, 0.0)
         else:
             _paint(table, colour, near, far, np.multiply(palette.asphalt, 0.93))
     _paint(table, colour, right, left, palette.asphalt)
@@ -130,20 +131,14 @@ class Ground(NamedTuple):
         values: shape (2, strips, CHANNELS), what the cells of a strip hold.
         crossing_x_m: NaN: none.
         marking: blue, green, red.
-        kerb: blue, green, red.
     """
 
     sums: Array
     strips: Array
     values: Array
-    left_edge_m: float
-    right_edge_m: float
-    left_is_raised: bool
-    right_is_raised: bool
     crossing_x_m: float
     textured: bool
     marking: Colour
-    kerb: Colour
 
 
 def build_ground(road: Road, palette: Palette, texture: bool) -> Ground:
@@ -164,26 +159,10 @@ def build_ground(road: Road, palette: Palette, texture: bool) -> Ground:
         sums=np.stack([_running_sums(along), _running_sums(crossing)]),
         strips=strips,
         values=values,
-        left_edge_m=float(road.left_edge_m),
-        right_edge_m=float(road.right_edge_m),
-        left_is_raised=road.sidewalk_left_m > 0.0,
-        right_is_raised=road.sidewalk_right_m > 0.0,
         crossing_x_m=math.nan if road.crossing_x_m is None else float(road.crossing_x_m),
         textured=texture,
         marking=palette.marking,
-        kerb=palette.kerb,
     )
-
-
-def ground_height(road: Road, y_m: float) -> float:
-    """Height in m of the surface at a lateral position, with a short ramp for feet at the kerb."""
-    for outside, width in (
-        (y_m - road.left_edge_m, road.sidewalk_left_m),
-        (road.right_edge_m - y_m, road.sidewalk_right_m),
-    ):
-        if width > 0.0 and outside > -0.2:
-            return KERB_HEIGHT_M * min(1.0, (outside + 0.2) / 0.3)
-    return 0.0
 
 
 CELLS_PER_M = 1.0 / CELL_M
@@ -305,7 +284,6 @@ def _colour(
 
 BLOCK = 8  # pixels between which patches are linear: they are wider than that
 FINE_M = 0.12  # footprint from which on fine grain isn't resolved
-KERB_FACE = 0.72  # its light
 
 
 @inlined
@@ -367,57 +345,31 @@ def _fill_plain(
 
 
 @inlined
-def _meets(y_raised: float, y_road: float, ground: Ground) -> int:
-    """What a ray meets: 0 the road's level, 1 the raised sidewalks, 2 the face of a kerb."""
-    left, right = ground.left_edge_m, ground.right_edge_m
-    if (ground.left_is_raised and y_raised > left) or (ground.right_is_raised and y_raised < right):
-        return 1
-    if (ground.left_is_raised and y_road > left) or (ground.right_is_raised and y_road < right):
-        return 2
-    return 0
+def _straight_place(
+    depth: float, growth: float, position: Array, rays: Array, dx: float, dy: float
+) -> tuple[float, float, float, float]:
+    """Where a ray meets a straight road, along and across it, and a pixel's extents there.
 
-
-class _Row(NamedTuple):
-    """One image row's rays: depths at which they meet both levels, and how those grow per row."""
-
-    road_depth: float
-    raised_depth: float
-    growth: float  # of the depth per row, over the depth
+    Args:
+        depth: at which it meets the ground.
+        growth: of the depth per row of the image, over the depth.
+    """
+    wx = max(depth * (abs(rays[1, 0]) + abs(growth * dx + rays[2, 0])), CELL_M)
+    wy = max(depth * (abs(rays[1, 1]) + 0.5 * abs(growth * dy + rays[2, 1])), CELL_M)
+    return position[0] + depth * dx, position[1] + depth * dy, wx, wy
 
 
 @inlined
-def _straight_meet(
-    ground: Ground, at: _Row, position: Array, rays: Array, dx: float, dy: float
-) -> tuple[int, float, float, float, float]:
-    """What a ray meets, the place along and across a straight road, and a pixel's extents there."""
-    raised, level = position[1] + at.raised_depth * dy, position[1] + at.road_depth * dy
-    plane = _meets(raised, level, ground)
-    t = at.raised_depth if plane == 1 else at.road_depth
-    wx = max(t * (abs(rays[1, 0]) + abs(at.growth * dx + rays[2, 0])), CELL_M)
-    wy = max(t * (abs(rays[1, 1]) + 0.5 * abs(at.growth * dy + rays[2, 1])), CELL_M)
-    return plane, position[0] + t * dx, position[1] + t * dy, wx, wy
-
-
-@inlined
-def _bent_meet(
-    ground: Ground, bend: Bend, at: _Row, position: Array, rays: Array, dx: float, dy: float
-) -> tuple[int, float, float, float, float]:
+def _bent_place(
+    bend: Bend, depth: float, growth: float, position: Array, rays: Array, dx: float, dy: float
+) -> tuple[float, float, float, float]:
     """The same for a road that bends."""
-    t, plane = at.road_depth, 0
-    s, offset, c, w, stretch = locate(bend, position[0] + t * dx, position[1] + t * dy)
-    # Offsets of two places differ by no more than the places are apart.
-    apart = (at.road_depth - at.raised_depth) * (abs(dx) + abs(dy))
-    if not ground.right_edge_m + apart < offset < ground.left_edge_m - apart:
-        x, y = position[0] + at.raised_depth * dx, position[1] + at.raised_depth * dy
-        rs, raised, rc, rw, rstretch = locate(bend, x, y)
-        plane = _meets(raised, offset, ground)
-        if plane == 1:
-            t, s, offset, c, w, stretch = at.raised_depth, rs, raised, rc, rw, rstretch
-    ax, ay = t * rays[1, 0], t * rays[1, 1]
-    bx, by = t * (at.growth * dx + rays[2, 0]), t * (at.growth * dy + rays[2, 1])
+    s, offset, c, w, stretch = locate(bend, position[0] + depth * dx, position[1] + depth * dy)
+    ax, ay = depth * rays[1, 0], depth * rays[1, 1]
+    bx, by = depth * (growth * dx + rays[2, 0]), depth * (growth * dy + rays[2, 1])
     along = (abs(c * ax + w * ay) + abs(c * bx + w * by)) / stretch
     across = abs(c * ay - w * ax) + 0.5 * abs(c * by - w * bx)
-    return plane, s, offset, max(along, CELL_M), max(across, CELL_M)
+    return s, offset, max(along, CELL_M), max(across, CELL_M)
 
 
 @inlined
@@ -440,50 +392,38 @@ def ground_row(
         hidden: shape (width,); pixels where it is true may be left out.
         row: shape (3 width,), blue, green, red in turn; filled.
     """
-    at = _Row(
-        -position[2] / start[2], (KERB_HEIGHT_M - position[2]) / start[2], -rays[2, 2] / start[2]
-    )
+    depth, growth = -position[2] / start[2], -rays[2, 2] / start[2]
     width = hidden.shape[0]
     patch_end, fine_end, code_end, s_end, side_end = 0.0, 0.0, -1, 0.0, 0.0
     for first in range(-BLOCK, width, BLOCK):
         patch, fine, code, s, side = patch_end, fine_end, code_end, s_end, side_end
         dx, dy = start[0] + (first + BLOCK) * rays[1, 0], start[1] + (first + BLOCK) * rays[1, 1]
         if bend is None:
-            plane, s_end, side_end, ws, wl = _straight_meet(ground, at, position, rays, dx, dy)
+            s_end, side_end, ws, wl = _straight_place(depth, growth, position, rays, dx, dy)
         else:
-            plane, s_end, side_end, ws, wl = _bent_meet(ground, bend, at, position, rays, dx, dy)
+            s_end, side_end, ws, wl = _bent_place(bend, depth, growth, position, rays, dx, dy)
         if ground.textured:
             patch_end = _patches(noise, s_end, side_end, max(ws, wl))
             fine_end = 1.0 - max(ws, wl) / FINE_M
-        code_end = -1
-        if plane != 2:
-            code_end = _plain_strip(ground, s_end, side_end, ws, wl)
-            if code_end >= 0:
-                code_end = 2 * code_end + plane
+        code_end = _plain_strip(ground, s_end, side_end, ws, wl)
         if code >= 0 and code == code_end and first + BLOCK <= width:
             s_step, side_step = (s_end - s) / BLOCK, (side_end - side) / BLOCK
             if bend is None:
-                t = at.raised_depth if plane == 1 else at.road_depth
-                s_step, side_step = t * rays[1, 0], t * rays[1, 1]
+                s_step, side_step = depth * rays[1, 0], depth * rays[1, 1]
                 s, side = s_end - BLOCK * s_step, side_end - BLOCK * side_step
             place = (s, side, patch, fine)
             step = (s_step, side_step, (patch_end - patch) / BLOCK, (fine_end - fine) / BLOCK)
             part = row[3 * first : 3 * (first + BLOCK)]
-            _fill_plain(ground.values, code >> 2, noise, place, step, part)
+            _fill_plain(ground.values, code >> 1, noise, place, step, part)
             continue
         for u in range(max(first, 0), min(first + BLOCK, width)):
             if hidden[u]:
                 continue
             dx, dy = start[0] + u * rays[1, 0], start[1] + u * rays[1, 1]
             if bend is None:
-                plane, s, side, ws, wl = _straight_meet(ground, at, position, rays, dx, dy)
+                s, side, ws, wl = _straight_place(depth, growth, position, rays, dx, dy)
             else:
-                plane, s, side, ws, wl = _bent_meet(ground, bend, at, position, rays, dx, dy)
-            if plane == 2:
-                row[3 * u] = KERB_FACE * ground.kerb[0]
-                row[3 * u + 1] = KERB_FACE * ground.kerb[1]
-                row[3 * u + 2] = KERB_FACE * ground.kerb[2]
-                continue
+                s, side, ws, wl = _bent_place(bend, depth, growth, position, rays, dx, dy)
             grain = 0.0
             if ground.textured:
                 grain = patch + (u - first) / BLOCK * (patch_end - patch)

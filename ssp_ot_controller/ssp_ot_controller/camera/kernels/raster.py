@@ -62,7 +62,6 @@ class Samples(NamedTuple):
         owner: shape (rows, columns), the nearest triangle where inverse_depth isn't 0.
         planes: shape (room, PLANE_NUMBERS), of the triangles that were seen.
         cover: shape (rows, columns), uint8: shadow on the ground.
-        dark: contact darkening per pixel.
         ramp: 0, 1, 2, ... as float32, a row long.
         squares: see sensor.falloff.
         row: of one image row, shape (3 width,), float32.
@@ -77,7 +76,6 @@ class Samples(NamedTuple):
     owner: Array
     planes: Array
     cover: Array
-    dark: Array
     ramp: Array
     squares: Array
     row: Array

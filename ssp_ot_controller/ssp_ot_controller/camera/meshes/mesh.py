@@ -43,18 +43,14 @@ class Mesh:
     def __len__(self) -> int:
         return len(self.corners)
 
-    def placed(self, pose: Pose2, z_m: float = 0.0) -> Mesh:
-        """The mesh in the pose's parent frame, raised by z_m."""
+    def placed(self, pose: Pose2) -> Mesh:
+        """The mesh in the pose's parent frame."""
         c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]], dtype=np.float32)
-        shift = np.array([pose.x_m, pose.y_m, z_m], dtype=np.float32)
+        shift = np.array([pose.x_m, pose.y_m, 0.0], dtype=np.float32)
         corners = (self.corners.reshape(-1, 3) @ turn + shift).reshape(self.corners.shape)
         normals = (self.normals.reshape(-1, 3) @ turn).reshape(self.normals.shape)
         return Mesh(corners, normals, self.colours, self.uv, self.kinds)
-
-    def moved(self, x_m: float, y_m: float, z_m: float) -> Mesh:
-        shift = np.array([x_m, y_m, z_m], dtype=np.float32)
-        return Mesh(self.corners + shift, self.normals, self.colours, self.uv, self.kinds)
 
     def scaled(self, by: float) -> Mesh:
         """The mesh that many times as large; its surface pattern keeps its size."""

@@ -7,7 +7,7 @@ body are counted from the rear end (0) to the front end (1).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -33,7 +33,7 @@ from ssp_ot_controller.camera.meshes.mesh import (
 Surface = tuple[Colour, int]  # colour and kind
 Range = tuple[float, float]
 
-_TYRE, _RIM, _ARCH = rgb("1c1c1e"), rgb("a9adb1"), rgb("26282b")
+_TYRE, _RIM, _ARCH, _DARK = rgb("1c1c1e"), rgb("a9adb1"), rgb("26282b"), rgb("0c0c0d")
 _PLASTIC: Surface = (rgb("26282b"), MATTE)
 _PANE: Surface = (rgb("1d242b"), GLASS)
 _PLATE: Surface = (rgb("e9e6d8"), MATTE)
@@ -117,15 +117,16 @@ def _on_face(face: Sequence[Vec], u: Range, v: Range, surface: Surface, lift_m: 
     return quad(at(u[0], v[0]), at(u[1], v[0]), at(u[1], v[1]), at(u[0], v[1]), *surface)
 
 
-def _wheels(xs: Iterable[float], flank_m: float, radius_m: float, width_m: float) -> list[Mesh]:
-    """Wheels under dark arches on both flanks."""
+def _wheels(xs: Sequence[float], flank_m: float, radius_m: float, width_m: float) -> list[Mesh]:
+    """Wheels under dark arches on both flanks, and the dark below the body."""
 
     def disc(x: float, y: float, z: float, radius: float, colour: Colour) -> Mesh:
         angles = math.copysign(2.0, y) * math.pi * np.arange(12) / 12
         rim = [(x + radius * math.sin(t), y, z + radius * math.cos(t)) for t in angles]
         return fan(rim, colour)
 
-    parts = []
+    least, most = min(xs) - 1.2 * radius_m, max(xs) + 1.2 * radius_m
+    parts = [box((least, most), (-flank_m, flank_m), (0.0, 0.02), _DARK)]
     for x in xs:
         for side in (-1.0, 1.0):
             inner, outer = side * (flank_m - width_m), side * (flank_m + 0.012)

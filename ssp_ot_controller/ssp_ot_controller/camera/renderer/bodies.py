@@ -1,25 +1,19 @@
-"""Bodies of a scene's objects: meshes with lamps and limbs, places, shadows and footprints."""
+"""Bodies of a scene's objects: meshes with lamps and limbs, in their places."""
 
 from __future__ import annotations
 
-import math
 import zlib
 from dataclasses import dataclass
 
-import numpy as np
-
 from ssp_core.geometry import Pose2
-from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state import ObjectState, Size
 from ssp_core.vocabulary import ObjectClass
-from ssp_ot_controller.camera.kernels import ground
-from ssp_ot_controller.camera.kernels.bend import offsets_of
 from ssp_ot_controller.camera.kernels.palettes import Palette, rgb
-from ssp_ot_controller.camera.kernels.raster import Triangles
 from ssp_ot_controller.camera.meshes import people, vehicles
 from ssp_ot_controller.camera.meshes.mesh import Mesh
 from ssp_ot_controller.camera.meshes.vehicles import Lights
 from ssp_ot_controller.camera.renderer.scene import Indicator, Scene, is_lit
-from ssp_ot_controller.camera.renderer.stage import Stage, lighted
+from ssp_ot_controller.camera.renderer.stage import Stage
 
 BRAKE_MPS2 = -0.5  # brake lamps shine below this acceleration
 _BUS_PAINTS = (rgb("c9432f"), rgb("2f6fae"), rgb("e0b23c"))
@@ -65,15 +59,14 @@ class Body:
     """One object in its place.
 
     Args:
-        floor_m: height of the ground that it stands on.
+        pose: of its reference point, block frame; so is the mesh.
         drawn: False for the VUT, which only casts a shadow.
-        outline: x, y, cos yaw, sin yaw, front, rear, half width of what darkens the ground.
     """
 
-    floor_m: float
-    lit: Triangles
+    pose: Pose2
+    size: Size
+    mesh: Mesh
     drawn: bool
-    outline: tuple[float, ...]
 
 
 def to_block(pose: Pose2, origin: Pose2) -> Pose2:
@@ -84,23 +77,10 @@ def to_block(pose: Pose2, origin: Pose2) -> Pose2:
 
 def bodies_of(scene: Scene, stage: Stage) -> list[Body]:
     """All objects of a scene, the VUT last."""
-    origin = scene.road.origin.pose
-    everyone = [*scene.others, scene.vut]
-    poses = [to_block(state.pose, origin) for state in everyone]
-    offsets = offsets_of(stage.around.bend, np.array([(p.x_m, p.y_m) for p in poses]))
     found = []
-    for state, pose, offset in zip(everyone, poses, offsets, strict=True):
-        floor = ground.ground_height(scene.road, float(offset))
-        key = state.object_id
-        mesh = body(
-            state, stage.palette, scene.travelled_m.get(key, 0.0), scene.indicators.get(key)
-        )
-        placed = lighted(mesh, stage.palette, stage.sun, pose, floor)
-        size = state.size
-        inset = 0.12 * size.width_m
-        outline = (
-            pose.x_m, pose.y_m, math.cos(pose.yaw_rad), math.sin(pose.yaw_rad),
-            size.front_m - inset, size.rear_m - inset, size.width_m / 2 - inset,
-        )  # fmt: skip
-        found.append(Body(floor, placed, state is not scene.vut, outline))
+    for state in (*scene.others, scene.vut):
+        pose, key = to_block(state.pose, scene.road.origin.pose), state.object_id
+        travelled_m, indicator = scene.travelled_m.get(key, 0.0), scene.indicators.get(key)
+        mesh = body(state, stage.palette, travelled_m, indicator).placed(pose)
+        found.append(Body(pose, state.size, mesh, state is not scene.vut))
     return found

@@ -17,18 +17,17 @@ from ssp_ot_controller.camera.kernels.raster import (
     G_KIND,
     Eye,
     Samples,
-    Triangles,
     rasterise,
     rasterise_cover,
 )
 from ssp_ot_controller.camera.kernels.sensor import Film
-from ssp_ot_controller.camera.kernels.shading import LAMP, contact
+from ssp_ot_controller.camera.kernels.shading import LAMP
+from ssp_ot_controller.camera.meshes.mesh import join
 from ssp_ot_controller.camera.renderer.bodies import Body
-from ssp_ot_controller.camera.renderer.stage import Stage, ranges, shadow_on_ground
+from ssp_ot_controller.camera.renderer.stage import Stage, lighted, ranges, shadow_on_ground
 
 SCENERY_RANGE_M = 230.0
 SHADOW_RANGE_M = 110.0
-CONTACT_REACH_M = 0.45
 _GRAIN = sensor.make_grain()
 _BUFFERS = Buffers()
 
@@ -134,8 +133,10 @@ def _draw(
     static, around = stage.static, stage.around
     far = visible(static.places, view, SCENERY_RANGE_M)
     near = visible(static.places, view, SHADOW_RANGE_M)
-    drawn = [b.lit for b in bodies if b.drawn]
-    room = sum(len(b.kinds) for b in drawn) + int(np.diff(static.body_ranges[far]).sum())
+    # All at once: a call for each costs more than what it does.
+    moving = join([b.mesh for b in bodies if b.drawn])
+    drawn = lighted(moving, stage.palette, stage.sun, stands=True)
+    room = len(moving) + int(np.diff(static.body_ranges[far]).sum())
     kept = _BUFFERS.cleared(lens.height_px, lens.width_px, room)
     n = SAMPLES
     # Sample i of a pixel's n lies at (i + 0.5) / n - 0.5 px from its centre.
@@ -143,21 +144,13 @@ def _draw(
         [n * lens.fx_px, n * lens.fy_px, n * lens.cx_px + (n - 1) / 2, n * lens.cy_px + (n - 1) / 2]
     )
     eye = Eye(view.position_m, view.rotation, rays_of(view), samples)
-    shadows = [shadow_on_ground(b.lit.corners, stage.sun, b.floor_m) for b in bodies]
-    flat = np.concatenate(shadows)
+    flat = shadow_on_ground(np.concatenate([b.mesh.corners for b in bodies]), stage.sun)
     for corners, runs in (
         (flat, ranges([len(flat)])),
         (static.shadows, static.shadow_ranges[near]),
     ):
         rasterise_cover(corners, runs, eye, kept.triangle, kept.cover)
-    drawables = [(static.bodies, static.body_ranges[far])]
-    if drawn:
-        outlines = np.array([b.outline for b in bodies if b.drawn])
-        contact(outlines, eye.position, eye.rays, CONTACT_REACH_M, kept.dark)
-        moving = Triangles(*(np.concatenate(part) for part in zip(*drawn, strict=True)))
-        drawables.insert(0, (moving, ranges([len(moving.kinds)])))
-    count = 0
-    for lit, runs in drawables:
-        count = rasterise(lit, runs, eye, around.fog_per_m, count, kept)
+    count = rasterise(drawn, ranges([len(moving)]), eye, around.fog_per_m, 0, kept)
+    rasterise(static.bodies, static.body_ranges[far], eye, around.fog_per_m, count, kept)
     compose(around, eye, kept, film, field, out)
     return kept

@@ -17,7 +17,6 @@ import numpy as np
 from ssp_core.geometry import Box, Pose2, box_distance
 from ssp_core.run_file.road import Building, Road, SceneryItem, Sign, Tree
 from ssp_core.world.scenery import BEFORE_M, BEYOND_M, Clearance, half_extent_m, item_pose
-from ssp_ot_controller.camera.kernels import ground
 from ssp_ot_controller.camera.kernels.bend import Bend, block_line, offsets_of
 from ssp_ot_controller.camera.kernels.jit import Array
 from ssp_ot_controller.camera.kernels.palettes import Palette
@@ -106,7 +105,7 @@ _FENCE_M = 4.0
 # From the road outwards.
 _ROWS: dict[str, tuple[_Row, ...]] = {
     "suburb": (
-        _Row("pole", _lamp, (32.0, 32.0), (0.4, 0.4)),
+        _Row("pole", _lamp, (36.0, 36.0), (0.4, 0.4)),
         _Row("other", _hedge, (17.0, 24.0), (3.6, 3.6)),
         _Row("tree", _tree, (9.0, 19.0), (4.6, 8.0)),
         _Row("building", _house, (17.0, 24.0), (12.0, 16.0), shadow=False),
@@ -132,17 +131,14 @@ class _Side:
 
     sign: float
     edge_m: float  # lateral position where the sidewalk ends
-    floor_m: float
 
 
 class _Roadside:
     """Where things find room beside a road; ``items`` are the map's, at ``poses``."""
 
     def __init__(self, road: Road, bend: Bend | None) -> None:
-        left, right = road.sidewalk_left_m, road.sidewalk_right_m
-        height = ground.KERB_HEIGHT_M
-        self.left = _Side(1.0, road.left_edge_m + max(left, 1.0), height if left > 0.0 else 0.0)
-        self.right = _Side(-1.0, road.right_edge_m - max(right, 1.0), height if right > 0 else 0.0)
+        self.left = _Side(1.0, road.left_edge_m + max(road.sidewalk_left_m, 1.0))
+        self.right = _Side(-1.0, road.right_edge_m - max(road.sidewalk_right_m, 1.0))
         self._crossing_m = road.crossing_x_m
         self._line, self._bend = block_line(road), bend
         # Nothing of a map is drawn on the lanes.
@@ -166,8 +162,7 @@ class _Roadside:
         if pose is None or self._is_taken(pose, low, high):
             return []
         reach = float(np.abs(mesh.corners[..., :2]).max())
-        placed = mesh.placed(pose, side.floor_m)
-        return [Prop(placed, pose.x_m, pose.y_m, 1.5 * reach, shadow)]
+        return [Prop(mesh.placed(pose), pose.x_m, pose.y_m, 1.5 * reach, shadow)]
 
     def _is_taken(self, pose: Pose2, low: Array, high: Array) -> bool:
         """Whether something of the map's stands where a mesh of these extents would."""
@@ -224,8 +219,9 @@ def build_scenery(
         mesh = _mesh(item, road, own, palette, pitched=pitched)
         reach = float(np.hypot(mesh.corners[..., 0], mesh.corners[..., 1]).max())
         reach = max(reach, float(mesh.corners[..., 2].max()))
-        placed = mesh.placed(pose, ground.ground_height(road, item.l_m))
-        found.append(Prop(placed, pose.x_m, pose.y_m, reach, not isinstance(item, Building)))
+        found.append(
+            Prop(mesh.placed(pose), pose.x_m, pose.y_m, reach, not isinstance(item, Building))
+        )
     return found
 
 

@@ -6,11 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
-from ssp_core.geometry import Pose2
 from ssp_core.run_file.model import Look
 from ssp_core.run_file.road import Road
 from ssp_ot_controller.camera.kernels import ground, sky
@@ -24,104 +22,59 @@ from ssp_ot_controller.camera.meshes.mesh import Mesh, join
 from ssp_ot_controller.camera.renderer import scenery
 from ssp_ot_controller.camera.renderer.scenery import Prop
 
-_CONTACT_M = 0.5  # bodies get darker towards the ground over this height
-_CONTACT_LIGHT = 0.6
-_ORIGIN = Pose2(0.0, 0.0, 0.0)
+Sun = tuple[float, float, float]  # unit vector towards it, block frame
+_CONTACT_M, _CONTACT_LIGHT = 0.5, 0.6  # bodies get darker towards the ground over this height
 
 
-class _Place(NamedTuple):
-    """Where a mesh stands and the light there; lights are factors per channel."""
+def lighted(mesh: Mesh, palette: Palette, sun: Sun, *, stands: bool) -> Triangles:
+    """A mesh in the block's frame under the palette's light: sun, sky above, ground below.
 
-    sun: tuple[float, float, float]
-    sun_light: Colour
-    sky_light: Colour
-    ground_light: Colour
-    horizon: Colour
-    x_m: float
-    y_m: float
-    z_m: float
-    c: float
-    s: float
-    floor_m: float  # NaN: the mesh doesn't get darker towards it
+    Args:
+        sun: unit vector towards the sun, block frame.
+        stands: it stands on the ground, and gets darker towards it.
+    """
+    attributes = np.empty((len(mesh), 3, CORNER_ATTRIBUTES), np.float32)
+    lit = Triangles(mesh.corners, attributes, mesh.kinds)
+    around = palette.sky_light, palette.ground_light, palette.sky_horizon
+    _light(mesh.normals, mesh.colours, mesh.uv, sun, (palette.sun_light, *around), stands, lit)
+    return lit
 
 
 @compiled
-def _light_corners(
-    corners: Array, normals: Array, colours: Array, uv: Array, at: _Place, lit: Triangles
-) -> None:
-    """Moves a mesh's corners to their place and puts their colours and uv into ``lit``."""
-    c, s = at.c, at.s
-    for n in range(corners.shape[0]):
+def _light(
+    normals: Array, colours: Array, uv: Array, sun: Sun, lights: tuple[Colour, ...], stands: bool,
+    lit: Triangles,
+) -> None:  # fmt: skip
+    sun_light, sky_light, ground_light, horizon = lights
+    for n in range(normals.shape[0]):
         kind = lit.kinds[n]
         for i in range(3):
-            x, y = corners[n, i, 0], corners[n, i, 1]
-            z = corners[n, i, 2] + at.z_m
-            lit.corners[n, i, 0] = c * x - s * y + at.x_m
-            lit.corners[n, i, 1] = s * x + c * y + at.y_m
-            lit.corners[n, i, 2] = z
-            nx, ny, up = normals[n, i, 0], normals[n, i, 1], normals[n, i, 2]
-            east, north = c * nx - s * ny, s * nx + c * ny
-            toward = max(0.0, east * at.sun[0] + north * at.sun[1] + up * at.sun[2])
-            contact = 1.0
-            if not math.isnan(at.floor_m):
-                height = min(1.0, max(0.0, (z - at.floor_m) / _CONTACT_M))
+            up = normals[n, i, 2]
+            toward = normals[n, i, 0] * sun[0] + normals[n, i, 1] * sun[1] + up * sun[2]
+            toward, sky, share = max(0.0, toward), max(0.0, up), 0.5 + 0.5 * up
+            contact, gleam = 1.0, 0.0
+            if stands:
+                height = min(1.0, max(0.0, lit.corners[n, i, 2] / _CONTACT_M))
                 contact = _CONTACT_LIGHT + (1.0 - _CONTACT_LIGHT) * height
-            sky = max(0.0, up)
-            gleam = 0.0
             if kind == GLOSSY:
                 gleam = 0.16 * sky * sky
             elif kind == GLASS:
                 gleam = 0.07 + 0.30 * sky
-            share = 0.5 + 0.5 * up
             for k in range(3):
-                light = share * at.sky_light[k]
-                light = contact * (light + (1.0 - share) * at.ground_light[k])
-                light += toward * at.sun_light[k]
+                around = contact * (share * sky_light[k] + (1.0 - share) * ground_light[k])
                 colour = colours[n, i, k]
                 if kind != LAMP:
-                    colour = colour * light + gleam * at.horizon[k]
+                    colour = colour * (around + toward * sun_light[k]) + gleam * horizon[k]
                 lit.attributes[n, i, k] = colour
             lit.attributes[n, i, 3], lit.attributes[n, i, 4] = uv[n, i, 0], uv[n, i, 1]
 
 
-def lighted(
-    mesh: Mesh,
-    palette: Palette,
-    sun: tuple[float, float, float],
-    pose: Pose2 = _ORIGIN,
-    floor_m: float | None = None,
-) -> Triangles:
-    """A mesh in its place under the palette's light.
-
-    Args:
-        mesh: in the frame of its object.
-        palette: gives the light.
-        sun: unit vector towards the sun, block frame.
-        pose: the object's, in the block's frame.
-        floor_m: height of the ground that the object stands on, and gets darker towards; None
-            for a mesh that has its heights already.
-    """
-    at = _Place(
-        sun, palette.sun_light, palette.sky_light, palette.ground_light, palette.sky_horizon,
-        float(pose.x_m), float(pose.y_m), floor_m or 0.0, math.cos(pose.yaw_rad),
-        math.sin(pose.yaw_rad), math.nan if floor_m is None else floor_m,
-    )  # fmt: skip
-    placed = Triangles(
-        np.empty(mesh.corners.shape, np.float32),
-        np.empty((len(mesh), 3, CORNER_ATTRIBUTES), np.float32),
-        mesh.kinds,
-    )
-    _light_corners(mesh.corners, mesh.normals, mesh.colours, mesh.uv, at, placed)
-    return placed
-
-
-def shadow_on_ground(corners: Array, sun: tuple[float, float, float], ground_m: float) -> Array:
-    """Triangles moved along the sun's rays onto a horizontal plane, a centimetre above it."""
+def shadow_on_ground(corners: Array, sun: Sun) -> Array:
+    """Triangles moved along the sun's rays onto the ground."""
     flat = np.array(corners, dtype=np.float32)
-    height = np.maximum(flat[..., 2] - ground_m, 0.0)
-    flat[..., 0] -= height * (sun[0] / sun[2])
-    flat[..., 1] -= height * (sun[1] / sun[2])
-    flat[..., 2] = ground_m
+    height = np.maximum(flat[..., 2:], 0.0)
+    flat[..., :2] -= height * np.array([sun[0] / sun[2], sun[1] / sun[2]], np.float32)
+    flat[..., 2] = 0.0
     return flat
 
 
@@ -159,7 +112,7 @@ class Stage:
     """Everything of a run that doesn't change: built once, used for every frame."""
 
     palette: Palette
-    sun: tuple[float, float, float]
+    sun: Sun
     around: Surroundings
     static: Static
 
@@ -213,13 +166,10 @@ def _build(road_json: str, look_json: str, seed: int, detail: Detail) -> Stage:
     return Stage(palette, sun, around, _static(props, palette, sun))
 
 
-def _static(props: Sequence[Prop], palette: Palette, sun: tuple[float, float, float]) -> Static:
-    bodies = lighted(join([p.mesh for p in props]), palette, sun)
+def _static(props: Sequence[Prop], palette: Palette, sun: Sun) -> Static:
+    bodies = lighted(join([p.mesh for p in props]), palette, sun, stands=False)
     shadows = [np.zeros((0, 3, 3), np.float32)]
-    for prop in props:
-        if prop.casts_shadow:
-            floor = float(prop.mesh.corners[..., 2].min())
-            shadows.append(shadow_on_ground(prop.mesh.corners, sun, floor))
+    shadows += [shadow_on_ground(p.mesh.corners, sun) for p in props if p.casts_shadow]
     return Static(
         bodies,
         np.concatenate(shadows),

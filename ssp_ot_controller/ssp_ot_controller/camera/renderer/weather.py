@@ -26,6 +26,7 @@ from ssp_ot_controller.camera.renderer.stage import Stage
 _BEAM_NUMBERS = 9
 
 _HEAD_HEIGHT_M, _HEAD_ASIDE_M = 0.65, 0.6
+_LEAST_HALF_M = 0.39  # what is narrower has no headlamps
 _HEAD_DOWN = 0.035  # tangent
 _HEAD_COS, _HEAD_STRENGTH, _HEAD_RANGE_M = math.cos(math.radians(33.0)), 1.5, 80.0
 _STREET_COS, _STREET_STRENGTH, _STREET_RANGE_M = math.cos(math.radians(68.0)), 1.7, 24.0
@@ -93,18 +94,16 @@ def _illuminate(
 
 def _headlamps(body: Body) -> list[list[float]]:
     """Two dipped beams at the front of a motor vehicle."""
-    x, y, c, s, front, _, half = body.outline
-    if half < 0.3:
+    half_m = 0.5 * body.size.width_m
+    if half_m < _LEAST_HALF_M:
         return []
-    found = []
-    for side in (-1.0, 1.0):
-        across = side * min(_HEAD_ASIDE_M, half)
-        found.append(
-            [x + c * front - s * across, y + s * front + c * across,
-             body.floor_m + _HEAD_HEIGHT_M, c, s, -_HEAD_DOWN,
-             _HEAD_COS, _HEAD_STRENGTH, _HEAD_RANGE_M]
-        )  # fmt: skip
-    return found
+    c, s = math.cos(body.pose.yaw_rad), math.sin(body.pose.yaw_rad)
+    beam = [c, s, -_HEAD_DOWN, _HEAD_COS, _HEAD_STRENGTH, _HEAD_RANGE_M]
+    aside_m = min(_HEAD_ASIDE_M, half_m)
+    return [
+        [*body.pose.to_parent(body.size.front_m, side * aside_m), _HEAD_HEIGHT_M, *beam]
+        for side in (-1.0, 1.0)
+    ]
 
 
 def _street_lamps(stage: Stage, eye: Array) -> list[list[float]]:
