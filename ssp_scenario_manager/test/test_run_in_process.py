@@ -139,6 +139,8 @@ for name in ("rclpy", "ssp_msgs", "libsumo"):
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.run.in_process import run_in_process
 print(run_in_process(load_run({str(tmp_path / "run.json")!r}))[0].verdict.name)
+import ssp_scenario_manager.cli.faults
+import ssp_scenario_manager.cli.run
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
     assert (done.stdout.strip(), done.returncode) == ("VALID", 0), done.stderr

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from ssp_core.errors import InputError
 from ssp_core.processes import ProcessGroup
 from ssp_scenario_manager.cli.run import run
-from ssp_scenario_manager.run import over_dds
+from ssp_scenario_manager.run import companions
 
 STAND_IN = """
 import os, sys, time
@@ -31,7 +31,7 @@ DEADLINE_S = 120.0
 def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ProcessGroup:
     """A session without processes; the page is a stand-in that says where it is."""
     (tmp_path / "stand_in_page.py").write_text(STAND_IN)
-    monkeypatch.setattr(over_dds, "PAGE_MODULE", "stand_in_page")
+    monkeypatch.setattr(companions, "PAGE_MODULE", "stand_in_page")
     monkeypatch.delenv("SSP_PAGE_TOKEN", raising=False)
     env = {**os.environ, "ROS_DOMAIN_ID": "0", "PYTHONPATH": str(tmp_path)}
     (tmp_path / "logs").mkdir()
@@ -46,8 +46,8 @@ def wait_until_said(said: list[str], part: str) -> None:
 
 
 def beside(session: ProcessGroup, run_file: str, said: list[str]) -> AbstractContextManager[None]:
-    page = over_dds.page_companion(session.env, Path(run_file), 0)
-    return over_dds.beside(session, [page], said.append)
+    page = companions.page_companion(session.env, Path(run_file), 0)
+    return companions.beside(session, [page], said.append)
 
 
 def test_says_where_it_is_with_the_token_that_no_log_has(session: ProcessGroup) -> None:
@@ -80,7 +80,7 @@ def test_a_token_that_was_given_is_kept_and_not_shown(session: ProcessGroup) -> 
 def test_a_token_that_can_be_none_is_refused(session: ProcessGroup, token: str) -> None:
     session.env["SSP_PAGE_TOKEN"] = token
     with pytest.raises(InputError, match="SSP_PAGE_TOKEN") as refused:
-        over_dds.page_companion(session.env, Path("run.yaml"), 0)
+        companions.page_companion(session.env, Path("run.yaml"), 0)
     assert token not in str(refused.value)
     assert not list(session.log_dir.iterdir())
 

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_scenario_manager.run.over_dds import RECORDED, shadow_model
+from ssp_scenario_manager.run.companions import RECORDED, shadow_model
 
 
 def test_a_name_alone_follows_twice_a_second() -> None:

@@ -132,9 +132,22 @@ def faults(
 
 
 def _chosen(only: Sequence[str], stages: Sequence[str]) -> list[tuple[Row, Stage]]:
-    patterns = [_pattern(text) for text in only]
-    wanted = [stage for stage in Stage if not stages or stage.value in stages]
-    cells = [(row, stage) for row in _rows(patterns) for stage in wanted]
+    try:
+        patterns = [re.compile(text) for text in only]
+    except re.error as error:
+        raise InputError(
+            f"is no regular expression: {error}",
+            field="--only",
+            value=error.pattern,
+            remedy="give a part of a row's name; --list shows them",
+        ) from error
+    cells = [
+        (row, stage)
+        for row in MATRIX
+        if not patterns or any(pattern.search(row.name) for pattern in patterns)
+        for stage in Stage
+        if not stages or stage.value in stages
+    ]
     if not cells:
         raise InputError(
             "fits no row",
@@ -143,23 +156,6 @@ def _chosen(only: Sequence[str], stages: Sequence[str]) -> list[tuple[Row, Stage
             remedy="--list shows the rows' names",
         )
     return cells
-
-
-def _pattern(text: str) -> re.Pattern[str]:
-    try:
-        return re.compile(text)
-    except re.error as error:
-        raise InputError(
-            f"is no regular expression: {error}",
-            field="--only",
-            value=text,
-            remedy="give a part of a row's name; --list shows them",
-        ) from error
-
-
-def _rows(patterns: Sequence[re.Pattern[str]]) -> list[Row]:
-    """Rows that one of the patterns is found in, all of them without patterns."""
-    return [row for row in MATRIX if not patterns or any(p.search(row.name) for p in patterns)]
 
 
 def _run(

@@ -28,9 +28,9 @@ from ssp_scenario_manager.compile.targets.folder import (
 )
 from ssp_scenario_manager.compile.task import TASK_FOLDER, check_live, load_task
 from ssp_scenario_manager.run import faults
+from ssp_scenario_manager.run.companions import DEFAULT_PORT, shadow_model
 from ssp_scenario_manager.run.junit import Case, write_junit
 from ssp_scenario_manager.run.live import LiveSetup, live_options
-from ssp_scenario_manager.run.over_dds import DEFAULT_PORT, shadow_model
 from ssp_scenario_manager.run.sweep import for_one_process, run_many, run_one
 from ssp_scenario_manager.session.run_script import RunOutcome
 

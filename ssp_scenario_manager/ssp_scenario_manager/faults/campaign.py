@@ -12,7 +12,6 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder, read_mapping, write_json, write_text
 from ssp_core.hashing import sha256_json
-from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.state import ObjectState
 from ssp_core.processes import others_share_memory, remove_stale_shared_memory
 from ssp_core.run_file.model import Fault, RunSpec
@@ -35,6 +34,7 @@ from ssp_scenario_manager.faults.judge import Judged, Nominal, fault_of, judge, 
 from ssp_scenario_manager.faults.matrix import Cell, Expected, NotApplicable, Row, Stage
 from ssp_scenario_manager.run.faults import NEED_PROCESSES
 from ssp_scenario_manager.run.in_process import InProcessSession, Record, judged
+from ssp_scenario_manager.run.result import Happened
 from ssp_scenario_manager.run.sweep import for_one_process
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation
@@ -59,7 +59,7 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
         session.run()
     finally:
         plant.close()
-    outcome, _ = judged(spec, session, Record(reports))
+    outcome, happened = judged(spec, session, Record(reports))
     verdict = outcome.verdict
     if verdict is Verdict.NONE:
         verdict = Verdict.INVALID_HARNESS  # as the runner says of a session that never started
@@ -88,10 +88,10 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
         session=tuple(
             (ns_to_seconds(c.stamp_ns), c.state) for c in session.of_kind(outbox.StateChanged)
         ),
-        phases=tuple((ns_to_seconds(p.stamp_ns), p.phase) for p in session.of_kind(PhaseBegan)),
-        triggers=tuple(ns_to_seconds(t.dispatched_ns) for t in session.of_kind(outbox.Triggered)),
+        phases=tuple((ns_to_seconds(p.stamp_ns), p.phase) for p in happened.phases),
+        triggers=tuple(ns_to_seconds(t.dispatched_ns) for t in happened.triggers),
         safety=tuple(sorted(safety, key=lambda note: note.t_s)),
-        faults=_faults(spec, reports),
+        faults=_faults(spec, happened),
         has_wall=False,
     )
 
@@ -106,11 +106,10 @@ def _truth(reports: list[StepReport]) -> dict[str, Track]:
     return {object_id: track_of(kept) for object_id, kept in rows.items()}
 
 
-def _faults(spec: RunSpec, reports: list[StepReport]) -> tuple[FaultNote, ...]:
+def _faults(spec: RunSpec, happened: Happened) -> tuple[FaultNote, ...]:
     notes = [
         FaultNote(ns_to_seconds(f.stamp_ns), int(f.fault.partition(" ")[0]), f.active)
-        for report in reports
-        for f in report.faults
+        for f in happened.faults
     ]
     told = {note.index for note in notes}
     notes += [

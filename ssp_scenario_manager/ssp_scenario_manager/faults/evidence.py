@@ -27,7 +27,7 @@ from ssp_core.safety.fence import corners_of, excess_m
 from ssp_core.safety.limits import STANDSTILL_MPS
 from ssp_core.safety.stopping import Stopping
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase
-from ssp_scenario_manager.run.over_dds import FAULTS_FILE, WITNESS_FILE
+from ssp_scenario_manager.run.faults import FAULTS_FILE, WITNESS_FILE
 
 
 @dataclass(frozen=True, slots=True)

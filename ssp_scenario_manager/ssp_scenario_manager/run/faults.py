@@ -24,6 +24,8 @@ from ssp_core.run_file.model import Fault, RunSpec
 if TYPE_CHECKING:  # a run in one process needs no ROS
     from ssp_scenario_manager.ros.fault_injector import FaultEndpoints
 
+FAULTS_FILE = "faults.json"
+WITNESS_FILE = "witness.json"
 _OF_NODES = ("kill", "pause", "disk_full")
 _OF_REFERENCES = ("reference_stale", "reference_out_of_fence")
 # Longer than any approach passes by, and short enough that a loaded run may still hope for it.

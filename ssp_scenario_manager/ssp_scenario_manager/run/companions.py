@@ -1,0 +1,171 @@
+"""What runs beside a session and is none of its own: the operators' page, shadow models."""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ssp_core import names
+from ssp_core.credentials import TOKEN_VARIABLE, check_token
+from ssp_core.errors import InputError
+from ssp_core.processes import NodeProcess, ProcessGroup
+
+PAGE_MODULE = "ssp_monitor.ros.page_node"
+DEFAULT_PORT = 8080
+START_S = 15.0
+_URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
+
+
+def given_token(env: Mapping[str, str]) -> str:
+    """The token that the environment has for the page; empty: one is to be made.
+
+    Raises:
+        InputError: it can't be one.
+    """
+    given = env.get(TOKEN_VARIABLE, "")
+    return check_token(given, f"environment variable {TOKEN_VARIABLE}") if given else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Companion:
+    """A node that runs beside a session and is none of its own: page, shadow model.
+
+    Args:
+        what: for people.
+        env: what its environment has besides.
+        hint: for the address of a page, what belongs to its end.
+    """
+
+    name: str
+    module: str
+    parameters: Mapping[str, object]
+    what: str
+    env: Mapping[str, str] = field(default_factory=dict)
+    hint: str = ""
+
+
+def page_companion(env: Mapping[str, str], run_file: Path, port: int) -> Companion:
+    """The operators' page.
+
+    Args:
+        port: to listen on; 0: any.
+
+    Raises:
+        InputError: the token in SSP_PAGE_TOKEN can't be one.
+    """
+    given = given_token(env)
+    token = given or secrets.token_urlsafe(24)
+    return Companion(
+        names.MONITOR_PAGE,
+        PAGE_MODULE,
+        {"run_file": run_file, "port": port},
+        "the operator page",
+        {TOKEN_VARIABLE: token},
+        # Whoever chose the token knows it; it needs to stand in no log of a terminal.
+        "" if given else f"#token={token}",
+    )
+
+
+@contextmanager
+def beside(
+    session: ProcessGroup,
+    companions: Sequence[Companion],
+    say: Callable[[str], None],
+    remappings: Sequence[str] = (),
+) -> Iterator[None]:
+    """Has nodes run as long as the block does; their processes are none of the session's own.
+
+    Args:
+        session: whose domain and log folder they share.
+        companions: which; none starts nothing.
+        remappings: ``from:=to``, as the session's own nodes have them.
+    """
+    with ExitStack() as stack:
+        for companion in companions:
+            env = {**session.env, **companion.env}
+            # The session's group alone may remove what is left of the domain.
+            group = stack.enter_context(ProcessGroup(env, session.log_dir, owns_domain=False))
+            parameters = dict(companion.parameters)
+            node = group.start_node(companion.name, companion.module, parameters, remappings)
+            watch = threading.Thread(target=_watch, args=(companion, node, say), daemon=True)
+            watch.start()
+            stack.callback(watch.join)
+            stack.callback(group.stop)
+        yield
+
+
+def _watch(companion: Companion, node: NodeProcess, say: Callable[[str], None]) -> None:
+    """Says where a page is, once it is, and that a companion has ended, should it."""
+    deadline = time.monotonic() + START_S if companion.module == PAGE_MODULE else 0.0
+    while node.returncode is None and time.monotonic() < deadline:
+        found = _URL.search(node.log.read_text(errors="replace"))
+        if found is not None:
+            say(f"operator page: {found[1]}{companion.hint}")
+            break
+        time.sleep(0.05)
+    node.process.wait()
+    if not node.expected_to_stop:
+        tail = node.log_tail(3)
+        say(
+            f"{companion.what} {node.describe_exit()}; the session goes on without it"
+            + (f": {tail}" if tail else "")
+        )
+
+
+SHADOW_MODULE = "ssp_vla_bridge.ros.vla_bridge"
+DEFAULT_HZ = 2.0
+# What the recorder is to take besides, so that the answers are in the bag.
+RECORDED = "^/diagnostics$|^/ssp/vla/[^/]+/response$"
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_OWN = ("backend", "interface", "timeout_s", "hz")
+
+
+def shadow_model(text: str) -> Companion:
+    """The model of ``NAME`` or ``NAME={"backend": …, "hz": …, further options}``.
+
+    Raises:
+        InputError: it is no such text.
+    """
+    name, _, given = text.partition("=")
+    if not _NAME.fullmatch(name):
+        raise InputError(
+            "is no name for a topic",
+            field="--shadow",
+            value=name,
+            remedy="use letters, digits and underscores, a letter first",
+        )
+    try:
+        options: Any = json.loads(given) if given.strip() else {}
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not valid JSON: {error}", field="--shadow", value=given) from error
+    if not isinstance(options, dict):
+        raise InputError("must be a JSON object", field="--shadow", value=given)
+    hz = options.get("hz", DEFAULT_HZ)
+    if isinstance(hz, bool) or not isinstance(hz, int | float) or not 0.0 < hz <= 100.0:
+        raise InputError("must lie in (0, 100] Hz", field="--shadow hz", value=hz)
+    parameters: dict[str, object] = {"model": name, "shadow_hz": float(hz)}
+    for key in ("backend", "interface"):
+        if key in options:
+            parameters[key] = str(options[key])
+    if "timeout_s" in options:
+        parameters["timeout_s"] = _seconds(options["timeout_s"])
+    backend_options = {key: value for key, value in options.items() if key not in _OWN}
+    if backend_options:
+        # Parameter values are read as YAML; the quoted text stays one string.
+        parameters["backend_options"] = json.dumps(json.dumps(backend_options))
+    node = f"vla_bridge_{name}"
+    return Companion(node, SHADOW_MODULE, parameters, f"the bridge of {name}")
+
+
+def _seconds(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError("must be seconds", field="--shadow timeout_s", value=value)
+    return float(value)
