@@ -444,8 +444,11 @@ class Player:
                 lap=max(self._lap, 1),
             )
 
-    def set_paused(self, paused: bool) -> None:
-        self._command(lambda playback, now_ns: playback.set_paused(paused, now_ns))
+    def pause(self) -> None:
+        self._command(lambda playback, now_ns: playback.set_paused(True, now_ns))
+
+    def resume(self) -> None:
+        self._command(lambda playback, now_ns: playback.set_paused(False, now_ns))
 
     def toggle_paused(self) -> None:
         self._command(lambda play, now_ns: play.set_paused(not play.timeline.paused, now_ns))

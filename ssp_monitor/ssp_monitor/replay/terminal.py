@@ -9,7 +9,6 @@ import termios
 import tty
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from types import TracebackType
 from typing import Any, Self
 
@@ -17,32 +16,21 @@ from ssp_core.clock import ns_to_seconds
 from ssp_monitor.replay.plan import OmittedTopic, Plan
 from ssp_monitor.replay.player import Lateness, Progress
 
-
-class Key(Enum):
-    """What a person wants of a replay under way."""
-
-    TOGGLE = "pause or go on"
-    STEP = "one message"
-    STEP_FRAME = "one camera frame"
-    FASTER = "faster"
-    SLOWER = "slower"
-    QUIT = "end"
-
-
-KEYS: dict[str, Key] = {
-    " ": Key.TOGGLE,
-    "\x1b[C": Key.STEP,  # right arrow, in both of a terminal's modes
-    "\x1bOC": Key.STEP,
-    "s": Key.STEP_FRAME,
-    "+": Key.FASTER,
-    "-": Key.SLOWER,
-    "q": Key.QUIT,
+# Commands of the player, and ``quit``.
+KEYS = {
+    " ": "toggle_paused",
+    "\x1b[C": "step",  # right arrow, in both of a terminal's modes
+    "\x1bOC": "step",
+    "s": "step_frame",
+    "+": "faster",
+    "-": "slower",
+    "q": "quit",
 }
 HELP = "space: pause · →: one message · s: one camera frame · + -: rate · q: end"
 
 
-def parse_keys(text: str) -> Iterator[Key]:
-    """The known keys in what a terminal sent; everything else is passed over."""
+def parse_keys(text: str) -> Iterator[str]:
+    """What the known keys in what a terminal sent ask for; everything else is passed over."""
     at = 0
     while at < len(text):
         word = text[at : at + 3] if text[at] == "\x1b" else text[at]
@@ -93,8 +81,8 @@ class Keyboard:
     def is_there(self) -> bool:
         return self._descriptor is not None
 
-    def pressed(self) -> Iterator[Key]:
-        """The keys since the last call."""
+    def pressed(self) -> Iterator[str]:
+        """What was asked for since the last call."""
         if self._descriptor is None or not select.select([self._descriptor], [], [], 0)[0]:
             return
         yield from parse_keys(os.read(self._descriptor, 1024).decode("utf-8", "replace"))

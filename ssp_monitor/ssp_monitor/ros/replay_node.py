@@ -31,7 +31,6 @@ from ssp_monitor.replay.plan import ReplayOptions, make_plan, session_signs
 from ssp_monitor.replay.player import MessageSource, Player
 from ssp_monitor.replay.terminal import (
     HELP,
-    Key,
     Keyboard,
     ReplayOutcome,
     plan_lines,
@@ -164,14 +163,8 @@ class ReplayNode(Node):
             threading.Event().wait(POLL_S)
 
     def _offer_commands(self) -> None:
-        player = self.player
-        offered: dict[str, Callable[[], None]] = {
-            "pause": lambda: player.set_paused(True),
-            "resume": lambda: player.set_paused(False),
-            "step": player.step,
-            "step_frame": player.step_frame,
-        }
-        for name, do in offered.items():
+        for name in ("pause", "resume", "step", "step_frame"):
+            do: Callable[[], None] = getattr(self.player, name)
             self.create_service(Trigger, f"~/{name}", self._answer(do))
         ros.declare(self, [replace(one, default=self._wishes.rate) for one in REPLAY])
         self.add_on_set_parameters_callback(self._set_parameters)
@@ -207,16 +200,11 @@ class ReplayNode(Node):
         )
 
     def _each_moment(self) -> None:
-        does: dict[Key, Callable[[], None]] = {
-            Key.TOGGLE: self.player.toggle_paused,
-            Key.STEP: self.player.step,
-            Key.STEP_FRAME: self.player.step_frame,
-            Key.FASTER: self.player.faster,
-            Key.SLOWER: self.player.slower,
-            Key.QUIT: lambda: self._stop.set("quit"),
-        }
-        for key in self._keyboard.pressed():
-            does[key]()
+        for command in self._keyboard.pressed():
+            if command == "quit":
+                self._stop.set("quit")
+            else:
+                getattr(self.player, command)()
         if err.is_terminal:
             err.print(f"\r{self._line()}", end="\x1b[K", markup=False)
 
