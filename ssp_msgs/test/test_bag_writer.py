@@ -67,11 +67,11 @@ def test_a_large_message_is_not_copied_into_its_chunk() -> None:
     builder.add(1, 0, 5, 5, small)
     builder.add(2, 0, 4, 4, large)
     builder.add(1, 0, 6, 6, small)
-    chunk = builder.finish()
+    chunk = builder.finish(0)
     assert sum(buffer is large for buffer in chunk.buffers) == 1
     assert len(chunk.buffers) == 5  # head, small with head, large, small, indexes
     assert chunk.length == sum(map(len, chunk.buffers))
-    assert (chunk.start_ns, chunk.end_ns) == (4, 6)
+    assert (chunk.chunk_index.message_start_time, chunk.chunk_index.message_end_time) == (4, 6)
     assert chunk.counts == {1: 2, 2: 1}
     assert builder.size == 0
     assert builder.times() is None

@@ -8,10 +8,9 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from isal.isal_zlib import crc32, crc32_combine
 from mcap.data_stream import RecordBuilder
@@ -46,46 +45,15 @@ COPIED_BYTES = 8192
 Buffer: TypeAlias = bytes | bytearray | memoryview
 
 
-@dataclass(frozen=True, slots=True)
-class FinishedChunk:
-    """A Chunk record and its MessageIndex records.
-
-    Args:
-        buffers: the bytes, in order.
-        length: of all buffers.
-        crc: of all bytes.
-        chunk_bytes: length of the Chunk record alone.
-        payload_bytes: length of the messages in it.
-        start_ns, end_ns: earliest and latest log time.
-        index_offsets: where each channel's MessageIndex record begins, from the first buffer.
-        counts: messages by channel.
-    """
+class FinishedChunk(NamedTuple):
+    """A Chunk record and its MessageIndex records: the bytes, their length and CRC, what stands of
+    them in the summary, and messages by channel."""
 
     buffers: list[Buffer]
     length: int
     crc: int
-    chunk_bytes: int
-    payload_bytes: int
-    start_ns: int
-    end_ns: int
-    index_offsets: dict[int, int]
+    chunk_index: ChunkIndex
     counts: dict[int, int]
-
-    def index(self, offset: int) -> ChunkIndex:
-        """The ChunkIndex record of this chunk when it begins at that offset of the file."""
-        return ChunkIndex(
-            chunk_length=self.chunk_bytes,
-            chunk_start_offset=offset,
-            compression="",
-            compressed_size=self.payload_bytes,
-            message_end_time=self.end_ns,
-            message_index_length=self.length - self.chunk_bytes,
-            message_index_offsets={
-                channel: offset + begin for channel, begin in self.index_offsets.items()
-            },
-            message_start_time=self.start_ns,
-            uncompressed_size=self.payload_bytes,
-        )
 
 
 class ChunkBuilder:
@@ -143,8 +111,12 @@ class ChunkBuilder:
         times = [entries[::2] for entries in self._entries.values()]
         return min(map(min, times)), max(map(max, times))
 
-    def finish(self) -> FinishedChunk:
-        """The records of what was added; the builder is empty afterwards."""
+    def finish(self, offset: int) -> FinishedChunk:
+        """The records of what was added; the builder is empty afterwards.
+
+        Args:
+            offset: where the first of them will begin in the file.
+        """
         payload = self._buffers
         if self._small:
             payload.append(self._small)
@@ -163,18 +135,24 @@ class ChunkBuilder:
             self.size,
         )
         chunk_bytes = len(head) + self.size
-        index, index_offsets = _message_indexes(self._entries, chunk_bytes)
+        indexes, offsets = _message_indexes(self._entries, offset + chunk_bytes)
         crc = crc32_combine(crc32(head), payload_crc, self.size)
         finished = FinishedChunk(
-            buffers=[head, *payload, index],
-            length=chunk_bytes + len(index),
-            crc=crc32(index, crc),
-            chunk_bytes=chunk_bytes,
-            payload_bytes=self.size,
-            start_ns=start_ns,
-            end_ns=end_ns,
-            index_offsets=index_offsets,
-            counts=self.counts(),
+            [head, *payload, indexes],
+            chunk_bytes + len(indexes),
+            crc32(indexes, crc),
+            ChunkIndex(
+                chunk_length=chunk_bytes,
+                chunk_start_offset=offset,
+                compression="",
+                compressed_size=self.size,
+                message_end_time=end_ns,
+                message_index_length=len(indexes),
+                message_index_offsets=offsets,
+                message_start_time=start_ns,
+                uncompressed_size=self.size,
+            ),
+            self.counts(),
         )
         self._clear()
         return finished
@@ -421,12 +399,13 @@ class McapOutput:
             self._ahead, self._ahead_bytes = [], 0
             self._write([ahead], len(ahead), crc32(ahead))
         if self.chunk.size:
-            finished = self.chunk.finish()
+            times = self.chunk.times()
+            buffers, length, crc, chunk_index, counts = self.chunk.finish(self._offset)
             self._chunks += 1
-            self._chunk_index += record_bytes(finished.index(self._offset))
-            self._counts.update(finished.counts)
-            self._times = _span(self._times, (finished.start_ns, finished.end_ns))
-            self._write(finished.buffers, finished.length, finished.crc)
+            self._chunk_index += record_bytes(chunk_index)
+            self._counts.update(counts)
+            self._times = _span(self._times, times)
+            self._write(buffers, length, crc)
 
     def attach(self, name: str, media_type: str, data: bytes, log_time_ns: int) -> None:
         """Writes a file into this one, behind the open chunk and without copying it."""
