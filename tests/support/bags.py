@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rosbags.highlevel import AnyReader
 
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.cdr.images import COMPRESSED_TYPE
@@ -28,6 +30,15 @@ def stamp(stamp_ns: int) -> Any:
 def header(stamp_ns: int, frame_id: str = "map") -> Any:
     """A Header."""
     return message("std_msgs/msg/Header", stamp=stamp(stamp_ns), frame_id=frame_id)
+
+
+def messages(bag: Path, topic: str) -> list[Any]:
+    """The messages of a topic, decoded by rosbags; none where the bag lacks it."""
+    with AnyReader([bag]) as reader:
+        chosen = [c for c in reader.connections if c.topic == topic]
+        # An empty list of connections would mean all of them.
+        found = reader.messages(connections=chosen) if chosen else ()
+        return [reader.deserialize(raw, c.msgtype) for c, _, raw in found]
 
 
 def text(value: str) -> bytes:

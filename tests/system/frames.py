@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from ssp_core.run_file.model import RunSpec
+from tests.support.bags import messages
 
 TF = "/tf"
 
@@ -27,25 +27,19 @@ def matrix(transform: Any) -> np.ndarray:
 
 def check_frames(bag: Path, spec: RunSpec) -> None:
     """Poses in /tf are those of the states, and the camera looks at the map from where it sits."""
-    with AnyReader([bag]) as reader:
-
-        def read(topic: str) -> list[Any]:
-            chosen = [c for c in reader.connections if c.topic == topic]
-            return [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(chosen)]
-
-        (fixed,) = read("/tf_static")
-        pictures, moving = read("/ssp/vut/front_camera/image/compressed"), read(TF)
-        poses = {
-            (one.child_frame_id, one.header.stamp.sec, one.header.stamp.nanosec): one
-            for message in moving
-            for one in message.transforms
-        }
-        assert len(poses) == sum(len(message.transforms) for message in moving), "told once"
-        states = {
-            object_id: {(s.header.stamp.sec, s.header.stamp.nanosec): s for s in found}
-            for object_id in ("vut", "ot1")
-            for found in [read(f"/ssp/{object_id}/state")]
-        }
+    (fixed,) = messages(bag, "/tf_static")
+    pictures, moving = messages(bag, "/ssp/vut/front_camera/image/compressed"), messages(bag, TF)
+    poses = {
+        (one.child_frame_id, one.header.stamp.sec, one.header.stamp.nanosec): one
+        for message in moving
+        for one in message.transforms
+    }
+    assert len(poses) == sum(len(message.transforms) for message in moving), "told once"
+    states = {
+        object_id: {(s.header.stamp.sec, s.header.stamp.nanosec): s for s in found}
+        for object_id in ("vut", "ot1")
+        for found in [messages(bag, f"/ssp/{object_id}/state")]
+    }
     # One message for each step of the world, in which everybody is whose state wasn't lost.
     steps = [message.transforms[0].header.stamp for message in moving]
     assert len({(stamp.sec, stamp.nanosec) for stamp in steps}) == len(steps)

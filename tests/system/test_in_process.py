@@ -23,6 +23,7 @@ from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.run import over_dds as runner
 from ssp_scenario_manager.run.in_process import Record, result_json, run_in_process
 from ssp_scenario_manager.run.sweep import for_one_process
+from tests.support.bags import messages
 from tests.system.frames import check_frames
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -53,12 +54,7 @@ def recorded(bag: Path, object_id: str) -> list[ObjectState]:
 
     A bag puts what came at the same instant in any order.
     """
-    with AnyReader([bag]) as reader:
-        chosen = [c for c in reader.connections if c.topic == f"/ssp/{object_id}/state"]
-        states = [
-            object_state(reader.deserialize(raw, c.msgtype))
-            for c, _, raw in reader.messages(connections=chosen)
-        ]
+    states = [object_state(one) for one in messages(bag, f"/ssp/{object_id}/state")]
     return by_number(states)
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from rosbags.highlevel import AnyReader
 
+from tests.support.bags import messages
 from tests.system.conftest import END_DEADLINE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -29,11 +30,7 @@ BUSY = ("participant_lost: scenario_manager", "overrun: scenario_manager")
 
 def last_speeds(bag: Path) -> dict[str, float]:
     """Speed of each object in the last recorded ground truth."""
-    with AnyReader([bag]) as reader:
-        connections = [c for c in reader.connections if c.topic == "/ssp/world/tick"]
-        last: Any = None
-        for connection, _, raw in reader.messages(connections=connections):
-            last = reader.deserialize(raw, connection.msgtype)
+    last = messages(bag, "/ssp/world/tick")[-1]
     return {o.object_id: o.speed for o in last.objects if o.role in (1, 2)}
 
 
@@ -60,13 +57,11 @@ def test_killed_node_ends_the_run(
     bag = session.folder / "bag"
     with AnyReader([bag]) as reader:
         topics = {c.topic: c.msgcount for c in reader.connections}
-        # An empty list of connections would mean all of them.
-        events = [c for c in reader.connections if c.topic == "/ssp/safety_event"]
-        decoded = [
-            reader.deserialize(raw, c.msgtype)
-            for c, _, raw in (reader.messages(connections=events) if events else ())
-        ]
-    lost = [event.object_id for event in decoded if event.limit_name == "participant_lost"]
+    lost = [
+        event.object_id
+        for event in messages(bag, "/ssp/safety_event")
+        if event.limit_name == "participant_lost"
+    ]
     assert topics["/ssp/vut/state"] > 0
     assert topics["/ssp/world/tick"] > 0
     assert set(lost) <= {node, "scenario_manager"}

@@ -12,17 +12,10 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from ssp_core.run_file.model import load_run
+from tests.support.bags import messages
 from tests.system.recordings import SAID_FILE, Recordings
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
-
-
-def messages(bag: Path, topic: str) -> list[Any]:
-    with AnyReader([bag]) as reader:
-        chosen = [c for c in reader.connections if c.topic == topic]
-        return [
-            reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections=chosen)
-        ]
 
 
 # The others are held for the audit too, with a camera.

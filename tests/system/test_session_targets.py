@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rosbags.highlevel import AnyReader
 
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import CurvePiece
 from ssp_core.world.reference_line import ReferenceLine
+from tests.support.bags import messages
 from tests.support.runs import small_run
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -146,14 +146,6 @@ def run(tmp_path: Path, mapping: dict[str, Any]) -> dict[str, Any]:
     result: dict[str, Any] = json.loads((tmp_path / "run" / "result.json").read_text())
     assert (done.returncode, result["reasons"]) == (0, []), done.stdout + done.stderr
     return result
-
-
-def messages(bag: Path, topic: str) -> list[Any]:
-    with AnyReader([bag]) as reader:
-        chosen = [c for c in reader.connections if c.topic == topic]
-        return [
-            reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections=chosen)
-        ]
 
 
 def seconds(stamp: Any) -> float:
