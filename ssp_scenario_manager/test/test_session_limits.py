@@ -1,9 +1,10 @@
-"""Limits while a session is armed and runs: events, verdicts, the end."""
+"""What is watched of states, clocks and answers, from the arming of a session to its end."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -27,24 +28,24 @@ def run_with(driver: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changed", "code", "verdict"),
+    ("changed", "code"),
     [
-        ({"x_m": 3.0, "y_m": 0.0}, SafetyCode.COLLISION, Verdict.FAILED_SAFETY),
-        ({"x_m": 4.9, "y_m": 0.0}, SafetyCode.SEPARATION, Verdict.FAILED_SAFETY),
-        (
-            {"reference_id": "r", "error_lateral_m": 0.81},
-            SafetyCode.ERROR_LATERAL,
-            Verdict.FAILED_SAFETY,
-        ),
-        ({"x_m": math.nan}, SafetyCode.STATE_NOT_FINITE, Verdict.FAILED_SAFETY),
-        ({"yaw_rad": math.inf}, SafetyCode.STATE_NOT_FINITE, Verdict.FAILED_SAFETY),
+        ({"x_m": 3.0, "y_m": 0.0}, SafetyCode.COLLISION),
+        ({"x_m": 4.9, "y_m": 0.0}, SafetyCode.SEPARATION),
+        ({"x_m": 400.0}, SafetyCode.OUTSIDE_GEOFENCE),
+        ({"speed_mps": 15.1}, SafetyCode.OVER_SPEED),
+        ({"position_std_m": 0.6}, SafetyCode.LOCALISATION),
+        ({"reference_id": "r", "error_lateral_m": 0.81}, SafetyCode.ERROR_LATERAL),
+        ({"x_m": math.nan}, SafetyCode.STATE_NOT_FINITE),
+        ({"yaw_rad": math.inf}, SafetyCode.STATE_NOT_FINITE),
     ],
 )
-@pytest.mark.parametrize("phase", ["RUNNING", "STOPPING"])
+@pytest.mark.parametrize("phase", ["ARMED", "RUNNING", "STOPPING"])
 def test_a_limit_aborts_with_its_event_and_verdict(
-    driver: Any, tools: Any, phase: str, changed: dict[str, Any], code: SafetyCode, verdict: Verdict
+    driver: Any, tools: Any, phase: str, changed: dict[str, Any], code: SafetyCode
 ) -> None:
-    run_with(driver)
+    driver.until("ARMED" if phase == "ARMED" else "RUNNING")
+    driver.acknowledge()
     driver.move("vut", speed_mps=1.0)
     if phase == "STOPPING":
         driver.session._move(SessionEvent.COMPLETE, 0, "")
@@ -52,7 +53,7 @@ def test_a_limit_aborts_with_its_event_and_verdict(
     driver.step()
     assert tools.violations(driver.session.outbox) == [code]
     assert driver.session.state is SessionPhase.ABORTING
-    assert driver.session.verdict is verdict
+    assert driver.session.verdict is Verdict.FAILED_SAFETY
     assert len(driver.session.reasons) == 1
 
 
@@ -124,6 +125,12 @@ def test_a_refused_reference(driver: Any) -> None:
     assert driver.session.state is SessionPhase.ABORTING
     driver.session.on_ack("ot1-1", False, 7, "leaves the geofence", 6)  # a duplicate
     assert len(driver.session.reasons) == 1
+
+
+def test_an_object_that_aborts_before_the_start_ends_the_session(driver: Any, tools: Any) -> None:
+    driver.until("ARMED")
+    driver.step(control_state=ControlState.ABORTING)
+    assert tools.violations(driver.session.outbox) == [SafetyCode.OBJECT_ABORTED]
 
 
 def test_an_object_that_aborts_is_given_time_to_say_why(driver: Any, tools: Any) -> None:
@@ -207,3 +214,232 @@ def test_older_states_do_not_replace_newer_ones(driver: Any) -> None:
     driver.session.on_target_state(driver.state("ot1", stamp_ns=50 * MS, x_m=9.0))
     assert driver.session.vut.x_m == 0.0
     assert driver.session.targets["ot1"].x_m == 40.0
+
+
+# -- from the arming on ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("phase", ["LOADED", "CONNECTED"])
+def test_before_it_is_armed_nothing_is_watched_but_reports_count(
+    driver: Any, tools: Any, phase: str
+) -> None:
+    """Everybody may still be moved about by hand; an object that stops by itself ends it."""
+    driver.until(phase)
+    driver.move("ot1", x_m=3.0, y_m=0.0)
+    driver.step()
+    assert driver.session.state.name == phase
+    driver.session.fail(Violation(SafetyCode.STATE_STALE, "ot1", 1.0, 0.3, 5), announced=True)
+    assert driver.session.state is SessionPhase.ABORTING
+    assert tools.violations(driver.session.outbox) == []
+
+
+# -- objects that don't take part any more ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("control", ["OFF", "INIT", "DISARMED", "PRE_ARMING", "POSTRUN"])
+def test_an_object_that_has_left_the_run_ends_it(driver: Any, tools: Any, control: str) -> None:
+    """Started anew in the midst of a run it is well, stands, and drives no event."""
+    run_with(driver)
+    driver.step()
+    assert driver.session.state is SessionPhase.RUNNING
+    driver.step(control_state=ControlState[control])
+    assert tools.violations(driver.session.outbox) == [SafetyCode.OBJECT_ABORTED]
+    assert f"it is {control} while the session runs" in driver.session.reasons[0]
+    assert driver.session.state.name.startswith("ABORT")
+
+
+def test_an_object_may_need_a_while_to_hear_of_the_start(driver: Any, tools: Any) -> None:
+    run_with(driver)
+    for _ in range(40):  # the silence that it may bear, and the age that its states may have
+        driver.step(control_state=ControlState.ARMED)
+    assert driver.session.state is SessionPhase.RUNNING
+    driver.step(control_state=ControlState.ARMED)
+    assert tools.violations(driver.session.outbox) == [SafetyCode.OBJECT_ABORTED]
+
+
+def test_objects_leave_a_run_that_stops(driver: Any) -> None:
+    run_with(driver)
+    driver.command("stop")
+    driver.move("ot1", speed_mps=1.0)
+    for control in (ControlState.POSTRUN, ControlState.DISARMED):
+        driver.step(control_state=control)
+        assert driver.session.state is SessionPhase.STOPPING
+
+
+# -- clocks ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("who", ["vut", "ot1"])
+def test_a_clock_that_was_wrong_for_a_moment_leaves_no_abort_without_end(
+    driver: Any, tools: Any, who: str
+) -> None:
+    run_with(driver)
+    driver.step()
+    hear = driver.session.on_vut_state if who == "vut" else driver.session.on_target_state
+    ahead = driver.vut if who == "vut" else driver.targets[who]
+    hear(replace(ahead, stamp_ns=driver.now_ns + 1000 * S))
+    driver.session.step(driver.now_ns)
+    assert tools.violations(driver.session.outbox) == [SafetyCode.CLOCK_OFFSET]
+    # What was heard with the wrong stamp is no standstill; what comes with the right one is.
+    assert driver.session.state is SessionPhase.ABORTING
+    driver.session.step(driver.now_ns)
+    assert driver.session.state is SessionPhase.ABORTING
+    driver.step(control_state=ControlState.ABORTING)
+    assert driver.session.state is SessionPhase.ABORTED
+    assert driver.command("all_clear").accepted
+
+
+# -- states that don't follow from those before them ----------------------------------------------
+
+
+def strict(run_mapping: dict[str, Any]) -> RunSpec:
+    run_mapping["limits"] |= {"jump_m": 1.0, "frozen_s": 0.25}
+    return RunSpec.model_validate(run_mapping)
+
+
+@pytest.mark.parametrize("who", ["vut", "ot1"])
+@pytest.mark.parametrize("phase", ["ARMED", "RUNNING"])
+def test_a_position_that_jumps(
+    make_driver: Callable[[RunSpec], Any],
+    run_mapping: dict[str, Any],
+    tools: Any,
+    phase: str,
+    who: str,
+) -> None:
+    driver = make_driver(strict(run_mapping))
+    driver.until(phase)
+    driver.acknowledge()
+    driver.step()
+    before = driver.vut if who == "vut" else driver.targets[who]
+    driver.move(who, x_m=before.x_m - 1.0)
+    driver.step()
+    assert driver.session.state.name == phase
+    driver.move(who, x_m=before.x_m + 0.5)
+    driver.step()
+    assert tools.violations(driver.session.outbox) == [SafetyCode.POSITION_JUMP]
+    assert driver.session.verdict is Verdict.FAILED_SAFETY
+    assert driver.session.reasons[0].startswith(f"position_jump: {who}: 1.5 m")
+
+
+@pytest.mark.parametrize("who", ["vut", "ot1"])
+def test_a_position_that_stands_while_its_object_moves(
+    make_driver: Callable[[RunSpec], Any], run_mapping: dict[str, Any], tools: Any, who: str
+) -> None:
+    driver = make_driver(strict(run_mapping))
+    run_with(driver)
+    driver.move(who, speed_mps=5.0)
+    for _ in range(13):  # the first is where it stands from; 12 periods are 0.24 s
+        driver.step()
+        assert driver.session.state is SessionPhase.RUNNING
+    driver.step()
+    assert tools.violations(driver.session.outbox) == [SafetyCode.STATE_FROZEN]
+
+
+def test_what_jumped_before_the_arming_is_forgotten(
+    make_driver: Callable[[RunSpec], Any], run_mapping: dict[str, Any]
+) -> None:
+    driver = make_driver(strict(run_mapping))
+    driver.until("CONNECTED")
+    driver.move("ot1", x_m=90.0)
+    driver.step()
+    driver.move("ot1", x_m=40.0)
+    driver.step()
+    assert driver.command("arm").accepted
+    driver.step()
+    assert driver.session.state is SessionPhase.ARMED
+
+
+def test_the_order_of_arrival_decides_nothing(
+    make_driver: Callable[[RunSpec], Any], run_mapping: dict[str, Any]
+) -> None:
+    """Two positions jump in one step; whichever state comes first, the reasons are the same."""
+    told = []
+    for order in (1, -1):
+        driver = make_driver(strict(run_mapping))
+        run_with(driver)
+        driver.step()
+        driver.now_ns += 20 * MS
+        states = [
+            replace(driver.vut, stamp_ns=driver.now_ns, x_m=3.0),
+            replace(driver.targets["ot1"], stamp_ns=driver.now_ns, x_m=50.0),
+        ]
+        for state in states[::order]:
+            if state.object_id == "vut":
+                driver.session.on_vut_state(state)
+            else:
+                driver.session.on_target_state(state)
+        driver.session.step(driver.now_ns)
+        told.append(driver.session.reasons)
+    assert told[0] == told[1]
+    assert len(told[0]) == 2
+
+
+# -- clocks ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("who", ["vut", "ot1"])
+@pytest.mark.parametrize(
+    ("mode", "ahead_ms", "passed"),
+    [("lockstep", 50, False), ("lockstep", 51, True), ("live", 51, True),
+     # Session time itself is a step behind until the tick has come.
+     ("realtime", 70, False), ("realtime", 71, True)],
+)  # fmt: skip
+def test_a_state_from_the_future(
+    make_driver: Callable[[RunSpec], Any],
+    run: RunSpec,
+    tools: Any,
+    who: str,
+    mode: str,
+    ahead_ms: int,
+    passed: bool,
+) -> None:
+    driver = make_driver(run.model_copy(update={"mode": mode}))
+    run_with(driver)
+    driver.step()
+    state = driver.vut if who == "vut" else driver.targets[who]
+    early = replace(state, stamp_ns=driver.now_ns + ahead_ms * MS)
+    assert driver.session.on_vut_state(early) or driver.session.on_target_state(early)
+    driver.session.step(driver.now_ns)
+    expected = [SafetyCode.CLOCK_OFFSET] if passed else []
+    assert tools.violations(driver.session.outbox) == expected
+
+
+def test_a_clock_that_was_set_right_is_believed_before_the_run(driver: Any) -> None:
+    """A stamp from far ahead must not keep out all that come after it."""
+    driver.until("CONNECTED")
+    driver.session.on_vut_state(driver.state("vut", stamp_ns=3600 * S))
+    assert not driver.command("arm").accepted
+    driver.hear()
+    assert driver.command("arm").accepted
+
+
+# -- strangers ------------------------------------------------------------------------------------
+
+
+def test_states_of_strangers_are_not_taken(driver: Any) -> None:
+    run_with(driver)
+    stranger = driver.state("ot9", x_m=0.5, stamp_ns=1)
+    assert not driver.session.on_target_state(stranger)
+    assert not driver.session.on_target_state(driver.state("vut", x_m=9.0, stamp_ns=1))
+    assert not driver.session.on_vut_state(driver.state("ot1", x_m=9.0, stamp_ns=1))
+    assert set(driver.session.targets) == {"ot1"}
+    assert driver.session.vut.x_m == 0.0
+    driver.step()
+    assert driver.session.state is SessionPhase.RUNNING
+
+
+# -- what comes after the end ---------------------------------------------------------------------
+
+
+def test_the_verdict_of_a_finished_run_stays(driver: Any, tools: Any) -> None:
+    run_with(driver)
+    driver.session._run.resolved_ns = 0
+    driver.command("stop")
+    driver.step(control_state=ControlState.DISARMED)
+    assert driver.session.verdict is Verdict.VALID
+    driver.command("abort")
+    driver.move("ot1", x_m=3.0, y_m=0.0)
+    driver.move("vut", speed_mps=1.0)
+    driver.step()
+    assert SafetyCode.COLLISION in tools.violations(driver.session.outbox)
+    assert (driver.session.verdict, driver.session.reasons) == (Verdict.VALID, ())
