@@ -197,9 +197,8 @@ def bright(image: Image, kind: str) -> NDArray[np.bool_]:
     return np.asarray((red > 200) & (green > 110) & (green < 215) & (blue < 110))
 
 
-@pytest.mark.parametrize("light", ["day", "dusk"])
-def test_brake_lamps_shine(light: str) -> None:
-    look = QUIET.model_copy(update={"light": light})
+def test_brake_lamps_shine_at_dusk() -> None:
+    look = QUIET.model_copy(update={"light": "dusk"})
     rolling = picture(thing(ObjectClass.CAR, 20.0), look=look)
     braking = picture(thing(ObjectClass.CAR, 20.0, acceleration_mps2=-3.0), look=look)
     assert bright(braking, "red").sum() > bright(rolling, "red").sum() + 8

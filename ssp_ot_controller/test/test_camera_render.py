@@ -108,12 +108,6 @@ print(hashlib.sha256(image.tobytes()).hexdigest())
     assert done.stdout.strip() == hashlib.sha256(image.tobytes()).hexdigest()
 
 
-def test_shape_and_type() -> None:
-    image = picture()
-    assert image.shape == (270, 480, 3)
-    assert image.dtype == np.uint8
-
-
 def test_mirrored_scene_gives_mirrored_picture() -> None:
     def mirrored(state: ObjectState) -> ObjectState:
         return replace(state, y_m=-state.y_m, yaw_rad=-state.yaw_rad)

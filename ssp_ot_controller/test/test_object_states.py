@@ -96,10 +96,3 @@ def test_after_an_abort_running_takes_all_clear_arm_and_start(events: list[Objec
             order = [ObjectEvent.ALL_CLEAR, ObjectEvent.ARM, ObjectEvent.START]
             places = [seen.index(e) for e in order]
             assert places == sorted(places)
-
-
-def test_nothing_but_arm_and_start_leads_to_running() -> None:
-    into_running = [(s, e) for (s, e), t in LEGAL.items() if t is ControlState.RUNNING]
-    assert into_running == [(ControlState.ARMED, ObjectEvent.START)]
-    out_of_abort = {e for (s, e), t in LEGAL.items() if s is ControlState.ABORTING and t is not s}
-    assert out_of_abort == {ObjectEvent.ALL_CLEAR}

@@ -166,12 +166,15 @@ def drive_by(tmp_path: Path, seed: int, cut_in: bool) -> list[list[ObjectState]]
     return rows
 
 
-def test_traffic_reacts_to_a_target_that_cuts_in(tmp_path: Path) -> None:
+def test_traffic_reacts_to_a_target_that_cuts_in_and_output_stays_clean(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     free = drive_by(tmp_path / "a", 1, cut_in=False)[-1][0]
     behind = drive_by(tmp_path / "b", 1, cut_in=True)[-1][0]
     assert free.speed_mps == pytest.approx(12.0, abs=0.1)
     assert behind.speed_mps < 10.5
     assert in_block(behind)[0] + behind.size.front_m < 80.0 + 5.0 * 6.0
+    assert tuple(capfd.readouterr()) == ("", "")
 
 
 def test_the_same_seed_gives_the_same_traffic(tmp_path: Path) -> None:
@@ -234,12 +237,6 @@ def test_traffic_with_no_speed_stands(tmp_path: Path) -> None:
         for _ in range(50):
             [bus] = world.step(everybody(run))
         assert in_block(bus) == pytest.approx((200.0 - bus.size.front_m, -3.5), abs=1e-4)
-
-
-def test_standard_output_stays_clean(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    drive_by(tmp_path, 1, cut_in=True)
-    out, err = capfd.readouterr()
-    assert (out, err) == ("", "")
 
 
 def test_a_network_is_made_once_for_a_road_and_again_for_another(tmp_path: Path) -> None:

@@ -145,20 +145,6 @@ def test_a_command_that_is_no_number_is_never_sent() -> None:
         encode_command(replace(COMMAND, command=Command(math.nan, 0.0, 0.0)))
 
 
-def test_order() -> None:
-    order = Order()
-
-    def passes(boot_ns: int, sequence: int) -> bool:
-        return order.is_new(replace(ENVELOPE, boot_ns=boot_ns, sequence=sequence))
-
-    assert passes(5, 1)
-    assert passes(5, 3)
-    assert not passes(5, 3)
-    assert not passes(5, 2)
-    assert passes(6, 1)  # started anew
-    assert not passes(5, 4)
-
-
 # -- the body's end -------------------------------------------------------------------------------
 
 

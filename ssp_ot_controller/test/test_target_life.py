@@ -327,28 +327,11 @@ def test_no_run_lasts_longer_than_the_site_allows_though_the_manager_goes_on(rig
 # -- references -----------------------------------------------------------------------------------
 
 
-def broken(points: list[ReferencePoint], **changes: Any) -> list[ReferencePoint]:
-    return [replace(points[0], **changes), *points[1:]]
-
-
 REFUSED: dict[str, tuple[Callable[[int], Reference], RefusalCode]] = {
     "late": (lambda now: reference("x", now - 1, straight()), RefusalCode.LATE),
-    "expired": (
-        lambda now: replace(reference("x", now + 1, straight()), expires_at_ns=now),
-        RefusalCode.EXPIRED,
-    ),
-    "one point": (lambda now: reference("x", now, straight()[:1]), RefusalCode.MALFORMED),
-    "no number": (
-        lambda now: reference("x", now, broken(straight(), y_m=math.nan)),
-        RefusalCode.MALFORMED,
-    ),
     "somebody else's": (
         lambda now: replace(reference("x", now, straight()), object_id="ot2"),
         RefusalCode.MALFORMED,
-    ),
-    "another version": (
-        lambda now: replace(reference("x", now, straight()), event_version="sha256:other"),
-        RefusalCode.VERSION,
     ),
     "starts elsewhere": (lambda now: reference("x", now, straight()), RefusalCode.DISCONTINUOUS),
 }
@@ -388,22 +371,6 @@ def test_without_a_further_reference_it_stands_at_the_end(rig: Rig) -> None:
     assert rig.body.speed_mps == 0.0
     assert rig.body.x_m == pytest.approx(200.0, abs=0.2)
     assert rig.target.state is ControlState.RUNNING
-
-
-@pytest.mark.parametrize("state", ["OFF", "DISARMED", "ARMED", "ABORTING"])
-def test_references_are_for_a_running_object(rig: Rig, state: str) -> None:
-    if state != "OFF":
-        rig.target.power_on()
-        rig.step()
-    if state == "ARMED":
-        rig.target.command(ObjectEvent.ARM, VERSION, 0.0)
-        rig.step()
-    if state == "ABORTING":
-        rig.target.command(ObjectEvent.ABORT, "", 0.0)
-    assert rig.target.state.name == state
-    refusal = rig.take(reference("a", rig.now_ns, straight()))
-    assert refusal is not None
-    assert refusal.code is RefusalCode.STATE
 
 
 def test_a_manoeuvre_that_waits_at_an_abort_never_begins(rig: Rig) -> None:

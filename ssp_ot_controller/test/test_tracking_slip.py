@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from ssp_core.geometry import FloatArray, Polyline
-from ssp_core.motion.manoeuvre import drive_along, lane_change
+from ssp_core.motion.manoeuvre import lane_change
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command
 from ssp_ot_controller.control.tracker import Tracker
@@ -166,11 +166,3 @@ def test_braking_stays_on_the_path() -> None:
     assert s.speed_mps == 0.0
     xs, ys = ref.columns[1], ref.columns[2]
     assert s.y_m == pytest.approx(float(np.interp(s.x_m, xs, ys)), abs=0.2)
-
-
-def test_starting_and_stopping() -> None:
-    points = drive_along(Polyline([(0.0, 0.0), (60.0, 0.0)]), 0.0, 0.0, 8.0, 2.0, 2.0)
-    tracker = Tracker(CAR, dt_s=DT_S)
-    errors, end = drive(tracker, Car(), SlipState(0.0, 0.0, 0.0, 0.0), points, 14.0)
-    assert np.sqrt((errors[:, 0] ** 2).mean()) <= 0.10
-    assert end.speed_mps == 0.0

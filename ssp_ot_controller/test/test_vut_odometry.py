@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.geometry import yaw_of
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
@@ -128,11 +127,6 @@ def test_stamps_must_rise_and_a_dropped_fix_has_no_number():
 def test_a_unit_that_doesnt_say_how_good_it_is_has_no_limit(variance):
     """Infinite uncertainty passes every limit, so that such a unit can't be armed with."""
     assert states().take(fix(variance_x_m2=variance)).position_std_m == math.inf
-
-
-@given(st.floats(-math.pi, math.pi))
-def test_yaw_of_a_level_orientation(yaw):
-    assert math.cos(yaw_of(quaternion(yaw)) - yaw) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_a_fix_from_the_future_is_refused_and_the_next_right_one_is_taken():
