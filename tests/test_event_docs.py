@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 from ssp_scenario_manager.event_spec.checks.check import PREDICATES
+from ssp_scenario_manager.event_spec.fields import UNITS
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.picture import picture
-from ssp_scenario_manager.event_spec.units import UNITS
 from ssp_scenario_manager.maps.site import find_shipped
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"

@@ -189,22 +189,6 @@ def test_the_same_input_gives_the_same_bytes(
     assert names(tmp_path / "one") == names(tmp_path / "two")
 
 
-def test_a_given_epoch_dates_the_compilers_entries(
-    compile_to: Compile,
-    event_on_road: EventOnRoad,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    event = event_on_road("cut_in", 3, 0)
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1767225600")
-    assert compile_to(event, "carla", "--map", str(MOTORWAY)) == 0
-    log = read_log(tmp_path / "out" / "log.jsonl")
-    assert {record.when for record in log} == {"2026-01-01T00:00:00Z"}
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", "soon")
-    assert compile_to(event, "carla", "--map", str(MOTORWAY), out="two") == 1
-    assert not (tmp_path / "two").exists()
-
-
 def test_a_seal_shows_every_change(
     compile_to: Compile, event_on_road: EventOnRoad, tmp_path: Path
 ) -> None:

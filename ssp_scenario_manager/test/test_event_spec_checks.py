@@ -259,13 +259,6 @@ def test_predicate_finds_its_fault(
     assert {failure.field for failure in found} <= {f.field for f in check_event(value)}
 
 
-@pytest.mark.parametrize("predicate", sorted(BY_NAME))
-def test_predicate_is_silent_on_the_shipped_events(predicate: str) -> None:
-    for name in ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing"):
-        view = View(Event.model_validate(shipped(name)))
-        assert list(BY_NAME[predicate](view)) == []
-
-
 def test_every_predicate_has_a_case_and_a_rule_in_words() -> None:
     cases = {case[0] for case in CASES} | {"critical_fields_are_decided"}
     assert cases == set(BY_NAME)
@@ -326,12 +319,6 @@ def test_a_field_of_the_road_admits_its_value_or_what_it_may_vary_to() -> None:
     assert road.permitted_manoeuvres.admits(frozenset(needed))
     assert road.permitted_manoeuvres.admits(frozenset(needed | {"crossing", "stop"}))
     assert not road.permitted_manoeuvres.admits(frozenset({"keep_lane"}))
-
-
-def test_mapping_in_place_of_a_word_is_found() -> None:
-    for path in ("topology__left_boundary__value", "motion__ot1__trigger__motion"):
-        found = check_event(changed("cut_in", **{path: {}}))
-        assert path.replace("__", ".") in {f.field for f in found if f.check == "form"}
 
 
 def test_order_of_failures_is_always_the_same() -> None:

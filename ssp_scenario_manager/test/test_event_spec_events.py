@@ -16,6 +16,8 @@ from ssp_core.errors import InputError
 from ssp_core.files import parse_value
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.fields import (
+    UNITS,
+    Span,
     get,
     granules,
     join,
@@ -23,6 +25,7 @@ from ssp_scenario_manager.event_spec.fields import (
     matches,
     owner,
     split,
+    units_of,
 )
 from ssp_scenario_manager.event_spec.load import (
     body,
@@ -36,7 +39,6 @@ from ssp_scenario_manager.event_spec.load import (
     uncovered,
 )
 from ssp_scenario_manager.event_spec.model import Doubt, Event, Interval
-from ssp_scenario_manager.event_spec.units import UNITS, Span, units_of
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_scenario_manager.scenarios.kinds import KINDS
 

@@ -23,45 +23,26 @@ from ssp_scenario_manager.maps.site import find_shipped
 GOOD = find_shipped("cut_in", "event").read_text()
 LANE = "vut_lane: {value: rightmost, identity: true}"
 
-_BOMB = "a: &a [x, x, x, x, x, x, x, x]\n" + "".join(
-    f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join(['*' + chr(97 + i)] * 9)}]\n" for i in range(12)
-)
+# What no YAML file may do is tested with the reader of files.
 HOSTILE = {
-    "empty": "",
-    "a list": "- 1\n",
-    "a word": "cut_in",
     "truncated": GOOD[: len(GOOD) // 3],
-    "truncated in a quote": GOOD[: GOOD.index('"1"') + 2],
-    "an alias": GOOD.replace("trigger:\n", "trigger: &t\n", 1) + "again: *t\n",
-    "a bomb": _BOMB,
     "a cycle": "a: &a [*a]\n",
-    "a key twice": GOOD + "name: other\n",
-    "deep in flow": "a: " + "[" * 20_000 + "]" * 20_000,
-    "deep in JSON": '{"a": ' * 20_000 + "1" + "}" * 20_000,
     "deep within reason": "topology: " + "{a: " * 60 + "1" + "}" * 60,
     "not a number": GOOD.replace("max: 14,", "max: .nan,"),
     "infinite": GOOD.replace("max: 14,", "max: .inf,"),
     "a huge number": GOOD.replace("max: 14,", f"max: {'9' * 400},"),
-    "an exponent": GOOD.replace("max: 14,", "max: 1.0e+999,"),
     "a date": GOOD.replace(LANE, "vut_lane: 2026-01-01"),
-    "bytes": GOOD.replace(LANE, "vut_lane: !!binary aGVsbG8="),
-    "an object": GOOD.replace(LANE, "vut_lane: !!python/object:os.system x"),
-    "a set": GOOD.replace(LANE, "vut_lane: !!set {a, b}"),
     "a number as key": GOOD + "7: x\n",
-    "null bytes": "name: \x00\n",
-    "a lone surrogate": json.dumps({"schema": "ssp.event/2", "name": "\ud800"}),
     "a lone surrogate in a text": json.dumps(
         yaml.safe_load(GOOD) | {"description": "\ud800"}, ensure_ascii=True
     ),
-    "a number by sixties": "schema: 1" + ":59" * 20_000,
-    "a number in hexadecimal": "schema: 0x" + "f" * 20_000,
     "a huge frame": GOOD.replace("frames: [0, 77]", f"frames: [0, {'9' * 400}]"),
     "a long name": GOOD.replace("  vut:\n", "  " + "x" * 5000 + ": {}\n  vut:\n"),
     "many unknown keys": GOOD + "".join(f"k{i}: 1\n" for i in range(15_000)),
     "a thousand participants": GOOD.replace(
         "participants:\n", "participants:\n" + "".join(f"  p{i}: {{}}\n" for i in range(1000))
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", HOSTILE)
@@ -107,17 +88,6 @@ def test_file_that_is_not_there_or_a_folder_is_named(
     for name in names:
         assert main(["spec", "check", name]) == 1
     assert "no_such_event" in capsys.readouterr().out
-
-
-def test_a_long_file_within_the_limit_takes_seconds(tmp_path: Path) -> None:
-    file = tmp_path / "long.event.yaml"
-    extra = "".join(f"extra{i}: [{', '.join(['1'] * 700)}]\n" for i in range(90))
-    file.write_text(GOOD + extra)
-    began = time.process_time()
-    failures = check_event(read_event_file(str(file))[0])
-    assert time.process_time() - began < 30.0
-    assert {failure.check for failure in failures} == {"form"}
-    assert len(failures) == 90
 
 
 _SCALARS = st.one_of(

@@ -17,10 +17,9 @@ from pydantic import ValidationError
 from ssp_scenario_manager.event_spec.checks.base import Failure
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.checks.form import vocabulary
-from ssp_scenario_manager.event_spec.fields import join, leaves, split, within
+from ssp_scenario_manager.event_spec.fields import UNITS, join, leaves, split, within
 from ssp_scenario_manager.event_spec.load import event_version, read_event_file
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.event_spec.units import UNITS
 
 NAMES = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")
 PHASES = ("approach", "trigger", "conflict", "resolution")

@@ -14,11 +14,10 @@ from hypothesis import strategies as st
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.participants import Brake, LaneChange
 from ssp_core.run_file.road import CurvePiece
+from ssp_scenario_manager.event_spec.fields import UNITS, units_of
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.event_spec.units import UNITS, units_of
 from ssp_scenario_manager.maps.block import Block, BlockLane
-from ssp_scenario_manager.maps.site import load_site, site_library
 from ssp_scenario_manager.scenarios.base import (
     CannotPlace,
     Cross,
@@ -205,14 +204,6 @@ def test_every_variant_goes_as_it_says(variant: str, curvature_1pm: float) -> No
     check(event, place, plan_of(event, place))
 
 
-@pytest.mark.parametrize("name", SHIPPED)
-@pytest.mark.parametrize("site", ["boulevard", "north_track", "south_loop"])
-def test_every_shipped_event_fits_every_block_of_every_site(name: str, site: str) -> None:
-    event = shipped(name)
-    for place in site_library(load_site(site)[0]).blocks:
-        check(event, place, plan_of(event, place))
-
-
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     name=st.sampled_from(sorted(VARIANTS)),
@@ -245,18 +236,6 @@ def test_whatever_is_preferred_a_plan_keeps_to_k_star(
     except CannotPlace:
         return  # a block that is too short, or a bend that is too tight, is refused
     check(event, place, plan)
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_turning_a_block_changes_nothing_in_its_frame(name: str) -> None:
-    """METHOD 2.4: the transform is rigid."""
-    event = shipped(name)
-    here = plan_of(event, block())
-    there = plan_of(event, block(pose=Pose2(-31.5, 77.25, -2.46)))
-    assert there.vut == here.vut
-    assert there.targets == here.targets
-    assert there.trigger == here.trigger
-    assert there.chosen == here.chosen
 
 
 def test_a_crossing_takes_place_at_the_marking_where_there_is_one() -> None:

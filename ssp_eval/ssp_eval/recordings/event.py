@@ -9,8 +9,8 @@ from ssp_core.motion.encounter import Observable
 from ssp_core.motion.event import TOLERANCE_S
 from ssp_core.run_file.model import ConflictThresholds, RunSpec
 from ssp_eval.data.audit import EVENT_PHASES
+from ssp_scenario_manager.event_spec.fields import Span, units_of
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.event_spec.units import Span, units_of
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 # METHOD 4.1: approach and resolution count as located if so much of each lies in the clip.

@@ -16,7 +16,7 @@ from ssp_core.files import make_folder, write_json, write_text
 from ssp_scenario_manager.event_spec.checks.base import Failure, summed_up
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.extract.blank import blank_event
-from ssp_scenario_manager.event_spec.extract.migrate import migrate as migrate_event
+from ssp_scenario_manager.event_spec.extract.blank import migrate as migrate_event
 from ssp_scenario_manager.event_spec.fields import show
 from ssp_scenario_manager.event_spec.graph import differences, interaction_graph
 from ssp_scenario_manager.event_spec.load import (

@@ -28,13 +28,13 @@ from ssp_scenario_manager.event_spec.load import load_event, refuse_old, write_e
 from ssp_scenario_manager.event_spec.log import check_not_refused, log_path, read_log, utc_now
 from ssp_scenario_manager.event_spec.model import SCHEMA
 from ssp_scenario_manager.event_spec.review.decisions import shown
-from ssp_scenario_manager.event_spec.review.pictures import open_evidence
 from ssp_scenario_manager.event_spec.review.session import (
     End,
     EventUnderReview,
     Session,
     Stdio,
     Terminal,
+    open_evidence,
     to_decide,
 )
 from ssp_scenario_manager.scenarios.kinds import KINDS

@@ -6,8 +6,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
+
+import numpy as np
 
 from ssp_core.geometry import Box, Polyline, point_in_polygon
 from ssp_core.names import VUT_ID
@@ -16,10 +19,10 @@ from ssp_core.run_file.participants import FollowPath, LaneChange, ParticipantSp
 from ssp_core.run_file.values import Point, Start
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.compile.task import PlaceLink
+from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.event_spec.units import Span
 from ssp_scenario_manager.maps.block import Block, BlockLane, Library
-from ssp_scenario_manager.maps.site import Region, Site, region_polygon
+from ssp_scenario_manager.maps.site import Region, Site, SiteBlock, region_polygon
 from ssp_scenario_manager.scenarios.base import CannotPlace, Cross, Drive, Plan
 from ssp_scenario_manager.scenarios.block_places import left_kerb_m, right_kerb_m
 from ssp_scenario_manager.scenarios.motions import stopping_m
@@ -106,11 +109,10 @@ class OperatingArea:
     def disturbance(self) -> LinkDisturbance:
         return self.site.disturbance if self.site is not None else LinkDisturbance()
 
-    def traffic(self, block: Block) -> list[TrafficSpec]:
-        """Surroundings of a block of the site; their lanes are those of the site's file."""
-        if self.site is None:
-            return []
-        return next((list(b.traffic) for b in self.site.blocks if b.id == block.block_id), [])
+    def site_block(self, block: Block) -> SiteBlock | None:
+        """The block as the site's file has it, with its surroundings; None for a map."""
+        blocks = self.site.blocks if self.site is not None else []
+        return next((found for found in blocks if found.id == block.block_id), None)
 
     def geofence(self, block: Block) -> list[Point]:
         """The site's fence; for a map, one around the block and its sidewalks."""
@@ -120,20 +122,14 @@ class OperatingArea:
         left = left_kerb_m(block) + block.sidewalk_left_m + FENCE_MARGIN_M
         return strip_polygon(block.line, 0.0, block.length_m, right, left)
 
-    def ot_reachable(self) -> list[list[Point]]:
-        """Regions in which an OT can be; empty for a map."""
-        return self._polygons("ot_reachable")
-
-    def safe_stop_zones(self) -> list[list[Point]]:
-        """Regions in which a run may end in a hurry; empty for a map."""
-        return self._polygons("safe_stop_zones")
-
-    def _polygons(self, name: Literal["ot_reachable", "safe_stop_zones"]) -> list[list[Point]]:
-        if self.site is None:
-            return []
-        regions: list[Region] = getattr(self.site, name)
+    def regions(self, name: Literal["ot_reachable", "safe_stop_zones"]) -> list[list[Point]]:
+        """Where an OT can be, or where a run may end in a hurry; empty for a map."""
+        site = self.site
+        found: list[Region] = [] if site is None else getattr(site, name)
         return [
-            region_polygon(self.site, region, f"{name}[{i}]") for i, region in enumerate(regions)
+            region_polygon(site, region, f"{name}[{i}]")
+            for i, region in enumerate(found)
+            if site is not None
         ]
 
 
@@ -154,6 +150,7 @@ def outside(points: Sequence[Point], polygons: Sequence[Sequence[Point]]) -> Poi
     return None
 
 
+THE_FENCE = "the geofence"
 # Paths are looked at in steps of this.
 _STEP_M = 1.0
 # A safe-stop zone can be reached from the VUT's path within this distance to a side.
@@ -189,34 +186,23 @@ def _paths(run: RunSpec, block: Block, plan: Plan) -> Iterator[tuple[Participant
                 yield spec, block.line.path(plan.expected.s_m, drive.end_s_m, y)
 
 
-def check_fence(run: RunSpec, block: Block, plan: Plan) -> None:
-    """Nobody leaves the geofence.
+def check_inside(
+    run: RunSpec, block: Block, plan: Plan, regions: Sequence[Sequence[Point]], what: str
+) -> None:
+    """Nobody leaves the geofence, or no target what targets can reach.
+
+    Args:
+        what: the regions are, ``the geofence`` for the VUT too.
 
     Raises:
-        CannotPlace: somebody would leave the geofence.
+        CannotPlace: somebody would; with the place.
     """
     for spec, path in _paths(run, block, plan):
-        out = outside(list(_swept(spec.start, path, spec)), [run.geofence])
-        if out is not None:
-            raise CannotPlace(
-                f"{spec.id} would leave the geofence at x {out[0]:.1f} m, y {out[1]:.1f} m"
-            )
-
-
-def check_reachable(run: RunSpec, block: Block, plan: Plan, regions: list[list[Point]]) -> None:
-    """No target leaves what targets can reach.
-
-    Raises:
-        CannotPlace: a target would leave what targets can reach.
-    """
-    for spec, path in _paths(run, block, plan):
-        if spec.id == VUT_ID:
+        if spec.id == VUT_ID and what != THE_FENCE:
             continue
         out = outside(list(_swept(spec.start, path, spec)), regions)
         if out is not None:
-            raise CannotPlace(
-                f"{spec.id} would leave what OTs can reach at x {out[0]:.1f} m, y {out[1]:.1f} m"
-            )
+            raise CannotPlace(f"{spec.id} would leave {what} at x {out[0]:.1f} m, y {out[1]:.1f} m")
 
 
 def check_safe_stop(block: Block, plan: Plan, zones: list[list[Point]]) -> None:
@@ -227,33 +213,22 @@ def check_safe_stop(block: Block, plan: Plan, zones: list[list[Point]]) -> None:
     """
     brakes = stopping_m(plan.vut.cruise_mps, plan.vut.deceleration_mps2)
     earliest = plan.expected.s_m + brakes
-    for zone in zones:
-        for s in _stations(earliest, block.length_m):
-            if _crosses(block, s, plan.vut.start.l_m, zone):
-                return
+    stations = np.arange(earliest, block.length_m + 1e-9, _STEP_M)
+    if any(_crosses(block, float(s), plan.vut.start.l_m, zones) for s in stations):
+        return
     raise CannotPlace(
         f"no safe-stop zone can be reached from s = {earliest:.0f} m on, where the VUT can stop "
         f"after the trigger ({len(zones)} zone(s), {SAFE_STOP_REACH_M:g} m to either side)"
     )
 
 
-def _stations(from_s_m: float, to_s_m: float) -> Iterator[float]:
-    s = from_s_m
-    while s <= to_s_m:
-        yield s
-        s += _STEP_M
-
-
-def _crosses(block: Block, s_m: float, l_m: float, zone: list[Point]) -> bool:
-    """Some place beside the path within reach lies in the zone."""
-    steps = int(2 * SAFE_STOP_REACH_M)
-    for i in range(steps + 1):
-        try:
-            point = block.line.to_map(s_m, l_m - SAFE_STOP_REACH_M + i)
-        except NotOneToOne:
-            continue
-        if outside([point], [zone]) is None:
-            return True
+def _crosses(block: Block, s_m: float, l_m: float, zones: list[list[Point]]) -> bool:
+    """Some place beside the path within reach lies in a zone."""
+    for beside in range(int(2 * SAFE_STOP_REACH_M) + 1):
+        with suppress(NotOneToOne):
+            point = block.line.to_map(s_m, l_m - SAFE_STOP_REACH_M + beside)
+            if outside([point], zones) is None:
+                return True
     return False
 
 

@@ -12,8 +12,8 @@ from ssp_core.errors import InputError
 from ssp_scenario_manager.compile.place import Realisation
 from ssp_scenario_manager.compile.retrieval import ties
 from ssp_scenario_manager.compile.task import BlockScore
+from ssp_scenario_manager.event_spec.fields import UNITS, units_of
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.event_spec.units import UNITS, units_of
 from ssp_scenario_manager.maps.block import Block, Library
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.values import quantity_at

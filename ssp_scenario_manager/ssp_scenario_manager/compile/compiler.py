@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,9 +24,9 @@ from ssp_scenario_manager.event_spec.load import event_version, read_event_file,
 from ssp_scenario_manager.event_spec.log import (
     EntryKind,
     Record,
+    check_not_refused,
     log_path,
     read_log,
-    refusal,
     utc_now,
 )
 from ssp_scenario_manager.event_spec.model import Event
@@ -41,27 +39,9 @@ LOGGED_AS = "ssp compile"
 NO_TIME = "1970-01-01T00:00:00Z"
 
 
-def compiler_time() -> str:
-    """The time of the compiler's own entries: SOURCE_DATE_EPOCH, or the epoch's start.
-
-    Raises:
-        InputError: SOURCE_DATE_EPOCH is no number of seconds.
-    """
-    given = os.environ.get("SOURCE_DATE_EPOCH")
-    if not given:
-        return NO_TIME
-    try:
-        moment = datetime.datetime.fromtimestamp(int(given), datetime.UTC)
-    except (ValueError, OverflowError, OSError) as error:
-        raise InputError(
-            "must be seconds since 1970", field="SOURCE_DATE_EPOCH", value=given
-        ) from error
-    return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
 def entry(kind: EntryKind, event: EventLink, reason: str, **given: Any) -> Record:
     """An entry of the task's log about its event, by the compiler unless somebody else is given."""
-    who = {"when": compiler_time(), "who": LOGGED_AS, **given}
+    who = {"when": NO_TIME, "who": LOGGED_AS, **given}
     return Record(kind=kind, subject=event.name, version=event.version, reason=reason, **who)
 
 
@@ -189,14 +169,8 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
         candidate = load_candidate(request.shortlist, event.name, version)
     area, site_file = load_area(request.site, request.map_path)
     _check_area(request, area)
+    check_not_refused(event_path, event.name)
     before = read_log(log_path(event_path))
-    gate = refusal(before, event.name)
-    if gate is not None:
-        raise InputError(
-            f"its source clip was refused by {gate.who} on {gate.when}: {gate.reason}",
-            file=event_path,
-            remedy="extract the event from another clip (METHOD 1, source gate)",
-        )
     validated = None
     if request.validated_by is not None:
         validated = read_validation(request.validated_by, version)

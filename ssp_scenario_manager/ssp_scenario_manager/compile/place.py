@@ -14,9 +14,9 @@ from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.compile.area import (
+    THE_FENCE,
     OperatingArea,
-    check_fence,
-    check_reachable,
+    check_inside,
     check_safe_stop,
     clear_traffic,
 )
@@ -30,8 +30,8 @@ from ssp_scenario_manager.compile.task import (
     TriggerRegion,
     Tuning,
 )
+from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.event_spec.units import Span
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.run.in_process import why_not
 from ssp_scenario_manager.scenarios.base import (
@@ -212,10 +212,10 @@ def _realised(order: Order, block: Block, plan: Plan) -> Realisation:
     )
     traffic, left_out = _traffic(block, area, plan)
     run = _run(order, block, plan, told).model_copy(update={"traffic": traffic})
-    reachable, zones = area.ot_reachable(), area.safe_stop_zones()
-    check_fence(run, block, plan)
+    reachable, zones = area.regions("ot_reachable"), area.regions("safe_stop_zones")
+    check_inside(run, block, plan, [run.geofence], THE_FENCE)
     if area.site is not None and area.site.domain == "physical":
-        check_reachable(run, block, plan, reachable)
+        check_inside(run, block, plan, reachable, "what OTs can reach")
     if area.site is not None:
         check_safe_stop(block, plan, zones)
     problems = cannot_fire(run) or why_not(run)
@@ -336,15 +336,12 @@ def _marked_crossing(event: Event, block: Block, plan: Plan) -> float | None:
 
 
 def _traffic(block: Block, area: OperatingArea, plan: Plan) -> tuple[list[TrafficSpec], list[str]]:
-    wanted, lanes, moved = area.traffic(block), [], []
-    site_block = next(
-        (b for b in area.site.blocks if b.id == block.block_id) if area.site else iter(()),
-        None,
-    )
-    for vehicle in wanted:
-        if site_block is None or vehicle.lane >= len(site_block.lanes):
-            raise CannotPlace(f"{vehicle.id} drives in lane {vehicle.lane}, which isn't there")
-        y_m = site_block.lanes[vehicle.lane].y_m
+    """A site's surroundings in the block's lanes, and why some of them are left out."""
+    found, lanes, moved = area.site_block(block), [], []
+    if found is None:
+        return [], []
+    for vehicle in found.traffic:
+        y_m = found.lanes[vehicle.lane].y_m
         index = min(range(len(block.lanes)), key=lambda i: abs(block.lanes[i].y_m - y_m))
         lanes.append(block.lanes[index])
         moved.append(vehicle.model_copy(update={"lane": index}))

@@ -8,19 +8,18 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from ssp_scenario_manager.compile.task import BlockScore
+from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import (
     UNRESOLVED,
     BoundaryWord,
     Count,
-    CountField,
     Event,
     Interval,
     Quantity,
     RoadTypeWord,
     WordField,
 )
-from ssp_scenario_manager.event_spec.units import Span
-from ssp_scenario_manager.maps.block import Block, BlockLane, Library, bend_1pm
+from ssp_scenario_manager.maps.block import Block, Library, bend_1pm
 from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.block_places import lanes_of_words
 from ssp_scenario_manager.scenarios.kinds import KINDS
@@ -64,12 +63,13 @@ def identity(event: Event, block: Block) -> dict[str, str]:
     """
     road = event.topology
     mine = vut_lanes(event, block)
+    ahead, back = len(block.forward_lanes), len(block.backward_lanes)
     widths = [block.forward_lanes[i].width_m for i in mine]
     found: dict[str, tuple[object, bool]] = {
         "road_type": (block.road_type, road.road_type.admits(block.road_type)),
         "segment": (block.segment, road.segment.admits(block.segment)),
-        "lanes_same_direction": _lanes(road.lanes_same_direction, block.forward_lanes),
-        "lanes_opposite": _lanes(road.lanes_opposite, block.backward_lanes),
+        "lanes_same_direction": (ahead, road.lanes_same_direction.admits(ahead)),
+        "lanes_opposite": (back, road.lanes_opposite.admits(back)),
         "vut_lane": ("not there", bool(mine)),
         "left_boundary": (block.left_boundary, road.left_boundary.admits(block.left_boundary)),
         "right_boundary": (block.right_boundary, road.right_boundary.admits(block.right_boundary)),
@@ -85,10 +85,6 @@ def identity(event: Event, block: Block) -> dict[str, str]:
         for name in road.identity_fields
         if not found[name][1] and getattr(road, name).value != UNRESOLVED
     }
-
-
-def _lanes(field: CountField, lanes: tuple[BlockLane, ...]) -> tuple[int, bool]:
-    return len(lanes), field.admits(len(lanes))
 
 
 def _said(value: object) -> str:
@@ -324,17 +320,9 @@ def clearance(event: Event, block: Block) -> Met:
     return Met(share, "; ".join(short) or None)
 
 
-@dataclass(frozen=True, slots=True)
-class RetrievalWeights:
-    """λ of METHOD 2.2, fixed before any model is evaluated, and when two totals are a tie."""
-
-    topology: float = 1 / 3
-    interaction: float = 1 / 3
-    constraints: float = 1 / 3
-    tie: float = 1e-9
-
-
-WEIGHTS = RetrievalWeights()
+# λ of METHOD 2.2, the same for each score, and how near two totals are that tie.
+LAMBDA = 1 / 3
+TIE = 1e-9
 
 
 def _mean(met: Sequence[Met]) -> float:
@@ -367,7 +355,7 @@ def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
         clearance(event, block),
     ]
     s_t, s_i, s_c = _mean([*topology.values()]), _mean(interaction), _mean(constraints)
-    total = WEIGHTS.topology * s_t + WEIGHTS.interaction * s_i + WEIGHTS.constraints * s_c
+    total = LAMBDA * s_t + LAMBDA * s_i + LAMBDA * s_c
     differs = identity(event, block)
     met = {name: one.missing for name, one in topology.items() if one.missing is not None}
     reasons = [f"{why} (identity)" if name in differs else why for name, why in met.items()]
@@ -384,14 +372,9 @@ def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
     )
 
 
-def score_blocks(event: Event, library: Library, kind: Kind | None = None) -> list[BlockScore]:
-    """The scores of all blocks of a library: eligible ones first, best first, then by id.
-
-    Args:
-        kind: of the interaction; by default the one that the event names.
-    """
-    if kind is None:
-        kind = KINDS[event.interaction.type]
+def score_blocks(event: Event, library: Library) -> list[BlockScore]:
+    """The scores of all blocks of a library: eligible ones first, best first, then by id."""
+    kind = KINDS[event.interaction.type]
     scores = [score_block(event, block, kind) for block in library.blocks]
     return sorted(scores, key=lambda score: (not score.eligible, -score.total, score.block))
 
@@ -400,4 +383,4 @@ def ties(scores: Sequence[BlockScore]) -> list[BlockScore]:
     """The eligible blocks whose total is the best one's; a single one is the winner."""
     fits = [score for score in scores if score.eligible]
     best = max((score.total for score in fits), default=0.0)
-    return [score for score in fits if best - score.total <= WEIGHTS.tie]
+    return [score for score in fits if best - score.total <= TIE]

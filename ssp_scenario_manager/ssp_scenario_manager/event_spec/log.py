@@ -216,21 +216,13 @@ def refusal(records: Iterable[Record], name: str) -> Record | None:
     return refused
 
 
-def refusal_of(event_path: str | Path, name: str, log: str | Path | None = None) -> Record | None:
-    """As refusal, from the log beside a K* file or the one that is named.
+def check_not_refused(event_path: str | Path, name: str, log: str | Path | None = None) -> None:
+    """Raises InputError with the gate's reason where the event's source clip was refused.
 
     Args:
         log: its log, None: the one beside it.
-
-    Raises:
-        InputError: the log can't be read.
     """
-    return refusal(read_log(log_path(event_path) if log is None else log), name)
-
-
-def check_not_refused(event_path: str | Path, name: str, log: str | Path | None = None) -> None:
-    """Raises InputError with the gate's reason where the event's source clip was refused."""
-    record = refusal_of(event_path, name, log)
+    record = refusal(read_log(log_path(event_path) if log is None else log), name)
     if record is not None:
         raise InputError(
             f"its source clip was refused by {record.who} on {record.when}: {record.reason}",

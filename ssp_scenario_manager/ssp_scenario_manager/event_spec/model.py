@@ -14,7 +14,7 @@ from pydantic import ConfigDict, Field
 
 from ssp_core.run_file.values import ObjectId, Strict
 from ssp_core.vocabulary import LatWord, LonWord, MotionWord, ObjectWord, PhaseWord, PositionWord
-from ssp_scenario_manager.event_spec.units import UNITS, Span
+from ssp_scenario_manager.event_spec.fields import UNITS, Span
 
 SCHEMA: Literal["ssp.event/2"] = "ssp.event/2"
 UNRESOLVED: Literal["unresolved"] = "unresolved"

@@ -8,7 +8,7 @@ gets narrower than 2 m, is no driving lane there.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -97,18 +97,6 @@ def _start(cubic: Cubic) -> float:
     return cubic.s_m
 
 
-def _is_plain(road: RoadRecord, section: Section) -> bool:
-    """One constant record for the offset and for each lane: no sampling is needed."""
-    groups: Iterable[Sequence[Cubic]] = (
-        _active(road.offsets, section.start_m, section.end_m),
-        *(lane.widths for lane in section.lanes),
-    )
-    return not any(lane.borders and not lane.widths for lane in section.lanes) and all(
-        len(group) <= 1 and all(c.is_constant and c.s_m <= section.start_m for c in group)
-        for group in groups
-    )
-
-
 def _tracks(section: Section, offset: FloatArray, widths: dict[int, FloatArray]) -> list[_Track]:
     """Where the lanes lie at the samples, from right to left."""
     found = []
@@ -151,21 +139,9 @@ def _sampled(road: RoadRecord, section: Section, start_m: float, end_m: float) -
     return _tracks(section, offset, widths)
 
 
-def _plain(road: RoadRecord, section: Section) -> list[_Track]:
-    active = _active(road.offsets, section.start_m, section.end_m)
-    offset = np.array([active[0].a if active else 0.0])
-    widths = {
-        lane.id: np.array([min(max(lane.widths[0].a, 0.0), _WIDEST_M) if lane.widths else 0.0])
-        for lane in section.lanes
-    }
-    return _tracks(section, offset, widths)
-
-
 def _intervals(road: RoadRecord, section: Section) -> list[tuple[float, float, list[_Track]]]:
     """Parts of a section in which no record ends, and where the lanes lie in each."""
     start, end = section.start_m, section.end_m
-    if _is_plain(road, section):
-        return [(start, end, _plain(road, section))]
     offsets = _active(road.offsets, start, end)
     cubics = [*offsets, *(c for lane in section.lanes for c in (*lane.widths, *lane.borders))]
     breaks = sorted({start, end, *(c.s_m for c in cubics if start < c.s_m < end)})

@@ -8,9 +8,16 @@ from xml.etree.ElementTree import Element
 
 from ssp_core.run_file.road import SceneryItem
 from ssp_scenario_manager.maps.scenery import read_scenery
-from ssp_scenario_manager.maps.xml_input import BadElement, number, text, whole
+from ssp_scenario_manager.maps.xml_input import (
+    FARTHEST_M,
+    BadElement,
+    number,
+    text,
+    whole,
+)
 
 End = Literal["start", "end"]
+Shape = Literal["line", "arc", "spiral", "poly3", "paramPoly3"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +39,7 @@ class Geometry:
     y_m: float
     heading_rad: float
     length_m: float
-    kind: Literal["line", "arc", "spiral", "poly3", "paramPoly3"]
+    kind: Shape
     numbers: tuple[float, ...] = ()
     normalised: bool = False
 
@@ -142,6 +149,14 @@ _MOST_LANES = 64
 _MOST_RECORDS = 10_000
 _COEFFICIENT = 1e6
 _CURVATURE = 1e3
+_NUMBERS: dict[Shape, tuple[str, ...]] = {
+    "line": (),
+    "arc": ("curvature",),
+    "spiral": ("curvStart", "curvEnd"),
+    "poly3": tuple("abcd"),
+    "paramPoly3": tuple(name + side for side in "UV" for name in "abcd"),
+}
+_SHAPES: dict[str, Shape] = {shape: shape for shape in _NUMBERS}
 _SPEED_UNITS = {"m/s": 1.0, "mph": 0.44704, "km/h": 1 / 3.6}
 
 
@@ -205,36 +220,20 @@ def _geometry(element: Element) -> Geometry:
         number(element, "hdg", low=-1e4, high=1e4),
         number(element, "length", low=0.0, high=LONGEST_ROAD_M),
     )
-    shape = next(iter(element), None)
-    for child in element:
-        if child.tag in ("line", "arc", "spiral", "poly3", "paramPoly3"):
-            shape = child
-            break
+    shape = next((child for child in element if child.tag in _SHAPES), None)
+    if shape is None:
+        shape = next(iter(element), None)
     if shape is None:
         raise BadElement(element, "has no shape", None, "add line, arc, spiral or paramPoly3")
-    if shape.tag == "line":
-        return Geometry(s, x, y, heading, length, "line")
-    if shape.tag == "arc":
-        k = number(shape, "curvature", low=-_CURVATURE, high=_CURVATURE)
-        return Geometry(s, x, y, heading, length, "arc", (k,))
-    if shape.tag == "spiral":
-        ends = tuple(
-            number(shape, name, low=-_CURVATURE, high=_CURVATURE)
-            for name in ("curvStart", "curvEnd")
-        )
-        return Geometry(s, x, y, heading, length, "spiral", ends)
-    if shape.tag == "poly3":
-        numbers = tuple(number(shape, name) for name in "abcd")
-        return Geometry(s, x, y, heading, length, "poly3", numbers)
-    if shape.tag == "paramPoly3":
-        numbers = tuple(number(shape, name + side) for side in "UV" for name in "abcd")
-        span = text(shape, "pRange", "normalized")
-        if span not in ("arcLength", "normalized"):
-            raise BadElement(shape, "is unknown", "pRange", "arcLength or normalized")
-        return Geometry(
-            s, x, y, heading, length, "paramPoly3", numbers, normalised=span == "normalized"
-        )
-    raise BadElement(element, f"has the unknown shape {shape.tag[:40]}")
+    kind = _SHAPES.get(shape.tag)
+    if kind is None:
+        raise BadElement(element, f"has the unknown shape {shape.tag[:40]}")
+    bound = _CURVATURE if kind in ("arc", "spiral") else FARTHEST_M
+    numbers = tuple(number(shape, name, low=-bound, high=bound) for name in _NUMBERS[kind])
+    span = text(shape, "pRange", "normalized") if kind == "paramPoly3" else "arcLength"
+    if span not in ("arcLength", "normalized"):
+        raise BadElement(shape, "is unknown", "pRange", "arcLength or normalized")
+    return Geometry(s, x, y, heading, length, kind, numbers, span == "normalized")
 
 
 def _marks(lane: Element, base_m: float) -> tuple[Mark, ...]:

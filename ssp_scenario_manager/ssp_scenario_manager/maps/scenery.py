@@ -29,8 +29,8 @@ _LIMIT = "274"
 _NO_PLATES = re.compile(r"29[3-9](\.\d+)?|10000\d\d")
 # Maps of towns that call them so have them as objects without a type.
 _NAMED_LIMIT = re.compile(r"speed_(\d{1,3})(?:_.*)?", re.IGNORECASE)
-_PRINTED = {"km/h": 3.6, "mph": 1 / 0.44704, "m/s": 3.6}
-_IN_SI = {"km/h": 1 / 3.6, "mph": 0.44704, "m/s": 1.0}
+# What a sign shows of a speed in a unit; of m/s it shows km/h.
+_PRINTED = {"km/h": 1.0, "mph": 1.0, "m/s": 3.6}
 Place = tuple[float, float]
 
 
@@ -233,7 +233,7 @@ def _limit(element: Element) -> int | None:
                 raise BadElement(
                     element, "is no unit of speed", "unit", f"one of {', '.join(_PRINTED)}"
                 )
-            return _printed(speed * _IN_SI[unit] * _PRINTED[unit])
+            return _printed(speed * _PRINTED[unit])
     subtype = element.get("subtype", "")
     if not re.fullmatch(r"\d{1,3}", subtype):
         return None

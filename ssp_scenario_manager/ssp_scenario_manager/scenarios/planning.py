@@ -28,8 +28,8 @@ from ssp_scenario_manager.dispatch.references import (
     approach_reference,
     manoeuvre_reference,
 )
+from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.event_spec.units import Span
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,

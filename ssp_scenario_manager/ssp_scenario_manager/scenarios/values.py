@@ -12,8 +12,8 @@ from typing import Any
 from ssp_core.motion.state import DEFAULT_SIZES, Size
 from ssp_core.run_file.model import ConflictThresholds, WantedPassing
 from ssp_core.vocabulary import ObjectClass, ObjectWord
+from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event, Interval, Quantity
-from ssp_scenario_manager.event_spec.units import Span
 from ssp_scenario_manager.scenarios.base import CannotPlace, PlaceLimits
 
 # Values per quantity: the preferred one, and further ones from end to end of the interval.

@@ -656,8 +656,6 @@ def test_direct_junctions_join_roads_without_connecting_roads(made: Made, words:
     ("old", "new", "message"),
     [
         ('length="100.0" junction', 'length="-5" junction', "road 1 / length: is out of bounds"),
-        ('length="100.0" junction', 'length="nan" junction', "road 1 / length: is not finite"),
-        ('length="100.0" junction', 'length="1e300" junction', "road 1 / length: is out of bounds"),
         ('length="100.0" junction', "junction", "road 1: has no attribute 'length'"),
         ('length="100.0"><line', 'length="-1"><line', r"geometry\[0\] / length: is out of bounds"),
         ('x="0"', 'x="inf"', r"road 1 / planView\[0\] / geometry\[0\] / x: is not finite"),
@@ -667,16 +665,12 @@ def test_direct_junctions_join_roads_without_connecting_roads(made: Made, words:
         ("<line/>", "<arc/>", r"arc\[0\]: has no attribute 'curvature'"),
         ("<line/>", '<spiral curvStart="0" curvEnd="x"/>', "curvEnd: is not a number"),
         ("<line/>", '<paramPoly3 pRange="km"/>', "has no attribute 'aU'"),
-        ("<planView>", "<planview>", "is not valid XML"),
         ('s="0.0"', 's="-1"', r"laneSection\[0\] / s: is out of bounds"),
-        ('a="3.5"', 'a="wide"', "a: is not a number"),
         ('a="3.5"', 'a="1e99"', "a: is out of bounds"),
         ('<lane id="-1"', '<lane id="-1.5"', "id: is not a whole number"),
         ('<lane id="-1"', '<lane id="-2"', "leaves a lane id out"),
         ('<lane id="-1"', '<lane id="4"', "stands on the right"),
-        ('<lane id="-1"', "<lane", "has no attribute 'id'"),
         ('<road id="1"', "<road", "road: has no attribute 'id'"),
-        ('sOffset="0" a', 'sOffset="-inf" a', "sOffset: is not finite"),
         ("<link>", '<link><successor elementType="moon"/>', "elementType: is unknown"),
         ("<link>", '<link><successor elementType="road"/>', "has no attribute 'elementId'"),
         (
@@ -695,7 +689,6 @@ def test_direct_junctions_join_roads_without_connecting_roads(made: Made, words:
             r"junction 1 / connection 0: has no attribute 'incomingRoad'",
         ),
         ("OpenDRIVE", "osm", "outermost element is <osm>"),
-        ("</road>", "", "is not valid XML"),
     ],
 )
 def test_malformed_maps_name_file_and_element(made: Made, old: str, new: str, message: str) -> None:

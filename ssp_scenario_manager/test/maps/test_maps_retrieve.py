@@ -14,7 +14,7 @@ from ssp_core.files import load_model
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.road import CurvePiece
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_scenario_manager.compile.retrieval import WEIGHTS, score_block, score_blocks, ties
+from ssp_scenario_manager.compile.retrieval import score_block, score_blocks, ties
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block, BlockLane, ConflictArea, Library
 from ssp_scenario_manager.maps.load import load_library
@@ -114,12 +114,6 @@ def lanes(forward: int, backward: int, width_m: float = 3.5) -> tuple[BlockLane,
 
 
 # -- scores ---------------------------------------------------------------------------------------
-
-
-def test_the_weights_are_thirds_and_frozen() -> None:
-    assert (WEIGHTS.topology, WEIGHTS.interaction, WEIGHTS.constraints) == (1 / 3, 1 / 3, 1 / 3)
-    with pytest.raises(AttributeError):
-        WEIGHTS.topology = 1.0  # type: ignore[misc] # that it can't be set is the test
 
 
 @pytest.mark.parametrize("name", EVENTS)

@@ -13,7 +13,9 @@ from typing import Any, Literal
 from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_scenario_manager.event_spec.fields import (
     ROAD_FIELD,
+    UNITS,
     Rule,
+    Span,
     get,
     granules,
     owner,
@@ -29,7 +31,6 @@ from ssp_scenario_manager.event_spec.model import (
     Participant,
     QuantityField,
 )
-from ssp_scenario_manager.event_spec.units import UNITS, Span
 from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.kinds import KINDS
 

@@ -10,8 +10,8 @@ from itertools import pairwise
 from ssp_core.motion.encounter import OBSERVABLE_BRAKING_MPS2, OBSERVABLE_LATERAL_MPS
 from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.event_spec.checks.base import Fail, Failure, Predicate, View, known
+from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import Evidence
-from ssp_scenario_manager.event_spec.units import Span
 
 _fail = Fail("C3")
 

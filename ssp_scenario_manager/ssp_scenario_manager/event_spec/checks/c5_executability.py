@@ -10,9 +10,8 @@ from collections.abc import Iterator
 
 from ssp_scenario_manager.event_spec.checks.base import Fail, Failure, Predicate, View, one_of
 from ssp_scenario_manager.event_spec.checks.form import allowed
-from ssp_scenario_manager.event_spec.fields import get, leaves, show
+from ssp_scenario_manager.event_spec.fields import UNITS, Span, get, leaves, show, units_of
 from ssp_scenario_manager.event_spec.model import UNRESOLVED
-from ssp_scenario_manager.event_spec.units import UNITS, Span, units_of
 
 _fail = Fail("C5")
 _EPS = 1e-9

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from ssp_core.vocabulary import PHASES
@@ -163,9 +163,6 @@ class Undecided:
     source: str
     frames: tuple[int, ...]
 
-    def as_dict(self) -> dict[str, Any]:
-        return {**asdict(self), "frames": list(self.frames)}
-
 
 def undecided(event: Event) -> list[Undecided]:
     """Every field that waits for a decision, in the file's order.
@@ -179,9 +176,22 @@ def undecided(event: Event) -> list[Undecided]:
     for path in granules(value):
         entry = owner(path, event.uncertainty)
         doubt = event.uncertainty[entry] if entry else None
-        why = _why(get(value, path), doubt, sealed.get(entry or ""), path in critical)
-        if why is not None:
-            found.append(_describe(event, value, path, why, path in critical))
+        item, is_critical = get(value, path), path in critical
+        why = _why(item, doubt, sealed.get(entry or ""), is_critical)
+        if why is None:
+            continue
+        found.append(
+            Undecided(
+                field=path,
+                value=item,
+                why=why,
+                critical=is_critical,
+                confidence=doubt.confidence if doubt else None,
+                provenance=doubt.provenance if doubt else "",
+                source=doubt.source if doubt else "",
+                frames=frames_of(event, path),
+            )
+        )
     return found
 
 
@@ -207,23 +217,6 @@ def frames_of(event: Event, path: str) -> tuple[int, ...]:
         return ()
     evidence = getattr(event.events, phase).evidence
     return tuple(sorted({n for item in evidence for n in item.frames or ()}))
-
-
-def _describe(
-    event: Event, value: dict[str, Any], path: str, why: Why, critical: bool
-) -> Undecided:
-    entry = owner(path, event.uncertainty)
-    doubt = event.uncertainty[entry] if entry else None
-    return Undecided(
-        field=path,
-        value=get(value, path),
-        why=why,
-        critical=critical,
-        confidence=doubt.confidence if doubt else None,
-        provenance=doubt.provenance if doubt else "",
-        source=doubt.source if doubt else "",
-        frames=frames_of(event, path),
-    )
 
 
 def is_unresolved(value: Any) -> bool:

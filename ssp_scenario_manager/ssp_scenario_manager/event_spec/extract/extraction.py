@@ -61,9 +61,6 @@ class GateFinding:
     confidence: float
     frames: tuple[int, ...]
 
-    def as_dict(self) -> dict[str, Any]:
-        return {**asdict(self), "frames": list(self.frames)}
-
 
 @dataclass(frozen=True)
 class Extracted:
@@ -80,9 +77,9 @@ class Extracted:
     def as_dict(self) -> dict[str, Any]:
         return {
             "version": self.version,
-            "undecided": [item.as_dict() for item in self.undecided],
-            "failures": [failure.as_dict() for failure in self.failures],
-            "gate": [finding.as_dict() for finding in self.gate],
+            "undecided": [asdict(item) for item in self.undecided],
+            "failures": [asdict(failure) for failure in self.failures],
+            "gate": [asdict(finding) for finding in self.gate],
         }
 
 
@@ -204,7 +201,7 @@ def _details(
         "requests": store.describe(interview.keys),
         "annotation": annotation,
         "stated_type": order.origin.kind,
-        "gate": [finding.as_dict() for finding in gate],
+        "gate": [asdict(finding) for finding in gate],
     }
 
 
