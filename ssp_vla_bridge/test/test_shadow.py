@@ -48,7 +48,7 @@ def answer(request: Request, **given: object) -> Response:
     return replace(blank, **given)
 
 
-def test_a_request_every_half_second_of_the_sessions_clock() -> None:
+def test_a_request_every_half_second_of_the_sessions_clock():
     requests = drive(follower(), 31)
     assert [r.stamp_ns for r in requests] == [k * 500 * MS for k in range(7)]
     last = requests[-1]
@@ -58,7 +58,7 @@ def test_a_request_every_half_second_of_the_sessions_clock() -> None:
     assert (last.ego_provenance, last.frames[-1].jpeg) == ("measured", b"jpeg 30")
 
 
-def test_nothing_in_a_request_is_later_than_its_frame() -> None:
+def test_nothing_in_a_request_is_later_than_its_frame():
     one = follower()
     drive(one, 10)
     one.state(state(10 * NS_PER_S, 99.0))
@@ -68,14 +68,14 @@ def test_nothing_in_a_request_is_later_than_its_frame() -> None:
     assert all(frame.stamp_ns <= request.stamp_ns for frame in request.frames)
 
 
-def test_without_a_recent_state_the_history_is_empty() -> None:
+def test_without_a_recent_state_the_history_is_empty():
     one = follower()
     one.frame(Frame(5 * NS_PER_S, b"x"))
     request = one.request()
     assert (request.history, request.ego_provenance) == ((), "unknown")
 
 
-def test_late_and_repeated_frames_ask_nothing() -> None:
+def test_late_and_repeated_frames_ask_nothing():
     one = follower()
     assert one.frame(Frame(NS_PER_S, b"a"))
     one.request()
@@ -83,7 +83,7 @@ def test_late_and_repeated_frames_ask_nothing() -> None:
     assert not one.frame(Frame(NS_PER_S - 100 * MS, b"b"))
 
 
-def test_a_clock_that_goes_back_begins_anew() -> None:
+def test_a_clock_that_goes_back_begins_anew():
     one = follower(carries_previous=True)
     first = drive(one, 11, start_ns=100 * NS_PER_S)
     one.answered(answer(first[-1]))
@@ -92,7 +92,7 @@ def test_a_clock_that_goes_back_begins_anew() -> None:
     assert (len(again[0].frames), again[0].previous) == (1, None)
 
 
-def test_an_answer_that_comes_after_the_clock_went_back_is_not_carried() -> None:
+def test_an_answer_that_comes_after_the_clock_went_back_is_not_carried():
     one = follower(carries_previous=True)
     (before,) = drive(one, 1, start_ns=2 * NS_PER_S)
     drive(one, 6)
@@ -104,7 +104,7 @@ def test_an_answer_that_comes_after_the_clock_went_back_is_not_carried() -> None
     assert last.previous == answer(later)
 
 
-def test_the_previous_answer_is_carried_where_the_interface_wants_it() -> None:
+def test_the_previous_answer_is_carried_where_the_interface_wants_it():
     one = follower(carries_previous=True)
     first = drive(one, 1)[0]
     kept = one.answered(answer(first))
@@ -119,14 +119,14 @@ def test_the_previous_answer_is_carried_where_the_interface_wants_it() -> None:
     assert third.previous is None
 
 
-def test_answers_to_others_are_left_as_they_are() -> None:
+def test_answers_to_others_are_left_as_they_are():
     one = follower()
     strange = answer(Request("of somebody else", 1, ()))
     assert one.answered(strange) is strange
 
 
 @given(st.lists(st.integers(0, 40 * NS_PER_S), max_size=60))
-def test_memory_is_bounded_whatever_the_stamps_are(stamps: list[int]) -> None:
+def test_memory_is_bounded_whatever_the_stamps_are(stamps):
     one = follower()
     for stamp in stamps:
         one.state(state(stamp, 0.0))
@@ -148,7 +148,7 @@ def health() -> BridgeHealth:
     return BridgeHealth("m", "m/1", 10.0)
 
 
-def test_health_of_a_bridge_that_answers() -> None:
+def test_health_of_a_bridge_that_answers():
     one = health()
     assert one.status(0, 0).message == "ready"
     for latency in (0.1, 0.3, 0.2):
@@ -160,7 +160,7 @@ def test_health_of_a_bridge_that_answers() -> None:
     assert (values["latency, median [s]"], values["latency, longest [s]"]) == ("0.200", "0.300")
 
 
-def test_one_error_warns_for_a_minute() -> None:
+def test_one_error_warns_for_a_minute():
     one = health()
     one.see(0, "", 0.1, 0)
     one.see(ErrorCode.TIMEOUT, "no answer within 10 s", 10.0, NS_PER_S)
@@ -169,7 +169,7 @@ def test_one_error_warns_for_a_minute() -> None:
     assert one.status(0, 62 * NS_PER_S).level is Level.OK
 
 
-def test_three_errors_in_a_row_and_a_model_that_hangs_are_errors() -> None:
+def test_three_errors_in_a_row_and_a_model_that_hangs_are_errors():
     one = health()
     for _ in range(3):
         one.see(ErrorCode.BACKEND, "no key", 0.0, 0)

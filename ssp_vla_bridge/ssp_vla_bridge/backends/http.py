@@ -20,7 +20,7 @@ import time
 import urllib.request
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -57,28 +57,6 @@ Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
-class Line:
-    """How one service is reached.
-
-    Args:
-        url: with scheme and host; paths are put behind it.
-        key: sent as bearer token, None for none.
-        key_name: of the environment variable that holds it.
-        timeout_s: for one answer, waits and further tries included.
-        start_s: for the service to be ready when the bridge starts.
-        tries: of one request, where a further one is safe.
-    """
-
-    url: str
-    key: str | None
-    key_name: str
-    max_bytes: int
-    timeout_s: float
-    start_s: float
-    tries: int
-
-
-@dataclass(frozen=True)
 class HttpReply:
     """What came back, with the headers by lower-case name."""
 
@@ -98,20 +76,38 @@ class _Final(PeerError):
     """Waiting won't help."""
 
 
+@dataclass
 class HttpService:
-    """The model at the other end of a line, which speaks an interface."""
+    """The model behind an address, which speaks an interface.
 
-    def __init__(self, line: Line, interface: str) -> None:
-        self.interface = interface
-        self.model_id = f"http({line.url})"
-        self._line = line
-        self._proxy = _proxy(line.url)
+    Args:
+        url: with scheme and host; paths are put behind it.
+        key: sent as bearer token, None for none.
+        key_name: of the environment variable that holds it.
+        max_bytes: of an answer.
+        timeout_s: for one answer, waits and further tries included.
+        start_s: for the service to be ready when the bridge starts.
+        tries: of one request, where a further one is safe.
+    """
+
+    url: str
+    interface: str
+    key: str | None = field(repr=False)
+    key_name: str
+    max_bytes: int
+    timeout_s: float
+    start_s: float
+    tries: int
+
+    def __post_init__(self) -> None:
+        self.model_id = f"http({self.url})"
+        self._proxy = _proxy(self.url)
         self._ready = False
         self._one_at_a_time = threading.Lock()
 
     def wait_ready(self) -> None:
         """Waits until the service is ready, at most ``start_s``; what isn't ready then may come."""
-        deadline_s = time.monotonic() + self._line.start_s
+        deadline_s = time.monotonic() + self.start_s
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             try:
                 self._require_ready(min(left_s, _HEALTH_S))
@@ -130,8 +126,8 @@ class HttpService:
             PeerError: there is no answer, for the reason that it says.
             InputError: the interface's prompt can't ask what the task asks.
         """
-        deadline_s = time.monotonic() + self._line.timeout_s
-        if not self._one_at_a_time.acquire(timeout=self._line.timeout_s):
+        deadline_s = time.monotonic() + self.timeout_s
+        if not self._one_at_a_time.acquire(timeout=self.timeout_s):
             raise NoTimeError(self._text("the request before this one isn't answered yet"))
         try:
             if not self._ready:
@@ -156,7 +152,7 @@ class HttpService:
 
     def _ask(self, body: bytes, deadline_s: float) -> HttpReply:
         wait_s = _FIRST_WAIT_S
-        for tried in range(1, self._line.tries + 1):
+        for tried in range(1, self.tries + 1):
             try:
                 reply = self._exchange("/answer", body, _left_s(deadline_s))
                 if reply.retry_after_s is None:
@@ -166,7 +162,7 @@ class HttpService:
             except NotTakenError as error:
                 self._ready = False
                 pause_s, reason = wait_s, str(error)
-            if tried == self._line.tries or time.monotonic() + pause_s >= deadline_s:
+            if tried == self.tries or time.monotonic() + pause_s >= deadline_s:
                 break
             time.sleep(pause_s)
             wait_s *= 2.0
@@ -183,7 +179,7 @@ class HttpService:
 
     def _refuse_key(self, kept: list[Any]) -> None:
         """A key must not get into what is stored, also not by way of the service."""
-        if gives_away(json.dumps(kept).encode(), self._line.key):
+        if gives_away(json.dumps(kept).encode(), self.key):
             raise PeerError(self._text("the answer repeats the key, and isn't kept"))
 
     # -- one exchange --------------------------------------------------------------------------
@@ -216,15 +212,15 @@ class HttpService:
         except aiohttp.ClientResponseError as error:
             reason = f"the service doesn't speak HTTP ({error.message})"
         except _TooLargeError:
-            reason = f"the answer is larger than {self._line.max_bytes / (1 << 20):g} MiB"
+            reason = f"the answer is larger than {self.max_bytes / (1 << 20):g} MiB"
         except (aiohttp.ClientError, OSError, ValueError) as error:
             reason = f"the exchange failed ({type(error).__name__}: {error})"
         raise kind(self._text(reason))
 
     async def _talk(self, path: str, body: bytes | None, timeout_s: float) -> HttpReply:
         headers = {"Accept": "application/json", "Accept-Encoding": "identity"}
-        if self._line.key is not None:
-            headers["Authorization"] = f"Bearer {self._line.key}"
+        if self.key is not None:
+            headers["Authorization"] = f"Bearer {self.key}"
         if body is not None:
             headers["Content-Type"] = "application/json"
         session = aiohttp.ClientSession(
@@ -234,19 +230,19 @@ class HttpService:
             auto_decompress=False,
             trust_env=False,  # it would also read passwords from ~/.netrc
         )
-        method, url = "GET" if body is None else "POST", self._line.url + path
+        method, url = "GET" if body is None else "POST", self.url + path
         options: dict[str, Any] = {"allow_redirects": False, "proxy": self._proxy}
         async with (
             asyncio.timeout(timeout_s),
             session,
             session.request(method, url, data=body, headers=headers, **options) as response,
         ):
-            if (response.content_length or 0) > self._line.max_bytes:
+            if (response.content_length or 0) > self.max_bytes:
                 raise _TooLargeError
             read = bytearray()
             async for chunk in response.content.iter_any():
                 read += chunk
-                if len(read) > self._line.max_bytes:
+                if len(read) > self.max_bytes:
                     raise _TooLargeError
             named = {name.lower(): value for name, value in response.headers.items()}
             return HttpReply(response.status, named, bytes(read))
@@ -263,7 +259,7 @@ class HttpService:
                 kind = self._short(reply.headers.get("content-type", "no content type"))
                 begins = f" ({kind}, begins with {self._said(reply.body)[:40]!r})"
             where = f"{error.field}: " if error.field else ""
-            shown = error.value is not None and self._line.key is None
+            shown = error.value is not None and self.key is None
             given = f" (got {error.value!r})" if shown else ""
             problem = self._short(error.problem + given)
             raise PeerError(
@@ -274,8 +270,8 @@ class HttpService:
         status = reply.status
         if status in (401, 403):
             remedy = "name the environment variable that holds it with api_key_env"
-            if self._line.key is not None:
-                remedy = f"the one in {self._line.key_name} isn't accepted"
+            if self.key is not None:
+                remedy = f"the one in {self.key_name} isn't accepted"
             raise _Final(self._text(f"the service asks for a key ({status}); {remedy}"))
         if 300 <= status < 400:
             to = self._short(reply.headers.get("location", "nowhere"))
@@ -296,11 +292,11 @@ class HttpService:
         return self._short(body.decode("utf-8", "replace"))
 
     def _text(self, reason: str) -> str:
-        return redact(f"{self._line.url}: {reason}", self._line.key)
+        return redact(f"{self.url}: {reason}", self.key)
 
     def _short(self, text: str) -> str:
         """One printable line without the key; cut before, as a text may be large, and after."""
-        text = redact(text[: 4 * _SHOWN], self._line.key)
+        text = redact(text[: 4 * _SHOWN], self.key)
         line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
         return line if len(line) <= _SHOWN else line[: _SHOWN - 1] + "…"
 
@@ -340,14 +336,16 @@ def make(
             field="backend_options.url",
             remedy="give the service's address, such as http://127.0.0.1:8300",
         )
-    timeout_s = number_option(chosen, "timeout_s", 60.0, 0.001, 86400.0)
-    start_s = number_option(chosen, "start_s", 20.0, 0.0, 86400.0)
-    tries = int(number_option(chosen, "tries", 3, 1, 100))
-    max_bytes = round(number_option(chosen, "max_mb", 16.0, 0.001, 1024.0) * (1 << 20))
-    url = address_option(chosen["url"], "url", "http://127.0.0.1:8300")
-    key, key_name = key_option(chosen), chosen.get("api_key_env", "")
-    line = Line(url, key, key_name, max_bytes, timeout_s, start_s, tries)
-    service = HttpService(line, find_interface(chosen["interface"]).name)
+    service = HttpService(
+        url=address_option(chosen["url"], "url", "http://127.0.0.1:8300"),
+        interface=find_interface(chosen["interface"]).name,
+        key=key_option(chosen),
+        key_name=chosen.get("api_key_env", ""),
+        max_bytes=round(number_option(chosen, "max_mb", 16.0, 0.001, 1024.0) * (1 << 20)),
+        timeout_s=number_option(chosen, "timeout_s", 60.0, 0.001, 86400.0),
+        start_s=number_option(chosen, "start_s", 20.0, 0.0, 86400.0),
+        tries=int(number_option(chosen, "tries", 3, 1, 100)),
+    )
     service.wait_ready()
     return service
 
