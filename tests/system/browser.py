@@ -16,7 +16,6 @@ import threading
 import time
 from collections.abc import Coroutine
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TypeVar
 
 import aiohttp
@@ -82,12 +81,7 @@ class Browser:
         self.resize(*self._size)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._do(self._session.close())
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(5.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Protocol
 
 from ssp_core.cdr.references import Acknowledgement
 from ssp_core.motion.reference import Reference
@@ -117,10 +117,6 @@ class Plant(Protocol):
         ...
 
 
-class _PlantModule(Protocol):
-    def make_plant(self, run: RunSpec, work_dir: Path | None) -> Plant: ...
-
-
 def make_plant(run: RunSpec, work_dir: Path | None = None, module: str = PLANT_MODULE) -> Plant:
     """The world's side of a run.
 
@@ -128,5 +124,5 @@ def make_plant(run: RunSpec, work_dir: Path | None = None, module: str = PLANT_M
         work_dir: for SUMO's files, where there is traffic; None: a temporary folder.
         module: that has ``make_plant(run, work_dir)``.
     """
-    maker = cast(_PlantModule, importlib.import_module(module))
-    return maker.make_plant(run, work_dir)
+    plant: Plant = importlib.import_module(module).make_plant(run, work_dir)
+    return plant
