@@ -14,7 +14,7 @@ from launch_ros.actions import Node
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
-from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.compile.targets.folder import Mode, prepare_run
 
 
 def _run_file(scenario: str, site: str, seed: str, mode: str, out: str) -> Path:
@@ -25,16 +25,10 @@ def _run_file(scenario: str, site: str, seed: str, mode: str, out: str) -> Path:
         raise InputError("is not empty", file=folder, remedy="name a new folder with out:=")
     if not seed.isdecimal():
         raise InputError("must be a whole number", field="seed", value=seed)
-    spec = prepare_run(
-        scenario,
-        site,
-        folder,
-        seed=int(seed),
-        mode="realtime" if mode == "realtime" else "lockstep",
-    )
-    path = folder / "run.yaml"
-    write_text(path, spec.model_dump_json(by_alias=True, indent=1) + "\n")
-    return path
+    clock: Mode = "realtime" if mode == "realtime" else "lockstep"
+    spec = prepare_run(scenario, site, folder, seed=int(seed), mode=clock)
+    write_text(folder / "run.yaml", spec.model_dump_json(by_alias=True, indent=1) + "\n")
+    return folder / "run.yaml"
 
 
 def _node(package: str, executable: str, parameters: dict[str, str]) -> Node:

@@ -54,6 +54,9 @@ class RunClient:
 
     Args:
         env: environment of the session's processes; this process joins their domain with it.
+
+    Attributes:
+        node: for further endpoints, which this client then spins.
     """
 
     def __init__(self, env: Mapping[str, str], say: RunListener) -> None:
@@ -66,14 +69,15 @@ class RunClient:
             domain_id=int(env["ROS_DOMAIN_ID"]),
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        self._node = Node(names.RUNNER, namespace=names.NAMESPACE, context=self._context)
+        self.node = Node(names.RUNNER, namespace=names.NAMESPACE, context=self._context)
         self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._client = ActionClient(self._node, RunScenario, names.RUN_SCENARIO)
+        self._executor.add_node(self.node)
+        self._client = ActionClient(self.node, RunScenario, names.RUN_SCENARIO)
         self._say = say
-        self._abort = self._node.create_client(SessionCommand, "abort")
-        self._load = self._node.create_client(LoadScenario, names.LOAD_SCENARIO)
-        self._refusal: tuple[str, ...] | None = None
+        self._abort = self.node.create_client(SessionCommand, "abort")
+        self._load = self.node.create_client(LoadScenario, names.LOAD_SCENARIO)
+        self.loaded: tuple[str, ...] | None = None
+        """Why the run could not be loaded, empty when it was; None before the answer."""
         self._begun = False
         self._goal: Any = None
         self._result: Any = None
@@ -88,7 +92,7 @@ class RunClient:
         self.running_wall_s = 0.0
         self.silent_s = 0.0
         """How long this process has listened without a sign of the manager's."""
-        sub = self._node.create_subscription
+        sub = self.node.create_subscription
         sub(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
         sub(TriggerEvent, names.TRIGGER_EVENT, self._on_trigger, ros.LATCHED)
         sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
@@ -110,11 +114,6 @@ class RunClient:
         """Asks the manager to load a run without beginning it; ``loaded`` has its answer."""
         future = self._load.call_async(LoadScenario.Request(run_file=run_file))
         future.add_done_callback(self._on_loaded)
-
-    @property
-    def loaded(self) -> tuple[str, ...] | None:
-        """Why the run could not be loaded, empty when it was; None before the answer."""
-        return self._refusal
 
     @property
     def under_way(self) -> bool:
@@ -142,11 +141,6 @@ class RunClient:
         self.silent_s += min(time.monotonic() - began, _LISTENED_S)
 
     @property
-    def node(self) -> Node:
-        """For further endpoints, which this client then spins."""
-        return self._node
-
-    @property
     def outcome(self) -> RunOutcome | None:
         """The result once it is here.
 
@@ -166,14 +160,14 @@ class RunClient:
 
     def close(self) -> None:
         self._executor.shutdown()
-        self._node.destroy_node()
+        self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
     # -- callbacks -----------------------------------------------------------------------------
 
     def _on_loaded(self, future: Any) -> None:
         answer = future.result()
-        self._refusal = () if answer.accepted else (answer.error_msg,)
+        self.loaded = () if answer.accepted else (answer.error_msg,)
 
     def _on_accepted(self, future: Any) -> None:
         self._goal = future.result()
@@ -215,18 +209,20 @@ class RunClient:
             self._ended_at = time.monotonic()
             if not self._begun and self._zero_ns:
                 # Of a run that somebody else led no feedback comes.
-                passed_ns = ros.ns_from_stamp(message.header.stamp) - self._zero_ns
-                self.elapsed_s = ns_to_seconds(passed_ns)
+                self.elapsed_s = self._since_start_s(message.header.stamp)
+
+    def _since_start_s(self, stamp: Any) -> float:
+        return ns_to_seconds(ros.ns_from_stamp(stamp) - self._zero_ns)
 
     def _on_trigger(self, message: TriggerEvent) -> None:
-        crossing_s = (ros.ns_from_stamp(message.crossing_time) - self._zero_ns) / 1e9
         self._say(
-            f"trigger {message.trigger_id}: {message.condition} at {crossing_s:.3f} s, reference "
+            f"trigger {message.trigger_id}: {message.condition} at "
+            f"{self._since_start_s(message.crossing_time):.3f} s, reference "
             f"{', '.join(message.reference_ids)} sent {message.processing * 1e3:.1f} ms later"
         )
 
     def _on_phase(self, message: PhaseEvent) -> None:
-        stamp_s = (ros.ns_from_stamp(message.header.stamp) - self._zero_ns) / 1e9
+        stamp_s = self._since_start_s(message.header.stamp)
         mark = ", provisional: the recording's end tells" if message.provisional else ""
         self._say(f"phase {Phase(message.phase).name.lower()} at {stamp_s:.2f} s{mark}")
 
@@ -236,17 +232,17 @@ class RunClient:
         if message.code != SafetyCode.OPERATOR:
             unit = f" {message.unit}" if message.unit else ""
             figures = f": {message.measured:.3g}{unit}, limit {message.limit:.3g}{unit}"
-        stamp_s = (ros.ns_from_stamp(message.header.stamp) - self._zero_ns) / 1e9
+        stamp_s = self._since_start_s(message.header.stamp)
         self._say(
             f"SAFETY {message.limit_name}{who}{figures} at {stamp_s:.2f} s (seen by "
             f"{message.source}, {message.reaction})"
         )
 
     def _on_fault(self, message: FaultEvent) -> None:
-        if message.source == self._node.get_name():
+        if message.source == self.node.get_name():
             # Injected by the runner, which says so itself.
             return
-        stamp_s = (ros.ns_from_stamp(message.header.stamp) - self._zero_ns) / 1e9
+        stamp_s = self._since_start_s(message.header.stamp)
         self._say(
             f"FAULT {message.fault.partition(' ')[2]} of {message.target} "
             f"{'begins' if message.active else 'ends'} ({stamp_s:.2f} s)"
