@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Pose2
+from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import Brake, LaneChange
 from ssp_core.run_file.road import CurvePiece
 from ssp_scenario_manager.event_spec.fields import UNITS, units_of
@@ -22,7 +23,6 @@ from ssp_scenario_manager.scenarios.base import (
     CannotPlace,
     Cross,
     Drive,
-    PlaceLimits,
     Plan,
     Setting,
     Wait,
@@ -36,7 +36,8 @@ from ssp_scenario_manager.scenarios.values import classes_of, quantity_at, thres
 from tests.support.blocks import block_of
 
 SHIPPED = sorted(KINDS)
-LIMITS = PlaceLimits(speed_mps=15.0, acceleration_mps2=4.5, separation_m=0.5, speed_limit_mps=13.9)
+LIMITS = Limits(speed_mps=15.0, acceleration_mps2=4.5, separation_m=0.5)
+SPEED_LIMIT_MPS = 13.9
 
 
 @cache
@@ -176,7 +177,7 @@ def check(event: Event, place: Block, plan: Plan) -> None:
     foreseen_s = ahead_of(place, plan.vut.start.s_m, seen.conflict_station_m, plan.vut.start.l_m)
     assert plan.conflict.s_m == pytest.approx(foreseen_s, abs=0.02)
     assert plan.vut.start.s_m < plan.expected.s_m < plan.conflict.s_m
-    assert plan.vut.cruise_mps <= LIMITS.speed_limit_mps
+    assert plan.vut.cruise_mps <= SPEED_LIMIT_MPS
     # Who was where stays so: a cut-in ends in the VUT's lane, a crossing on the other side.
     act = plan.trigger.act
     initiator = plan.targets[event.interaction.initiator]

@@ -40,7 +40,6 @@ from ssp_scenario_manager.scenarios.base import (
     Cross,
     Drive,
     Kind,
-    PlaceLimits,
     Plan,
     Setting,
     Wait,
@@ -183,14 +182,7 @@ def realise(order: Order, block: Block) -> Realisation:
         CannotPlace: it doesn't fit, or leaves what the place allows; the message says where and by
             how much.
     """
-    limits = order.limits
-    place_limits = PlaceLimits(
-        speed_mps=limits.speed_mps,
-        acceleration_mps2=limits.acceleration_mps2,
-        separation_m=limits.separation_m,
-        speed_limit_mps=block.speed_limit_mps or limits.speed_mps,
-    )
-    plans = order.kind.plans(Setting(order.event, block, place_limits, order.preferred))
+    plans = order.kind.plans(Setting(order.event, block, order.limits, order.preferred))
     first: CannotPlace | None = None
     for plan in islice(plans, MOST_RUN):
         try:

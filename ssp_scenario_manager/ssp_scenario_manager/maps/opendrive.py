@@ -35,7 +35,6 @@ from ssp_scenario_manager.maps.ways import (
     Way,
     WayEnd,
     WayLane,
-    join_ways,
     network_blocks,
 )
 from ssp_scenario_manager.maps.xml_input import BadElement, input_error, parts
@@ -286,8 +285,7 @@ def load_opendrive(path: Path) -> Library:
             raise input_error(path, element, bad) from bad
     if not found.roads:
         raise InputError("has no road", file=path, remedy="give a map with roads")
-    network = join_ways(found.ways, _contacts(found))
-    blocks, rejected = network_blocks(network)
+    blocks, rejected = network_blocks(found.ways, _contacts(found))
     return Library(
         source=path.name,
         sha256=sha256_file(path),

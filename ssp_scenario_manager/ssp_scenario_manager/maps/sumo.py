@@ -23,7 +23,6 @@ from ssp_scenario_manager.maps.ways import (
     Way,
     WayEnd,
     WayLane,
-    join_ways,
     network_blocks,
 )
 from ssp_scenario_manager.maps.xml_input import (
@@ -334,7 +333,7 @@ def load_sumo_net(path: Path) -> Library:
     for start, end in sorted(net.connections):
         if start in index and end in index:
             contacts.append(((index[start], "end"), (index[end], "start")))
-    blocks, rejected = network_blocks(join_ways(ways, contacts))
+    blocks, rejected = network_blocks(ways, contacts)
     return Library(
         source=path.name,
         sha256=sha256_file(path),

@@ -202,26 +202,17 @@ def joined(a: Way, b: Way) -> Way | None:
     )
 
 
-@dataclass(frozen=True)
-class Network:
-    """Joined ways, and which ends of which meet.
-
-    Args:
-        meets: per end of a way, the ends of others that traffic goes on to.
-    """
-
-    ways: tuple[Way, ...]
-    meets: Mapping[WayEnd, tuple[WayEnd, ...]]
+# Per end of a joined way, the ends of others that traffic goes on to.
+Meets = Mapping[WayEnd, tuple[WayEnd, ...]]
 
 
-def join_ways(ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]) -> Network:
-    """Joins ways that simply continue one another.
+def _joined_ways(
+    ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]
+) -> tuple[list[Way], Meets]:
+    """Ways that simply continue one another as one, and which ends of which meet.
 
     Two ways do where each is all that the other's end meets, and `joined` finds nothing against it.
-
-    Args:
-        ways: in the map's order; the first of those that are joined gives the direction.
-        contacts: pairs of ends that meet.
+    The first of those that are joined gives the direction.
     """
     meets: dict[WayEnd, set[WayEnd]] = {}
     for a, b in contacts:
@@ -259,7 +250,7 @@ def join_ways(ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]) 
     for old, new in place.items():
         found = {place[other] for other in meets.get(old, set()) if other in place}
         kept[new] = tuple(sorted(found))
-    return Network(tuple(made), kept)
+    return made, kept
 
 
 _SAMPLES = 24
@@ -268,27 +259,17 @@ _GAP = 2
 MOST_WAYS = 200
 
 
-@dataclass(frozen=True)
-class JunctionPath:
-    """A block through a junction: its forward lanes, and which blocks it comes from and goes to."""
+def _half_width_m(block: Block) -> float:
+    """Of its forward lanes together."""
+    left = max(lane.y_m + lane.width_m / 2 for lane in block.forward_lanes)
+    return 0.5 * (left - min(lane.y_m - lane.width_m / 2 for lane in block.forward_lanes))
 
-    block_id: str
-    junction: str
-    line: ReferenceLine
-    lanes: tuple[BlockLane, ...]
-    entrances: tuple[str, ...]
-    exits: tuple[str, ...]
 
-    @property
-    def half_width_m(self) -> float:
-        left = max(lane.y_m + lane.width_m / 2 for lane in self.lanes)
-        return 0.5 * (left - min(lane.y_m - lane.width_m / 2 for lane in self.lanes))
-
-    def samples(self) -> tuple[FloatArray, FloatArray]:
-        """Arc lengths and places along the middle of its forward lanes."""
-        s = np.linspace(0.0, self.line.length_m, _SAMPLES)
-        middle = sum(lane.y_m for lane in self.lanes) / len(self.lanes)
-        return s, self.line.to_map_many(s, middle)
+def _samples(block: Block) -> tuple[FloatArray, FloatArray]:
+    """Arc lengths and places along the middle of its forward lanes."""
+    s = np.linspace(0.0, block.line.length_m, _SAMPLES)
+    lanes = block.forward_lanes
+    return s, block.line.to_map_many(s, sum(lane.y_m for lane in lanes) / len(lanes))
 
 
 def _stretches(s: FloatArray, hit: FloatArray) -> list[tuple[float, float]]:
@@ -309,36 +290,31 @@ def _stretches(s: FloatArray, hit: FloatArray) -> list[tuple[float, float]]:
     ]
 
 
-def junction_areas(paths: Sequence[JunctionPath]) -> dict[str, tuple[ConflictArea, ...]]:
+def _junction_areas(through: Sequence[Block]) -> dict[str, tuple[ConflictArea, ...]]:
     """Areas per block of one junction, by kind and place.
 
     Two ways that come from different blocks conflict where their corridors overlap: as ``merge``
     where both go on to the same block, else as ``crossing``. Ways from the same block only part.
-
-    Args:
-        paths: of one junction; none are compared where there are more than 200.
     """
-    if len(paths) > MOST_WAYS:
-        return {}
-    sampled = [path.samples() for path in paths]
-    places = np.array([xy for _, xy in sampled]) if paths else np.zeros((0, _SAMPLES, 2))
+    sampled = [_samples(block) for block in through]
+    places = np.array([xy for _, xy in sampled])
     x, y = places[..., 0], places[..., 1]
-    half = np.array([path.half_width_m for path in paths])
+    half = np.array([_half_width_m(block) for block in through])
     found: dict[str, tuple[ConflictArea, ...]] = {}
-    for i, path in enumerate(paths):
+    for i, block in enumerate(through):
         dx = x[i][None, :, None] - x[:, None, :]
         dy = y[i][None, :, None] - y[:, None, :]
         near = (dx * dx + dy * dy < ((half + half[i]) ** 2)[:, None, None]).any(axis=2)
         hits = {"merge": np.zeros(_SAMPLES, dtype=bool), "crossing": np.zeros(_SAMPLES, dtype=bool)}
         for j in map(int, np.flatnonzero(near.any(axis=1))):
-            other = paths[j]
-            if j == i or set(path.entrances) & set(other.entrances):
+            other = through[j]
+            if j == i or set(block.entrances) & set(other.entrances):
                 continue
-            hits["merge" if set(path.exits) & set(other.exits) else "crossing"] |= near[j]
+            hits["merge" if set(block.exits) & set(other.exits) else "crossing"] |= near[j]
         s = sampled[i][0]
         areas = [ConflictArea("merge", a, b) for a, b in _stretches(s, hits["merge"])]
         areas += [ConflictArea("crossing", a, b) for a, b in _stretches(s, hits["crossing"])]
-        found[path.block_id] = tuple(sorted(areas, key=lambda area: (area.kind, area.start_s_m)))
+        found[block.block_id] = tuple(sorted(areas, key=lambda area: (area.kind, area.start_s_m)))
     return found
 
 
@@ -464,49 +440,62 @@ def _tight(way: Way) -> str | None:
     return None
 
 
-def network_blocks(network: Network) -> tuple[list[Block], list[tuple[str, str]]]:
-    """All blocks of joined ways, and what can't be one, with the reason.
+def network_blocks(
+    ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]
+) -> tuple[list[Block], list[tuple[str, str]]]:
+    """All blocks of a map's ways, and what can't be one, with the reason.
 
     A way gives a block per direction in which it has lanes. Straight parts of 50 m or more of bent
     ways outside of junctions are blocks beside the whole, which they overlap.
+
+    Args:
+        ways: in the map's order; those that simply continue one another are joined.
+        contacts: pairs of ends that meet.
     """
-    rejected = []
-    usable = []
-    for way in network.ways:
-        why = _tight(way)
-        if why is not None:
-            rejected.append((way.name, why))
-        usable.append(why is None)
+    joined_ways, meets = _joined_ways(ways, contacts)
+    tight = {i: why for i, way in enumerate(joined_ways) if (why := _tight(way)) is not None}
+    rejected = [(joined_ways[i].name, why) for i, why in tight.items()]
+
+    def neighbours(end: WayEnd, *, entering: bool) -> tuple[str, ...]:
+        """Ids of the blocks that enter, or leave, their way at the ends that an end meets."""
+        beside = ((joined_ways[i], (at == "start") == entering, i) for i, at in meets.get(end, ()))
+        return tuple(
+            sorted(
+                {
+                    block_id(way, forward)
+                    for way, forward, i in beside
+                    if i not in tight and _leads(way, forward)
+                }
+            )
+        )
+
     blocks: list[Block] = []
-    through: dict[str, list[JunctionPath]] = {}
-    for index, way in enumerate(network.ways):
+    through: dict[str, list[Block]] = {}
+    for index, way in enumerate(joined_ways):
         for forward in (True, False):
-            if not usable[index] or not _leads(way, forward):
+            if index in tight or not _leads(way, forward):
                 continue
             ends: tuple[WayEnd, WayEnd] = ((index, "start"), (index, "end"))
             enter, leave = ends if forward else ends[::-1]
-            entrances = _neighbours(network, usable, enter, entering=False)
-            exits = _neighbours(network, usable, leave, entering=True)
+            exits = neighbours(leave, entering=True)
             seen = way if forward else way.reversed()
+            entrances = neighbours(enter, entering=False)
             block = _block(seen, block_id(way, forward), entrances, exits)
             if len(way.roads) > 1:
                 joins = f"joins {way.noun}s {', '.join(seen.roads)}"
                 block = replace(block, notes=(*block.notes, joins))
             blocks.append(block)
             if way.junction is not None:
-                path = JunctionPath(
-                    block.block_id, way.junction, seen.line, block.forward_lanes, entrances, exits
-                )
-                through.setdefault(way.junction, []).append(path)
+                through.setdefault(way.junction, []).append(block)
             elif block.segment == "curve":
                 blocks += _straights(seen, block)
-    for junction, paths in through.items():
-        if len(paths) > MOST_WAYS:
-            many = f"has {len(paths)} ways through it; their conflict areas weren't looked for"
-            rejected.append((f"junction {junction}", many))
-    areas = {
-        name: found for paths in through.values() for name, found in junction_areas(paths).items()
-    }
+    areas: dict[str, tuple[ConflictArea, ...]] = {}
+    for junction, inside in through.items():
+        if len(inside) <= MOST_WAYS:
+            areas |= _junction_areas(inside)
+            continue
+        many = f"has {len(inside)} ways through it; their conflict areas weren't looked for"
+        rejected.append((f"junction {junction}", many))
     return [
         replace(block, conflict_areas=areas[block.block_id]) if block.block_id in areas else block
         for block in blocks
@@ -516,16 +505,3 @@ def network_blocks(network: Network) -> tuple[list[Block], list[tuple[str, str]]
 def _leads(way: Way, forward: bool) -> bool:
     """Whether a way gives a block in a direction."""
     return (forward or way.both) and any(lane.along == forward for lane in way.lanes)
-
-
-def _neighbours(
-    network: Network, usable: list[bool], end: WayEnd, *, entering: bool
-) -> tuple[str, ...]:
-    """Ids of the blocks that enter, or leave, their way at the ends that an end meets."""
-    found = set()
-    for other, at in network.meets.get(end, ()):
-        way = network.ways[other]
-        forward = (at == "start") == entering
-        if usable[other] and _leads(way, forward):
-            found.add(block_id(way, forward))
-    return tuple(sorted(found))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ssp_core.motion.encounter import Observable
+from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import Brake, LaneChange
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
@@ -109,28 +110,19 @@ class Plan:
     gap_s: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class PlaceLimits:
-    """What a place allows, for a plan to stay inside of: m/s, m/s^2, m."""
-
-    speed_mps: float
-    acceleration_mps2: float
-    separation_m: float
-    speed_limit_mps: float
-
-
 @dataclass(frozen=True)
 class Setting:
     """An event that is to be placed on a block.
 
     Args:
+        limits: Ω_safe, by place and K*.
         preferred: speeds and gaps that are tried first, by field path: what a person prefers or,
             for the track, what was validated in simulation.
     """
 
     event: Event
     block: Block
-    limits: PlaceLimits
+    limits: Limits
     preferred: Mapping[str, float]
 
 

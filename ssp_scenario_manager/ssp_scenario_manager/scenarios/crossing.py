@@ -274,7 +274,7 @@ def plans_crossing(setting: Setting) -> Iterator[Plan]:
     c = "constraints"
     choices: dict[str, Choice] = {
         "vut_speed": pick(
-            f"{c}.speeds.{vut}.approach", "m/s", at_most=vehicle_speed_limit(event, limits)
+            f"{c}.speeds.{vut}.approach", "m/s", at_most=vehicle_speed_limit(event, limits, block)
         ),
         "below": pick(f"{c}.trigger.below", "s"),
         "walking_speed": pick(

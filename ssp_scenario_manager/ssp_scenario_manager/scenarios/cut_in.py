@@ -130,7 +130,8 @@ def _plans(setting: Setting) -> Iterator[Plan]:
     name, vut = event.interaction.initiator, event.vut_id
     _lanes(event, setting.block)
     pick = partial(choose, event, preferred=setting.preferred)
-    fastest, hardest = vehicle_speed_limit(event, limits), acceleration_limit(event, limits)
+    fastest = vehicle_speed_limit(event, limits, setting.block)
+    hardest = acceleration_limit(event, limits)
     least, most = speed_bounds(event, name, ("conflict", "resolution"))
     c = "constraints"
     choices = {

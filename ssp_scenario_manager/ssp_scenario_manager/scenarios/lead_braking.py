@@ -95,7 +95,8 @@ def _plans(setting: Setting) -> Iterator[Plan]:
     event, limits = setting.event, setting.limits
     name, vut = event.interaction.initiator, event.vut_id
     pick = partial(choose, event, preferred=setting.preferred)
-    fastest, hardest = vehicle_speed_limit(event, limits), acceleration_limit(event, limits)
+    fastest = vehicle_speed_limit(event, limits, setting.block)
+    hardest = acceleration_limit(event, limits)
     least, most = speed_bounds(event, name, ("conflict", "resolution"))
     c = "constraints"
     choices = {

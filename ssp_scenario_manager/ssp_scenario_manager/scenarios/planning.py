@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
 from ssp_core.motion.encounter import Observable, corridor_half_m
-from ssp_core.run_file.model import EndCondition
+from ssp_core.run_file.model import EndCondition, Limits
 from ssp_core.run_file.participants import Adaptation
 from ssp_core.run_file.values import Point
 from ssp_core.vocabulary import ObjectWord
@@ -24,7 +24,6 @@ from ssp_scenario_manager.dispatch.planned_motion import (
 )
 from ssp_scenario_manager.dispatch.references import (
     APPROACH_LEAD_S,
-    Address,
     approach_reference,
     manoeuvre_reference,
 )
@@ -36,7 +35,6 @@ from ssp_scenario_manager.scenarios.base import (
     CannotPlace,
     Cross,
     Drive,
-    PlaceLimits,
     Plan,
     Setting,
     Trigger,
@@ -44,7 +42,7 @@ from ssp_scenario_manager.scenarios.base import (
 )
 from ssp_scenario_manager.scenarios.block_places import ahead_of, rectangle
 from ssp_scenario_manager.scenarios.motions import CRUISE_SHARE, Motions, motions, stopping_m
-from ssp_scenario_manager.scenarios.prediction import AFTER_S, Prediction, predict
+from ssp_scenario_manager.scenarios.prediction import AFTER_S, Prediction, foreseen_address, predict
 from ssp_scenario_manager.scenarios.values import (
     Choice,
     chosen,
@@ -58,7 +56,7 @@ from ssp_scenario_manager.scenarios.values import (
 )
 
 
-def judge(event: Event, limits: PlaceLimits, told: Motions, seen: Prediction) -> list[str]:
+def judge(event: Event, limits: Limits, told: Motions, seen: Prediction) -> list[str]:
     """What is wrong with a plan that was looked ahead; empty: it goes as K* says."""
     c = event.constraints
     wrong = []
@@ -141,15 +139,12 @@ def _routine(told: Motions, seen: Prediction) -> PlannedMotion | None:
     if path is None:
         return None
 
-    def address(execute_s: float) -> Address:
-        return Address(target.id, target.id, "", "foreseen", 0, seconds_to_ns(execute_s))
-
     before = None
     if target.approach is not None:
-        before = approach_reference(address(APPROACH_LEAD_S), target.approach)
+        before = approach_reference(foreseen_address(target.id, APPROACH_LEAD_S), target.approach)
     state = next(s for s in seen.targets_fired if s.object_id == target.id)
     manoeuvre = manoeuvre_reference(
-        address(seen.fired_s + trigger.lead_time_s),
+        foreseen_address(target.id, seen.fired_s + trigger.lead_time_s),
         trigger.manoeuvre,
         state,
         before,

@@ -30,6 +30,11 @@ from ssp_scenario_manager.triggers.evaluator import TriggerWatch
 _VULNERABLE = frozenset({ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST})
 
 
+def foreseen_address(object_id: str, execute_s: float) -> Address:
+    """Of a reference that nobody is sent, from a session time on."""
+    return Address(object_id, object_id, "", "foreseen", 0, seconds_to_ns(execute_s))
+
+
 class Players:
     """VUT and targets, moved on in steps; the VUT reacts to what it meets."""
 
@@ -44,15 +49,11 @@ class Players:
         self.act: Reference | None = None
         for target in plan.targets:
             if target.approach is not None:
-                address = self._address(target.id, APPROACH_LEAD_S)
+                address = foreseen_address(target.id, APPROACH_LEAD_S)
                 try:
                     self.references[target.id] = approach_reference(address, target.approach)
                 except ValueError as error:
                     raise CannotPlace(f"{target.id}: {error}") from error
-
-    @staticmethod
-    def _address(object_id: str, execute_s: float) -> Address:
-        return Address(object_id, object_id, "", "foreseen", 0, seconds_to_ns(execute_s))
 
     def vut(self, t_s: float) -> ObjectState:
         """The VUT's state now, which is at a session time."""
@@ -78,7 +79,7 @@ class Players:
         trigger = self.plan.trigger
         spec = self.plan.target(trigger.object_id)
         current = self.references.get(spec.id)
-        address = self._address(spec.id, t_s + trigger.lead_time_s)
+        address = foreseen_address(spec.id, t_s + trigger.lead_time_s)
         try:
             self.act = manoeuvre_reference(
                 address, trigger.manoeuvre, self.target(spec, t_s), current, spec.approach

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from ssp_core.motion.state import DEFAULT_SIZES, Size
-from ssp_core.run_file.model import ConflictThresholds, WantedPassing
+from ssp_core.run_file.model import ConflictThresholds, Limits, WantedPassing
 from ssp_core.vocabulary import ObjectClass, ObjectWord
 from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event, Interval, Quantity
-from ssp_scenario_manager.scenarios.base import CannotPlace, PlaceLimits
+from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.scenarios.base import CannotPlace
 
 # Values per quantity: the preferred one, and further ones from end to end of the interval.
 _SPREAD = (0.5, 0.25, 0.75, 0.0, 1.0)
@@ -174,21 +175,21 @@ def thresholds_of(event: Event) -> ConflictThresholds:
     return ConflictThresholds(ttc_s=middle(needs.ttc), arrival_gap_s=middle(needs.arrival_gap))
 
 
-def approach_acceleration(event: Event, name: str, limits: PlaceLimits) -> float:
+def approach_acceleration(event: Event, name: str, limits: Limits) -> float:
     """With which a participant gets to its cruise speed, m/s^2."""
     usual = _APPROACH_MPS2.get(event.participants[name].class_, _USUAL_MPS2)
     return min(usual, limits.acceleration_mps2)
 
 
-def acceleration_limit(event: Event, limits: PlaceLimits) -> float:
+def acceleration_limit(event: Event, limits: Limits) -> float:
     """The least of what place and K* allow, m/s^2."""
     return min(limits.acceleration_mps2, event.constraints.safety.acceleration.si.high)
 
 
-def vehicle_speed_limit(event: Event, limits: PlaceLimits) -> float:
+def vehicle_speed_limit(event: Event, limits: Limits, block: Block) -> float:
     """The least of what place, road and K* allow, m/s."""
     fastest = event.constraints.safety.speed.si.high
-    return min(limits.speed_mps, limits.speed_limit_mps, fastest)
+    return min(limits.speed_mps, block.speed_limit_mps or limits.speed_mps, fastest)
 
 
 def speed_bounds(event: Event, name: str, phases: tuple[str, ...]) -> tuple[float, float]:

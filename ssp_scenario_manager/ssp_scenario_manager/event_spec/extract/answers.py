@@ -12,6 +12,7 @@ from ssp_core.chat import NoCompletion, read_completion
 from ssp_core.errors import PeerError
 from ssp_core.files import field_path, parse_strict
 from ssp_core.hashing import canonical_json
+from ssp_core.names import VUT_ID
 from ssp_scenario_manager.event_spec.extract.questions import (
     CELL_PHASES,
     MAX_COUNT,
@@ -40,7 +41,6 @@ class Scope:
 
     frames: int
     targets: tuple[str, ...] = ()
-    vut_id: str = "vut"
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,6 @@ class Finding:
     frames: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class Listed:
-    """One item of an answered list."""
-
-    finding: Finding
-    description: str
-
-
 class BadAnswer(Exception):
     """An answer that can't be used; ``problems`` say why, each naming a field."""
 
@@ -82,7 +74,7 @@ def words_of(ask: Ask, scope: Scope) -> tuple[str, ...]:
         "kinds": tuple(KINDS),
         "targets": scope.targets,
         "targets_or_none": (*scope.targets, NONE),
-        "participants": (scope.vut_id, *scope.targets),
+        "participants": (VUT_ID, *scope.targets),
     }
     return (*live[ask.live], *ask.words)
 
@@ -164,10 +156,10 @@ def findings(answer: BaseModel) -> dict[str, Finding]:
     return {key: _finding(item) for key, item in answer.model_dump().items()}
 
 
-def listed(answer: BaseModel) -> list[Listed]:
-    """The items of an answer of layout ``list``."""
+def listed(answer: BaseModel) -> list[tuple[Finding, str]]:
+    """The items of an answer of layout ``list``, each with its description."""
     items = answer.model_dump()["items"]
-    return [Listed(_finding(item), printable(item["description"])) for item in items]
+    return [(_finding(item), printable(item["description"])) for item in items]
 
 
 def printable(text: str) -> str:

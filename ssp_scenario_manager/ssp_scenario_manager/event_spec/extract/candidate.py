@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from ssp_core.errors import InputError
+from ssp_core.names import VUT_ID
 from ssp_scenario_manager.event_spec.extract.answers import Finding
 from ssp_scenario_manager.event_spec.extract.clip import Clip
 from ssp_scenario_manager.event_spec.extract.interview import Interview, Target
@@ -145,7 +146,7 @@ def make_candidate(found: Interview, clip: Clip, origin: Origin, model: str) -> 
     """
     kind = _kind(found, clip, origin)
     draft = _Draft(clip, model)
-    vut, ids = "vut", [target.id for target in found.targets]
+    ids = [target.id for target in found.targets]
     draft.derived("name", None, "chosen at extraction")
     draft.derived("description", None, "kind of interaction, and the model's words about the OTs")
     draft.derived("source", None, "the video file and options of the extraction")
@@ -160,11 +161,11 @@ def make_candidate(found: Interview, clip: Clip, origin: Origin, model: str) -> 
             "rate": _exact(clip.rate_hz, "Hz"),
         },
         "topology": _topology(draft, found),
-        "participants": _participants(draft, found, vut),
-        "motion": _motion(draft, found, vut),
-        "interaction": _interaction(draft, found, kind, origin, vut),
+        "participants": _participants(draft, found),
+        "motion": _motion(draft, found),
+        "interaction": _interaction(draft, found, kind, origin),
         "events": _events(draft, found, clip),
-        "constraints": _constraints(draft, found, kind, [vut, *ids]),
+        "constraints": _constraints(draft, found, kind, [VUT_ID, *ids]),
         "uncertainty": draft.doubts,
     }
     return Event.model_validate(value)
@@ -219,8 +220,8 @@ def _counted(value: Any) -> Any:
     return value["min"] if value["min"] == value["max"] else UNRESOLVED
 
 
-def _participants(draft: _Draft, found: Interview, vut: str) -> dict[str, Any]:
-    at = f"participants.{vut}"
+def _participants(draft: _Draft, found: Interview) -> dict[str, Any]:
+    at = f"participants.{VUT_ID}"
     own = found.vut["class"]
     if own.value == UNRESOLVED:
         own_class = draft.standard(f"{at}.class", "car", confidence=0.0)
@@ -228,7 +229,7 @@ def _participants(draft: _Draft, found: Interview, vut: str) -> dict[str, Any]:
         own_class = draft.said(f"{at}.class", own)
     region = {"place": "vut_lane", "along": "at", "gap": _exact(0.0, "m")}
     part = {
-        vut: {
+        VUT_ID: {
             "role": draft.derived(f"{at}.role", "VUT", "carries the camera"),
             "class": own_class,
             "intent": draft.said(f"{at}.intent", found.vut["intent"]),
@@ -249,29 +250,27 @@ def _participants(draft: _Draft, found: Interview, vut: str) -> dict[str, Any]:
     return part
 
 
-def _motion(draft: _Draft, found: Interview, vut: str) -> dict[str, Any]:
+def _motion(draft: _Draft, found: Interview) -> dict[str, Any]:
     part: dict[str, Any] = {}
     for who, cells in found.motion.items():
         part[who] = {}
         for phase, finding in cells.items():
-            fixed = {"heading": "same", "longitudinal": "none"} if who == vut else {}
+            fixed = {"heading": "same", "longitudinal": "none"} if who == VUT_ID else {}
             path = f"motion.{who}.{phase}"
             part[who][phase] = draft.said(path, finding, {**fixed, **finding.value})
     return part
 
 
-def _interaction(
-    draft: _Draft, found: Interview, kind: Kind, origin: Origin, vut: str
-) -> dict[str, Any]:
+def _interaction(draft: _Draft, found: Interview, kind: Kind, origin: Origin) -> dict[str, Any]:
     answers, at = found.interaction, "interaction"
     initiator = draft.said(f"{at}.initiator", answers["initiator"])
     first = answers["first"]
-    order = [vut, initiator] if first.value == vut else [initiator, vut]
+    order = [VUT_ID, initiator] if first.value == VUT_ID else [initiator, VUT_ID]
     hides = answers["occluder"]
     occluder = draft.said(f"{at}.occluder", hides)
     part: dict[str, Any] = {
         "initiator": initiator,
-        "affected": draft.derived(f"{at}.affected", vut, "an event is about the VUT"),
+        "affected": draft.derived(f"{at}.affected", VUT_ID, "an event is about the VUT"),
         "occluder": None if occluder == NONE else occluder,
         "relation": draft.derived(f"{at}.relation", kind.relation, f"type {kind.name}"),
         "zone": draft.derived(f"{at}.zone", kind.zone, f"type {kind.name}"),

@@ -138,7 +138,16 @@ def extract(
     )
     interview = interviewer.run()
     gate = gate_findings(interview, clip)
-    details = _details(order, interview, store, chat.model, annotation, gate)
+    details = {
+        "model": chat.model,
+        "server": order.server,
+        "questions_sha256": DEFINITION_SHA256,
+        "store": store.folder.name,
+        "requests": store.describe(interview.keys),
+        "annotation": annotation,
+        "stated_type": order.origin.kind,
+        "gate": [asdict(finding) for finding in gate],
+    }
     try:
         event = make_candidate(interview, clip, order.origin, chat.model)
     except InputError as error:
@@ -183,26 +192,6 @@ def _source_record(order: Order, clip: Clip, when: str) -> Record:
         "rate_hz": clip.rate_hz,
     }
     return _record("source", order.origin.name, when, "source clip of the event", details)
-
-
-def _details(
-    order: Order,
-    interview: Interview,
-    store: Store,
-    model: str,
-    annotation: dict[str, Any] | None,
-    gate: list[GateFinding],
-) -> dict[str, Any]:
-    return {
-        "model": model,
-        "server": order.server,
-        "questions_sha256": DEFINITION_SHA256,
-        "store": store.folder.name,
-        "requests": store.describe(interview.keys),
-        "annotation": annotation,
-        "stated_type": order.origin.kind,
-        "gate": [asdict(finding) for finding in gate],
-    }
 
 
 def _record(kind: Any, subject: str, when: str, reason: str, details: dict[str, Any]) -> Record:

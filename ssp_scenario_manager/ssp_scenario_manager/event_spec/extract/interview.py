@@ -19,6 +19,7 @@ from ssp_core.chat import Chat
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import load_model, make_folder, write_bytes, write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_core.names import VUT_ID
 from ssp_core.run_file.values import Strict
 from ssp_scenario_manager.event_spec.extract.answers import (
     BadAnswer,
@@ -255,7 +256,6 @@ class Interviewer:
     use_schema: bool = True
     annotation: str | None = None
     advance: Callable[[int, int], None] = lambda *_: None
-    vut_id: str = "vut"
     _earlier: dict[str, Any] = field(default_factory=dict)
     _keys: list[str] = field(default_factory=list)
     _total: int = 7
@@ -267,30 +267,25 @@ class Interviewer:
             PeerError: the server or the model gives no usable answer; what was answered is kept.
             InputError: a kept answer was changed.
         """
-        scope = Scope(len(self.clip.shots), (), self.vut_id)
+        scope = Scope(len(self.clip.shots))
         road = self._fields("road", scope)
         vut = self._fields("vut", scope)
         items = listed(self._ask("targets", "targets", scope, {}))
         named = {f"ot{i}": item for i, item in enumerate(items, start=1)}
         self._earlier["targets"] = {
-            name: {"class": item.finding.value["class"], "description": item.description}
-            for name, item in named.items()
+            name: {"class": finding.value["class"], "description": description}
+            for name, (finding, description) in named.items()
         }
         # Without an OT there is nothing that could interact; only the gate's question is left.
         self._total = 7 + 2 * len(items) if items else 4
-        scope = Scope(scope.frames, tuple(named), self.vut_id)
+        scope = Scope(scope.frames, tuple(named))
         targets = tuple(
-            Target(
-                name,
-                item.description,
-                item.finding,
-                self._fields("target", scope, name, item.description),
-            )
-            for name, item in named.items()
+            Target(name, description, finding, self._fields("target", scope, name, description))
+            for name, (finding, description) in named.items()
         )
         interaction = self._fields("interaction", scope) if targets else {}
         phases = self._fields("phases", scope) if targets else {}
-        motion = {self.vut_id: self._fields("motion_vut", scope)} if targets else {}
+        motion = {VUT_ID: self._fields("motion_vut", scope)} if targets else {}
         for target in targets:
             motion[target.id] = self._fields("motion", scope, target.id, target.description)
         gate = self._fields("gate", scope)
