@@ -21,12 +21,12 @@ RISING = '<elevation s="0" a="3" b="0.02" c="0" d="0"/><elevation s="200" a="7" 
 
 def hilly(block: Any, elevation: str = RISING) -> str:
     """The block's map with an elevation profile."""
-    text = opendrive_map([block], "hill", {}).decode()
+    text = opendrive_map(block, "hill", {}).decode()
     return text.replace("<elevationProfile />", f"<elevationProfile>{elevation}</elevationProfile>")
 
 
 def test_no_map_and_a_flat_map_are_flat(block_of: Any) -> None:
-    for heights in (Heights(None), Heights(opendrive_map([block_of()], "flat", {}).decode())):
+    for heights in (Heights(None), Heights(opendrive_map(block_of(), "flat", {}).decode())):
         assert heights.is_flat
         assert heights.at((1e6, 1e6)) == 0.0
 

@@ -298,13 +298,6 @@ def test_the_vut_drives_slows_and_waits_as_in_a_session(
     assert t_s > resolution_s + run.end.after_resolution_s
 
 
-@pytest.mark.parametrize("name", EVENTS)
-def test_the_vut_slows_down_for_what_happens(name: str, case_of: Any, tmp_path: Path) -> None:
-    course = vut_speeds(written(case_of(name), tmp_path))
-    fastest = max(range(len(course)), key=lambda i: course[i][1])
-    assert min(v for _, v in course[fastest:]) < 0.8 * course[fastest][1]
-
-
 def test_nothing_is_written_of_a_task_that_never_fires(case_of: Any, tmp_path: Path) -> None:
     case = case_of("cut_in")
     condition = case.task.run.triggers[0].condition.model_copy(update={"below_m": 0.001})

@@ -163,7 +163,7 @@ def _geometry(piece: CurvePiece) -> xodr.Line | xodr.Arc | xodr.Spiral:
     return xodr.Arc(k0, length=piece.length_m) if k0 else xodr.Line(piece.length_m)
 
 
-def _crossing(block: Block, object_id: int) -> ET.Element | None:
+def _crossing(block: Block) -> ET.Element | None:
     """A zebra crossing over the whole carriageway.
 
     Made here: scenariogeneration numbers objects over the life of the process.
@@ -175,7 +175,7 @@ def _crossing(block: Block, object_id: int) -> ET.Element | None:
     element = ET.Element(
         "object",
         {
-            "id": str(object_id),
+            "id": "1",
             "name": "crossing",
             "type": "crosswalk",
             "s": repr(block.crossing_s_m),
@@ -198,7 +198,7 @@ def _crossing(block: Block, object_id: int) -> ET.Element | None:
     return element
 
 
-def _road(block: Block, road_id: int) -> xodr.Road:
+def _road(block: Block) -> xodr.Road:
     sides = _sides(block)
     plan = xodr.PlanView()
     s = 0.0
@@ -211,7 +211,7 @@ def _road(block: Block, road_id: int) -> xodr.Road:
     lanes.add_laneoffset(xodr.LaneOffset(0.0, sides.middle_m))
     lanes.add_lanesection(_lane_section(block, sides))
     rule = xodr.TrafficRule.LHT if sides.left_hand_traffic else xodr.TrafficRule.RHT
-    road = xodr.Road(road_id, plan, lanes, name=block.block_id, rule=rule)
+    road = xodr.Road(1, plan, lanes, name=block.block_id, rule=rule)
     kind = _ROAD_TYPES.get(block.road_type)
     if kind is not None or block.speed_limit_mps is not None:
         road.add_type(kind or xodr.RoadType.unknown, 0.0, speed=block.speed_limit_mps)
@@ -226,46 +226,37 @@ def _road(block: Block, road_id: int) -> xodr.Road:
     return road
 
 
-def opendrive_map(blocks: Sequence[Block], name: str, provenance: Mapping[str, str]) -> bytes:
-    """An OpenDRIVE 1.5 map with one road per block, ids from 1 in the blocks' order.
+def opendrive_map(block: Block, name: str, provenance: Mapping[str, str]) -> bytes:
+    """An OpenDRIVE 1.5 map with one road, id 1.
 
     Args:
-        blocks: at least one, in frame map.
+        block: in frame map.
         provenance: what it was made from and by what, as user data of the map.
 
     Raises:
-        InputError: a block's lanes can't be put into OpenDRIVE.
+        InputError: the block's lanes can't be put into OpenDRIVE.
     """
     drive = xodr.OpenDrive(name)
-    for number, block in enumerate(blocks, start=1):
-        drive.add_road(_road(block, number))
+    drive.add_road(_road(block))
     root = drive.get_element()
-    for number, (element, block) in enumerate(zip(root.iter("road"), blocks, strict=True), 1):
-        crossing = _crossing(block, number)
-        if crossing is not None:
-            ET.SubElement(element, "objects").append(crossing)
-        # The standard wants user data last, scenariogeneration puts it first.
-        for data in element.findall("userData"):
-            element.remove(data)
-            element.append(data)
-    header = root.find("header")
-    if header is None:
-        raise ValueError("scenariogeneration made a map without a header")
+    road, header = root.find("road"), root.find("header")
+    if road is None or header is None:
+        raise ValueError("scenariogeneration made a map without a road or a header")
+    crossing = _crossing(block)
+    if crossing is not None:
+        ET.SubElement(road, "objects").append(crossing)
+    # The standard wants user data last, scenariogeneration puts it first.
+    for data in road.findall("userData"):
+        road.remove(data)
+        road.append(data)
     header.set("date", FIXED_DATE)
     header.set("vendor", "SSP")
-    for side, value in _extent(blocks).items():
+    offsets = block.left_edge_m, block.right_edge_m
+    points = [point for y in offsets for point in block.line.path(0.0, block.length_m, y)]
+    xs, ys = zip(*points, strict=True)
+    extent = {"north": max(ys), "south": min(ys), "east": max(xs), "west": min(xs)}
+    for side, value in extent.items():
         header.set(side, repr(round(value, 3)))
     for code, text in sorted(provenance.items()):
         ET.SubElement(header, "userData", {"code": code, "value": text})
     return to_bytes(root)
-
-
-def _extent(blocks: Sequence[Block]) -> dict[str, float]:
-    points = [
-        point
-        for block in blocks
-        for offset in (block.left_edge_m, block.right_edge_m)
-        for point in block.line.path(0.0, block.length_m, offset)
-    ]
-    xs, ys = [x for x, _ in points], [y for _, y in points]
-    return {"north": max(ys), "south": min(ys), "east": max(xs), "west": min(xs)}
