@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from ssp_eval.data.labels import load_labels
 from ssp_eval.data.records import Slot, load_records
 from ssp_eval.score import matching
-from ssp_eval.score.cell import score_cell
+from ssp_eval.score.cell import score_cell, score_in_detail
 from ssp_eval.score.columns import encode
 from ssp_eval.score.engine import LabelTerms, batch_terms, cell_terms, score_cells, score_columns
 from ssp_eval.score.matching import match
@@ -120,6 +120,16 @@ def test_permuting_cells_permutes_their_scores(order):
     cells = golden_cells()
     scores = score_cells(cells)
     assert score_cells([cells[i] for i in order]) == [scores[i] for i in order]
+
+
+@pytest.mark.parametrize("thresholds", OTHERS)
+def test_details_of_many_cells_are_those_of_each_alone(thresholds):
+    cells = golden_cells()
+    in_detail = score_in_detail(cells, thresholds)
+    assert in_detail == [score_cell(*cell, thresholds) for cell in cells]
+    for found, metrics in zip(in_detail, score_cells(cells, thresholds), strict=True):
+        assert found.to_json() == metrics.to_json()
+        assert found.details.thresholds_sha256 == thresholds.sha256
 
 
 def test_more_cells_than_a_block_of_the_encoder_holds():
