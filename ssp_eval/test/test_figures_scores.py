@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from matplotlib.transforms import Bbox
 
 from ssp_eval.figures.cloud import around, place_labels, spread
-from ssp_eval.figures.scores import Scores, pareto_front
+from ssp_eval.figures.scores import pareto_front
 from ssp_eval.figures.style import names_in, pages_of, text_width_in
-from ssp_eval.score.aggregate import BY_DOMAIN, means
-from support.score_rows import MANY, rows_of
+from support.score_rows import MANY
 
 coarse = st.integers(0, 6).map(lambda k: k / 6)
 
@@ -99,15 +98,3 @@ def test_pages_hold_everything_in_order_and_are_of_much_the_same_size(items, mos
     assert [item for page in pages for item in page] == items
     sizes = [len(page) for page in pages]
     assert not sizes or (max(sizes) <= most and max(sizes) - min(sizes) <= 1)
-
-
-def test_scores_don_t_depend_on_the_order_of_rows():
-    rows = rows_of()
-    mixed = rows[:]
-    random.Random(2).shuffle(mixed)
-    one, other = Scores(tuple(rows)), Scores(tuple(mixed))
-    assert one.shown == other.shown
-    assert list(one.by_model.items()) == list(other.by_model.items())
-    assert list(one.by_domain.items()) == list(other.by_domain.items())
-    by_hand = means([row.cell() for row in rows], BY_DOMAIN)
-    assert one.by_domain["physical"] == by_hand[("physical",)]

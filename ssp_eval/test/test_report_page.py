@@ -12,7 +12,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -32,7 +31,6 @@ from ssp_eval.evaluate.models import ModelFacts, ModelSpec, bridge_spec
 from ssp_eval.evaluate.results import load_cells, request_lines
 from ssp_eval.figures.projection import overlay, project, top_view
 from ssp_eval.report.cell_view import segments
-from ssp_eval.report.cli import report
 from ssp_eval.report.page import write_report
 from ssp_eval.report.render import matrix, shade
 from ssp_vla_bridge.messages import Request, Response
@@ -40,6 +38,7 @@ from ssp_vla_bridge.trajectory import Trajectory
 from support.answering import Answering
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parent))
 
 from evaluation_files import audit_file, resealed
 
@@ -172,15 +171,6 @@ def test_a_model_s_text_can_t_break_the_page(campaign: Path) -> None:
     assert "&lt;script&gt;alert(1)" in page
 
 
-def test_the_command_line(campaign: Path, tmp_path: Path) -> None:
-    run = CliRunner().invoke(report, [str(campaign)])
-    assert run.exit_code == 0, run.output
-    assert str(campaign / "index.html") in run.output
-    nothing = CliRunner().invoke(report, [str(tmp_path)])
-    assert isinstance(nothing.exception, InputError)
-    assert "holds no evaluated cells" in str(nothing.exception)
-
-
 WRONG: list[tuple[str, object]] = [
     ("schema", "ssp.cell/2"),
     ("admission", 5),
@@ -236,15 +226,6 @@ def test_a_damaged_request_is_named_by_its_line(line: str, tmp_path: Path) -> No
     with pytest.raises(InputError) as caught:
         request_lines(file)
     assert (caught.value.file, caught.value.line) == (str(file), 2)
-
-
-def test_a_cell_of_nothing_but_its_schema_is_an_error(
-    campaign: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = campaign / "cells" / "cut_in__simulation__perfect" / "cell.json"
-    file.write_text('{"schema": "ssp.cell/1"}')
-    assert main(["report", str(campaign)]) == 1
-    assert "scenario" in capsys.readouterr().err
 
 
 def test_a_damaged_cell_is_named(campaign: Path) -> None:
