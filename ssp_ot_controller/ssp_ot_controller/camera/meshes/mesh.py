@@ -268,21 +268,15 @@ def ring(
     """An upright tyre whose axle lies along y: both faces and the tread."""
     angles = 2.0 * np.pi * np.arange(sides + 1) / sides
     direction = np.stack([np.cos(angles), np.zeros(sides + 1), np.sin(angles)], axis=1)
-    middle = np.asarray(centre, dtype=np.float64)
-    parts = []
     half = np.array([0.0, width_m / 2, 0.0])
-    outer, inner = direction * radius_m, direction * (radius_m - thickness_m)
+    outer = np.asarray(centre) + direction * radius_m
+    inner = np.asarray(centre) + direction * (radius_m - thickness_m)
     bands = (
-        (outer + half, inner + half, np.array([0.0, 1.0, 0.0])),
-        (inner - half, outer - half, np.array([0.0, -1.0, 0.0])),
-        (outer - half, outer + half, None),
+        (outer + half, inner + half),
+        (inner - half, outer - half),
+        (outer - half, outer + half),
     )
-    for a, b, normal in bands:
-        corners = np.stack([a[:-1], b[:-1], b[1:], a[:-1], b[1:], a[1:]], axis=1) + middle
-        if normal is None:
-            d0, d1 = direction[:-1], direction[1:]
-            facing = np.stack([d0, d0, d1, d0, d1, d1], axis=1)
-        else:
-            facing = np.broadcast_to(normal, corners.shape)
-        parts.append(triangles(corners, colour, MATTE, facing))
-    return join(parts)
+    return join(
+        triangles(np.stack([a[:-1], b[:-1], b[1:], a[:-1], b[1:], a[1:]], axis=1), colour)
+        for a, b in bands
+    )

@@ -117,7 +117,9 @@ def _on_face(face: Sequence[Vec], u: Range, v: Range, surface: Surface, lift_m: 
     return quad(at(u[0], v[0]), at(u[1], v[0]), at(u[1], v[1]), at(u[0], v[1]), *surface)
 
 
-def _wheels(xs: Sequence[float], flank_m: float, radius_m: float, width_m: float) -> list[Mesh]:
+def _wheels(
+    f: _Frame, xs: Sequence[float], flank_m: float, radius_m: float, width_m: float
+) -> list[Mesh]:
     """Wheels under dark arches on both flanks, and the dark below the body."""
 
     def disc(x: float, y: float, z: float, radius: float, colour: Colour) -> Mesh:
@@ -125,8 +127,7 @@ def _wheels(xs: Sequence[float], flank_m: float, radius_m: float, width_m: float
         rim = [(x + radius * math.sin(t), y, z + radius * math.cos(t)) for t in angles]
         return fan(rim, colour)
 
-    least, most = min(xs) - 1.2 * radius_m, max(xs) + 1.2 * radius_m
-    parts = [box((least, most), (-flank_m, flank_m), (0.0, 0.02), _DARK)]
+    parts = [box((f.x(0.01), f.x(0.98)), (-flank_m, flank_m), (0.0, 0.02), _DARK)]
     for x in xs:
         for side in (-1.0, 1.0):
             inner, outer = side * (flank_m - width_m), side * (flank_m + 0.012)
@@ -165,7 +166,7 @@ def car(size: Size, paint: Colour, variant: int, lights: Lights) -> Mesh:
     parts = [
         _car_hull(f, shape, paint),
         *_car_cabin(f, shape, paint, lights),
-        *_wheels((0.0, f.x(0.805)), f.y(1.0), 0.215 * size.height_m, 0.2),
+        *_wheels(f, (0.0, f.x(0.805)), f.y(1.0), 0.215 * size.height_m, 0.2),
         _panel("rear", rear, f.across(0.24), f.zs(0.37, 0.44), _PLATE),
         _panel("rear", rear, f.across(0.84), f.zs(0.245, 0.3), _PLASTIC),
         _panel("front", front, f.across(0.45), f.zs(0.23, 0.36), _PLASTIC),
@@ -278,7 +279,7 @@ def truck(size: Size, paint: Colour, lights: Lights) -> Mesh:
         box((f.x(0.01), f.x(0.8)), f.across(0.4), (0.5, floor), *_PLASTIC),
         box((f.x(0.0), f.x(0.012)), f.across(0.95), (0.42, 0.58), *_PLASTIC),
         _panel("rear", rear - 0.004, f.across(0.2), (0.6, 0.72), _PLATE),
-        *_wheels((0.0, f.x(0.86)), f.y(0.98), _RADIUS_M, 0.32),
+        *_wheels(f, (0.0, f.x(0.86)), f.y(0.98), _RADIUS_M, 0.32),
     ]
     for y in (-0.97, -0.02, 0.93):  # frame and middle of the rear doors
         edge = (f.y(y), f.y(y + 0.04))
@@ -308,7 +309,7 @@ def bus(size: Size, paint: Colour, lights: Lights) -> Mesh:
         _panel("rear", rear, f.across(0.3), f.zs(0.84, 0.9), _SIGN),
         _panel("front", front, f.across(0.92), f.zs(0.36, 0.8), _PANE),
         _panel("front", front, f.across(0.7), f.zs(0.82, 0.9), _SIGN),
-        *_wheels((0.0, f.x(0.79)), f.y(1.0), _RADIUS_M, 0.3),
+        *_wheels(f, (0.0, f.x(0.79)), f.y(1.0), _RADIUS_M, 0.3),
     ]
     for i in range(panes):
         x = (f.x(0.02 + 0.95 * i / panes), f.x(0.02 + 0.95 * (i + 0.92) / panes))
