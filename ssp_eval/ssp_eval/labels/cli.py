@@ -14,6 +14,7 @@ from ssp_core.files import load_model, make_folder, read_mapping, write_text
 from ssp_core.options import Number
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import FILL_IN, counts_text, load_labels, phase_counts, unfilled
+from ssp_eval.labels.boxes import boxes_command
 from ssp_eval.labels.check import (
     event_problems,
     phase_problems,
@@ -34,6 +35,7 @@ def labels() -> None:
     """Proposes labels files, checks them, shows the frames to label from (METHOD 5.2)."""
 
 
+labels.add_command(boxes_command)
 labels.add_command(new)
 
 
