@@ -127,6 +127,10 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
         after(40.0),
         "triggers[0].condition.after_s: 40 s is not before the end of the run (40 s)",
     ),
+    "two speeds at once": (
+        every(speed("ot1", "above", 5.0), GAP, speed("ot1", "below", 5.0)),
+        "triggers[0].condition: ot1 is never above 5 m/s and below 5 m/s at once",
+    ),
     "anchor behind, nested": (
         every(GAP, {**ARRIVAL, "anchor": (3.6, 0.0)}),
         "triggers[0].condition.of[1].anchor: lies behind the VUT's start",
@@ -199,6 +203,21 @@ def test_triggers_that_wait_for_each_other_are_both_refused(run_mapping: dict[st
     assert cannot_fire(RunSpec.model_validate(run_mapping)) == []
 
 
+def test_a_speed_that_is_not_left_again(run_mapping: dict[str, Any]) -> None:
+    """From 5 s on ot1 drives 7 m/s, and comes to its path's end after the run's."""
+    run_mapping["end"] = {"at_latest_s": 29.0}
+    slow = speed("ot1", "below", 5.0)
+    assert found(run_mapping, slow, not_before_s=5.0) == [
+        "triggers[0].condition.value_mps: ot1 has no motion that makes it slower than that again"
+    ]
+    assert found(run_mapping, slow, edge="rising") != []
+    assert found(run_mapping, slow, not_before_s=1.0) == []
+    assert found(run_mapping, slow, GAP, not_before_s=5.0) != []  # its lane change drives 6 m/s
+    assert found(run_mapping, speed("ot1", "below", 6.5), GAP, not_before_s=5.0) == []
+    run_mapping["end"] = {"at_latest_s": 31.0}
+    assert found(run_mapping, slow, not_before_s=5.0) == []
+
+
 def test_who_never_gets_so_fast_does_not_become_slower(run_mapping: dict[str, Any]) -> None:
     assert found(run_mapping, speed("ot1", "below", 8.0), edge="rising") == [
         "triggers[0].condition.value_mps: ot1 is always slower, never faster than 7 m/s"
@@ -238,6 +257,12 @@ def test_holding_that_lasts_longer_than_the_run(run_mapping: dict[str, Any]) -> 
         "before the end of the run (40 s)"
     ]
     assert found(run_mapping, after(30.0), held_for_s=9.9) == []
+    late = phase("resolution")
+    assert found(run_mapping, late, GAP, held_for_s=2.5) == []
+    assert found(run_mapping, late, GAP, held_for_s=2.6) == [
+        "triggers[0].held_for_s: the run ends 2.5 s after the start of the resolution"
+    ]
+    assert found(run_mapping, either(late, GAP), GAP, held_for_s=2.6) == []
 
 
 def test_the_shorter_of_the_runs_two_ends_counts(run_mapping: dict[str, Any]) -> None:

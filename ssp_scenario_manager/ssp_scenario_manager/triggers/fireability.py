@@ -13,6 +13,7 @@ import numpy as np
 
 from ssp_core.geometry import FloatArray, Polyline
 from ssp_core.motion.encounter import OBSERVABLE_BRAKING_MPS2, corridor_half_m
+from ssp_core.motion.event import RESOLUTION_CONFIRMATION_S
 from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import RunSpec
@@ -37,12 +38,15 @@ from ssp_core.run_file.participants import (
 )
 from ssp_core.run_file.values import Path2
 from ssp_core.safety.fence import room_m
+from ssp_scenario_manager.dispatch.references import APPROACH_LEAD_S
 from ssp_scenario_manager.triggers.conditions import leaves
 
 SPACING_M = 0.5
 _LANE_CHANGE_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # Whose offset from the VUT's path differs by less stays beside it.
 _PARALLEL_M = 0.2
+# By which a speed is reached at the latest, beyond the time that the motion's acceleration takes.
+_SURELY_S = 1.0
 
 
 class Reach:
@@ -81,6 +85,29 @@ class Reach:
             elif isinstance(act, LaneChange):
                 speeds.append(act.cruise_mps * share)
         return min(max(speeds), spec.limits.speed_mps)
+
+    def below_again(self, speed_mps: float, end_s: float) -> bool:
+        """It may be slower than a speed again, once it was as fast and before the run's end."""
+        if self._is_vut:
+            return True
+        for trigger in self._acts:
+            act = trigger.manoeuvre
+            if isinstance(act, FollowPath):
+                return True
+            if (act.to_mps if isinstance(act, Brake) else act.cruise_mps) < speed_mps:
+                return True
+            if trigger.adaptation is not None:
+                return True
+        drive = self.who.approach
+        # It stops at its path's end, and is there at the earliest after this time.
+        return drive is not None and Polyline(drive.path).length_m / drive.cruise_mps < end_s
+
+    def surely_reached_s(self, speed_mps: float) -> float:
+        """When its approach has it as fast as that at the latest, s after the start; inf: never."""
+        drive = self.who.approach
+        if self._is_vut or drive is None or speed_mps >= drive.cruise_mps:
+            return math.inf
+        return APPROACH_LEAD_S + speed_mps / drive.acceleration_mps2 + _SURELY_S
 
     @cached_property
     def points(self) -> FloatArray:
@@ -207,6 +234,12 @@ class _Judge:
                 f"{field}.held_for_s: {trigger.held_for_s:g} s from {begin_s:g} s on, when it may "
                 f"hold at the earliest, are not over before {self._end}"
             )
+        longest_s = RESOLUTION_CONFIRMATION_S + self._spec.end.after_resolution_s
+        if trigger.held_for_s > longest_s and _needs_resolution(trigger.condition):
+            found.append(
+                f"{field}.held_for_s: the run ends {longest_s:g} s after the start of the "
+                "resolution"
+            )
         return found
 
     @property
@@ -254,7 +287,9 @@ class _Judge:
         if isinstance(condition, AllOf):
             parts = [self._may(part, f"{field}.of[{i}]") for i, part in enumerate(condition.of)]
             problems = tuple(p for part in parts for p in part.problems)
-            return _May(max(p.from_s for p in parts), problems)
+            return _May(
+                max(p.from_s for p in parts), problems or self._contradiction(condition, field)
+            )
         if isinstance(condition, AnyOf):
             parts = [self._may(part, f"{field}.of[{i}]") for i, part in enumerate(condition.of)]
             able = [part.from_s for part in parts if not part.problems]
@@ -262,6 +297,19 @@ class _Judge:
                 return _May(min(able))
             return _May(problems=tuple(p for part in parts for p in part.problems))
         return self._single(condition, field)
+
+    def _contradiction(self, condition: AllOf, field: str) -> tuple[str, ...]:
+        """Two speeds of one object that exclude each other."""
+        speeds = [part for part in condition.of if isinstance(part, SpeedIs)]
+        for above in (s for s in speeds if s.relation == "above"):
+            for below in (s for s in speeds if s.relation == "below"):
+                same = above.object_id == below.object_id
+                if same and below.value_mps <= above.value_mps:
+                    return (
+                        f"{field}: {above.object_id} is never above {above.value_mps:g} m/s and "
+                        f"below {below.value_mps:g} m/s at once",
+                    )
+        return ()
 
     def _single(self, condition: Leaf, field: str) -> _May:
         match condition:
@@ -329,7 +377,11 @@ class _Judge:
         if rising and reach.fastest_mps < value:
             why = f"{who} is always slower, never faster than {reach.fastest_mps:g} m/s"
             return _May(problems=(f"{field}: {why}",))
-        return _May()
+        at_first = reach.surely_reached_s(value) > self._trigger.not_before_s and not rising
+        if at_first or reach.below_again(value, self._end_s):
+            return _May()
+        why = f"{who} has no motion that makes it slower than that again"
+        return _May(problems=(f"{field}: {why}",))
 
     def _region(self, condition: InRegion, field: str) -> _May:
         reach = self._reach(condition.object_id)
@@ -345,6 +397,15 @@ class _Judge:
             return _May()
         why = f"no trigger of {initiator}, whose manoeuvre it needs, fires without it"
         return _May(problems=(f"{field}.phase: {condition.phase} is never reached: {why}",))
+
+
+def _needs_resolution(condition: Condition) -> bool:
+    """It can't hold before the resolution."""
+    if isinstance(condition, AllOf):
+        return any(_needs_resolution(part) for part in condition.of)
+    if isinstance(condition, AnyOf):
+        return all(_needs_resolution(part) for part in condition.of)
+    return isinstance(condition, PhaseReached) and condition.phase == "resolution"
 
 
 def cannot_fire(spec: RunSpec) -> list[str]:
