@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -78,7 +79,7 @@ def test_component_scores_alone_give_all_tables_and_statistics(cells: Path, tmp_
     } <= names  # fmt: skip
     # Without records there are no intervals over them.
     assert not {"intervals_cells", "intervals_groups", "stability"} & names
-    for suffix in (".csv", ".notes.txt", ".tex"):
+    for suffix in (".csv", ".notes.txt", ".tex", ".json", ".html"):
         assert {path.name.removesuffix(suffix) for path in (out / "tables").glob(f"*{suffix}")} == (
             names
         )
@@ -275,9 +276,15 @@ def unnoticed(file: Path) -> Any:
     text = file.read_text("utf-8")
     if file.suffix == ".csv":
         return text
+    told = {one["text"] for one in table(file.with_name("notices.csv"))}
+    if file.suffix == ".json":
+        data = json.loads(text)
+        kept = [note for note in data["notes"] if note not in told]
+        return {**data, "notices": [], "notes": kept}
     if file.suffix == ".txt":
-        told = {one["text"] for one in table(file.with_name("notices.csv"))}
         return [note for note in text.strip().split("\n\n") if note not in told]
+    if file.suffix == ".html":
+        return re.sub(r'<p class="notice">.*?</p>\n', "", text)
     return text.split(r"\end{tabular}")[0]
 
 

@@ -178,11 +178,12 @@ def test_the_page_shows_the_numbers_of_the_tables(written: Path, data: dict[str,
     assert compared > 200
 
 
-def test_csv_and_latex_have_the_same_numbers(written: Path, data: dict[str, Any]) -> None:
+def test_the_files_of_a_table_have_the_same_numbers(written: Path, data: dict[str, Any]) -> None:
     for name in PAGE_TABLES:
         file = written / "tables" / f"{name}.csv"
         head, *rest = lines(file)
-        latex = file.with_suffix(".tex").read_text()
+        latex, html = file.with_suffix(".tex").read_text(), file.with_suffix(".html").read_text()
+        assert json.loads(file.with_suffix(".json").read_text())["data"] == data[name]["data"]
         assert head == [field["name"] for field in data[name]["schema"]["fields"]]
         for entry, line in zip(data[name]["data"], rest, strict=True):
             of = dict(zip(head, line, strict=True))
@@ -192,6 +193,7 @@ def test_csv_and_latex_have_the_same_numbers(written: Path, data: dict[str, Any]
                     assert float(of[key]) == entry[key]
                     text = rounded(kind, entry[key])
                     assert text is not None
+                    assert text in html
                     assert text.replace("-", "$-$") in latex
 
 
@@ -220,10 +222,12 @@ def test_what_cells_can_t_be_compared_for_stands_under_every_table(written: Path
     names = [file.stem for file in folder.glob("*.csv")]
     assert len(names) > 15
     for name in names:
-        latex = (folder / f"{name}.tex").read_text()
+        html, latex = ((folder / f"{name}{end}").read_text() for end in (".html", ".tex"))
+        assert json.loads((folder / f"{name}.json").read_text())["notices"] == strong
         notes = (folder / f"{name}.notes.txt").read_text().split("\n\n")
         assert notes[1 : 1 + len(strong)] == strong
         assert all(text.replace("_", r"\_") in latex for text in strong)
+        assert all(f'<p class="notice">{text}</p>' in html for text in strong)
 
 
 def test_what_seeing_is_worth_by_hand() -> None:

@@ -86,7 +86,7 @@ MOST_ANALYSED = 500
 
 
 class _Formats(click.ParamType[tuple[str, ...]]):
-    """``csv,latex``: names of formats, separated by commas."""
+    """``csv,json``: names of formats, separated by commas."""
 
     name = "formats"
 

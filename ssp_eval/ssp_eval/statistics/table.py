@@ -1,16 +1,19 @@
-"""The one form that every table has, and its files: CSV and LaTeX."""
+"""The one form that every table has, and its files: CSV, LaTeX, JSON and HTML."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import unicodedata
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
+
+from markupsafe import escape
 
 from ssp_core.files import make_folder, write_text
 from ssp_eval.score.aggregate import Mean, domain_order
@@ -424,7 +427,10 @@ def unguarded(text: str) -> str:
 
 
 def to_data(table: Table) -> dict[str, Any]:
-    """The table as plain values for JSON, every digit: the columns of the CSV as a Table Schema."""
+    """The table as plain values for JSON, every digit: the columns of the CSV as a Table Schema.
+
+    ``pandas.read_json(file, orient="table")`` takes it, which looks at schema and data alone.
+    """
     fields = _fields(table)
     keys = [field.key for field in fields]
     return {
@@ -445,10 +451,44 @@ def to_data(table: Table) -> dict[str, Any]:
     }
 
 
+def to_json(table: Table) -> str:
+    """See to_data."""
+    return json.dumps(to_data(table), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def to_html(table: Table) -> str:
+    """A fragment: a figure with the table and its notes, no style of its own."""
+    return "".join(_html_parts(table.printed))
+
+
+def _html_parts(table: Table) -> Iterator[str]:
+    styles = [' class="num"' if column.is_number else "" for column in table.columns]
+    heads = zip(styles, table.columns, strict=True)
+    yield f'<figure class="table" id="table-{escape(table.name)}">\n'
+    yield f"<figcaption>{escape(table.title)}</figcaption>\n"
+    yield '<div class="scroll"><table>\n<thead><tr>'
+    yield "".join(f"<th{style}>{escape(column.title)}</th>" for style, column in heads)
+    yield "</tr></thead>\n<tbody>\n"
+    for row in table.rows:
+        written = zip(styles, texts(table, row), strict=True)
+        cells = "".join(f"<td{style}>{escape(text)}</td>" for style, text in written)
+        yield f"<tr>{cells}</tr>\n"
+    yield "</tbody></table></div>\n"
+    for note in table.all_notes:
+        look = "notice" if note in table.notices else "sub"
+        yield f'<p class="{look}">{escape(note)}</p>\n'
+    yield "</figure>\n"
+
+
 Files = tuple[tuple[str, Callable[[Table], str]], ...]
 # By format its files, each with what its name ends in.
 FORMATS: Mapping[str, Files] = MappingProxyType(
-    {"csv": ((".csv", to_csv), (".notes.txt", to_notes)), "latex": ((".tex", to_latex),)}
+    {
+        "csv": ((".csv", to_csv), (".notes.txt", to_notes)),
+        "latex": ((".tex", to_latex),),
+        "json": ((".json", to_json),),
+        "html": ((".html", to_html),),
+    }
 )
 
 
@@ -458,7 +498,9 @@ def write_tables(
     formats: Sequence[str],
     on_table: Callable[[], None] = lambda: None,
 ) -> list[Path]:
-    """Writes each table in each format: ``<name>.csv`` with ``<name>.notes.txt``, ``<name>.tex``.
+    """Writes each table in each format, as ``<name>.csv``, ``.tex``, ``.json``, ``.html``.
+
+    What must be read beside a CSV file stands in ``<name>.notes.txt``.
 
     Raises:
         InputError: the folder can't be written to.
