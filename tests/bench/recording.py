@@ -1,8 +1,10 @@
-"""Recording end to end: is everything in the bag, and what does it cost?
+"""Recording end to end: is everything in the bag, what does it cost, and when does it break.
 
 One process publishes (``traffic``), another one records it with ``ssp bag record``; in the same run
 the same load goes to a subscriber that throws everything away (``discard``). What was lost is
-counted twice: against what the publishers say they sent, and by the gaps in what the bag holds.
+counted twice: against what the publishers say they sent, and by the gaps in what the bag holds. At
+last the load is raised until something is lost, or until the publishing process can't keep its
+rate, in short runs.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,6 +51,10 @@ RATIO_LIMIT = 2.2
 # What is still on its way to the disk when the last message was sent is paid for too.
 AFTER_S = 1.5
 STOP_TIMEOUT_S = 120.0
+# A publishing process below this share of its rate is what gave in.
+HELD = 0.97
+SEARCH_S = 5.0
+SEARCH_STEPS = 3
 # A bag and what lies around it; the recorder ends when less than 0.2 GB would be left.
 DISK_SHARE, DISK_RESERVE_BYTES = 1.1, 1_000_000_000
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -204,6 +210,68 @@ def missing(bag: Path, sent: dict[str, int]) -> Missing:
     return Missing(sum(sent.values()) - sum(counts.values()), gaps, wrong)
 
 
+# -- the load at which it breaks -------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Break:
+    """Where a growing load breaks.
+
+    Args:
+        good: the highest that was recorded whole, None where none was.
+        bad: the lowest that was not.
+        why: which of the two processes gave in, and how.
+    """
+
+    good: Load | None
+    bad: Load
+    why: str
+
+
+def gave_in(load: Load, folder: Path) -> str:
+    """What went wrong under a load; empty when nothing did."""
+    ran, lost = recorded(load, SEARCH_S, folder)
+    if lost.total:
+        return f"the recorder loses {lost.total} of {sum(ran.sent.values())} messages"
+    if ran.held < HELD:
+        return f"the publishing process keeps {100 * ran.held:.0f} % of its rate, nothing is lost"
+    return ""
+
+
+def search(make: Callable[[int], Load], start: int, folder: Path) -> Break:
+    """Doubles a load until something gives in, then halves the distance.
+
+    Args:
+        make: a load of a size.
+        start: the size that is tried first.
+        folder: for the bags.
+    """
+    good, size = 0, start
+    while not (why := gave_in(make(size), folder)):
+        good, size = size, 2 * size
+    bad = size
+    for _ in range(SEARCH_STEPS):
+        size = (good + bad) // 2
+        if size in (good, bad):
+            break
+        if found := gave_in(make(size), folder):
+            bad, why = size, found
+        else:
+            good = size
+    return Break(make(good) if good else None, make(bad), why)
+
+
+def report_break(name: str, found: Break, rate: Callable[[Load], float], unit: str) -> None:
+    report(
+        f"recording: {name} recorded whole",
+        rate(found.good) if found.good else 0.0,
+        None,
+        unit,
+        f"{found.good or 'nothing'}; under {found.bad} {found.why} (runs of {SEARCH_S:g} s)",
+        lower=False,
+    )
+
+
 @click.command()
 @click.option("--seconds", default=SECONDS, show_default=True, help="Duration of each load.")
 @click.option(
@@ -213,7 +281,8 @@ def missing(bag: Path, sent: dict[str, int]) -> Missing:
     show_default=True,
     help="For the bags, which are removed again.",
 )
-def main(seconds: float, folder: Path) -> None:
+@click.option("--search/--no-search", "searching", default=LONG, help="Look for where it breaks.")
+def main(seconds: float, folder: Path, searching: bool) -> None:
     """Measure recording end to end."""
     for load in LOADS:
         bound = discarded(load, seconds)
@@ -240,6 +309,11 @@ def main(seconds: float, folder: Path) -> None:
             lower=True,
             limit=0.0,
         )
+    if searching:
+        found = search(lambda hz: Load(objects=100, object_hz=float(hz)), 200, folder)
+        report_break("messages", found, lambda load: load.messages_per_s, "messages/s")
+        found = search(lambda cameras: Load(raws=cameras, objects=20), 4, folder)
+        report_break("frames", found, lambda load: load.bytes_per_s / 1e6, "MB/s")
 
 
 if __name__ == "__main__":
