@@ -1,29 +1,119 @@
-"""The CARLA configuration: its frame, and what it tells of a task."""
+"""The CARLA configuration: its frame, what it tells of a task, and the check against the map."""
 
 from __future__ import annotations
 
 import json
 import math
+import re
+import sys
+import types
+from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2
 from ssp_core.hashing import sha256_file
+from ssp_scenario_manager.compile.targets import carla
 from ssp_scenario_manager.compile.targets.carla import carla_config, export_carla, transform
+from ssp_scenario_manager.compile.targets.carla_check import check_against_map, is_installed
 from ssp_scenario_manager.compile.targets.map_file import map_file
 from ssp_scenario_manager.compile.task import PlaceLink
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+LANE_TYPES = types.SimpleNamespace(Any="Any", Driving="Driving", Sidewalk="Sidewalk", NONE="NONE")
+
+
+def _place(x: float, y: float, yaw: float) -> Any:
+    return types.SimpleNamespace(
+        location=types.SimpleNamespace(x=x, y=y, z=0.0), rotation=types.SimpleNamespace(yaw=yaw)
+    )
+
+
+# Lane id, type, y of the centre and width, of the straight road of 400 m that ``make_block`` makes.
+# CARLA's y is to the right.
+LANES = (
+    (3, "Sidewalk", -13.75, 3.0),
+    (2, "Driving", -10.5, 3.5),
+    (1, "Driving", -7.0, 3.5),
+    (-1, "Driving", -3.5, 3.5),
+    (-2, "Driving", 0.0, 3.5),
+    (-3, "Sidewalk", 3.25, 3.0),
+)
+VERGE = (-4, "NONE", 7.75, 6.0)
+
+
+class _Waypoint:
+    """As carla.Waypoint on one of those lanes."""
+
+    def __init__(self, lanes: Any, index: int, x: float) -> None:
+        self.lane_id, self.lane_type, y, self.lane_width = lanes[index]
+        self._lanes, self._index = lanes, index
+        self.transform = _place(x, y, 0.0 if self.lane_id < 0 else 180.0)
+
+    def next(self, distance: float) -> list[_Waypoint]:
+        x = self.transform.location.x + (distance if self.lane_id < 0 else -distance)
+        return [_Waypoint(self._lanes, self._index, x)] if 0.0 <= x <= 400.0 else []
+
+    def _beside(self, step: int) -> _Waypoint | None:
+        index = self._index + step
+        if not 0 <= index < len(self._lanes):
+            return None
+        return _Waypoint(self._lanes, index, self.transform.location.x)
+
+    def get_left_lane(self) -> _Waypoint | None:
+        return self._beside(-1 if self.lane_id < 0 else 1)
+
+    def get_right_lane(self) -> _Waypoint | None:
+        return self._beside(1 if self.lane_id < 0 else -1)
+
+
+class _Map:
+    """As carla.Map of that road; it finds no strips of type none, as CARLA's doesn't."""
+
+    def __init__(self, name: str, xodr: str) -> None:
+        assert "<OpenDRIVE" in xodr
+        self._lanes = (*LANES, VERGE) if 'lane id="-4"' in xodr else LANES
+
+    def get_waypoint(self, place: Any, project_to_road: bool, lane_type: str) -> _Waypoint | None:
+        found = [
+            (abs(place.y - y), index)
+            for index, (_, kind, y, _) in enumerate(self._lanes)
+            if kind != "NONE" and lane_type in ("Any", kind)
+        ]
+        apart, index = min(found)
+        inside = apart <= self._lanes[index][3] / 2 and 0.0 <= place.x <= 400.0
+        return _Waypoint(self._lanes, index, place.x) if inside or project_to_road else None
+
+
+def _made_here() -> types.ModuleType:
+    module = types.ModuleType("carla")
+    module.Location = lambda x, y, z: types.SimpleNamespace(x=x, y=y, z=z)  # type: ignore[attr-defined]
+    module.LaneType = LANE_TYPES  # type: ignore[attr-defined]
+    module.Map = _Map  # type: ignore[attr-defined]
+    return module
+
+
+@pytest.fixture(params=["made here", "installed"] if is_installed() else ["made here"])
+def with_carla(request: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """CARLA's map: one of a known road made here, and the real one where the extra is there."""
+    if request.param == "made here":
+        monkeypatch.setitem(sys.modules, "carla", _made_here())
+
+
+@pytest.fixture(autouse=True)
+def without_carla(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is exported here isn't checked, also where the extra is there."""
+    monkeypatch.setattr(carla, "is_installed", lambda: False)
 
 
 def as_told(value: Any) -> Any:
     """JSON-like data whose fields are attributes."""
-    return json.loads(json.dumps(value), object_hook=lambda fields: SimpleNamespace(**fields))
+    return json.loads(json.dumps(value), object_hook=lambda fields: types.SimpleNamespace(**fields))
 
 
 def exported(case: Any, folder: Path, map_text: str | None = None) -> Any:
@@ -188,3 +278,92 @@ def test_the_same_task_gives_the_same_bytes(name: str, case_of: Any, tmp_path: P
         texts.append([f.read_bytes() for f in files])
     assert texts[0] == texts[1]
     assert json.loads(texts[0][0])["schema"] == "ssp.carla/1"
+
+
+def config_of(case: Any) -> tuple[dict[str, Any], str]:
+    """The configuration, as a file's reader has it, and its map."""
+    chart = map_file(case.task, case.block, None)
+    config = carla_config(case.task, case.block, case.plan, chart)
+    return json.loads(json.dumps(config)), chart.data.decode()
+
+
+@pytest.mark.usefixtures("with_carla")
+@pytest.mark.parametrize("name", EVENTS)
+def test_a_good_configuration_fits_the_map(name: str, case_of: Any, tmp_path: Path) -> None:
+    config, text = config_of(case_of(name))
+    assert check_against_map(config, text) == []
+
+
+@pytest.mark.usefixtures("with_carla")
+def test_a_verge_is_ground_to_wait_on(case_of: Any, block_of: Any) -> None:
+    raw, text = config_of(case_of("vru_crossing", block_of(right_boundary="verge")))
+    raw["actors"][1]["reference"]["location"]["y"] = 9.0
+    assert check_against_map(raw, text) == []
+
+
+def test_a_bent_road_fits_carlas_reading(case_of: Any, curved_block: Any) -> None:
+    pytest.importorskip("carla", reason="the extra carla isn't installed")
+    for name in EVENTS:
+        config, text = config_of(case_of(name, curved_block))
+        assert check_against_map(config, text) == []
+
+
+Spoil = Callable[[dict[str, Any]], None]
+
+
+def _set(path: str, value: Any) -> Spoil:
+    def spoil(raw: dict[str, Any]) -> None:
+        *parents, last = path.split(".")
+        node: Any = raw
+        for part in parents:
+            node = node[int(part)] if part.isdigit() else node[part]
+        node[int(last) if last.isdigit() else last] = value
+
+    return spoil
+
+
+def _route(index: int, points: list[tuple[float, float]]) -> Spoil:
+    return _set(f"actors.{index}.drive.route", [{"x": x, "y": y, "z": 0.0} for x, y in points])
+
+
+@pytest.mark.usefixtures("with_carla")
+@pytest.mark.parametrize(
+    ("name", "spoil", "words"),
+    [
+        ("cut_in", _set("actors.0.reference.location.y", 3.5), "vut starts at .* no driving lane"),
+        ("cut_in", _set("actors.0.reference.location.y", 0.8), "vut starts 0.80 m beside"),
+        ("cut_in", _set("actors.0.reference.rotation.yaw", 180.0), "180.0 deg off"),
+        ("cut_in", _set("actors.0.reference.rotation.yaw", 6.0), "6.0 deg off"),
+        ("cut_in", _set("actors.0.reference.location.z", 2.0), "height of 2 m"),
+        ("cut_in", _route(0, [(15.0, 0.0), (450.0, 0.0)]), "leaves the driving lanes"),
+        ("cut_in", _route(0, [(15.0, 0.0), (385.0, 1.0)]), "leaves its lane's centre"),
+        ("cut_in", _route(1, [(380.0, -3.5), (52.0, -3.5)]), "ot1 isn't connected"),
+        ("vru_crossing", _set("actors.1.reference.location.y", 0.0), "on driving lane -2"),
+        ("vru_crossing", _set("actors.1.reference.location.y", 9.0), "no lane of any kind"),
+        (
+            "vru_crossing",
+            _set("triggers.0.act.drive.route.1", {"x": 110.0, "y": -20.0, "z": 0.0}),
+            "off the map",
+        ),
+        ("occluded_crossing", _set("actors.2.reference.location.y", 30.0), "no lane of any kind"),
+    ],
+)
+def test_what_doesnt_fit_the_map_is_named(
+    name: str, spoil: Spoil, words: str, case_of: Any
+) -> None:
+    raw, text = config_of(case_of(name))
+    spoil(raw)
+    problems = check_against_map(raw, text)
+    assert len(problems) == 1
+    assert re.search(words, problems[0]), problems
+
+
+def test_a_misfit_is_refused_before_anything_is_written(
+    case_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(carla, "is_installed", lambda: True)
+    monkeypatch.setattr(carla, "check_against_map", lambda *_: ["ot1 floats", "so does vut"])
+    case = case_of("cut_in")
+    with pytest.raises(InputError, match=r"ot1 floats \(1 more\)"):
+        export_carla(case.task, case.block, case.plan, None, tmp_path)
+    assert list(tmp_path.iterdir()) == []

@@ -11,6 +11,7 @@ import re
 from pathlib import Path, PurePath
 from typing import Any
 
+from ssp_core.errors import InputError
 from ssp_core.files import write_bytes, write_json
 from ssp_core.geometry import Pose2
 from ssp_core.hashing import sha256_bytes
@@ -27,6 +28,7 @@ from ssp_core.run_file.participants import (
     TriggerSpec,
 )
 from ssp_core.run_file.values import Point
+from ssp_scenario_manager.compile.targets.carla_check import check_against_map, is_installed
 from ssp_scenario_manager.compile.targets.map_file import (
     Heights,
     MapFile,
@@ -92,10 +94,18 @@ def export_carla(
         The files.
 
     Raises:
-        InputError: the block can't be put into OpenDRIVE, or a place has no height on the map.
+        InputError: the block can't be put into OpenDRIVE, a place has no height on the map, or
+            something isn't where CARLA's map has a place for it.
     """
     chart = map_file(task, block, map_text)
     config = carla_config(task, block, plan, chart)
+    if is_installed() and (problems := check_against_map(config, chart.data.decode())):
+        more = f" ({len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InputError(
+            f"doesn't fit CARLA's reading of the map: {problems[0]}{more}",
+            file=chart.name,
+            remedy="choose another block or map",
+        )
     write_bytes(folder / chart.name, chart.data)
     write_json(folder / CARLA_FILE, config)
     return [folder / CARLA_FILE, folder / chart.name]
