@@ -242,6 +242,7 @@ _PARTS = (
     ("Intervals", "intervals_"),
     ("Paired comparisons", "comparisons"),
     ("Sensitivity", "weights_"),
+    ("Sensitivity", "sensitivity"),
     ("Stability over runs", "stability"),
 )
 

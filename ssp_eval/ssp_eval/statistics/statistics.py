@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -15,12 +14,11 @@ from ssp_eval.score.aggregate import (
     BY_MODEL,
     BY_SCENARIO_DOMAIN,
     BY_SCENARIO_MODEL,
-    EQUAL,
     mean,
     means,
 )
 from ssp_eval.score.engine import cell_terms
-from ssp_eval.score.metrics import IVCS_FIRST, ivcs_weights
+from ssp_eval.score.metrics import IVCS_FIRST
 from ssp_eval.statistics.bootstrap import (
     RESAMPLES,
     SEED,
@@ -31,122 +29,19 @@ from ssp_eval.statistics.bootstrap import (
     bootstrap_records,
 )
 from ssp_eval.statistics.comparisons import Comparison, compare, t_interval
-from ssp_eval.statistics.resampling import NO_INTERVAL, Interval, Numbers, generator
+from ssp_eval.statistics.resampling import NO_INTERVAL, Interval
 from ssp_eval.statistics.rows import OK, CellRow, entering, one_scale, over_what
+from ssp_eval.statistics.sensitivity import (
+    GRID,
+    Variation,
+    WeightSamples,
+    kendall_tau,
+    sample_weights,
+    signs,
+    vary_thresholds,
+    vary_weights,
+)
 from ssp_eval.statistics.tables import sd
-
-_BLOCK = 1000
-
-
-@dataclass(frozen=True)
-class PairOrder:
-    """How often the order of two subjects is that of the defined weights.
-
-    Args:
-        first, second: the one that is ahead stands first; equal ones stand by name.
-        tied: they are equal under the defined weights; held is then the share of equal ones.
-    """
-
-    first: str
-    second: str
-    tied: bool
-    held: float
-
-
-@dataclass(frozen=True)
-class WeightSamples:
-    """Ranks under weights drawn evenly from all that are ≥ 0 and sum to 1.
-
-    Args:
-        tau_mean, tau_low: mean and 5 % quantile of Kendall's τ_b to the defined ranks; None
-            where one of the two rankings is all ties.
-        first: per subject, share of the samples in which nobody is ahead of it.
-    """
-
-    subject: str
-    samples: int
-    tau_mean: float | None
-    tau_low: float | None
-    first: dict[str, float]
-    pairs: tuple[PairOrder, ...]
-
-
-def component_means(rows: Sequence[CellRow], subject: str) -> dict[str, list[float]]:
-    """Per subject the mean of each component of IVCS over its cells, null as 0 (METHOD 6.11).
-
-    IVCS is linear in them, so the mean IVCS under any weights follows.
-    """
-    found: dict[str, list[list[float]]] = {}
-    for row in rows:
-        if row.admitted or subject != "domain":
-            values = [row.components[name] or 0.0 for name in ivcs_weights()]
-            found.setdefault(getattr(row, subject), []).append(values)
-    return {
-        name: [math.fsum(column) / len(cells) for column in zip(*cells, strict=True)]
-        for name, cells in sorted(found.items())
-    }
-
-
-def signs(values: Numbers) -> Numbers:
-    """The order of every pair of subjects: 1 where the first is ahead, −1 behind, 0 equal.
-
-    Args:
-        values: (..., S).
-
-    Returns:
-        (..., S (S − 1) / 2).
-    """
-    first, second = np.triu_indices(values.shape[-1], 1)
-    d = values[..., first] - values[..., second]
-    return np.where(np.abs(d) <= EQUAL, 0.0, np.sign(d))
-
-
-def kendall_tau(first: Numbers, second: Numbers) -> Numbers:
-    """Kendall's τ_b of two orders as signs gives them; NaN where one is all ties."""
-    agree = np.sum(first * second, axis=-1)
-    norm = np.sqrt(np.sum(np.abs(first), axis=-1) * np.sum(np.abs(second), axis=-1))
-    tau = np.full(np.shape(agree), np.nan)
-    np.divide(agree, norm, out=tau, where=norm > 0)
-    return tau
-
-
-def sample_weights(
-    rows: Sequence[CellRow], subject: str, seed: int, samples: int = RESAMPLES
-) -> WeightSamples | None:
-    """Ranks under random weights; None of fewer than two subjects.
-
-    Args:
-        rows: that enter means, one per cell.
-    """
-    components = component_means(rows, subject)
-    if len(components) < 2:
-        return None
-    names, table = list(components), np.array(list(components.values()))
-    defined = table @ np.array(list(ivcs_weights().values()))
-    base = signs(defined)
-    rng = generator(seed, "weights", subject)
-    held, first, taus = np.zeros(len(base)), np.zeros(len(names)), []
-    for start in range(0, samples, _BLOCK):
-        count = min(_BLOCK, samples - start)
-        values = rng.dirichlet(np.ones(table.shape[1]), size=count) @ table.T
-        order = signs(values)
-        held += np.sum(order == base, axis=0)
-        first += np.sum(values >= values.max(axis=1, keepdims=True) - EQUAL, axis=0)
-        taus.append(kendall_tau(order, base))
-    tau = np.concatenate(taus)
-    tau = tau[~np.isnan(tau)]
-    pairs = []
-    for (a, b), sign, share in zip(combinations(names, 2), base, held / samples, strict=True):
-        ahead, behind = (b, a) if sign < 0 else (a, b)
-        pairs.append(PairOrder(ahead, behind, sign == 0, float(share)))
-    return WeightSamples(
-        subject,
-        samples,
-        float(tau.mean()) if len(tau) else None,
-        float(np.quantile(tau, 0.05)) if len(tau) else None,
-        {name: float(share) for name, share in zip(names, first / samples, strict=True)},
-        tuple(pairs),
-    )
 
 
 @dataclass(frozen=True)
@@ -306,6 +201,7 @@ class Statistics:
             scenarios where these differ from cells.
         comparisons: of domains, then of models.
         weights: ranks under random weights, per subject that has at least two names.
+        variations: one number changed at a time; thresholds only where records are known.
         runs: how repetitions differ; None without any.
     """
 
@@ -313,13 +209,15 @@ class Statistics:
     over_cells: dict[Group, dict[Group, tuple[Estimate, ...]]]
     comparisons: tuple[Comparison, ...]
     weights: tuple[WeightSamples, ...]
+    variations: tuple[Variation, ...]
     runs: Stability | None
 
 
 def steps_of(rows: Sequence[CellRow], has_records: bool) -> int:
     """How often compute calls on_step."""
     valid = [row for row in one_scale(rows) if row.status == OK and not row.control]
-    return (len(valid) if has_records else 0) + len(SUBJECTS)
+    from_records = len(valid) + sum(map(len, GRID.values())) if has_records and valid else 0
+    return from_records + len(SUBJECTS)
 
 
 def compute(
@@ -340,6 +238,7 @@ def compute(
     pairs = [(row, cell) for row, cell in zip(rows, data, strict=bool(data)) if id(row) in kept]
     comparisons: list[Comparison] = []
     weights: list[WeightSamples] = []
+    variations: list[Variation] = []
     for subject in SUBJECTS:
         on_step()
         if subject in over:
@@ -348,6 +247,7 @@ def compute(
         sampled = sample_weights(chosen, subject, options.seed, options.resamples)
         if sampled is not None:
             weights.append(sampled)
+            variations += vary_weights(chosen, subject)
     records = None
     if pairs:
         with_terms = [
@@ -360,6 +260,7 @@ def compute(
             with_terms, GROUPINGS, options.resamples, options.seed, on_step, options.block,
             thresholds,
         )  # fmt: skip
+        variations += vary_thresholds(_first_runs(pairs), SUBJECTS, on_step, thresholds)
         comparisons = [
             replace(
                 one,
@@ -376,8 +277,17 @@ def compute(
         {by: _over_cells(chosen, by, options) for by in GROUPINGS if over.isdisjoint(by)},
         tuple(comparisons),
         tuple(weights),
+        tuple(variations),
         stability(alike, options.resamples, options.seed),
     )
+
+
+def _first_runs(pairs: Sequence[tuple[CellRow, CellData]]) -> list[tuple[CellRow, CellData]]:
+    """One run of each cell, the first by name."""
+    found: dict[tuple[str, str, str], tuple[CellRow, CellData]] = {}
+    for row, cell in sorted(pairs, key=lambda one: (*one[0].key, one[0].run)):
+        found.setdefault(row.key, (row, cell))
+    return list(found.values())
 
 
 def _over_cells(

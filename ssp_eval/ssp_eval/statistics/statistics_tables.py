@@ -17,7 +17,8 @@ from ssp_eval.statistics.bootstrap import Estimate, Group
 from ssp_eval.statistics.comparisons import FLIPS, Comparison
 from ssp_eval.statistics.notices import Notice
 from ssp_eval.statistics.resampling import LEVEL, Interval
-from ssp_eval.statistics.statistics import Options, Spread, Stability, Statistics, WeightSamples
+from ssp_eval.statistics.sensitivity import Variation, WeightSamples
+from ssp_eval.statistics.statistics import Options, Spread, Stability, Statistics
 from ssp_eval.statistics.table import Column, Kind, Table, Value, in_order, to_data
 
 STAGE_NAMES = dict(
@@ -264,6 +265,8 @@ def statistics_tables(found: Statistics, resamples: int) -> list[Table]:
     tables.append(over_cells(found.over_cells, resamples))
     tables.append(comparison_table(found.comparisons))
     tables += [table for one in found.weights for table in _weights(one)]
+    if found.variations:
+        tables.append(_variations(found.variations))
     if found.runs is not None:
         tables.append(runs_table(found.runs))
     return tables
@@ -391,6 +394,55 @@ def _weights(found: WeightSamples) -> list[Table]:
             (drawn, "Where several are equal in front, each of them leads."),
         ),
     ]
+
+
+# What a threshold is, with its unit.
+_THRESHOLDS = {
+    "match_window_s": "matching window of labels and answers, s",
+    "stop_speed_mps": "speed that counts as stopped, m/s",
+    "accel_mps2": "acceleration that counts as such, m/s²",
+    "lateral_shift_m": "lateral shift that counts as such, m",
+    "response_gap_s": "longest gap within a response, s",
+    "tolerance": "tolerance of inclusive comparisons",
+}
+
+
+def _what(parameter: str) -> str:
+    return _THRESHOLDS.get(parameter, f"weight of {parameter} in IVCS")
+
+
+def _variations(variations: Iterable[Variation]) -> Table:
+    rows = [
+        (
+            v.subject, v.parameter, _what(v.parameter), v.defined, v.value, v.tau, v.largest,
+            "; ".join(f"{behind} passes {ahead}" for ahead, behind in v.changed) or None,
+            "; ".join(f"{name} {value:.3f}" for name, value in v.means.items()),
+        )
+        for v in variations
+    ]  # fmt: skip
+    return Table(
+        "sensitivity",
+        "Mean IVCS and ranks with one number of the method changed",
+        (
+            Column("subject", "ranked", "text"),
+            Column("parameter", "parameter", "text", printed=False),
+            Column("what", "number", "text"),
+            Column("defined", "defined", "number"),
+            Column("value", "changed to", "number"),
+            Column("tau", "τ"),
+            Column("largest", "largest change of a cell"),
+            Column("order_changed", "changes of order", "text"),
+            Column("mean_ivcs", "mean IVCS then", "text", printed=False),
+        ),
+        tuple(rows),
+        (
+            "Each line changes one number that the method fixes and leaves all others: how far do "
+            "results depend on it? τ: Kendall's τ_b of the ranks to the defined ones, 1 for the "
+            "same order, −1 for the opposite one.",
+            "Weights that aren't changed keep their ratios, and the sum stays 1. Thresholds: every "
+            "record was scored again; largest change: of the IVCS of one cell.",
+        ),
+    )
 
 
 STATISTICS_FILE = "statistics.json"

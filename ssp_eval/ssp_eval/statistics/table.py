@@ -22,7 +22,7 @@ from ssp_eval.score.metrics import BY_NAME, DIAGNOSTIC, of_role
 
 # text: words; count: a whole number; ratio, seconds: three and two decimals;
 # signed: a difference of ratios, with its sign; change: a relative difference, shown in percent;
-# billions: parameters; p: a p-value.
+# billions: parameters; p: a p-value; number: as many digits as it has.
 Kind = Literal[
     "text",
     "count",
@@ -33,6 +33,7 @@ Kind = Literal[
     "billions",
     "response",
     "p",
+    "number",
 ]
 # Of more names than the first number a sentence holds only as many as the second.
 MOST_NAMED, NAMED = 8, 4
