@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,20 +10,6 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-
-from ssp_core.cli import main
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocabulary import PHASES, ObjectClass, Role
-from ssp_eval.audit.examine import examine
-from ssp_eval.audit.recording import read_recording
-from ssp_ot_controller.camera.clip import write_clip
-from ssp_ot_controller.camera.storyboards import storyboard
-from ssp_scenario_manager.event_spec.load import load_event
-from ssp_scenario_manager.maps.load import load_library
-from ssp_scenario_manager.maps.site import find_shipped
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "ssp_eval" / "test" / "imports"))
-
 from foreign_recordings import (
     INFO,
     TrackDay,
@@ -38,6 +23,17 @@ from foreign_recordings import (
     write_table,
     write_video,
 )
+
+from ssp_core.cli import main
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocabulary import PHASES, ObjectClass, Role
+from ssp_eval.audit.examine import examine
+from ssp_eval.audit.recording import read_recording
+from ssp_ot_controller.camera.clip import write_clip
+from ssp_ot_controller.camera.storyboards import storyboard
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.site import find_shipped
 
 OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
 ROLES = {"vut": Role.VUT, "ot1": Role.OT}

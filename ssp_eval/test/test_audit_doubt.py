@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from math import nan
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from observation_files import answers, changed, footage_of, seal
 
 from ssp_eval.audit import examine as examining
 from ssp_eval.audit.evidence import Evidence, contradictions
@@ -22,10 +22,6 @@ from ssp_eval.data.provenance import ImportRecord
 from ssp_eval.observations.agreement import agree
 from ssp_eval.observations.files import load_observation
 from ssp_scenario_manager.event_spec.load import event_version, load_event, seal_event
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from observation_files import answers, changed, footage_of, seal
 
 EVENT, VERSION = load_event("cut_in")
 

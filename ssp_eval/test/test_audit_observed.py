@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from observation_files import answers, changed, seal
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
@@ -24,10 +24,6 @@ from ssp_eval.package.make import make_package
 from ssp_eval.package.verify import verify_package
 from ssp_scenario_manager.event_spec.load import event_version, load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import Event
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from observation_files import answers, changed, seal
 
 
 def write_clip(path: Path, first: int) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from evaluation_files import CROP, audit_file, facts_of
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
@@ -28,10 +28,6 @@ from ssp_eval.recordings.event import Crop
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.rows import rows_from_campaign
 from ssp_eval.statistics.tables import all_tables
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from evaluation_files import CROP, audit_file, facts_of
 
 BagMaker = Callable[..., Path]
 

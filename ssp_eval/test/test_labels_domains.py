@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import sys
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from evaluation_files import CROP, audit_file
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
@@ -38,10 +38,6 @@ from ssp_eval.statistics.notices import notices
 from ssp_eval.statistics.rows import rows_from_cells
 from ssp_eval.statistics.tables import matrix_table
 from ssp_scenario_manager.event_spec.load import load_event
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from evaluation_files import CROP, audit_file
 
 Writer = Callable[..., Path]
 # Run-up beyond 3 s, seconds for the change of lanes, of the VUT's braking, and how hard it brakes.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from observation_files import NOW, answers, changed, footage_of, seal
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_json, write_text
@@ -27,10 +27,6 @@ from ssp_eval.observations.files import (
 )
 from ssp_eval.observations.model import Observation
 from ssp_scenario_manager.event_spec.load import load_event
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from observation_files import NOW, answers, changed, footage_of, seal
 
 Bags = Callable[..., Path]
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, get_args
 
 import pytest
+from observation_files import answers, changed, footage_of, seal
 
 from ssp_core.cli import main
 from ssp_core.files import parse_value, write_json, write_text
@@ -21,12 +21,6 @@ from ssp_eval.observations.page import chosen
 from ssp_eval.observations.questions import Card, blank, cards
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_scenario_manager.event_spec.model import SegmentWord
-
-sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(0, str(Path(__file__).parents[2]))
-
-from observation_files import answers, changed, footage_of, seal
-
 from tests.system.browser import Browser
 
 Bags = Callable[..., Path]

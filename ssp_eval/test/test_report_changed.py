@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from evaluation_files import audit_file, resealed
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
@@ -21,10 +21,6 @@ from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.results import load_cells
 from ssp_eval.report.page import write_report
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from evaluation_files import audit_file, resealed
 
 Value = dict[str, Any]
 MODELS = ("constant_velocity", "opencv_baseline")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from evaluation_files import resealed
 
 from ssp_core.hashing import sha256_bytes, sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
@@ -18,12 +18,6 @@ from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.results import load_cells
 from ssp_eval.report.page import write_report
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
-sys.path.insert(0, str(Path(__file__).parent))
-
-from evaluation_files import resealed
-
 from tests.large_campaign import clone_campaign
 from tests.system.browser import Browser
 

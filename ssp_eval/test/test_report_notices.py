@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from evaluation_files import resealed
 
 from ssp_core.bag.reader import BagReader
 from ssp_eval.data.provenance import OUR_RENDERER, ImportRecord, read_provenance
@@ -24,10 +24,6 @@ from ssp_eval.statistics.rows import entering, rows_from_campaign, rows_from_csv
 from ssp_eval.statistics.statistics import Options, compute
 from ssp_eval.statistics.table import write_tables
 from ssp_eval.statistics.tables import matrix_table
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from evaluation_files import resealed
 
 BagMaker = Callable[..., Path]
 MODELS = ("constant_velocity", "opencv_baseline")

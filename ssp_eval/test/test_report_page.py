@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 import re
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from evaluation_files import audit_file, resealed
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -36,12 +36,6 @@ from ssp_eval.report.render import matrix, shade
 from ssp_vla_bridge.messages import Request, Response
 from ssp_vla_bridge.trajectory import Trajectory
 from support.answering import Answering
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
-sys.path.insert(0, str(Path(__file__).parent))
-
-from evaluation_files import audit_file, resealed
-
 from tests.system.browser import Browser
 
 BagMaker = Callable[..., Path]

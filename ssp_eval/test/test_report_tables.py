@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pytest
+from evaluation_files import audit_file, resealed
 
 from ssp_core.cli import main
 from ssp_eval.evaluate.admission import load_admissions
@@ -36,10 +36,6 @@ from ssp_eval.statistics.tables import (
     control_tables,
 )
 from support.score_rows import row
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from evaluation_files import audit_file, resealed
 
 BagMaker = Callable[..., Path]
 PAGE_TABLES = (

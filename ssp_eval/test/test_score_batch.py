@@ -2,7 +2,6 @@
 
 import importlib.util
 import math
-import sys
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from score_inputs import any_labels, any_records
 
 from ssp_eval.data.labels import load_labels
 from ssp_eval.data.records import Slot, load_records
@@ -21,10 +21,6 @@ from ssp_eval.score.matching import match
 from ssp_eval.score.metrics import CellMetrics
 from ssp_eval.score.thresholds import Thresholds
 from ssp_vla_bridge.trajectory import Trajectory
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from score_inputs import any_labels, any_records
 
 TESTS = Path(__file__).parents[2] / "tests"
 GOLDEN = sorted(path.parent for path in (TESTS / "golden").glob("*/expected.json"))

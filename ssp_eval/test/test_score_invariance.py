@@ -1,21 +1,16 @@
 """What must not move a score, and what may only raise it (METHOD 6)."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from score_inputs import MOVES, SHIFTS, any_labels, any_records
 
 from ssp_eval.data.records import Slot
 from ssp_eval.score.cell import score_cell
 from ssp_eval.score.engine import score_cells
 from ssp_vla_bridge.trajectory import Trajectory
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from score_inputs import MOVES, SHIFTS, any_labels, any_records
 
 RATIOS = (
     "jovr",

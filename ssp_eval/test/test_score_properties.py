@@ -1,13 +1,12 @@
 """What must hold for any labels and any outputs (METHOD 6)."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from score_inputs import MOVES, SHIFTS, any_labels, any_records
 
 from ssp_eval.data.labels import Label, Labels
 from ssp_eval.data.records import BehaviourRecord, Slot, Slots
@@ -15,10 +14,6 @@ from ssp_eval.score.cell import STAGES, score_cell
 from ssp_eval.score.engine import score_cells
 from ssp_eval.score.thresholds import Thresholds
 from ssp_vla_bridge.trajectory import Trajectory
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from score_inputs import MOVES, SHIFTS, any_labels, any_records
 
 RATIOS = (
     "jovr",

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from foreign_recordings import TrackDay, cut_in
 
 from ssp_core.cli import main
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # `import foreign_recordings`
-
-from foreign_recordings import TrackDay, cut_in
 
 
 @pytest.fixture(scope="session")

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from observation_files import answers, seal
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import load_table
 from ssp_eval.package.verify import verify_package
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-from observation_files import answers, seal
 
 Writer = Callable[..., Path]
 
