@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
-from ssp_core.bag.index import ChunkRun, Selection, merged
-from ssp_core.bag.mcap_file import McapFile
+from ssp_core.bag.index import ChunkRun, ContentCache, Selection, merged
+from ssp_core.bag.mcap_file import McapFile, UnpackBudget
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
 from ssp_core.bag.types import BagMessage, definition
@@ -21,6 +21,7 @@ from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 
 STRING = "std_msgs/msg/String"
+BUDGET = UnpackBudget(1 << 30)
 KINDS: dict[str, dict[str, Any]] = {
     "plain": {"compression": CompressionType.NONE},
     "zstd": {"compression": CompressionType.ZSTD},
@@ -134,12 +135,32 @@ def test_only_chunks_with_wanted_messages_are_read(
 
 def test_a_chunk_is_read_when_its_time_comes_and_dropped_behind_it(tmp_path: Path) -> None:
     messages = [BagMessage("/a", k, k, bytes(1000), k) for k in range(200)]
-    write(tmp_path / "file.mcap", messages, compression=CompressionType.NONE)
-    file, wanted = McapFile(tmp_path / "file.mcap"), Selection({1: "/a"}, None, None)
-    chunks = [ChunkRun(file, index, wanted) for index in file.summary.chunk_indexes]
+    path = tmp_path / "file.mcap"
+    write(path, messages, compression=CompressionType.NONE)
+    file, cache = McapFile(path), ContentCache(BUDGET)
+    wanted = Selection({1: "/a"}, None, None)
+    chunks = [ChunkRun(file, index, wanted, cache) for index in file.summary.chunk_indexes]
     assert len(chunks) > 50
-    held = [sum(chunk._content is not None for chunk in chunks) for _ in merged(chunks)]
-    assert set(held) == {1}
+    assert {len(cache) for _ in merged(chunks)} == {1}
+    assert len(cache) == 0
+
+
+def test_chunks_that_all_overlap_are_read_in_bounded_memory(tmp_path: Path) -> None:
+    # Each chunk begins at time 0, so all are open at once.
+    messages = [BagMessage("/a", (k % 20) * 1000 + k, k, bytes(1000), k) for k in range(200)]
+    path = tmp_path / "file.mcap"
+    write(path, messages, chunk_size=20_000, compression=CompressionType.ZSTD)
+    file, cache = McapFile(path), ContentCache(BUDGET, limit_bytes=70_000)
+    chunks = [
+        ChunkRun(file, index, Selection({1: "/a"}, None, None), cache)
+        for index in file.summary.chunk_indexes
+    ]
+    held, found = [], []
+    for message in merged(chunks):
+        found.append(message)
+        held.append(len(cache))
+    assert found == sorted(messages, key=lambda m: m.log_time_ns)
+    assert max(held) == 3
 
 
 def damage_index(data: bytes, change: Callable[[bytearray, int], None]) -> bytes:

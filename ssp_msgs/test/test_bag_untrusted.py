@@ -1,11 +1,19 @@
-"""Bags from elsewhere: lengths, names, texts and definitions that lie are named errors."""
+"""Bags from elsewhere: lengths, names, texts and definitions that lie are named errors.
+
+Whatever a file claims, reading, checking and recovering it take bounded memory and time. What could
+flood or hang runs in a child with limits.
+"""
 
 from __future__ import annotations
 
 import os
+import resource
 import struct
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
@@ -25,18 +33,31 @@ from mcap.records import (
     Schema,
     Statistics,
 )
+from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
+from ssp_core.bag import mcap_file, repair
 from ssp_core.bag.check import check_bag
-from ssp_core.bag.mcap_file import MAX_CHUNK_BYTES
+from ssp_core.bag.mcap_file import (
+    ANY_RATIO_BYTES,
+    ANY_TOTAL_BYTES,
+    MAX_CHUNK_BYTES,
+    MAX_CHUNK_RECORDS,
+    MAX_RATIO,
+    MAX_RECORD_BYTES,
+    UnpackBudget,
+    check_summary,
+)
 from ssp_core.bag.mcap_output import record_bytes
 from ssp_core.bag.metadata import MAX_TEXT, parse_offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
 from ssp_core.bag.types import (
+    MAX_DECODED_BYTES,
     MAX_TEXT_BYTES,
     TypeDefinition,
     definition,
+    growth_of,
     store_from,
     typestore,
 )
@@ -61,8 +82,8 @@ def file_bytes(data: Sequence[McapRecord | bytes], summary: Sequence[McapRecord]
     return head + record_bytes(*summary) + record_bytes(Footer(start, 0, 0)) + MCAP0_MAGIC
 
 
-def file_of(record: Chunk) -> bytes:
-    """A closed file with one chunk, indexed."""
+def file_of(record: Chunk, *, indexes: int = 1) -> bytes:
+    """A closed file with one chunk, indexed once or more often."""
     names: list[McapRecord] = [SCHEMA, CHANNEL]
     offset = file_bytes([*names, record]).index(record_bytes(record))
     index = ChunkIndex(
@@ -76,7 +97,7 @@ def file_of(record: Chunk) -> bytes:
         message_start_time=record.message_start_time,
         uncompressed_size=record.uncompressed_size,
     )
-    return file_bytes([*names, record], [*names, index])
+    return file_bytes([*names, record], [*names, *[index] * indexes])
 
 
 # -- lengths --------------------------------------------------------------------------------------
@@ -94,7 +115,8 @@ def file_of(record: Chunk) -> bytes:
         (MESSAGE, len(MESSAGE), "lz4", "doesn't unpack"),
         (zstandard.compress(ZEROS), 1000, "zstd", "unpacks to more than the 1000 bytes"),
         (lz4.frame.compress(ZEROS), 1000, "lz4", "unpacks to more than the 1000 bytes"),
-        (zstandard.compress(ZEROS), MAX_CHUNK_BYTES, "zstd", "unpacks to less"),
+        (zstandard.compress(ZEROS), 1 << 21, "zstd", "unpacks to less"),
+        (zstandard.compress(ZEROS), MAX_CHUNK_BYTES, "zstd", "more than 1000 times as many"),
         (zstandard.compress(ZEROS), MAX_CHUNK_BYTES + 1, "zstd", "are not read"),
         (zstandard.compress(ZEROS), 1 << 62, "zstd", "are not read"),
         (record_bytes(Message(7, 0, TEXT, 0, 0)), len(MESSAGE), "", "channel 7"),
@@ -131,8 +153,239 @@ def test_an_attachment_beyond_the_file_is_refused(tmp_path: Path) -> None:
         path = tmp_path / f"{number}.mcap"
         index = AttachmentIndex(offset, length, 0, 0, 5, "a", "b")
         path.write_bytes(file_bytes([], [Statistics(1, 0, {}, 0, 0, 0, 0, 0, 0), index]))
-        with BagReader(path) as reader, pytest.raises(InputError, match=rf"{number}\.mcap"):
-            reader.attachment("a")
+        with pytest.raises(InputError, match=rf"{number}\.mcap.*points beyond the data"):
+            BagReader(path)
+
+
+# -- what would flood or hang ---------------------------------------------------------------------
+
+# What a person would do with a bag, each with its outcome on a line; nothing else may escape.
+USE = """
+import sys
+from pathlib import Path
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
+from ssp_core.bag.check import check_bag
+from ssp_core.errors import InputError
+path = Path(sys.argv[1])
+try:
+    with BagReader(path) as reader:
+        print("READ", sum(1 for _ in reader.messages()))
+except InputError as error:
+    print("READ", error)
+print("CHECK", check_bag(path).problems)
+try:
+    report = recover(path, path.parent / "new")
+    print("RECOVER", report.count, report.damage)
+except InputError as error:
+    print("RECOVER", error)
+# Of this process alone: what getrusage says begins with the peak of the process that started it.
+print("PEAK", open("/proc/self/status").read().split("VmHWM:")[1].split()[0])
+"""
+
+
+class Used(NamedTuple):
+    read: str
+    checked: str
+    recovered: str
+    peak_mb: float
+
+
+def use(path: Path) -> Used:
+    """Reads, checks and recovers a bag in a child that has a minute and 4 GiB of addresses."""
+    done = subprocess.run(
+        [sys.executable, "-c", USE, path],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30)),
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    read, checked, recovered, peak = done.stdout.splitlines()
+    return Used(read, checked, recovered, int(peak.removeprefix("PEAK ")) / 1024)
+
+
+def use_file(folder: Path, data: bytes) -> Used:
+    (folder / "a.mcap").write_bytes(data)
+    return use(folder / "a.mcap")
+
+
+@pytest.fixture(scope="module")
+def plain_mb(tmp_path_factory: pytest.TempPathFactory) -> float:
+    """Peak memory of the same program over a sound bag."""
+    path = tmp_path_factory.mktemp("plain") / "bag"
+    with BagWriter(path) as writer:
+        writer.add_topic("/text", STRING)
+        writer.write("/text", TEXT, 1, 1)
+    used = use(path)
+    assert used[:3] == ("READ 1", "CHECK ()", "RECOVER 1 ()")
+    return used.peak_mb
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+@pytest.mark.parametrize("claimed", [1000, MAX_CHUNK_BYTES])
+def test_a_bomb_unpacks_no_further_than_it_is_believed(
+    compression: str, claimed: int, tmp_path: Path, plain_mb: float
+) -> None:
+    zeros = bytes(512 << 20)
+    packed = zstandard.compress(zeros) if compression == "zstd" else lz4.frame.compress(zeros)
+    used = use_file(tmp_path, file_of(Chunk(compression, packed, 0, 0, 0, claimed)))
+    assert "a.mcap" in used.read
+    assert "record at byte" in used.recovered
+    # lz4 reaches 255 times, so that half a GiB of it is believed where it claims as much.
+    limit_mb = 1200 if (compression, claimed) == ("lz4", MAX_CHUNK_BYTES) else 64
+    assert used.peak_mb < plain_mb + limit_mb
+
+
+def test_the_record_of_a_bomb_is_named(tmp_path: Path) -> None:
+    packed = zstandard.compress(bytes(MAX_CHUNK_BYTES // 64)) * 64
+    data = file_of(Chunk("zstd", packed, 0, 0, 0, MAX_CHUNK_BYTES))
+    path = tmp_path / "a.mcap"
+    path.write_bytes(data)
+    at = data.index(packed) - 53
+    why = rf"claims to unpack from {len(packed)} to {MAX_CHUNK_BYTES} bytes, more than 1000 times"
+    with pytest.raises(InputError, match=rf"a\.mcap: is damaged: record at byte {at}: .*{why}"):
+        BagReader(path)
+    assert f"record at byte {at} " in recover(path, tmp_path / "new").damage[0]
+
+
+def test_a_well_packed_message_of_100_mb_is_read(tmp_path: Path) -> None:
+    size = 100 << 20
+    black = b"\0\1\0\0" + struct.pack("<I", size) + b" " * (size - 1) + b"\0"
+    content = record_bytes(Message(1, 0, black, 0, 0))
+    assert len(content) < ANY_RATIO_BYTES
+    packed = zstandard.compress(content)
+    assert len(packed) * MAX_RATIO < len(content)
+    used = use_file(tmp_path, file_of(Chunk("zstd", packed, 0, 0, 0, len(content))))
+    assert "RECOVER 1 ()" in used.recovered
+    assert used.peak_mb < 1200
+
+
+def test_a_chunk_indexed_a_hundred_thousand_times_is_refused(tmp_path: Path) -> None:
+    content = MESSAGE * 1000
+    used = use_file(tmp_path, file_of(Chunk("", content, 0, 0, 0, len(content)), indexes=100_000))
+    assert "two chunk indexes for the bytes from" in used.read
+    assert "RECOVER 1000" in used.recovered
+
+
+def test_what_looks_like_chunks_is_not_searched_for_ever(tmp_path: Path) -> None:
+    # 250,000 beginnings of a chunk that each claim the rest of the file.
+    count = 250_000
+    size = count * 49
+    pieces = [
+        struct.pack("<BQQQQIIQ", Opcode.CHUNK, size - k * 49 - 9, 0, 0, size - k * 49 - 49, 1, 0,
+                    size - k * 49 - 49)
+        for k in range(count)
+    ]  # fmt: skip
+    data = file_bytes([SCHEMA, CHANNEL, b"\x40" * 9, *pieces])
+    tail = len(data) - len(MCAP0_MAGIC) - 29 - 13
+    (tmp_path / "a.mcap").write_bytes(data[:tail])
+    used = use(tmp_path / "a.mcap")
+    assert "found no record behind it" in used.recovered
+
+
+def test_of_very_many_damaged_places_the_first_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(repair, "_MAX_DAMAGE", 3)
+    unknown = record_bytes(Message(7, 0, TEXT, 0, 0))
+    (tmp_path / "a.mcap").write_bytes(file_bytes([SCHEMA, CHANNEL, *[unknown] * 10]))
+    damage = recover(tmp_path / "a.mcap", tmp_path / "new").damage
+    assert len(damage) == 4
+    assert damage[-1] == "7 more places"
+
+
+def test_names_in_the_data_are_bounded_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(repair, "MAX_SUMMARY_BYTES", 1000)
+    many = [Channel(k, "/" + "x" * 100, "cdr", {}, 1) for k in range(2, 20)]
+    (tmp_path / "a.mcap").write_bytes(file_bytes([SCHEMA, CHANNEL, MESSAGE, *many]))
+    report = recover(tmp_path / "a.mcap", tmp_path / "new")
+    assert report.count == 1
+    assert "topics and types of more than 1000 bytes" in report.damage[0]
+
+
+DATA_END = 1 << 40
+
+
+def summary(*chunks: ChunkIndex) -> Summary:
+    made = Summary()
+    made.chunk_indexes += chunks
+    return made
+
+
+def chunk_index(offset: int, unpacked: int, index_bytes: int = 0) -> ChunkIndex:
+    packed = -(-unpacked // MAX_RATIO)
+    return ChunkIndex(packed + 41, offset, "zstd", packed, 0, index_bytes, {}, 0, unpacked)
+
+
+def test_what_all_chunks_unpack_to_is_bounded_by_the_file() -> None:
+    chunks = [chunk_index(8 + (k << 30), MAX_CHUNK_BYTES) for k in range(5)]
+    check_summary(summary(*chunks[:4]), DATA_END, 0)
+    fifth = f"record at byte {8 + (4 << 30)}: .* unpack to more than {ANY_TOTAL_BYTES} bytes"
+    with pytest.raises(ValueError, match=fifth):
+        check_summary(summary(*chunks), DATA_END, 0)
+    check_summary(summary(*chunks), DATA_END, 1 + (1 << 30) // MAX_RATIO)
+    budget = UnpackBudget(10, ratio=2)
+    budget.take(ANY_TOTAL_BYTES + 20)
+    with pytest.raises(ValueError, match="unpack to more than"):
+        budget.take(1)
+
+
+def test_the_sum_is_bounded_in_check_and_recover_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_file, "ANY_TOTAL_BYTES", 1 << 20)
+    content = struct.pack("<BQ", 0x80, len(ZEROS) * 2) + ZEROS * 2
+    chunk = Chunk("zstd", zstandard.compress(content), 0, 0, 0, len(content))
+    empty = Statistics(1, 0, {}, 0, 0, 0, 0, 0, 0)
+    data = file_bytes([chunk] * 8, [empty])
+    (tmp_path / "a.mcap").write_bytes(data)
+    (problem,) = check_bag(tmp_path / "a.mcap").problems
+    assert "record at byte" in problem
+    assert "the chunks up to here unpack to more than" in problem
+    damage = recover(tmp_path / "a.mcap", tmp_path / "new").damage
+    assert "the chunks up to here unpack to more than" in damage[-1]
+
+
+def test_an_index_of_messages_belongs_to_one_chunk() -> None:
+    one = chunk_index(8, 1000, index_bytes=100)
+    check_summary(summary(one, chunk_index(8 + one.chunk_length + 100, 1000)), DATA_END, 0)
+    with pytest.raises(ValueError, match="two chunk indexes for the bytes from"):
+        check_summary(summary(one, chunk_index(8 + one.chunk_length + 99, 1000)), DATA_END, 0)
+
+
+def test_a_chunk_has_no_more_messages_than_can_be_put_in_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    check_summary(summary(chunk_index(8, 1000, 16 * MAX_CHUNK_RECORDS)), DATA_END, 0)
+    with pytest.raises(ValueError, match=f"more than {MAX_CHUNK_RECORDS} messages"):
+        check_summary(summary(chunk_index(8, 1000, 16 * MAX_CHUNK_RECORDS + 1)), DATA_END, 0)
+    monkeypatch.setattr(mcap_file, "MAX_CHUNK_RECORDS", 5)
+    assert len(list(mcap_file.inner_records(memoryview(MESSAGE * 5)))) == 5
+    with pytest.raises(ValueError, match="a chunk of more than 5 records"):
+        list(mcap_file.inner_records(memoryview(MESSAGE * 6)))
+
+
+def test_attachments_and_definitions_have_sizes_that_are_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = summary()
+    made.attachment_indexes.append(AttachmentIndex(8, MAX_RECORD_BYTES, 0, 0, 9, "video", "a/b"))
+    check_summary(made, DATA_END, 0)
+    made.attachment_indexes[0].length += 1
+    with pytest.raises(ValueError, match="attachment 'video' has"):
+        check_summary(made, DATA_END, 0)
+    monkeypatch.setattr(mcap_file, "MAX_SCHEMAS_BYTES", 10)
+    made = summary()
+    made.schemas |= {k: Schema(k, b"12345", "ros2msg", "a/msg/B") for k in (1, 2)}
+    check_summary(made, DATA_END, 0)
+    made.schemas[3] = Schema(3, b"1", "ros2msg", "a/msg/C")
+    with pytest.raises(ValueError, match="11 bytes of message definitions, more than 10"):
+        check_summary(made, DATA_END, 0)
 
 
 # -- names and texts ------------------------------------------------------------------------------
@@ -265,25 +518,53 @@ def sections(*texts: str) -> str:
     return first + "".join(f"{SEPARATOR}MSG: a/C{k}\n{text}" for k, text in enumerate(rest))
 
 
-@pytest.mark.parametrize(
-    ("encoding", "text", "match"),
-    [
-        ("ros2msg", sections("C0 c\n", "C1 c\n", "C0 c\n"), "can't be used"),
-        ("ros2msg", "string[100000] x\n", "arrays of 100000 messages and strings"),
-        ("ros2msg", "uint8[" + "9" * 5000 + "] x\n", "can't be used"),
-        ("ros2msg", "C c\n", "can't be used"),
-        ("ros2msg", "uint8 x\nuint8 x\n", "conflicting"),
-        ("ros2msg", "x" * (MAX_TEXT_BYTES + 1), f"more than {MAX_TEXT_BYTES} characters"),
-        ("ros2msg", "__import__('os').system('false')\n", "can't be used"),
-        ("ros2idl", IDL.format("typedef C D; typedef D C;", "C x;"), "can't be used"),
-        ("ros2idl", "struct dataclass { long x; };", "is no name of a type"),
-    ],
-)
-def test_a_definition_that_is_none_is_refused_by_name(encoding: str, text: str, match: str) -> None:
+def refused(encoding: str, text: str, match: str) -> None:
     with pytest.raises(InputError, match=match) as caught:
         store_from(TypeDefinition("a/msg/B", encoding, text))
     assert caught.value.field == "a/msg/B"
     assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("B b\n", "a/msg/B contains itself"),
+        (sections("C0 c\n", "C1 c\n", "C0 c\n"), "contains itself"),
+        (sections(*(f"C{k} c\n" for k in range(501)), "uint8 x\n"), "nest deeper than 32"),
+        ("float64[99999999999] x\n", "a/msg/B.x has 99999999999 items"),
+        ("float64[-8] x\n", "a/msg/B.x has -8 items"),
+        (sections("C0[0] c\n", "uint8 x\n"), "a/msg/B.c has 0 items"),
+        ("string[100000] x\n", "arrays of 100000 messages and strings"),
+        (sections("C0[4000] c\n", "C1[4000] c\n", "uint8 x\n"), "arrays of 8000 messages"),
+        ("uint8[" + "9" * 5000 + "] x\n", "can't be used"),
+        ("float64 X=1e999\n", "a/msg/B.X is no finite number"),
+        ("C c\n", "can't be used"),
+        ("uint8 x\nuint8 x\n", "conflicting"),
+        ("string S='\n" * 9000, "can't be used"),
+        ("\n" * 20_000 + "uint8 x\n", "lines"),
+        ("x" * (MAX_TEXT_BYTES + 1), f"more than {MAX_TEXT_BYTES} are not read"),
+        ("__import__('os').system('false')\n", "can't be used"),
+    ],
+)
+def test_a_definition_that_is_none_is_refused_by_name(text: str, match: str) -> None:
+    refused("ros2msg", text, match)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        (IDL.format("const long A = 1 << 99999999999;", "long x;"), "operator <<"),
+        (IDL.format("const long A = 9 * 9;", "long x;"), r"operator \*"),
+        (IDL.format("const long A = " + "(" * 30 + "1" + ")" * 30 + ";", "long x;"), "nested"),
+        (IDL.format("", "sequence<" * 40 + "long" + ">" * 40 + " x;"), "nested"),
+        (IDL.format("const long A = " + "1+" * 3000 + "1;", "long x;"), "can't be used"),
+        (IDL.format("typedef C D; typedef D C;", "C x;"), "can't be used"),
+        ("/*" * 50_000, "can't be used"),
+        ("struct dataclass { long x; };", "is no name of a type"),
+    ],
+)
+def test_an_idl_definition_that_is_none_is_refused_by_name(text: str, match: str) -> None:
+    refused("ros2idl", text, match)
 
 
 def test_a_name_can_not_smuggle_in_code() -> None:
@@ -294,13 +575,36 @@ def test_a_name_can_not_smuggle_in_code() -> None:
 
 def test_every_known_type_is_within_the_limits() -> None:
     for msgtype in typestore().fielddefs:
-        store_from(definition(msgtype))
+        store = store_from(definition(msgtype))
+        # A message of 10 MB of any usual type is decoded.
+        assert growth_of(store.fielddefs, msgtype) * 10e6 < MAX_DECODED_BYTES
 
 
-def write_bag(path: Path, text: str, data: bytes) -> None:
+def write_bag(path: Path, text: str, data: bytes, topics: int = 1) -> None:
     with BagWriter(path) as writer:
-        writer.add_topic("/t0", "a/msg/B", written=TypeDefinition("a/msg/B", "ros2msg", text))
-        writer.write("/t0", data, 0, 0)
+        for k in range(topics):
+            topic, written = f"/t{k}", TypeDefinition("a/msg/B", "ros2msg", text)
+            writer.add_topic(topic, "a/msg/B", written=written)
+            writer.write(topic, data, k, k)
+
+
+def test_a_definition_is_parsed_once_whoever_uses_it(tmp_path: Path) -> None:
+    # Each of these takes some tenths of a second to parse; 800 times would be minutes.
+    sound = "".join(f"string s{k}\n" for k in range(1000))
+    write_bag(tmp_path / "sound", sound, b"\0\1\0\0", topics=400)
+    write_bag(tmp_path / "broken", sound + "oh no", b"\0\1\0\0", topics=400)
+    for name in ("sound", "broken"):
+        assert use(tmp_path / name).read == "READ 400"
+
+
+def test_a_flood_of_tiny_items_is_refused_before_it_is_made(tmp_path: Path) -> None:
+    count = 60_000_000  # items of a byte, each an object of 190 bytes
+    data = b"\0\1\0\0" + struct.pack("<I", count) + bytes(count)
+    write_bag(tmp_path / "bag", sections("C0[] c\n", ""), data)
+    used = use(tmp_path / "bag")
+    assert "/t0: holds a message at 0 ns" in used.checked
+    assert "GiB of memory once decoded" in used.checked
+    assert used.peak_mb < 600
 
 
 @pytest.mark.parametrize("size", [4_000_000_000, 0xFFFFFFFF, 1 << 31, 1000])

@@ -14,6 +14,7 @@ from mcap.writer import MCAP0_MAGIC
 from ssp_core.bag.mcap_file import (
     BoundedFile,
     RecordFrame,
+    UnpackBudget,
     chunk_parts,
     damage_of,
     data_crc,
@@ -123,13 +124,14 @@ class _Pass:
         self._later = later
         self._channels: dict[int, Channel] = {}
         with open_bounded(path) as stream, damage_of(path):
+            budget = UnpackBudget(stream.size)
             offset = len(MCAP0_MAGIC)
             while True:
                 try:
                     frame = read_frame(stream, offset)
                     if frame.opcode == Opcode.DATA_END:
                         break
-                    self._frame(stream, frame)
+                    self._frame(stream, frame, budget)
                 except ValueError as error:
                     raise ValueError(f"record at byte {offset}: {error}") from error
                 offset = frame.end
@@ -137,9 +139,11 @@ class _Pass:
             if data_crc(stream) is False:
                 raise ValueError("the CRC over all its data is wrong")
 
-    def _frame(self, stream: BoundedFile, frame: RecordFrame) -> None:
+    def _frame(self, stream: BoundedFile, frame: RecordFrame, budget: UnpackBudget) -> None:
         if frame.opcode == Opcode.CHUNK:
-            for record in inner_records(unpack_chunk(chunk_parts(read_body(stream, frame)))):
+            parts = chunk_parts(read_body(stream, frame))
+            budget.take(parts.unpacked_bytes)
+            for record in inner_records(unpack_chunk(parts)):
                 self._record(record.opcode, record.body)
         elif frame.opcode == Opcode.ATTACHMENT:
             self.attachments.append(parse_attachment(read_body(stream, frame)).name)

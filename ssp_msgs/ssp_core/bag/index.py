@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import struct
+from collections import OrderedDict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -16,6 +17,7 @@ from ssp_core.bag.mcap_file import (
     HEAD,
     MAX_RECORD_BYTES,
     McapFile,
+    UnpackBudget,
     chunk_parts,
     damaged,
     unpack_chunk,
@@ -70,6 +72,8 @@ def indexed_entries(region: bytes, index: ChunkIndex, channels: Collection[int])
     return entries
 
 
+# Content of chunks that is kept while their times overlap; the rest is read again.
+KEPT_BYTES = 256 << 20
 _MESSAGE = int(Opcode.MESSAGE)
 
 
@@ -118,19 +122,56 @@ class Selection:
         return BagMessage(topic, logged, published, data, sequence)
 
 
+class ContentCache:
+    """Content of the chunks that are being read, the longest unused dropped when it is too much.
+
+    Args:
+        budget: what may be unpacked; chunks that overlap more than fits are unpacked again.
+        limit_bytes: kept at once.
+    """
+
+    def __init__(self, budget: UnpackBudget, limit_bytes: int = KEPT_BYTES) -> None:
+        self._budget = budget
+        self._limit = limit_bytes
+        self._bytes = 0
+        self._kept: OrderedDict[ChunkRun, memoryview] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def content(self, run: ChunkRun) -> memoryview:
+        content = self._kept.get(run)
+        if content is None:
+            content = self._kept[run] = run.load()
+            self._budget.take(len(content))
+            self._bytes += len(content)
+            while self._bytes > self._limit and len(self._kept) > 1:
+                self._bytes -= len(self._kept.popitem(last=False)[1])
+        elif len(self._kept) > 1:
+            self._kept.move_to_end(run)
+        return content
+
+    def drop(self, run: ChunkRun) -> None:
+        content = self._kept.pop(run, None)
+        if content is not None:
+            self._bytes -= len(content)
+
+
 class ChunkRun:
     """One chunk; it is read when its first wanted message is, and not when it has none.
 
     No message is earlier than ``start_ns``.
     """
 
-    def __init__(self, file: McapFile, index: ChunkIndex, wanted: Selection) -> None:
+    def __init__(
+        self, file: McapFile, index: ChunkIndex, wanted: Selection, cache: ContentCache
+    ) -> None:
         self.path = file.path
         self.start_ns = index.message_start_time
         self._file = file
         self._index = index
         self._wanted = wanted
-        self._content: memoryview | None = None
+        self._cache = cache
 
     def entries(self) -> Iterator[Entry]:
         """The wanted messages by log time, then by their order in the file."""
@@ -140,12 +181,12 @@ class ChunkRun:
             first, last = min(entries)[0], max(entries)[0]
             if first < index.message_start_time or last > index.message_end_time:
                 raise ValueError("a chunk holds messages outside the times of its index")
+            if len({at for _, at in entries}) != len(entries):
+                raise ValueError("a message index names a message twice")
         return iter(self._wanted.times(entries))
 
     def message(self, entry: Entry) -> BagMessage:
-        if self._content is None:
-            self._content = self.load()
-        return self._wanted.message(self._content, entry[1], entry[0])
+        return self._wanted.message(self._cache.content(self), entry[1], entry[0])
 
     def load(self) -> memoryview:
         index = self._index
@@ -157,7 +198,7 @@ class ChunkRun:
         return chunk_content(memoryview(record))
 
     def close(self) -> None:
-        self._content = None
+        self._cache.drop(self)
 
 
 def merged(runs: Iterable[ChunkRun]) -> Iterator[BagMessage]:

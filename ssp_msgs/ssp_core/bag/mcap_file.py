@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -35,16 +35,48 @@ from ssp_core.errors import InputError
 # A chunk holds a message at the least, and ROS carries no message beyond 4 GiB; images and point
 # clouds of 100 MB are usual, of 1 GB aren't known.
 MAX_CHUNK_BYTES = 1 << 30
-# Any record that is read as a whole: a chunk, an attachment, an index of a chunk's messages.
-MAX_RECORD_BYTES = MAX_CHUNK_BYTES + (64 << 10)
+# zstd makes 30,000 zeros one byte, so a black image of 100 MB may be packed as well as a bomb is.
+# What unpacks to less than this may have any ratio, beyond it a ratio that real data reach.
+ANY_RATIO_BYTES = 256 << 20
+MAX_RATIO = 1000
+# How often chunks that overlap in time are unpacked again where they don't fit into memory.
+MAX_REREADS = 16
+# Messages in a chunk are held as objects while they are put in order; writers end a chunk at some
+# MB, which are 100,000 messages of the smallest kind.
+MAX_CHUNK_RECORDS = 4_000_000
+# All chunks of a file together: what its size allows at that ratio, and a few of any ratio.
+ANY_TOTAL_BYTES = 4 << 30
 # Read as a whole: indexes of 500,000 chunks with ten channels each, which are a day at 6 MB/s.
 MAX_SUMMARY_BYTES = 128 << 20
+# Any record that is read as a whole: a chunk, an attachment, an index of a chunk's messages.
+MAX_RECORD_BYTES = MAX_CHUNK_BYTES + (64 << 10)
+# Message definitions of one file: 200 types of 20 kB are 4 MB. Parsing takes 10 us per byte.
+MAX_SCHEMAS_BYTES = 16 << 20
 
 _CHUNK_HEAD = struct.Struct("<QQQII")
+_INDEX_ENTRY_BYTES = 16
 _U64 = struct.Struct("<Q")
 # Fields before a chunk's data, with the longest name of a compression.
 CHUNK_HEAD_BYTES = _CHUNK_HEAD.size + 4 + _U64.size
 _PIECE = 1 << 20
+
+
+class UnpackBudget:
+    """How much the chunks of one file may unpack to, all together.
+
+    Args:
+        file_bytes: size of the file.
+        ratio: how many times as much they may unpack to.
+    """
+
+    def __init__(self, file_bytes: int, *, ratio: int = MAX_RATIO) -> None:
+        self._most = self._left = ANY_TOTAL_BYTES + ratio * file_bytes
+
+    def take(self, unpacked_bytes: int) -> None:
+        """Raises ValueError when the file's chunks unpack to more than is believed."""
+        self._left -= unpacked_bytes
+        if self._left < 0:
+            raise ValueError(f"the chunks up to here unpack to more than {self._most} bytes")
 
 
 class ChunkParts(NamedTuple):
@@ -76,12 +108,7 @@ def chunk_parts(body: bytes | memoryview) -> ChunkParts:
     if data_bytes != len(view) - data_at:
         raise ValueError(f"a chunk claims {data_bytes} bytes and has {len(view) - data_at}")
     compression = name.decode("ascii", "backslashreplace")
-    if compression not in ("", "zstd", "lz4"):
-        raise ValueError(f"compression {compression[:40]!r} is unknown (zstd and lz4 are read)")
-    if unpacked > MAX_CHUNK_BYTES:
-        raise ValueError(f"a chunk of {unpacked} bytes, more than {MAX_CHUNK_BYTES} are not read")
-    if not compression and unpacked != data_bytes:
-        raise ValueError(f"a chunk claims {unpacked} bytes and has {data_bytes}")
+    check_claim(compression, unpacked, data_bytes)
     return ChunkParts(start_ns, end_ns, unpacked, crc, compression, view[data_at:])
 
 
@@ -96,8 +123,29 @@ def chunk_length(head: bytes) -> int | None:
     return int(data_at + _U64.unpack_from(head, data_at - _U64.size)[0])
 
 
+def check_claim(compression: str, unpacked_bytes: int, packed_bytes: int) -> None:
+    """Refuses a chunk by what it claims, before anything of it is unpacked.
+
+    Raises:
+        ValueError: the claim is beyond belief, or the compression is unknown.
+    """
+    if compression not in ("", "zstd", "lz4"):
+        raise ValueError(f"compression {compression[:40]!r} is unknown (zstd and lz4 are read)")
+    if unpacked_bytes > MAX_CHUNK_BYTES:
+        raise ValueError(
+            f"a chunk of {unpacked_bytes} bytes, more than {MAX_CHUNK_BYTES} are not read"
+        )
+    if not compression and unpacked_bytes != packed_bytes:
+        raise ValueError(f"a chunk claims {unpacked_bytes} bytes and has {packed_bytes}")
+    if unpacked_bytes > max(ANY_RATIO_BYTES, MAX_RATIO * packed_bytes):
+        raise ValueError(
+            f"a chunk claims to unpack from {packed_bytes} to {unpacked_bytes} bytes, "
+            f"more than {MAX_RATIO} times as many"
+        )
+
+
 def unpack_chunk(parts: ChunkParts) -> memoryview:
-    """What a chunk holds, with its CRC checked; never more than it claims is unpacked.
+    """What a chunk holds, with its CRC checked; never more at once than is there.
 
     Raises:
         ValueError: it doesn't unpack to what it claims, or its CRC is wrong.
@@ -105,7 +153,7 @@ def unpack_chunk(parts: ChunkParts) -> memoryview:
     data, claimed = parts.data, parts.unpacked_bytes
     if parts.compression:
         try:
-            unpacked = (_unzstd if parts.compression == "zstd" else _unlz4)(data, claimed + 1)
+            unpacked = (_unzstd if parts.compression == "zstd" else _unlz4)(data, claimed)
         except (zstandard.ZstdError, RuntimeError, EOFError) as error:
             raise ValueError(f"a chunk doesn't unpack: {error}") from error
         if len(unpacked) != claimed:
@@ -117,16 +165,85 @@ def unpack_chunk(parts: ChunkParts) -> memoryview:
     return data
 
 
-def _unzstd(data: memoryview, most: int) -> bytes:
+def _unzstd(data: memoryview, most: int) -> bytearray:
+    """At most one piece more than ``most``; the frame's own claims are not looked at."""
+    unpacked = bytearray()
     # A frame asks for a window of its own choice: zstd's own limit, or all that it unpacks to.
-    decompressor = zstandard.ZstdDecompressor(max_window_size=1 << max(27, most.bit_length()))
+    window = 1 << max(27, (most - 1).bit_length())
+    decompressor = zstandard.ZstdDecompressor(max_window_size=window)
     with decompressor.stream_reader(data, read_across_frames=True) as stream:
-        return stream.read(most)
-
-
-def _unlz4(data: memoryview, most: int) -> bytes:
-    unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most)
+        while len(unpacked) <= most:
+            piece = stream.read(min(_PIECE, most + 1 - len(unpacked)))
+            if not piece:
+                break
+            unpacked += piece
     return unpacked
+
+
+def _unlz4(data: memoryview, most: int) -> bytearray:
+    unpacked = bytearray()
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    piece = decompressor.decompress(data, max_length=min(_PIECE, most + 1))
+    while True:
+        unpacked += piece
+        if len(unpacked) > most or decompressor.eof or decompressor.needs_input:
+            break
+        piece = decompressor.decompress(b"", max_length=min(_PIECE, most + 1 - len(unpacked)))
+    if len(unpacked) <= most and not decompressor.eof:
+        raise ValueError("a chunk ends within its compressed data")
+    if decompressor.unused_data:
+        raise ValueError("a chunk goes on after its compressed data")
+    return unpacked
+
+
+def check_summary(summary: Summary, data_end: int, file_bytes: int) -> None:
+    """Refuses indexes that would make a reader read a place twice, or beyond the data.
+
+    Args:
+        data_end: where the data section ends and the summary begins.
+
+    Raises:
+        ValueError: which index, and what is wrong with it.
+    """
+    chunks, attachments = summary.chunk_indexes, summary.attachment_indexes
+    _check_places(
+        "chunk",
+        ((c.chunk_start_offset, c.chunk_length + c.message_index_length) for c in chunks),
+        data_end,
+    )
+    _check_places("attachment", ((a.offset, a.length) for a in attachments), data_end)
+    budget = UnpackBudget(file_bytes)
+    for chunk in chunks:
+        try:
+            budget.take(chunk.uncompressed_size)
+            check_claim(chunk.compression, chunk.uncompressed_size, chunk.compressed_size)
+            if chunk.compressed_size > chunk.chunk_length:
+                raise ValueError("it is shorter than its data")
+            if chunk.message_index_length > _INDEX_ENTRY_BYTES * MAX_CHUNK_RECORDS:
+                raise ValueError(f"it has more than {MAX_CHUNK_RECORDS} messages")
+        except ValueError as error:
+            raise ValueError(f"record at byte {chunk.chunk_start_offset}: {error}") from error
+    for index in attachments:
+        if index.length > MAX_RECORD_BYTES:
+            raise ValueError(
+                f"attachment {index.name[:80]!r} has {index.length} bytes, "
+                f"more than {MAX_RECORD_BYTES} are not read"
+            )
+    size = sum(len(schema.data) for schema in summary.schemas.values())
+    if size > MAX_SCHEMAS_BYTES:
+        raise ValueError(
+            f"{size} bytes of message definitions, more than {MAX_SCHEMAS_BYTES} are not read"
+        )
+
+
+def _check_places(kind: str, places: Iterable[tuple[int, int]], data_end: int) -> None:
+    before = 0
+    for offset, length in sorted(places):
+        if offset < before:
+            raise ValueError(f"two {kind} indexes for the bytes from {offset} on")
+        before = offset + length
+        if not length or before > data_end:
+            raise ValueError(f"the {kind} index for byte {offset} points beyond the data")
 
 
 HEAD = struct.Struct("<BQ")
@@ -153,8 +270,11 @@ def inner_records(data: memoryview) -> Iterator[RawRecord]:
     Raises:
         ValueError: a record runs out of the chunk, after the whole ones were given.
     """
-    offset, size = 0, len(data)
+    offset, count, size = 0, 0, len(data)
     while offset < size:
+        count += 1
+        if count > MAX_CHUNK_RECORDS:
+            raise ValueError(f"a chunk of more than {MAX_CHUNK_RECORDS} records")
         if offset + HEAD.size > size:
             raise ValueError("a chunk ends within a record")
         opcode, length = HEAD.unpack_from(data, offset)
@@ -361,6 +481,7 @@ def read_summary(stream: BoundedFile, path: Path) -> Summary:
         records = StreamReader(io.BytesIO(block), skip_magic=True, record_size_limit=len(block))
         for record in records.records:
             _collect(summary, record)
+        check_summary(summary, summary_start, stream.size)
     return summary
 
 

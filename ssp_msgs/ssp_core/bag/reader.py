@@ -12,8 +12,8 @@ from mcap.records import Channel, Schema
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from ssp_core.bag.index import ChunkRun, Selection, merged
-from ssp_core.bag.mcap_file import DAMAGE, McapFile, damaged
+from ssp_core.bag.index import ChunkRun, ContentCache, Selection, merged
+from ssp_core.bag.mcap_file import DAMAGE, MAX_REREADS, McapFile, UnpackBudget, damaged
 from ssp_core.bag.metadata import read_metadata
 from ssp_core.bag.split import REPEATED_KEY
 from ssp_core.bag.types import BagMessage, TypeDefinition, store_from
@@ -73,8 +73,10 @@ class Part(McapFile):
             if topics is None or channel.topic in topics
         }
         wanted = Selection(channels, start_ns, stop_ns)
+        unpacked = sum(index.uncompressed_size for index in self.chunks)
+        cache = ContentCache(UnpackBudget(unpacked, ratio=MAX_REREADS))
         return [
-            ChunkRun(self, index, wanted)
+            ChunkRun(self, index, wanted, cache)
             for index in self.chunks
             if wanted.overlaps(index.message_start_time, index.message_end_time)
             and not channels.keys().isdisjoint(index.message_index_offsets)

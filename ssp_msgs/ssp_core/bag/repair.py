@@ -19,8 +19,11 @@ from mcap.writer import MCAP0_MAGIC
 from ssp_core.bag.mcap_file import (
     CHUNK_HEAD_BYTES,
     HEAD,
+    MAX_SUMMARY_BYTES,
     BoundedFile,
+    ChunkParts,
     RecordFrame,
+    UnpackBudget,
     chunk_length,
     chunk_parts,
     data_crc,
@@ -48,6 +51,8 @@ _CHUNK_BEGIN = re.compile(
     rb"(?=\x06.{4}\x00{4}.{16}.{4}\x00{4}.{4}[\x00\x03\x04]\x00{3})", re.DOTALL
 )
 _CHUNK_BEGIN_BYTES = 41
+# A file may be damaged in a million places; a person reads the first ones.
+_MAX_DAMAGE = 1000
 _MAX_NAME_BYTES = 240  # a file system takes 255, and the file inside is named <target>_0.mcap
 
 
@@ -109,12 +114,14 @@ def recover(source: str | Path, target: str | Path) -> RecoverReport:
                 head = stream.read(len(MCAP0_MAGIC))
                 if number and head != MCAP0_MAGIC and MCAP0_MAGIC.startswith(head):
                     # A recorder that was killed when it went on in a new file.
-                    into.damage.append(f"{file.name}: has no content")
+                    into.note(f"{file.name}: has no content")
                     continue
                 if head != MCAP0_MAGIC:
                     raise InputError("is no MCAP file", file=file)
                 bytes_total += stream.size
                 bytes_read += _DamagedFile(into, stream, file).copy()
+    if into.places > _MAX_DAMAGE:
+        into.damage.append(f"{into.places - _MAX_DAMAGE} more places")
     return RecoverReport(
         messages=dict(into.messages),
         attachments=tuple(into.attachments),
@@ -132,8 +139,15 @@ class _NewBag:
     messages: Counter[str] = field(default_factory=Counter)
     attachments: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
+    places: int = 0
     _types: dict[str, TypeDefinition] = field(default_factory=dict)
     _latched: dict[str, deque[tuple[int, int, int, int]]] = field(default_factory=dict)
+
+    def note(self, text: str) -> None:
+        """Keeps what is wrong in one place; of very many the first."""
+        self.places += 1
+        if self.places <= _MAX_DAMAGE:
+            self.damage.append(text)
 
     def add(self, message: Message, channel: Channel, schema: Schema) -> None:
         """Writes one message.
@@ -190,10 +204,14 @@ class _DamagedFile:
             + [index.offset for index in summary.attachment_indexes]
         )
         self._has_chunks = bool(summary.chunk_indexes)
+        # What a file may take, whatever it claims: unpacked, looked at in vain, kept of its names.
+        self._budget = UnpackBudget(stream.size)
+        self._search_left = 2 * stream.size
+        self._names_left = MAX_SUMMARY_BYTES
 
     def copy(self) -> int:
         """Copies the file; gives the offset behind the last record that could be used."""
-        before = len(self._into.damage)
+        before = self._into.places
         offset = used = len(MCAP0_MAGIC)
         while offset < self._stream.size:
             try:
@@ -202,7 +220,7 @@ class _DamagedFile:
                 offset = self._behind(offset, str(error))
                 continue
             if frame.opcode == Opcode.DATA_END and self._is_record(frame.end):
-                if self._data_crc is False and len(self._into.damage) == before:
+                if self._data_crc is False and self._into.places == before:
                     self._note("the CRC over all data is wrong")
                 return self._stream.size
             try:
@@ -219,7 +237,7 @@ class _DamagedFile:
         return used
 
     def _note(self, text: str) -> None:
-        self._into.damage.append(f"{self._name}: {text}")
+        self._into.note(f"{self._name}: {text}")
 
     def _is_record(self, offset: int) -> bool:
         """Whether a record begins there, or the file ends."""
@@ -261,15 +279,22 @@ class _DamagedFile:
             stream.seek(offset + HEAD.size)
             if chunk_length(stream.read(CHUNK_HEAD_BYTES)) != frame.length:
                 return False
+            self._search_left -= frame.length
+            if self._search_left < 0:
+                return False
             parts = chunk_parts(read_body(stream, frame))
-            return bool(parts.crc and unpack_chunk(parts))
+            return bool(parts.crc and self._unpacked(parts))
         except ValueError:
             return False
+
+    def _unpacked(self, parts: ChunkParts) -> memoryview:
+        self._budget.take(parts.unpacked_bytes)
+        return unpack_chunk(parts)
 
     def _record(self, frame: RecordFrame) -> None:
         """Raises ValueError when the record is damaged; what stands before that is copied."""
         if frame.opcode == Opcode.CHUNK:
-            self._chunk(unpack_chunk(chunk_parts(read_body(self._stream, frame))))
+            self._chunk(self._unpacked(chunk_parts(read_body(self._stream, frame))))
         elif frame.opcode == Opcode.ATTACHMENT:
             attachment = parse_attachment(read_body(self._stream, frame))
             self._into.writer.attach(attachment.name, attachment.data, attachment.media_type)
@@ -298,10 +323,14 @@ class _DamagedFile:
         """A schema, a channel or a message, in a chunk or outside."""
         if opcode == Opcode.SCHEMA:
             schema = parse_record(Schema, body)
-            self._schemas.setdefault(schema.id, schema)
+            if schema.id not in self._schemas:
+                self._keep_name(len(body))
+                self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             channel = parse_record(Channel, body)
-            self._channels.setdefault(channel.id, channel)
+            if channel.id not in self._channels:
+                self._keep_name(len(body))
+                self._channels[channel.id] = channel
         elif opcode == Opcode.MESSAGE:
             message = parse_message(body)
             known = self._channels.get(message.channel_id)
@@ -309,3 +338,8 @@ class _DamagedFile:
             if known is None or type_ is None:
                 raise ValueError(f"topic or type of channel {message.channel_id} is not known")
             self._into.add(message, known, type_)
+
+    def _keep_name(self, size: int) -> None:
+        self._names_left -= size
+        if self._names_left < 0:
+            raise ValueError(f"topics and types of more than {MAX_SUMMARY_BYTES} bytes")

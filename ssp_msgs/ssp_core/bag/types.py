@@ -11,6 +11,7 @@ from collections.abc import Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from graphlib import CycleError, TopologicalSorter
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -19,6 +20,7 @@ from typing import Any, NamedTuple
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Constdefs, Fielddefs, Typesdict
 from rosbags.serde import SerdeError
+from rosbags.serde.utils import SIZEMAP
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
@@ -39,32 +41,98 @@ class BagMessage(NamedTuple):
 
 # Autoware's and PX4's largest definitions, with all that they use, stay below a tenth of these.
 MAX_TEXT_BYTES = 512 << 10
+MAX_TYPES = 1000
+MAX_MEMBERS = 4096
+MAX_DEPTH = 32
 # Items of arrays of messages and strings, which become a line of code each; all together.
 MAX_UNROLLED = 4096
+# Items of one array of numbers: a message of 1 GiB could hold no more.
+MAX_ARRAY = 1 << 30
+# Memory for the Python objects of one message.
+MAX_DECODED_BYTES = 2 << 30
 
+# CPython 3.11: an object with its dict of fields, a field's value, a string's head.
+_OBJECT_BYTES = 152
+_FIELD_BYTES = 40
+_STRING_BYTES = 64
+_LEAST_STRING_BYTES = 5
+
+# The grammar's expressions take exponential time in nested brackets, and shifts and products make
+# numbers of any size. No definition that ROS generates holds any of these.
+_IDL_TOKEN = re.compile(
+    r'//[^\n]*|/\*.*?(?:\*/|\Z)|"(?:\\.|[^"\\])*"|(?P<operator><<|\*)|(?P<open>[(\[{<])'
+    r"|(?P<close>[)\]}>])",
+    re.DOTALL,
+)
+_IDL_DEPTH = {"(": 1, "[": 1, "{": 8, "<": 2}
+_OPENED = {")": "(", "]": "[", "}": "{", ">": "<"}
 _NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
 
 
+def check_text(text: str, *, idl: bool) -> None:
+    """Refuses a text that would take the parser unreasonably long.
+
+    Raises:
+        ValueError: it is too long, or holds expressions that no generated definition has.
+    """
+    size = len(text.encode("utf-8", "surrogatepass"))
+    if size > MAX_TEXT_BYTES:
+        raise ValueError(f"{size} bytes of text, more than {MAX_TEXT_BYTES} are not read")
+    if text.count("\n") > MAX_MEMBERS * 4:
+        raise ValueError(f"more than {MAX_MEMBERS * 4} lines")
+    if not idl:
+        return
+    depth = dict.fromkeys(_IDL_DEPTH, 0)
+    for token in _IDL_TOKEN.finditer(text):
+        if token["operator"]:
+            raise ValueError(f"the operator {token['operator']} at character {token.start()}")
+        if bracket := token["open"]:
+            depth[bracket] += 1
+            if depth[bracket] > _IDL_DEPTH[bracket]:
+                raise ValueError(
+                    f"brackets {bracket} nested deeper than {_IDL_DEPTH[bracket]} at character "
+                    f"{token.start()}"
+                )
+        elif bracket := token["close"]:
+            depth[_OPENED[bracket]] -= 1
+
+
 def check_types(types: Mapping[str, Any]) -> None:
-    """Refuses parsed types from which no code, or too much of it, would be made.
+    """Refuses parsed types from which too much code would be made.
 
     Args:
         types: by name (constants, fields), as rosbags' parsers give them.
 
     Raises:
-        ValueError: which type, and what is wrong there.
+        ValueError: which type and field, and what is wrong there.
     """
+    if len(types) > MAX_TYPES:
+        raise ValueError(f"{len(types)} types, more than {MAX_TYPES} are not read")
+    members = sum(len(constants) + len(fields) for constants, fields in types.values())
+    if members > MAX_MEMBERS:
+        raise ValueError(f"{members} fields and constants, more than {MAX_MEMBERS} are not read")
     unrolled = 0
-    for name, (_, fields) in types.items():
-        # It becomes a line of the code that is run.
+    for name, (constants, fields) in types.items():
         if not _NAME.fullmatch(name):
             raise ValueError(f"{name[:80]!r} is no name of a type")
-        arrays = (rest for _, (kind, rest) in fields if kind == Nodetype.ARRAY)
-        unrolled += sum(count for inner, count in arrays if _is_boxed(inner))
+        for constant, _, value in constants:
+            if isinstance(value, list):
+                raise ValueError(f"constant {name}.{constant} is a list")
+            if isinstance(value, float) and not -1.8e308 < value < 1.8e308:
+                raise ValueError(f"constant {name}.{constant} is no finite number")
+        for field, (kind, rest) in fields:
+            if kind != Nodetype.ARRAY:
+                continue
+            inner, count = rest
+            if not 0 < count <= MAX_ARRAY:
+                raise ValueError(f"{name}.{field} has {count} items (1 to {MAX_ARRAY} are right)")
+            if _is_boxed(inner):
+                unrolled += count
     if unrolled > MAX_UNROLLED:
         raise ValueError(
             f"arrays of {unrolled} messages and strings, more than {MAX_UNROLLED} are not read"
         )
+    _check_depth(types)
 
 
 def _is_boxed(inner: Any) -> bool:
@@ -82,20 +150,53 @@ def _named(fields: Iterable[tuple[str, Any]]) -> list[str]:
     return [str(inner[1]) for inner in held if inner[0] == Nodetype.NAME]
 
 
+def _check_depth(types: Mapping[str, Any]) -> None:
+    """Raises ValueError where a type contains itself, or types nest deeper than MAX_DEPTH."""
+    below = {name: [n for n in _named(fields) if n in types] for name, (_, fields) in types.items()}
+    depths: dict[str, int] = {}
+    try:
+        for name in TopologicalSorter(below).static_order():
+            depths[name] = 1 + max((depths[n] for n in below[name]), default=0)
+            if depths[name] > MAX_DEPTH:
+                raise ValueError(f"types nest deeper than {MAX_DEPTH} in {name}")
+    except CycleError as error:
+        raise ValueError(f"{error.args[1][0]} contains itself") from error
+
+
 # Behind a count, which is aligned to 4, up to where numbers of 8 bytes would begin.
 _PADDING = bytes(4)
 _WIDE = frozenset({"int64", "uint64", "float64"})
 
 
-class BagStore(Typestore):
-    """A store that takes messages as rclpy writes them."""
+class BoundedStore(Typestore):
+    """A store that decodes no message whose objects could take more than MAX_DECODED_BYTES.
+
+    A byte of a message can become an object of some hundred bytes: an array of empty messages
+    takes one byte an item.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._growth: dict[str, float] = {}
 
     def deserialize_cdr(self, rawdata: bytes | memoryview, typename: str) -> object:
         """As Typestore.deserialize_cdr; what rclpy writes behind a message is no part of it.
 
         Before the items of an empty sequence of 8-byte numbers at a message's end rclpy writes the
         padding that would align them.
+
+        Raises:
+            SerdeError: the bytes are no such message, or their objects could take too much memory.
         """
+        growth = self._growth.get(typename)
+        if growth is None:
+            growth = self._growth[typename] = growth_of(self.fielddefs, typename)
+        if len(rawdata) * growth > MAX_DECODED_BYTES:
+            raise SerdeError(
+                f"{len(rawdata)} bytes of small items could take "
+                f"{len(rawdata) * growth / 2**30:.1f} GiB of memory once decoded "
+                f"(at most {MAX_DECODED_BYTES >> 30} GiB are taken)"
+            )
         try:
             return super().deserialize_cdr(rawdata, typename)
         except SerdeError:
@@ -114,6 +215,47 @@ def _ends_in_wide_numbers(types: Mapping[str, Any], name: str) -> bool:
     if kind == Nodetype.NAME:
         return _ends_in_wide_numbers(types, rest)
     return kind == Nodetype.SEQUENCE and rest[0][0] == Nodetype.BASE and rest[0][1][0] in _WIDE
+
+
+def growth_of(types: Mapping[str, Any], msgtype: str) -> float:
+    """Bytes of Python objects per byte of a message, at the worst."""
+
+    @cache
+    def least(name: str) -> tuple[int, int]:
+        """Least bytes of a type in a message, and of its objects besides its sequences' items."""
+        total, objects = 0, _OBJECT_BYTES
+        for _, (kind, rest) in types[name][1]:
+            objects += _FIELD_BYTES
+            if kind == Nodetype.SEQUENCE:
+                total += 4
+                objects += _OBJECT_BYTES  # an empty list or array
+                continue
+            inner, count = rest if kind == Nodetype.ARRAY else ((kind, rest), 1)
+            if inner[0] == Nodetype.NAME:
+                size, more = least(inner[1])
+            elif inner[1][0] == "string":
+                size, more = _LEAST_STRING_BYTES, _STRING_BYTES
+            else:
+                size, more = SIZEMAP[inner[1][0]], 0 if kind == Nodetype.ARRAY else 32
+            total += size * count
+            objects += more * count
+        return total, objects
+
+    @cache
+    def growth(name: str) -> float:
+        fields = types[name][1]
+        worst = max([1.0, *map(growth, _named(fields))])
+        for _, (kind, rest) in fields:
+            inner = _inner(kind, rest)
+            if kind != Nodetype.SEQUENCE or not _is_boxed(inner):
+                continue
+            size, objects = _LEAST_STRING_BYTES, _STRING_BYTES
+            if inner[0] == Nodetype.NAME:
+                size, objects = least(inner[1])
+            worst = max(worst, objects / max(1, size))
+        return worst
+
+    return growth(msgtype)
 
 
 _MSGTYPE = re.compile(r"([A-Za-z][A-Za-z0-9_]*)/msg/([A-Za-z][A-Za-z0-9_]*)", re.ASCII)
@@ -305,10 +447,9 @@ def store_from(written: TypeDefinition) -> Typestore:
 
 @lru_cache(maxsize=_KEPT_STORES)
 def _parsed(written: TypeDefinition) -> Typestore | InputError:
-    store = BagStore()
+    store = BoundedStore()
     try:
-        if len(written.text) > MAX_TEXT_BYTES:
-            raise ValueError(f"more than {MAX_TEXT_BYTES} characters are not read")
+        check_text(written.text, idl=written.encoding == IDL_ENCODING)
         if written.encoding == MSG_ENCODING:
             types = get_types_from_msg(written.text, written.msgtype)
         elif written.encoding == IDL_ENCODING:
