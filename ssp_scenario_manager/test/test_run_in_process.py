@@ -18,6 +18,7 @@ from click.testing import CliRunner
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec
 from ssp_core.vocabulary import Phase, Verdict
+from ssp_scenario_manager.run import sweep as sweep_module
 from ssp_scenario_manager.run.in_process import result_json, run_in_process, save_states
 from ssp_scenario_manager.run.sweep import Row, Sweep, Variation, for_one_process, run_sweep
 
@@ -169,6 +170,60 @@ def test_a_sweep_has_a_row_per_run_and_the_same_bytes_for_any_number_of_jobs(
     assert {r["verdict"] for r in table} == {"valid"}
     assert len({r["time_gap_s"] for r in table}) == 4
     assert all(math.isfinite(float(r["min_distance_m"])) for r in table)
+
+
+def short_sweep(make_run: MakeRun, runs: int, seed: int = 1, low: float = 9.5) -> Sweep:
+    end = make_run().end.model_copy(update={"at_latest_s": 0.5})
+    cruise = Variation("driver.cruise_mps", (low, 10.5), drawn=True)
+    variations = (cruise, Variation("limits.jump_m", (1.0, 2.0)))
+    return Sweep(make_run(end=end, seed=seed), variations, runs)
+
+
+@pytest.mark.parametrize("cut_bytes", [0, 1, 30])
+def test_a_sweep_that_was_interrupted_goes_on_where_it_was(
+    make_run: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cut_bytes: int
+) -> None:
+    for name in ("whole", "part"):
+        (tmp_path / name).mkdir()
+    whole = short_sweep(make_run, 4)
+    rows = run_sweep(whole, tmp_path / "whole", 1, lambda _: None)
+    expected = (tmp_path / "whole" / "runs.csv").read_bytes()
+    run_sweep(short_sweep(make_run, 2), tmp_path / "part", 1, lambda _: None)
+    path = tmp_path / "part" / "runs.csv"
+    kept = path.read_bytes()
+    assert expected.startswith(kept)
+    path.write_bytes(kept[: len(kept) - cut_bytes])
+    run_seeds: list[int] = []
+
+    def run_and_count(spec: RunSpec, *given: Any) -> Any:
+        run_seeds.append(spec.seed)
+        return run_in_process(spec, *given)
+
+    monkeypatch.setattr(sweep_module, "run_in_process", run_and_count)
+    seen: list[Row] = []
+    run_sweep(whole, tmp_path / "part", 1, seen.append)
+    assert path.read_bytes() == expected
+    assert seen == rows
+    assert run_seeds == ([2, 3, 4] if cut_bytes else [3, 4])
+    # Fewer take nothing out.
+    assert run_sweep(short_sweep(make_run, 1), tmp_path / "part", 2, lambda _: None) == rows[:1]
+    assert path.read_bytes() == expected
+
+
+def test_the_folder_of_another_sweep_is_refused(make_run: MakeRun, tmp_path: Path) -> None:
+    run_sweep(short_sweep(make_run, 1), tmp_path, 1, lambda _: None)
+    before = (tmp_path / "runs.csv").read_bytes()
+    same = short_sweep(make_run, 1)
+    for other, file in (
+        (short_sweep(make_run, 1, seed=9), "run.yaml"),
+        (Sweep(make_run(), same.variations, 1), "run.yaml"),
+        (Sweep(same.spec, same.variations[:1], 1), "runs.csv"),
+        (short_sweep(make_run, 1, low=9.0), "runs.csv"),
+    ):
+        with pytest.raises(InputError, match="holds another sweep") as caught:
+            run_sweep(other, tmp_path, 1, lambda _: None)
+        assert Path(str(caught.value.file)).name == file
+    assert (tmp_path / "runs.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ from ssp_scenario_manager.run import faults
 from ssp_scenario_manager.run.companions import DEFAULT_PORT, shadow_model
 from ssp_scenario_manager.run.junit import Case, write_junit
 from ssp_scenario_manager.run.live import LiveSetup, live_options
-from ssp_scenario_manager.run.sweep import for_one_process, run_many, run_one
+from ssp_scenario_manager.run.sweep import for_one_process, is_sweep, run_many, run_one
 from ssp_scenario_manager.session.run_script import RunOutcome
 
 DEFAULT_SITE = "boulevard"
@@ -61,7 +61,7 @@ DEFAULT_SITE = "boulevard"
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="New folder for all that the run leaves. [default: out/run-…]",
+    help="New folder for all that the run leaves; a sweep goes on in its own. [default: out/run-…]",
 )
 @click.option("--no-camera", is_flag=True, help="Render nothing.")
 @click.option(
@@ -184,7 +184,7 @@ def run(
         )
     place = None if compiled else site or DEFAULT_SITE
     folder = out or Path("out") / _name(what, place)
-    if folder.is_dir() and any(folder.iterdir()):
+    if folder.is_dir() and any(folder.iterdir()) and not (swept and is_sweep(folder)):
         raise InputError("is not empty", file=folder, remedy="name a new folder with --out")
     # Made beside it, so that what is refused leaves nothing behind.
     with tempfile.TemporaryDirectory(prefix="ssp-run-") as scratch:

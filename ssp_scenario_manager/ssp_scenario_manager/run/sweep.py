@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 import json
 import math
@@ -27,7 +28,7 @@ from ssp_core import console
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder, parse_model, write_json, write_text
-from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.terminal import ignore_stop_signals
 from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.run.faults import NEED_PROCESSES, RUNNER_KINDS, with_conditions_never_met
@@ -189,6 +190,14 @@ class Sweep:
     def header(self) -> Row:
         return ["run", "seed", *(v.field for v in self.variations), *_MEASURED]
 
+    def values(self, run: int) -> dict[str, Any]:
+        """What a run is given."""
+        return values_of(self.variations, self.spec.seed, run)
+
+    def given(self, run: int) -> Row:
+        """How a run's row begins: before it was run."""
+        return [str(run), str(self.spec.seed + run), *map(str, self.values(run).values())]
+
     def check(self) -> None:
         """Refuses what can't be varied, before the first run.
 
@@ -212,39 +221,70 @@ class Sweep:
                 with_values(self.spec, {field: value}, self.spec.seed)
 
 
+def is_sweep(folder: Path) -> bool:
+    """True for a folder that a sweep has begun to fill."""
+    return (folder / ROWS_FILE).is_file()
+
+
 def run_sweep(sweep: Sweep, folder: Path, jobs: int, on_row: Callable[[Row], None]) -> list[Row]:
     """Leaves ``run.yaml`` and ``runs.csv`` with one row per run, written as soon as those before
-    it are. The file's bytes don't depend on ``jobs``.
+    it are. The file's bytes don't depend on ``jobs``. Runs whose rows are there aren't run again.
 
     Args:
+        folder: empty, or of the same sweep, of which no row is taken out.
         jobs: processes that share the work.
-        on_row: is called for each row.
+        on_row: is called for each row, those that were there included.
 
     Returns:
         The rows without the header.
+
+    Raises:
+        InputError: the folder holds another sweep.
     """
+    there = _rows_there(sweep, folder) if is_sweep(folder) else []
     write_text(folder / "run.yaml", sweep.spec.model_dump_json(by_alias=True, indent=1) + "\n")
-    rows = []
+    write_text(folder / ROWS_FILE, _lines([sweep.header, *there]))
+    rows = there[: sweep.runs]
+    for row in rows:
+        on_row(row)
+    todo = range(len(rows), sweep.runs)
     with (
-        _mapper(min(jobs, sweep.runs)) as run_all,
-        (folder / ROWS_FILE).open("w", newline="") as stream,
+        _mapper(min(jobs, len(todo))) as run_all,
+        (folder / ROWS_FILE).open("a", newline="") as stream,
     ):
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow(sweep.header)
-        for row in run_all(partial(_row, sweep), range(sweep.runs)):
-            table.writerow(row)
+        for row in run_all(partial(_row, sweep), todo):
+            stream.write(_lines([row]))
             stream.flush()
             rows.append(row)
             on_row(row)
     return rows
 
 
+def _rows_there(sweep: Sweep, folder: Path) -> list[Row]:
+    """The rows that an earlier call left, without one that was cut off by whatever ended it."""
+    other = partial(InputError, "holds another sweep", remedy="name a new folder with --out")
+    if load_run(folder / "run.yaml").model_copy(update={"run_id": sweep.spec.run_id}) != sweep.spec:
+        raise other(file=folder / "run.yaml")
+    path = folder / ROWS_FILE
+    text = path.read_bytes().decode(errors="replace")
+    lines = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))
+    for number, row in enumerate(lines, -1):
+        begin = sweep.header if number < 0 else sweep.given(number)
+        if len(row) != len(sweep.header) or row[: len(begin)] != begin:
+            raise other(file=path, line=number + 2, value=",".join(row))
+    return lines[1:]
+
+
+def _lines(rows: list[Row]) -> str:
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue()
+
+
 def _row(sweep: Sweep, number: int) -> Row:
-    seed = sweep.spec.seed + number
-    values = values_of(sweep.variations, sweep.spec.seed, number)
-    spec = with_values(sweep.spec, values, seed)
+    spec = with_values(sweep.spec, sweep.values(number), sweep.spec.seed + number)
     result, _ = run_in_process(spec, Path(_work_dir().name))
-    return [str(number), str(seed), *map(str, values.values()), *_measured(result)]
+    return [*sweep.given(number), *_measured(result)]
 
 
 @cache
@@ -288,7 +328,9 @@ def _mapper(jobs: int) -> Iterator[Callable[..., Iterator[Row]]]:
         try:
             yield pool.map
         except BrokenProcessPool as error:
-            raise HostError("a process of the sweep was killed") from error
+            raise HostError(
+                "a process of the sweep was killed; the same command goes on where it was"
+            ) from error
         finally:
             pool.shutdown(cancel_futures=True)
 
