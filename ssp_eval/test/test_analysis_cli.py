@@ -81,7 +81,7 @@ def test_component_scores_alone_give_all_tables_and_statistics(cells: Path, tmp_
         "intervals_over_cells", "weights_model_order",
     } <= names  # fmt: skip
     # Without records there are no intervals over them, and no thresholds to vary.
-    assert not {"intervals_cells", "intervals_groups", "stability"} & names
+    assert not {"intervals_cells", "intervals_groups", "curvature", "stability"} & names
     for suffix in (".csv", ".notes.txt", ".tex", ".json", ".html"):
         assert {path.name.removesuffix(suffix) for path in (out / "tables").glob(f"*{suffix}")} == (
             names
@@ -207,7 +207,9 @@ def test_wrong_options_say_what_is_right_and_write_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_campaign_gives_intervals_over_records(campaign: Path, tmp_path: Path) -> None:
+def test_a_campaign_gives_intervals_over_records_and_the_diagnostic(
+    campaign: Path, tmp_path: Path
+) -> None:
     assert call(campaign, "--tables", tmp_path, "--format", "csv", *FEW) == 0
     assert (campaign / "index.html").is_file()
     matrix = table(tmp_path / "matrix.csv")
@@ -228,6 +230,12 @@ def test_a_campaign_gives_intervals_over_records(campaign: Path, tmp_path: Path)
     assert {one["unit"] for one in cells_of} == {"labels, in blocks of 2"}
     over = table(tmp_path / "intervals_over_cells.csv")
     assert {one["unit"] for one in over} == {"cells", "scenarios"}
+    # The VUT of these recordings drives straight on.
+    shifts = [one for one in table(tmp_path / "curvature.csv") if one["curve_m"]]
+    assert shifts
+    assert all(abs(float(one["curve_m"])) < 1e-6 for one in shifts)
+    assert {(one["planned"], one["reads_as"]) for one in shifts} == {("straight", "straight")}
+    assert {one["model"] for one in shifts} == {"constant_velocity"}
     varied = {one["parameter"] for one in table(tmp_path / "sensitivity.csv")}
     assert varied >= GRID.keys()
 
@@ -282,7 +290,7 @@ def test_the_matrix_of_a_campaign_gives_its_tables_again(campaign: Path, tmp_pat
     assert call("--from-cells", file, "--out", again, *FEW) == 0
     tables = [path.name for path in (again / "tables").iterdir()]
     needs_records = {
-        "intervals_groups", "intervals_cells", "sensitivity", "first_failures",
+        "intervals_groups", "intervals_cells", "curvature", "sensitivity", "first_failures",
         "first_failures_model", "notices",
     }  # fmt: skip
     assert table_names(own) - needs_records == (
@@ -335,8 +343,8 @@ def test_the_page_has_its_statistics_and_no_control_in_them(campaign: Path) -> N
     assert call(campaign, *FEW) == 0
     page = (campaign / "index.html").read_text("utf-8")
     section = page.split('<section id="statistics">')[1].split("</section>")[0]
-    assert "<h3>Intervals</h3>" in section
-    assert "<h3>Sensitivity</h3>" in section
+    for title in ("Intervals", "Sensitivity", "Curvature of the path"):
+        assert f"<h3>{title}</h3>" in section
     assert "constant_velocity" in section
     assert "perfect" not in section
     assert "silent" not in section

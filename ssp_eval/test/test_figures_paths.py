@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Pose2
-from ssp_eval.figures.phases import EgoPath, recorded_paths
+from ssp_eval.data.ego_path import EgoPath, recorded_paths
 
 SPEED_MPS, RADIUS_M = 10.0, 40.0
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,8 +16,8 @@ from numpy.typing import NDArray
 
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
-from ssp_core.geometry import Pose2
 from ssp_core.vocabulary import DOMAINS, PHASES
+from ssp_eval.data.ego_path import NS, EgoPath, recorded_paths
 from ssp_eval.data.labels import Label
 from ssp_eval.evaluate.cell_file import frame_path
 from ssp_eval.evaluate.results import CellData
@@ -43,114 +41,6 @@ from ssp_eval.score.cell import Judgement
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.notices import stand_in_text, stand_ins
 from ssp_vla_bridge.trajectory import Trajectory
-
-# Stamps are whole nanoseconds and histories seconds as floats; nearer times are one time.
-SAME_S = 1e-6
-NS = 1e-9
-
-
-@dataclass(frozen=True)
-class Pose:
-    """The VUT at a time, in any fixed frame: m, rad, counter-clockwise."""
-
-    t_s: float
-    x_m: float
-    y_m: float
-    yaw_rad: float
-
-
-def recorded_paths(requests: Iterable[Mapping[str, Any]]) -> list[list[Pose]]:
-    """The VUT's path over a cell's requests, in parts where histories don't reach each other.
-
-    Args:
-        requests: lines of requests.jsonl in time order; poses are by the time of their stamps, s.
-
-    Returns:
-        In time order, each part in the frame of its first request.
-    """
-    paths: list[list[Pose]] = []
-    for request in requests:
-        stamp_ns, history = request.get("stamp_ns"), request.get("history") or []
-        if stamp_ns is None or len(history) < 2:
-            continue
-        now_s = stamp_ns * NS
-        own = sorted(
-            (Pose(now_s + h["t_s"], h["x_m"], h["y_m"], h["yaw_rad"]) for h in history),
-            key=lambda pose: pose.t_s,
-        )
-        last = paths[-1][-1] if paths else None
-        there = None if last is None else pose_at(own, last.t_s)
-        if last is None or there is None:
-            paths.append(own)
-        else:
-            new = (pose for pose in own if pose.t_s > last.t_s + SAME_S)
-            paths[-1] += [_moved(pose, there, last) for pose in new]
-    return paths
-
-
-def _moved(pose: Pose, origin: Pose, onto: Pose) -> Pose:
-    """A pose after the rigid motion that takes origin onto another pose."""
-    turn = onto.yaw_rad - origin.yaw_rad
-    dx, dy = pose.x_m - origin.x_m, pose.y_m - origin.y_m
-    return Pose(
-        pose.t_s,
-        onto.x_m + dx * math.cos(turn) - dy * math.sin(turn),
-        onto.y_m + dx * math.sin(turn) + dy * math.cos(turn),
-        pose.yaw_rad + turn,
-    )
-
-
-def pose_at(path: Sequence[Pose], t_s: float) -> Pose | None:
-    """The pose at a time, between samples by linear interpolation; None outside the path."""
-    if not path or not path[0].t_s - SAME_S <= t_s <= path[-1].t_s + SAME_S:
-        return None
-    after = min(bisect_right(path, t_s, key=lambda pose: pose.t_s), len(path) - 1)
-    a, b = path[max(after - 1, 0)], path[after]
-    share = 0.0 if b.t_s <= a.t_s else min(max((t_s - a.t_s) / (b.t_s - a.t_s), 0.0), 1.0)
-    turn = math.remainder(b.yaw_rad - a.yaw_rad, math.tau)
-    return Pose(
-        t_s,
-        a.x_m + share * (b.x_m - a.x_m),
-        a.y_m + share * (b.y_m - a.y_m),
-        a.yaw_rad + share * turn,
-    )
-
-
-@dataclass(frozen=True)
-class EgoPath:
-    """Poses of the VUT's reference point over time, in pieces that each have a frame of their own.
-
-    Args:
-        pieces: poses of each, in time order.
-    """
-
-    pieces: tuple[tuple[Pose, ...], ...]
-
-    def pose(self, t_s: float) -> tuple[int, Pose2] | None:
-        """The piece that covers a time, and the pose then; None where it isn't known."""
-        for index, piece in enumerate(self.pieces):
-            if (found := pose_at(piece, t_s)) is not None:
-                return index, Pose2(found.x_m, found.y_m, found.yaw_rad)
-        return None
-
-    def after(self, at_s: float, horizon_s: float) -> Trajectory | None:
-        """What was driven from a time on, in the ego frame then; None where it isn't known.
-
-        Args:
-            at_s: t = 0 of the result.
-            horizon_s: of the result, s; it ends earlier where the piece does.
-        """
-        found = self.pose(at_s)
-        if found is None:
-            return None
-        index, origin = found
-        driven = [
-            (pose.t_s - at_s, *origin.to_local(pose.x_m, pose.y_m))
-            for pose in self.pieces[index]
-            if at_s + SAME_S < pose.t_s <= at_s + horizon_s + SAME_S
-        ]
-        return Trajectory(*zip((0.0, 0.0, 0.0), *driven, strict=True)) if driven else None
-
 
 Image = NDArray[np.uint8]
 

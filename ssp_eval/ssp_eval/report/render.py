@@ -244,6 +244,7 @@ _PARTS = (
     ("Sensitivity", "weights_"),
     ("Sensitivity", "sensitivity"),
     ("Stability over runs", "stability"),
+    ("Curvature of the path", "curvature"),
 )
 
 

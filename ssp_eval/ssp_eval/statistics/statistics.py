@@ -29,6 +29,7 @@ from ssp_eval.statistics.bootstrap import (
     bootstrap_records,
 )
 from ssp_eval.statistics.comparisons import Comparison, compare, t_interval
+from ssp_eval.statistics.curvature import Beside, beside_actions
 from ssp_eval.statistics.resampling import NO_INTERVAL, Interval
 from ssp_eval.statistics.rows import OK, CellRow, entering, one_scale, over_what
 from ssp_eval.statistics.sensitivity import (
@@ -203,6 +204,7 @@ class Statistics:
         weights: ranks under random weights, per subject that has at least two names.
         variations: one number changed at a time; thresholds only where records are known.
         runs: how repetitions differ; None without any.
+        curves: per cell and run the curvature diagnostic beside the lateral action.
     """
 
     records: Bootstrap | None
@@ -211,6 +213,7 @@ class Statistics:
     weights: tuple[WeightSamples, ...]
     variations: tuple[Variation, ...]
     runs: Stability | None
+    curves: dict[tuple[str, ...], tuple[Beside, ...]]
 
 
 def steps_of(rows: Sequence[CellRow], has_records: bool) -> int:
@@ -279,6 +282,7 @@ def compute(
         tuple(weights),
         tuple(variations),
         stability(alike, options.resamples, options.seed),
+        beside_actions(pairs),
     )
 
 

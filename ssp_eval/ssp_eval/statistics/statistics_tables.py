@@ -15,6 +15,7 @@ from ssp_eval.score.metrics import IVCS_FIRST, ivcs_weights
 from ssp_eval.score.thresholds import DEFAULT
 from ssp_eval.statistics.bootstrap import Estimate, Group
 from ssp_eval.statistics.comparisons import FLIPS, Comparison
+from ssp_eval.statistics.curvature import Beside
 from ssp_eval.statistics.notices import Notice
 from ssp_eval.statistics.resampling import LEVEL, Interval
 from ssp_eval.statistics.sensitivity import Variation, WeightSamples
@@ -269,6 +270,8 @@ def statistics_tables(found: Statistics, resamples: int) -> list[Table]:
         tables.append(_variations(found.variations))
     if found.runs is not None:
         tables.append(runs_table(found.runs))
+    if found.curves:
+        tables.append(_curves(found.curves))
     return tables
 
 
@@ -441,6 +444,40 @@ def _variations(variations: Iterable[Variation]) -> Table:
             "same order, −1 for the opposite one.",
             "Weights that aren't changed keep their ratios, and the sum stays 1. Thresholds: every "
             "record was scored again; largest change: of the IVCS of one cell.",
+        ),
+    )
+
+
+def _curves(found: Mapping[tuple[str, ...], Iterable[Beside]]) -> Table:
+    rows = [
+        (
+            *key, one.curve.label_t_s, " / ".join(one.allowed), one.planned, one.curve.reads_as,
+            one.curve.shift_m, one.curve.curve_m, one.curve.curvature_per_m,
+        )
+        for key, of_cell in sorted(found.items())
+        for one in of_cell
+    ]  # fmt: skip
+    return Table(
+        "curvature",
+        "Lateral shift of the recorded path that follows from the curve",
+        (
+            *words("scenario", "domain", "model", "run"),
+            Column("label_t_s", "t (s)", "seconds"),
+            Column("allowed", "allowed action", "text"),
+            Column("planned", "planned action", "text"),
+            Column("reads_as", "curve reads as", "text"),
+            Column("shift_m", "shift (m)"),
+            Column("curve_m", "from the curve (m)"),
+            Column("curvature_per_m", "curvature (1/m)", "curvature"),
+        ),
+        tuple(rows),
+        (
+            "In the VUT's own frame, following a curve is a shift to the side, which scoring reads "
+            "as a lateral action. shift: of the recorded path within 1.0 s, left positive. curve "
+            "reads as: the lateral action that the curve alone would be taken for, beside the ones "
+            "that the label allows and the model plans. It changes no score.",
+            "A part of a change of lane turns the heading like a curve does; a path alone can't "
+            "tell them apart.",
         ),
     )
 

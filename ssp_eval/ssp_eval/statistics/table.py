@@ -20,7 +20,7 @@ from ssp_eval.score.aggregate import Mean, domain_order
 from ssp_eval.score.cli import DISCLAIMER, NULL, format_response
 from ssp_eval.score.metrics import BY_NAME, DIAGNOSTIC, of_role
 
-# text: words; count: a whole number; ratio, seconds: three and two decimals;
+# text: words; count: a whole number; ratio, seconds, curvature: three, two and five decimals;
 # signed: a difference of ratios, with its sign; change: a relative difference, shown in percent;
 # billions: parameters; p: a p-value; number: as many digits as it has.
 Kind = Literal[
@@ -29,6 +29,7 @@ Kind = Literal[
     "ratio",
     "signed",
     "seconds",
+    "curvature",
     "change",
     "billions",
     "response",
@@ -37,7 +38,7 @@ Kind = Literal[
 ]
 # Of more names than the first number a sentence holds only as many as the second.
 MOST_NAMED, NAMED = 8, 4
-_DIGITS = {"ratio": 3, "seconds": 2}
+_DIGITS = {"ratio": 3, "seconds": 2, "curvature": 5}
 
 
 @dataclass(frozen=True)
