@@ -26,7 +26,7 @@ BROUGHT_BY = {
     "zstandard": "mcap",
 }
 # Extras of the project, imported only where they are installed.
-EXTRA = {"carla", "ray"}
+EXTRA = {"carla", "pyarrow", "ray"}
 OURS = {*PACKAGES, "ssp_core"}
 # A file is a topic.
 MOST_LINES = 650

@@ -23,7 +23,7 @@ from ssp_core.console import note, out, progress
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import new_folder
 from ssp_monitor.bag_tools.selection import chosen_span, chosen_topics, span_options
-from ssp_monitor.bag_tools.tables import Layout, layout_of
+from ssp_monitor.bag_tools.tables import CsvFile, Layout, ParquetFile, TableFile, layout_of
 
 Span = tuple[int | None, int | None]  # log times, ns
 
@@ -199,7 +199,7 @@ class Export:
         span: first log time and the first that is left out; None: that side is open.
         frames: ``.jpg`` or ``.png`` for one file per frame, None for none.
         video: an MP4 per image topic.
-        tables: a CSV file per topic.
+        tables: the kinds of file to make of each topic.
         advance: called with the number of messages and frames done since the last call.
     """
 
@@ -208,7 +208,7 @@ class Export:
     span: Span = (None, None)
     frames: str | None = None
     video: bool = False
-    tables: bool = False
+    tables: Sequence[type[CsvFile | ParquetFile]] = ()
     advance: Callable[[int], None] = lambda _: None
     report: ExportReport = field(default_factory=ExportReport)
 
@@ -218,7 +218,7 @@ class Export:
         Raises:
             InputError: the folder exists, the bag is damaged where it is read, or nothing in it
                 can be exported as it was asked for.
-            HostError: the disk doesn't take it.
+            HostError: the disk doesn't take it, or pyarrow is missing for Parquet.
         """
         files = FileNames()
         names = {topic: files.of(topic) for topic in self.topics}
@@ -270,7 +270,7 @@ class Export:
         else:
             images = image_topics(self.bag)
             can = f"images are in {_some(images)}" if images else "the bag holds no images"
-            can += "; --csv exports tables of any topic"
+            can += "; --csv and --parquet export tables of any topic"
         why = f": {'; '.join(self.report.notes[:3])}" if self.report.notes else ""
         return InputError(f"nothing to export{why}", file=self.bag.path, remedy=can)
 
@@ -301,19 +301,16 @@ class Export:
     def _write_some(
         self, folder: Path, names: Mapping[str, str], layouts: Mapping[str, Layout]
     ) -> None:
-        """Tables in one pass; lists stand in a cell as JSON, seconds with all their digits."""
-        rows: Counter[str] = Counter()
+        """Tables in one pass."""
         damaged: Counter[str] = Counter()
         first: dict[str, str] = {}
+        tables: dict[str, dict[str, TableFile]] = {topic: {} for topic in layouts}
         with ExitStack() as stack:
-            tables = {}
             for topic, layout in layouts.items():
-                # What no UTF-8 can hold must not end the export.
-                stream = (folder / f"{names[topic]}.csv").open(
-                    "w", encoding="utf-8", errors="backslashreplace", newline=""
-                )
-                tables[topic] = csv.writer(stack.enter_context(stream), lineterminator="\n")
-                tables[topic].writerow(layout.names)
+                for kind in self.tables:
+                    name = f"{names[topic]}{kind.suffix}"
+                    tables[topic][name] = kind(folder / name, layout.columns)
+                    stack.callback(tables[topic][name].close)
             for message in self.bag.messages(list(layouts), *self.span):
                 try:
                     decoded = self.bag.decode(message)
@@ -322,11 +319,11 @@ class Export:
                     first.setdefault(message.topic, str(error))
                     continue
                 for row in layouts[message.topic].rows(message, decoded):
-                    tables[message.topic].writerow(row)
-                    rows[message.topic] += 1
+                    for table in tables[message.topic].values():
+                        table.write(row)
                 self.advance(1)
-        for topic in layouts:
-            self.report.written.append(Written(topic, f"{names[topic]}.csv", rows[topic], "rows"))
+        for topic, made in tables.items():
+            self.report.written += [Written(topic, n, t.rows, "rows") for n, t in made.items()]
         for topic, count in damaged.items():
             self.report.notes.append(
                 f"{topic}: {count} messages left out; the first: {first[topic]}"
@@ -348,6 +345,7 @@ def _some(topics: Iterable[str], most: int = 8) -> str:
 )
 @click.option("--video", is_flag=True, help="An MP4 per image topic, at the recorded times.")
 @click.option("--csv", is_flag=True, help="A table per topic as CSV.")
+@click.option("--parquet", is_flag=True, help="A table per topic as Parquet (needs pyarrow).")
 @click.option(
     "-o", "--out", "target", type=click.Path(path_type=Path), required=True, help="New folder."
 )
@@ -361,6 +359,7 @@ def export_command(
     frames: str | None,
     video: bool,
     csv: bool,
+    parquet: bool,
     target: Path,
     json_: bool,
 ) -> None:
@@ -369,8 +368,8 @@ def export_command(
     Tables have one row per message, or per item where a message is an array of messages; nested
     fields have dotted names, and times stand in ns and in s.
     """
-    if not (frames or video or csv):
-        raise click.UsageError("nothing to export: give --frames, --video or --csv")
+    if not (frames or video or csv or parquet):
+        raise click.UsageError("nothing to export: give --frames, --video, --csv or --parquet")
     with BagReader(source) as bag:
         span = chosen_span(bag, start, end)
         chosen = chosen_topics(bag, topics, exclude)
@@ -382,7 +381,7 @@ def export_command(
                 span,
                 f".{frames}" if frames else None,
                 video,
-                csv,
+                [CsvFile] * csv + [ParquetFile] * parquet,
                 lambda count: bar.advance(task, count),
             )
             report = export.into(target)

@@ -1,12 +1,14 @@
-"""The table of a message type: its columns, and the rows that a message makes."""
+"""The table of a message type: its columns, the rows of a message, and CSV and Parquet files."""
 
 from __future__ import annotations
 
+import csv
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from operator import attrgetter
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -14,6 +16,7 @@ from rosbags.typesys.store import Typestore
 
 from ssp_core.bag.types import BagMessage
 from ssp_core.clock import NS_PER_S
+from ssp_core.errors import HostError
 
 # A table with more isn't one that anybody reads.
 MOST_COLUMNS = 2000
@@ -22,23 +25,27 @@ _BYTES = ("uint8", "int8", "octet", "byte", "char")
 # A UUID has 16, an array that is data rather than a value has more.
 _FEW_BYTES = 32
 
-Cell = Callable[[Any], object]
-Column = tuple[str, Cell]  # name, and how its cell is got from a message or an item
+# Beside Arrow's own names: nanoseconds that are shown as seconds.
+SECONDS = "seconds"
+LIST = "list of "
 
 
-def _time_columns(name: str, time_ns: Callable[[Any], int]) -> tuple[Column, Column]:
-    def seconds(message: Any) -> str:
-        at_ns = time_ns(message)
-        sign, rest = ("-", -at_ns) if at_ns < 0 else ("", at_ns)
-        return f"{sign}{rest // NS_PER_S}.{rest % NS_PER_S:09d}"
+class Column(NamedTuple):
+    """One column: name, Arrow's name of what it holds, how the value is got from a message."""
 
-    return (f"{name}_ns", time_ns), (f"{name}_s", seconds)
+    name: str
+    kind: str
+    value: Callable[[Any], Any]
+
+
+def _time_columns(name: str, kind: str, time_ns: Callable[[Any], int]) -> tuple[Column, Column]:
+    return Column(f"{name}_ns", kind, time_ns), Column(f"{name}_s", SECONDS, time_ns)
 
 
 _ABOUT: tuple[Column, ...] = (
-    *_time_columns("log_time", attrgetter("log_time_ns")),
-    *_time_columns("publish_time", attrgetter("publish_time_ns")),
-    ("publish_sequence", attrgetter("sequence")),
+    *_time_columns("log_time", "uint64", attrgetter("log_time_ns")),
+    *_time_columns("publish_time", "uint64", attrgetter("publish_time_ns")),
+    Column("publish_sequence", "int64", attrgetter("sequence")),
 )
 
 
@@ -57,21 +64,20 @@ class Layout:
     left_out: tuple[str, ...]
 
     @property
-    def names(self) -> list[str]:
-        """Names of all columns, in order."""
-        index = [f"{self.items}.index"] if self.items else []
-        of_head = [name for name, _ in (*_ABOUT, *self.head)]
+    def columns(self) -> dict[str, str]:
+        """What each column holds by its name, in order."""
+        index = [Column(f"{self.items}.index", "int64", len)] if self.items else []
         # A field may have the name of one of ours, or end in _ns beside a time.
-        unique: dict[str, None] = {}
-        for name in (*of_head, *index, *(name for name, _ in self.item)):
+        unique: dict[str, str] = {}
+        for name, kind, _ in (*_ABOUT, *self.head, *index, *self.item):
             while name in unique:
                 name += "_"
-            unique[name] = None
-        return list(unique)
+            unique[name] = kind
+        return unique
 
-    def rows(self, message: BagMessage, decoded: Any) -> Iterator[list[object]]:
+    def rows(self, message: BagMessage, decoded: Any) -> Iterator[list[Any]]:
         """The rows of one message; None is an empty cell."""
-        head = [cell(message) for _, cell in _ABOUT] + [cell(decoded) for _, cell in self.head]
+        head = [c.value(message) for c in _ABOUT] + [c.value(decoded) for c in self.head]
         if not self.items:
             yield head
             return
@@ -79,11 +85,11 @@ class Layout:
         if not len(items):
             yield head + [None] * (1 + len(self.item))
         for index, item in enumerate(items):
-            yield [*head, index, *(cell(item) for _, cell in self.item)]
+            yield [*head, index, *(c.value(item) for c in self.item)]
 
 
 def layout_of(store: Typestore, msgtype: str) -> Layout:
-    """The table of a type: nested fields have dotted names, and lists stand in a cell as JSON.
+    """The table of a type: nested fields have dotted names.
 
     Raises:
         ValueError: it would have too many columns.
@@ -115,7 +121,8 @@ class _Fields:
     left_out: list[str] = field(default_factory=list)
 
     def with_arrays(self) -> tuple[Column, ...]:
-        return (*self.columns, *((name, _json_cell(path)) for name, path, _ in self.arrays))
+        as_json = (Column(name, "string", _as_json(path)) for name, path, _ in self.arrays)
+        return (*self.columns, *as_json)
 
     def add(self, msgtype: str, prefix: str = "", within: str = "") -> None:
         kind: Any
@@ -123,9 +130,9 @@ class _Fields:
         for own, (kind, what) in self.store.fielddefs[msgtype][1]:
             name, path = prefix + own, within + own
             if kind == Nodetype.BASE:
-                self.columns.append((name, _scalar_cell(path, what[0])))
+                self.columns.append(Column(name, _arrow(what[0]), attrgetter(path)))
             elif kind == Nodetype.NAME and what in _TIMES:
-                self.columns += _time_columns(name, _nanoseconds(attrgetter(path)))
+                self.columns += _time_columns(name, "int64", _nanoseconds(attrgetter(path)))
             elif kind == Nodetype.NAME:
                 self.add(what, f"{name}.", f"{path}.")
             else:
@@ -137,13 +144,17 @@ class _Fields:
         kind, what = items
         if kind == Nodetype.NAME and what in _TIMES:
             get, time_ns = attrgetter(path), _nanoseconds(lambda item: item)
-            self.columns.append((f"{name}_ns", lambda m: json.dumps([*map(time_ns, get(m))])))
+            self.columns.append(
+                Column(f"{name}_ns", f"{LIST}int64", lambda m: [*map(time_ns, get(m))])
+            )
         elif kind != Nodetype.BASE:
             self.arrays.append((name, path, what))
         elif what[0] in _BYTES and not 0 < length <= _FEW_BYTES:
             self.left_out.append(name)
         else:
-            self.columns.append((name, _json_cell(path)))
+            kind = _arrow(what[0])
+            kind = "float64" if kind == "float32" else kind
+            self.columns.append(Column(name, LIST + kind, _as_list(path)))
 
 
 def _nanoseconds(get: Callable[[Any], Any]) -> Callable[[Any], int]:
@@ -154,17 +165,24 @@ def _nanoseconds(get: Callable[[Any], Any]) -> Callable[[Any], int]:
     return time_ns
 
 
-def _scalar_cell(path: str, base: str) -> Cell:
+def _arrow(base: str) -> str:
+    """Arrow's name of a base type."""
+    named = {"wstring": "string", "float128": "float64"}
+    own = ("bool", "string", "uint64", "float32", "float64")
+    return named.get(base, base if base in own else "int64")
+
+
+def _as_list(path: str) -> Callable[[Any], list[Any]]:
     get = attrgetter(path)
-    if base == "bool":
-        return lambda message: "true" if get(message) else "false"
-    if base == "float32":
-        # The shortest text that means the same float32, not the float64 that it was read as.
-        return lambda message: str(np.float32(get(message)))
-    return get
+
+    def value(message: Any) -> list[Any]:
+        found = get(message)
+        return found.tolist() if isinstance(found, np.ndarray) else list(found)
+
+    return value
 
 
-def _json_cell(path: str) -> Cell:
+def _as_json(path: str) -> Callable[[Any], str]:
     get = attrgetter(path)
     return lambda message: json.dumps(_plain(get(message)))
 
@@ -182,4 +200,129 @@ def _plain(value: Any) -> Any:
         return value.item()
     if isinstance(value, list):
         return [_plain(item) for item in value]
+    return value
+
+
+class TableFile(Protocol):
+    """A table being written."""
+
+    rows: int
+
+    def write(self, row: Sequence[Any]) -> None:
+        """Appends one row, with a value or None for each column."""
+
+    def close(self) -> None:
+        """Writes what is left."""
+
+
+def _decimal_seconds(time_ns: int) -> str:
+    sign, rest = ("-", -time_ns) if time_ns < 0 else ("", time_ns)
+    return f"{sign}{rest // NS_PER_S}.{rest % NS_PER_S:09d}"
+
+
+# float32 as the shortest text that means the same float32, not as the float64 it was read as.
+_TEXTS: dict[str, Callable[[Any], str]] = {
+    "float32": lambda value: str(np.float32(value)),
+    "bool": lambda value: "true" if value else "false",
+    SECONDS: _decimal_seconds,
+}
+
+
+class CsvFile:
+    """A CSV file with a head line; lists stand in a cell as JSON, seconds with all their digits."""
+
+    suffix = ".csv"
+
+    def __init__(self, path: Path, columns: dict[str, str]) -> None:
+        self.rows = 0
+        self._texts = [
+            json.dumps if kind.startswith(LIST) else _TEXTS.get(kind) for kind in columns.values()
+        ]
+        # What no UTF-8 can hold must not end the export.
+        self._stream = path.open("w", encoding="utf-8", errors="backslashreplace", newline="")
+        self._csv = csv.writer(self._stream, lineterminator="\n")
+        self._csv.writerow(columns)
+
+    def write(self, row: Sequence[Any]) -> None:
+        self._csv.writerow(
+            [
+                value if value is None or text is None else text(value)
+                for value, text in zip(row, self._texts, strict=True)
+            ]
+        )
+        self.rows += 1
+
+    def close(self) -> None:
+        self._stream.close()
+
+
+# Cells of a Parquet file that wait in memory for the next row group.
+_GROUP_BYTES = 4 << 20
+_CELL_BYTES = 64
+
+
+class ParquetFile:
+    """A Parquet file with typed columns; seconds are float64, lists are lists.
+
+    Raises:
+        HostError: pyarrow is not installed.
+    """
+
+    suffix = ".parquet"
+
+    def __init__(self, path: Path, columns: dict[str, str]) -> None:
+        try:
+            import pyarrow as pa  # type: ignore[import-untyped]
+            import pyarrow.parquet as pq  # type: ignore[import-untyped]
+        except ModuleNotFoundError as error:
+            raise HostError(
+                "pyarrow is not installed, which Parquet needs; `pip install pyarrow` adds it, "
+                "and --csv does without"
+            ) from error
+
+        def arrow(kind: str) -> Any:
+            if kind.startswith(LIST):
+                return pa.list_(arrow(kind.removeprefix(LIST)))
+            return pa.float64() if kind == SECONDS else pa.type_for_alias(kind)
+
+        self.rows = 0
+        self._kinds = list(columns.values())
+        self._schema = pa.schema([(name, arrow(kind)) for name, kind in columns.items()])
+        self._array, self._table = pa.array, pa.Table
+        self._writer = pq.ParquetWriter(path, self._schema, compression="zstd")
+        self._clear()
+
+    def _clear(self) -> None:
+        self._waiting: list[list[Any]] = [[] for _ in self._kinds]
+        self._bytes = 0
+
+    def write(self, row: Sequence[Any]) -> None:
+        for value, kind, column in zip(row, self._kinds, self._waiting, strict=True):
+            column.append(_fitting(value, kind))
+            self._bytes += _CELL_BYTES + (8 * len(value) if hasattr(value, "__len__") else 0)
+        self.rows += 1
+        if self._bytes >= _GROUP_BYTES:
+            self._flush()
+
+    def _flush(self) -> None:
+        arrays = [
+            self._array(column, field.type)
+            for column, field in zip(self._waiting, self._schema, strict=True)
+        ]
+        self._writer.write_table(self._table.from_arrays(arrays, schema=self._schema))
+        self._clear()
+
+    def close(self) -> None:
+        if self._waiting[0]:
+            self._flush()
+        self._writer.close()
+
+
+def _fitting(value: Any, kind: str) -> Any:
+    if value is None:
+        return None
+    if kind == SECONDS:
+        return value / NS_PER_S
+    if kind == "string":  # what no UTF-8 can hold must not end the export
+        return value.encode("utf-8", "backslashreplace").decode()
     return value
