@@ -14,13 +14,8 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.results import load_cells
-from ssp_eval.figures.phases import (
-    MOST_CELLS,
-    CellOverlay,
-    overlay_of,
-    phase_frames,
-    write_phase_frames,
-)
+from ssp_eval.figures.moments import CellOverlay, overlay_of
+from ssp_eval.figures.phases import MOST_CELLS, phase_frames, write_phase_frames
 from ssp_eval.figures.style import drawing
 from ssp_eval.report.cli import WantedFigures, draw_figures
 

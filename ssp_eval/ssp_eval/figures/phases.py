@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
-from numpy.typing import NDArray
 
-from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.vocabulary import DOMAINS, PHASES
-from ssp_eval.data.ego_path import NS, EgoPath, recorded_paths
-from ssp_eval.data.labels import Label
-from ssp_eval.evaluate.cell_file import frame_path
 from ssp_eval.evaluate.results import CellData
-from ssp_eval.figures.projection import Ribbon, ribbon
+from ssp_eval.figures.moments import RIGHT, WRONG, CellOverlay, Moment, overlay_of
 from ssp_eval.figures.scores import words
 from ssp_eval.figures.style import (
     COLUMN_IN,
@@ -37,146 +28,7 @@ from ssp_eval.figures.style import (
     text_width_in,
 )
 from ssp_eval.figures.write import Written, written_drawings
-from ssp_eval.score.cell import Judgement
-from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.notices import stand_in_text, stand_ins
-from ssp_vla_bridge.trajectory import Trajectory
-
-Image = NDArray[np.uint8]
-
-_HORIZON_S = 3.0
-RIGHT, WRONG = "✓", "✗"
-
-
-@dataclass(frozen=True)
-class Moment:
-    """One label time of a cell.
-
-    Args:
-        stamp_ns: of the request, None where nothing was asked.
-        frames: stamp and hash of each frame sent, oldest first.
-        plan: the valid trajectory, None: there is none.
-    """
-
-    label: Label
-    judgement: Judgement
-    stamp_ns: int | None
-    frames: tuple[tuple[int, str], ...]
-    plan: Trajectory | None
-
-    @property
-    def says(self) -> str:
-        """The actions that the text commits to, marked right or wrong."""
-        found = self.judgement
-        return _actions(found.text_lon, found.text_lat, self.label)
-
-    @property
-    def plans(self) -> str:
-        """The actions that the trajectory makes, marked right or wrong."""
-        found = self.judgement
-        return _actions(found.trajectory_lon, found.trajectory_lat, self.label)
-
-    @property
-    def allowed(self) -> str:
-        """The actions that are right here."""
-        return f"{' / '.join(self.label.lon_actions)}, {' / '.join(self.label.lat_actions)}"
-
-
-def _actions(lon: str | None, lat: str | None, label: Label) -> str:
-    if lon is None and lat is None:
-        return NULL
-    mark = RIGHT if lon in label.lon_actions and lat in label.lat_actions else WRONG
-    return f"{lon or NULL}, {lat or NULL} {mark}"
-
-
-@dataclass(frozen=True)
-class CellOverlay:
-    """A scored cell as its frames tell it."""
-
-    cell: CellData
-    out: Path
-    moments: tuple[Moment, ...]
-
-    @cached_property
-    def path(self) -> EgoPath:
-        """Where the VUT was, as far as the requests tell."""
-        known = [r for r in self.cell.requests if r.get("ego_provenance") != "unknown"]
-        return EgoPath(tuple(map(tuple, recorded_paths(known))))
-
-    @property
-    def ego_provenance(self) -> str:
-        """How the recorded path is known: measured, declared or unknown."""
-        return self.cell.facts.clip.ego
-
-    @property
-    def sees_ground(self) -> bool:
-        """True where the camera's pose is known, so that a path can be drawn on the picture."""
-        geometry = self.cell.facts.clip.geometry
-        return (
-            geometry is not None
-            and geometry.height_m is not None
-            and geometry.pitch_down_rad is not None
-            and self.cell.facts.clip.mount_forward_m is not None
-        )
-
-    def drawn(self, path: Trajectory | None) -> Ribbon | None:
-        """A path in the ego frame as the camera shows it."""
-        clip = self.cell.facts.clip
-        if path is None or clip.geometry is None:
-            return None
-        turn = (clip.mount_left_m, clip.mount_yaw_left_rad, clip.mount_roll_right_rad)
-        return ribbon(path, clip.geometry.model_dump(), clip.mount_forward_m, turn)
-
-    def recorded(self, at_ns: int) -> Trajectory | None:
-        """What was driven from a time on."""
-        return self.path.after(at_ns * NS, _HORIZON_S)
-
-    def picture(self, sha256: str) -> Image:
-        """A frame that was sent, BGR, at the size that the camera's geometry is for.
-
-        Raises:
-            InputError: it isn't there or is no picture.
-        """
-        file = frame_path(self.out, sha256)
-        try:
-            data = np.frombuffer(file.read_bytes(), np.uint8)
-        except OSError as error:
-            raise InputError(f"can't be read: {error.strerror}", file=file) from error
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-        if image is None:
-            raise InputError("is no picture", file=file)
-        geometry = self.cell.facts.clip.geometry
-        if geometry is not None and image.shape[:2] != (geometry.height_px, geometry.width_px):
-            image = cv2.resize(image, (geometry.width_px, geometry.height_px))
-        return np.asarray(image, np.uint8)
-
-
-def overlay_of(cell: CellData, out: Path) -> CellOverlay | None:
-    """The story of a cell; None unless it has scores."""
-    if cell.score is None:
-        return None
-    asked = cell.requests_by_label()
-    judged = zip(cell.labels.labels, cell.score.details.judgements, strict=True)
-    moments = (_moment(cell, label, one, asked.get(label.t_s, {})) for label, one in judged)
-    return CellOverlay(cell, out, tuple(moments))
-
-
-def _moment(
-    cell: CellData, label: Label, judgement: Judgement, request: Mapping[str, Any]
-) -> Moment:
-    record = None if judgement.record is None else cell.records[judgement.record]
-    valid = record is not None and judgement.trajectory_valid
-    stamp = request.get("stamp_ns")
-    return Moment(
-        label=label,
-        judgement=judgement,
-        stamp_ns=None if stamp is None else int(stamp),
-        frames=tuple(
-            (int(frame["stamp_ns"]), str(frame["sha256"])) for frame in request.get("frames", ())
-        ),
-        plan=record.trajectory if record is not None and valid else None,
-    )
-
 
 _LEFT_IN, _GAP_IN, _HEAD_IN, _FOOT_IN = 0.22, 0.06, 0.22, 0.24
 _LINE_IN = 0.125
