@@ -24,7 +24,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_monitor.bag_tools.selection import parse_time
 from ssp_monitor.recorder.video_encoder import VideoEncoder
-from support.bags import picture, text
+from support.bags import picture, text, without_index
 
 CLOCK = "rosgraph_msgs/msg/Clock"
 STRING = "std_msgs/msg/String"
@@ -259,3 +259,20 @@ def test_folders_above_are_made_unless_a_file_is_in_the_way(session, tmp_path, c
     status, _, errors = run(capsys, session, "-o", tmp_path / "file" / "cut")
     assert status == 1
     assert f"{tmp_path / 'file'} is no folder" in errors
+
+
+def test_every_command_takes_a_bag_without_an_index(session, tmp_path, capsys):
+    fast = without_index(session, tmp_path / "fast")
+    for bag, name in ((session, "indexed"), (fast, "plain")):
+        assert main(["bag", "info", str(bag), "--json"]) == 0
+        assert main(["bag", "check", str(bag)]) == 0
+        span = ("--start", f"{at(2)}ns", "--end", f"{at(5)}ns")
+        assert main(["bag", "cut", str(bag), *span, "--out", str(tmp_path / name)]) == 0
+        out = tmp_path / f"{name}_tables"
+        assert main(["bag", "export", str(bag), "--csv", "--parquet", "--out", str(out)]) == 0
+    with BagReader(tmp_path / "indexed") as ours, BagReader(tmp_path / "plain") as theirs:
+        assert list(ours.messages()) == list(theirs.messages())
+    tables = [file.relative_to(tmp_path / "plain_tables") for file in out.iterdir()]
+    assert tables
+    for file in tables:
+        assert (out / file).read_bytes() == (tmp_path / "indexed_tables" / file).read_bytes()

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
 
+from ssp_core.bag.check import check_bag
 from ssp_core.bag.index import ChunkRun, ContentCache, Selection, merged
 from ssp_core.bag.mcap_file import McapFile, UnpackBudget
 from ssp_core.bag.reader import BagReader
@@ -19,6 +21,7 @@ from ssp_core.bag.repair import recover
 from ssp_core.bag.types import BagMessage, definition
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
+from support.bags import text
 
 STRING = "std_msgs/msg/String"
 BUDGET = UnpackBudget(1 << 30)
@@ -27,13 +30,18 @@ KINDS: dict[str, dict[str, Any]] = {
     "zstd": {"compression": CompressionType.ZSTD},
     "lz4": {"compression": CompressionType.LZ4},
     "no CRC": {"enable_crcs": False},
-}
-WITHOUT_INDEX: dict[str, dict[str, Any]] = {
     "no message index": {"index_types": IndexType.ATTACHMENT | IndexType.CHUNK},
     "no chunk index": {"index_types": IndexType.ATTACHMENT},
     "no chunks": {"use_chunking": False, "enable_data_crcs": True},
     "no statistics": {"use_statistics": False},
-}
+    "no chunks, no statistics": {"use_chunking": False, "use_statistics": False},
+    "no topics in the summary": {"repeat_channels": False},
+    "no types in the summary": {"repeat_schemas": False},
+    "no summary": {
+        "index_types": IndexType.NONE, "use_statistics": False, "use_summary_offsets": False,
+        "repeat_channels": False, "repeat_schemas": False,
+    },
+}  # fmt: skip
 
 
 def some_messages() -> list[BagMessage]:
@@ -85,16 +93,28 @@ def test_messages_of_any_kind_of_file_come_in_order(tmp_path: Path, kind: str) -
         assert list(reader.messages(["/c"])) == []
 
 
-@pytest.mark.parametrize("kind", WITHOUT_INDEX)
-def test_a_file_without_an_index_gets_one_by_recovering(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_any_kind_of_file_is_sound_and_recovered_whole(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "file.mcap"
-    messages = some_messages()
-    write(path, messages, **WITHOUT_INDEX[kind])
-    with pytest.raises(InputError, match=r"file\.mcap: has no index .*`ssp bag recover`"):
-        BagReader(path)
+    messages = [m._replace(data=text(f"number {m.sequence}")) for m in some_messages()]
+    write(path, messages, **KINDS[kind])
+    assert check_bag(path).problems == ()
     assert recover(path, tmp_path / "bag").complete
     with BagReader(tmp_path / "bag") as reader:
         assert list(reader.messages()) == sorted(messages, key=lambda m: m.log_time_ns)
+
+
+@pytest.mark.parametrize("kind", ["plain", "no summary", "no chunks"])
+def test_attachments_of_any_kind_of_file_are_found(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "file.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, **KINDS[kind])
+        writer.start(profile="ros2")
+        writer.add_attachment(1, 2, "a.yaml", "text/plain", b"data")
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it bare
+    with BagReader(path) as reader:
+        assert reader.attachments == ("a.yaml",)
+        assert reader.attachment("a.yaml") == b"data"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -206,10 +226,40 @@ def test_a_wrong_message_index_is_noticed(
         list(reader.messages())
 
 
-def test_a_summary_that_lacks_a_channel_is_no_bag(tmp_path: Path) -> None:
+def test_a_wrong_crc_of_a_file_without_chunks_is_noticed(tmp_path: Path) -> None:
     path = tmp_path / "file.mcap"
-    write(path, [BagMessage("/a", 1, 1, b"hello")], repeat_channels=False)
-    with pytest.raises(InputError, match="its summary lacks channel 1"):
+    write(path, [BagMessage("/a", 1, 1, b"hello")], use_chunking=False, enable_data_crcs=True)
+    path.write_bytes(path.read_bytes().replace(b"hello", b"hallo"))
+    with pytest.raises(InputError, match="the CRC of the data is wrong"):
+        BagReader(path)
+
+
+@pytest.mark.parametrize("kind", ["no summary", "no chunks, no statistics"])
+def test_what_is_wrong_in_a_file_without_an_index_is_named_with_its_record(
+    tmp_path: Path, kind: str
+) -> None:
+    path = tmp_path / "file.mcap"
+    write(path, [BagMessage("/a", 1, 1, b"hello")], **KINDS[kind])
+    data = bytearray(path.read_bytes())
+    opcode = Opcode.CHUNK if kind == "no summary" else Opcode.MESSAGE
+    at = len(MCAP0_MAGIC)
+    while data[at] != opcode:
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    data[at + 7] = 1  # of the length
+    path.write_bytes(data)
+    match = rf"file\.mcap: is damaged: record at byte {at}: the file ends within a record"
+    with pytest.raises(InputError, match=match):
+        BagReader(path)
+
+
+def test_messages_of_a_topic_that_no_record_names_are_no_bag(tmp_path: Path) -> None:
+    path = tmp_path / "file.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(profile="ros2")
+        writer.add_message(7, 1, b"hello", 1)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it bare
+    with pytest.raises(InputError, match="channel 7 has messages and no topic"):
         BagReader(path)
 
 
@@ -226,10 +276,11 @@ def test_a_file_that_vanishes_while_it_is_read_is_an_input_error(tmp_path: Path)
 
 
 def test_a_bag_of_many_files_keeps_none_open(tmp_path: Path) -> None:
-    write(tmp_path / "file.mcap", some_messages(), **KINDS["plain"])
-    with BagReader(tmp_path / "file.mcap") as reader:
-        messages = reader.messages()
-        next(messages)
-        del messages
-        open_files = [f.resolve() for f in Path("/proc/self/fd").iterdir() if f.exists()]
-        assert not [f for f in open_files if tmp_path in f.parents]
+    for kind in ("plain", "no chunks"):
+        write(tmp_path / f"{kind}.mcap", some_messages(), **KINDS[kind])
+        with BagReader(tmp_path / f"{kind}.mcap") as reader:
+            messages = reader.messages()
+            next(messages)
+            del messages
+            open_files = [f.resolve() for f in Path("/proc/self/fd").iterdir() if f.exists()]
+            assert not [f for f in open_files if tmp_path in f.parents]

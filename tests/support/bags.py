@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
+from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.cdr.images import COMPRESSED_TYPE
 from ssp_core.clock import NS_PER_S
@@ -39,6 +41,27 @@ def messages(bag: Path, topic: str) -> list[Any]:
         # An empty list of connections would mean all of them.
         found = reader.messages(connections=chosen) if chosen else ()
         return [reader.deserialize(raw, c.msgtype) for c, _, raw in found]
+
+
+def without_index(bag: Path, target: Path) -> Path:
+    """A bag of one file as rosbag2 writes it with ``fastwrite``: no chunks, so no index."""
+    target.mkdir()
+    (target / "metadata.yaml").write_bytes((bag / "metadata.yaml").read_bytes())
+    with BagReader(bag) as reader, (target / reader.files[0].name).open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(profile="ros2")
+        channels = {}
+        for topic, info in reader.topics.items():
+            written = reader.definition(topic)
+            schema = writer.register_schema(info.msgtype, written.encoding, written.text.encode())
+            qos = {"offered_qos_profiles": info.offered_qos}
+            channels[topic] = writer.register_channel(topic, "cdr", schema, qos)
+        for m in reader.messages():
+            writer.add_message(
+                channels[m.topic], m.log_time_ns, m.data, m.publish_time_ns, m.sequence
+            )
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it bare
+    return target
 
 
 def text(value: str) -> bytes:

@@ -45,6 +45,7 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_vla_bridge.window import mounting_of
+from support.bags import without_index
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
@@ -87,6 +88,16 @@ def test_the_event_is_the_sources_own(
             for m in reader.messages([IMAGE])
         ]
     assert numbers == list(range(101))
+
+
+def test_a_bag_without_an_index_is_imported_as_one_with(bag: Path, tmp_path: Path) -> None:
+    assert run(bag, tmp_path / "indexed", *DECLARED) == 0
+    assert run(without_index(bag, tmp_path / "fast"), tmp_path / "new", *DECLARED) == 0
+    ours, same = (
+        [m._replace(log_time_ns=0) for m in BagReader(next(folder.rglob("*.mcap"))).messages()]
+        for folder in (tmp_path / "new", tmp_path / "indexed")
+    )
+    assert ours == same
 
 
 def test_import_json_holds_sources_declarations_and_the_road_by_hash(

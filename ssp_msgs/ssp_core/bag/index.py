@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import heapq
 import struct
+from array import array
 from collections import OrderedDict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from itertools import chain
+from pathlib import Path
+from typing import Protocol, TypeAlias
 
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
@@ -20,6 +23,7 @@ from ssp_core.bag.mcap_file import (
     UnpackBudget,
     chunk_parts,
     damaged,
+    inner_records,
     unpack_chunk,
 )
 from ssp_core.bag.mcap_output import INDEX_ENTRY_BYTES, INDEX_HEAD, MESSAGE_BODY_BYTES, MESSAGE_HEAD
@@ -72,6 +76,23 @@ def indexed_entries(region: bytes, index: ChunkIndex, channels: Collection[int])
     return entries
 
 
+def scanned_entries(content: memoryview, channels: Collection[int]) -> list[Entry]:
+    """Messages of some channels in a chunk that has no message index.
+
+    Raises:
+        ValueError: the chunk's records are cut off.
+    """
+    entries = []
+    for record in inner_records(content):
+        if record.opcode == Opcode.MESSAGE:
+            if len(record.body) < MESSAGE_BODY_BYTES:
+                raise ValueError(f"a message of {len(record.body)} bytes")
+            _, _, channel, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(content, record.offset)
+            if channel in channels:
+                entries.append((log_time_ns, record.offset))
+    return entries
+
+
 # Content of chunks that is kept while their times overlap; the rest is read again.
 KEPT_BYTES = 256 << 20
 _MESSAGE = int(Opcode.MESSAGE)
@@ -85,15 +106,19 @@ class Selection:
     start_ns: int | None
     stop_ns: int | None
 
-    def times(self, entries: list[Entry]) -> list[Entry]:
-        """The entries within the times, in order of log time and then of the file."""
+    def times(self, entries: list[Entry]) -> Iterator[Entry]:
+        """The entries within the times, in order of log time and then of the file.
+
+        They wait as 16 bytes each, however many chunks overlap.
+        """
         start, stop = self.start_ns, self.stop_ns
         if start is not None:
             entries = [entry for entry in entries if entry[0] >= start]
         if stop is not None:
             entries = [entry for entry in entries if entry[0] < stop]
         entries.sort()
-        return entries
+        numbers = iter(array("Q", chain.from_iterable(entries)))
+        return zip(numbers, numbers, strict=True)
 
     def overlaps(self, first_ns: int, last_ns: int) -> bool:
         return (self.start_ns is None or last_ns >= self.start_ns) and (
@@ -176,14 +201,18 @@ class ChunkRun:
     def entries(self) -> Iterator[Entry]:
         """The wanted messages by log time, then by their order in the file."""
         index = self._index
-        entries = indexed_entries(self._file.message_index(index), index, self._wanted.topics)
+        if index.message_index_length:
+            region = self._file.message_index(index)
+            entries = indexed_entries(region, index, self._wanted.topics)
+        else:
+            entries = scanned_entries(self._cache.content(self), self._wanted.topics)
         if entries:
             first, last = min(entries)[0], max(entries)[0]
             if first < index.message_start_time or last > index.message_end_time:
                 raise ValueError("a chunk holds messages outside the times of its index")
             if len({at for _, at in entries}) != len(entries):
                 raise ValueError("a message index names a message twice")
-        return iter(self._wanted.times(entries))
+        return self._wanted.times(entries)
 
     def message(self, entry: Entry) -> BagMessage:
         return self._wanted.message(self._cache.content(self), entry[1], entry[0])
@@ -201,7 +230,18 @@ class ChunkRun:
         self._cache.drop(self)
 
 
-def merged(runs: Iterable[ChunkRun]) -> Iterator[BagMessage]:
+class Run(Protocol):
+    """Messages that lie together in a file, none of them earlier than ``start_ns``."""
+
+    path: Path
+    start_ns: int
+
+    def entries(self) -> Iterator[Entry]: ...
+    def message(self, entry: Entry) -> BagMessage: ...
+    def close(self) -> None: ...
+
+
+def merged(runs: Iterable[Run]) -> Iterator[BagMessage]:
     """Messages of all runs by log time; of equal times, in the order of the runs and of the file.
 
     A run is read when its time comes, so only those that overlap are held.
@@ -222,17 +262,17 @@ def merged(runs: Iterable[ChunkRun]) -> Iterator[BagMessage]:
 
 
 # Log time of the next message, number of the run, the next message, those behind it, the run.
-_Cursor = tuple[int, int, Entry, Iterator[Entry], ChunkRun]
+_Cursor = tuple[int, int, Entry, Iterator[Entry], Run]
 
 
-def _entries(run: ChunkRun) -> Iterator[Entry]:
+def _entries(run: Run) -> Iterator[Entry]:
     try:
         return run.entries()
     except DAMAGE as error:
         raise damaged(run.path, error) from error
 
 
-def _push(active: list[_Cursor], number: int, run: ChunkRun, entries: Iterator[Entry]) -> None:
+def _push(active: list[_Cursor], number: int, run: Run, entries: Iterator[Entry]) -> None:
     entry = next(entries, None)
     if entry is None:
         run.close()

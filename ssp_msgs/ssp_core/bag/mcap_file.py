@@ -302,6 +302,35 @@ def parse_record(kind: type[Record], body: memoryview) -> Record:
     return found
 
 
+class Names:
+    """Types and topics by number, as a summary has them and as they are found in the data.
+
+    The first one of a number counts.
+    """
+
+    def __init__(self, summary: Summary) -> None:
+        self.schemas, self.channels = dict(summary.schemas), dict(summary.channels)
+        self._left = MAX_SUMMARY_BYTES
+
+    def add(self, opcode: int, body: memoryview) -> None:
+        """Takes a schema or a channel; raises ValueError as ``parse_record``, or for too many."""
+        if opcode == Opcode.SCHEMA:
+            schema = parse_record(Schema, body)
+            if schema.id not in self.schemas:
+                self._take(len(body))
+                self.schemas[schema.id] = schema
+        else:
+            channel = parse_record(Channel, body)
+            if channel.id not in self.channels:
+                self._take(len(body))
+                self.channels[channel.id] = channel
+
+    def _take(self, size: int) -> None:
+        self._left -= size
+        if self._left < 0:
+            raise ValueError(f"topics and types of more than {MAX_SUMMARY_BYTES} bytes")
+
+
 def parse_message(body: memoryview) -> Message:
     """Raises ValueError when it is too short."""
     if len(body) < _MESSAGE.size:
@@ -451,10 +480,10 @@ def data_crc(stream: BoundedFile) -> bool | None:
 
 
 def read_summary(stream: BoundedFile, path: Path) -> Summary:
-    """The summary section of a closed MCAP file, with its CRC checked.
+    """The summary section of a closed MCAP file, with its CRC checked; empty when it has none.
 
     Raises:
-        InputError: no MCAP file, not closed, without a summary, or damaged.
+        InputError: no MCAP file, not closed, or damaged.
     """
     head = stream.read(len(MCAP0_MAGIC))
     if head != MCAP0_MAGIC:
@@ -465,8 +494,10 @@ def read_summary(stream: BoundedFile, path: Path) -> Summary:
     if len(tail) < tail_bytes or not tail.endswith(MCAP0_MAGIC) or tail[0] != Opcode.FOOTER:
         raise InputError("was not closed by its recorder, or is cut off", file=path, remedy=REPAIR)
     _, _, summary_start, _, crc = FOOTER.unpack_from(tail)
+    if not summary_start:
+        return Summary()
     if not len(MCAP0_MAGIC) <= summary_start <= stream.size - tail_bytes:
-        raise InputError("has no summary section", file=path, remedy=REPAIR)
+        raise InputError("is damaged: its summary is beyond its end", file=path, remedy=REPAIR)
     if stream.size - summary_start > MAX_SUMMARY_BYTES:
         raise InputError(
             f"has a summary of more than {MAX_SUMMARY_BYTES} bytes", file=path, remedy=REPAIR

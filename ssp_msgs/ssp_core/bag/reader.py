@@ -12,9 +12,17 @@ from mcap.records import Channel, Schema
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from ssp_core.bag.index import ChunkRun, ContentCache, Selection, merged
-from ssp_core.bag.mcap_file import DAMAGE, MAX_REREADS, McapFile, UnpackBudget, damaged
+from ssp_core.bag.index import ChunkRun, ContentCache, Run, Selection, merged
+from ssp_core.bag.mcap_file import (
+    DAMAGE,
+    MAX_REREADS,
+    McapFile,
+    UnpackBudget,
+    damage_of,
+    open_bounded,
+)
 from ssp_core.bag.metadata import read_metadata
+from ssp_core.bag.scan import Loose, LooseRun, is_indexed, scan
 from ssp_core.bag.split import REPEATED_KEY
 from ssp_core.bag.types import BagMessage, TypeDefinition, store_from
 from ssp_core.cdr.messages import object_state
@@ -31,12 +39,16 @@ class Part(McapFile):
         later: files before it are read too, so its repeated messages are left out.
 
     Raises:
-        InputError: it can't be opened, is no closed MCAP file with an index, or its summary is
-            damaged.
+        InputError: it can't be opened, is no closed MCAP file, or its summary is damaged; of a file
+            without an index, any of it is.
     """
 
     def __init__(self, path: Path, *, later: bool) -> None:
         super().__init__(path)
+        self._loose = Loose()
+        if not is_indexed(self.summary):
+            with open_bounded(path) as stream, damage_of(path):
+                self.summary, self._loose = scan(stream, self.summary)
         self.channels: dict[int, Channel] = {
             number: channel
             for number, channel in self.summary.channels.items()
@@ -44,17 +56,7 @@ class Part(McapFile):
         }
         self.chunks = sorted(self.summary.chunk_indexes, key=lambda index: index.chunk_start_offset)
         statistics = self.summary.statistics
-        indexed = all(index.message_index_offsets for index in self.chunks)
-        if statistics is None or not indexed or (statistics.message_count and not self.chunks):
-            raise InputError(
-                "has no index of its messages",
-                file=path,
-                remedy="`ssp bag recover` makes a bag with one",
-            )
-        self.counts = Counter(statistics.channel_message_counts)
-        used = {number for index in self.chunks for number in index.message_index_offsets}
-        for number in sorted(used - self.summary.channels.keys()):
-            raise damaged(path, ValueError(f"its summary lacks channel {number}"))
+        self.counts = Counter(statistics.channel_message_counts if statistics else {})
 
     def times(self) -> tuple[int, int] | None:
         """Earliest and latest log time, None for a file without messages."""
@@ -65,8 +67,8 @@ class Part(McapFile):
 
     def runs(
         self, topics: Collection[str] | None, start_ns: int | None, stop_ns: int | None
-    ) -> list[ChunkRun]:
-        """The chunks that may hold messages of some topics and times, in the order of the file."""
+    ) -> list[Run]:
+        """The places that may hold messages of some topics and times, in the order of the file."""
         channels = {
             number: channel.topic
             for number, channel in self.channels.items()
@@ -75,12 +77,15 @@ class Part(McapFile):
         wanted = Selection(channels, start_ns, stop_ns)
         unpacked = sum(index.uncompressed_size for index in self.chunks)
         cache = ContentCache(UnpackBudget(unpacked, ratio=MAX_REREADS))
-        return [
+        runs: list[Run] = [
             ChunkRun(self, index, wanted, cache)
             for index in self.chunks
             if wanted.overlaps(index.message_start_time, index.message_end_time)
             and not channels.keys().isdisjoint(index.message_index_offsets)
         ]
+        if self._loose.times_ns:
+            runs.append(LooseRun(self.path, self._loose, wanted))
+        return runs
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,9 +19,9 @@ from mcap.writer import MCAP0_MAGIC
 from ssp_core.bag.mcap_file import (
     CHUNK_HEAD_BYTES,
     HEAD,
-    MAX_SUMMARY_BYTES,
     BoundedFile,
     ChunkParts,
+    Names,
     RecordFrame,
     UnpackBudget,
     chunk_length,
@@ -31,7 +31,6 @@ from ssp_core.bag.mcap_file import (
     open_bounded,
     parse_attachment,
     parse_message,
-    parse_record,
     read_body,
     read_frame,
     read_summary,
@@ -198,16 +197,15 @@ class _DamagedFile:
         except InputError:
             summary, self._is_closed = Summary(), False
         # What a sound summary says of them counts, whatever stands in the data.
-        self._schemas, self._channels = summary.schemas, summary.channels
+        self._names = Names(summary)
         self._indexed = sorted(
             [index.chunk_start_offset for index in summary.chunk_indexes]
             + [index.offset for index in summary.attachment_indexes]
         )
         self._has_chunks = bool(summary.chunk_indexes)
-        # What a file may take, whatever it claims: unpacked, looked at in vain, kept of its names.
+        # What a file may take, whatever it claims: unpacked, and looked at in vain.
         self._budget = UnpackBudget(stream.size)
         self._search_left = 2 * stream.size
-        self._names_left = MAX_SUMMARY_BYTES
 
     def copy(self) -> int:
         """Copies the file; gives the offset behind the last record that could be used."""
@@ -321,25 +319,12 @@ class _DamagedFile:
 
     def _inner(self, opcode: int, body: memoryview) -> None:
         """A schema, a channel or a message, in a chunk or outside."""
-        if opcode == Opcode.SCHEMA:
-            schema = parse_record(Schema, body)
-            if schema.id not in self._schemas:
-                self._keep_name(len(body))
-                self._schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = parse_record(Channel, body)
-            if channel.id not in self._channels:
-                self._keep_name(len(body))
-                self._channels[channel.id] = channel
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._names.add(opcode, body)
         elif opcode == Opcode.MESSAGE:
             message = parse_message(body)
-            known = self._channels.get(message.channel_id)
-            type_ = self._schemas.get(known.schema_id) if known is not None else None
+            known = self._names.channels.get(message.channel_id)
+            type_ = self._names.schemas.get(known.schema_id) if known is not None else None
             if known is None or type_ is None:
                 raise ValueError(f"topic or type of channel {message.channel_id} is not known")
             self._into.add(message, known, type_)
-
-    def _keep_name(self, size: int) -> None:
-        self._names_left -= size
-        if self._names_left < 0:
-            raise ValueError(f"topics and types of more than {MAX_SUMMARY_BYTES} bytes")
