@@ -18,7 +18,7 @@ from ssp_eval.score.cell import score_cell, score_in_detail
 from ssp_eval.score.columns import encode
 from ssp_eval.score.engine import LabelTerms, batch_terms, cell_terms, score_cells, score_columns
 from ssp_eval.score.matching import match
-from ssp_eval.score.metrics import CellMetrics
+from ssp_eval.score.metrics import CellMetrics, exact_sum
 from ssp_eval.score.thresholds import Thresholds
 from ssp_vla_bridge.trajectory import Trajectory
 
@@ -126,6 +126,33 @@ def test_details_of_many_cells_are_those_of_each_alone(thresholds):
     for found, metrics in zip(in_detail, score_cells(cells, thresholds), strict=True):
         assert found.to_json() == metrics.to_json()
         assert found.details.thresholds_sha256 == thresholds.sha256
+
+
+@pytest.mark.parametrize("name", [item.name for item in fields(Thresholds)])
+def test_each_threshold_changes_a_score_or_its_details(name):
+    cells, before = golden_cells(), getattr(Thresholds(), name)
+    found = {
+        factor: score_in_detail(cells, replace(Thresholds(), **{name: type(before)(factor)}))
+        for factor in (1e-3 if name != "response_count" else 1, before, 50.0)
+    }
+    told = [
+        [replace(score.details, thresholds_sha256="") for score in scores]
+        for scores in found.values()
+    ]
+    numbers = [[score.to_json() for score in scores] for scores in found.values()]
+    assert told[0] != told[1] or told[1] != told[2] or numbers[0] != numbers[1]
+
+
+def test_the_terms_of_a_cell_among_others_are_its_own():
+    cells = golden_cells()
+    terms = batch_terms(encode(cells), OTHERS[2])
+    for number, (labels, records) in enumerate(cells):
+        same_terms(terms.cell(number), cell_terms(labels, records, OTHERS[2]))
+
+
+def test_what_an_addition_loses_is_summed_beside():
+    terms = [np.array([number, 0.1]) for number in (1e16, 1.0, 1.0, -1e16)]
+    assert exact_sum(terms).tolist() == [2.0, math.fsum([0.1] * 4)]
 
 
 def test_more_cells_than_a_block_of_the_encoder_holds():

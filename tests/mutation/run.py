@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[2]
 TESTS = (
     "aggregate",
     "batch",
+    "cli",
     "columns",
     "invariance",
     "load",
@@ -44,6 +45,7 @@ also_copy = ["ssp_eval", "checks", "tests", "pyproject.toml"]
 
 [tool.pytest.ini_options]
 addopts = "--import-mode=importlib"
+pythonpath = ["checks/test"]
 """
 
 # A failure is enough: what the smallest example of it would be, nobody reads.
