@@ -479,5 +479,6 @@ def test_run_goes_on_without_its_page(start_session: Callable[..., Any]) -> None
     session = start_session("cut_in", "--no-camera", "--page", "0")
     page_url(session)
     session.kill("monitor_page")
-    assert session.finish()["verdict"] == "valid"
+    result = session.finish()
+    assert result["verdict"] == "valid", result["reasons"]
     assert "the operator page killed by SIGKILL; the session goes on" in "".join(session.lines)
