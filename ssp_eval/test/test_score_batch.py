@@ -126,6 +126,12 @@ def test_details_of_many_cells_are_those_of_each_alone(thresholds):
     for found, metrics in zip(in_detail, score_cells(cells, thresholds), strict=True):
         assert found.to_json() == metrics.to_json()
         assert found.details.thresholds_sha256 == thresholds.sha256
+        assert (found.details.response_record is not None) == bool(metrics.rsr)
+        assert math.isclose(sum(found.details.ivcs_terms.values()), metrics.ivcs, abs_tol=1e-12)
+    terms = batch_terms(encode(cells), thresholds)
+    for number, found in enumerate(in_detail):
+        feasible = [judged.feasible_valid for judged in found.details.judgements]
+        assert feasible == terms.cell(number).feasible.tolist()
 
 
 @pytest.mark.parametrize("name", [item.name for item in fields(Thresholds)])
