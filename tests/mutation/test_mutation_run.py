@@ -42,10 +42,10 @@ def pytest_in(folder, *arguments):
     )
 
 
-def test_every_scoring_test_is_taken_but_that_of_the_command_and_of_imports(run):
+def test_every_scoring_test_is_taken_but_that_of_imports(run):
     tests = (run.ROOT / "ssp_eval" / "test").glob("test_score_*.py")
     names = {path.stem.removeprefix("test_score_") for path in tests}
-    assert names - {"cli", "imports"} == set(run.TESTS)
+    assert names - {"imports"} == set(run.TESTS)
 
 
 def test_all_that_is_left_out_exists(run):
