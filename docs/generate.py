@@ -235,6 +235,7 @@ def times() -> str:
         ("object", "stops without ticks or readings after", _constant(target, "TICK_SILENCE_S")),
         ("object", "gives a lockstep world for a step", _constant(target, "WORLD_HANG_S")),
         ("world", "drops a participant in lockstep after", _constant(world, "HANG_LIMIT_S")),
+        ("world", "drops the camera in lockstep after", _constant(world, "CAMERA_HANG_LIMIT_S")),
         ("world", "says that it fell behind in realtime after", _constant(world, "OVERRUN_S")),
         (
             "simulated body",

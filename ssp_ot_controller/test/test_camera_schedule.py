@@ -8,9 +8,8 @@ import pytest
 
 from ssp_core.clock import NS_PER_S
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.model import Camera
 from ssp_core.vocabulary import ObjectClass
-from ssp_ot_controller.camera.frames import Odometer, Schedule, slowest_frame_s, steps_per_frame
+from ssp_ot_controller.camera.frames import Odometer, Schedule, steps_per_frame
 from support.states import object_state
 
 
@@ -59,10 +58,3 @@ def test_odometer_sums_the_way_along_the_heading() -> None:
     assert odometer.snapshot()["w"] == pytest.approx(3.0)
     odometer.update([walker(1.0, 1.5, math.pi / 2)])  # a step back
     assert odometer.snapshot()["w"] == pytest.approx(2.5)
-
-
-def test_slow_pictures_are_waited_for() -> None:
-    quick = Camera()
-    assert slowest_frame_s(quick) == slowest_frame_s(Camera(width_px=1920, height_px=1080)) == 3.0
-    for slow in ({"exposure_time_s": 0.01}, {"width_px": 4096}):
-        assert slowest_frame_s(quick.model_copy(update=slow)) > 10.0

@@ -11,24 +11,14 @@ import cv2
 
 from ssp_core.clock import NS_PER_S
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.model import Camera
 from ssp_ot_controller.camera.kernels.jit import Array
 
-_QUICK_PX = 2_100_000  # 1920 x 1080 and a little
-_QUICK_FRAME_S, _SLOW_FRAME_S = 3.0, 15.0
 HOLD_PERIOD_NS = NS_PER_S  # while the world holds at step 0
 
 
 def steps_per_frame(rate_hz: float, step_s: float) -> int:
     """N of a run: step k has a frame when k % N == 0."""
     return max(1, round(1.0 / (rate_hz * step_s)))
-
-
-def slowest_frame_s(camera: Camera) -> float:
-    """How long a frame may take on a busy machine, s, before its camera is taken for dead."""
-    pixels = camera.width_px * camera.height_px
-    is_slow = camera.exposure_time_s > 0.0 or pixels > _QUICK_PX
-    return _SLOW_FRAME_S if is_slow else _QUICK_FRAME_S
 
 
 @dataclass(frozen=True)

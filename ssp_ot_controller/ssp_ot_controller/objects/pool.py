@@ -79,7 +79,7 @@ class PoolStep:
 # On the steady clock: without ticks there are no states to judge.
 TICK_SILENCE_S = 1.0
 # Lockstep: the world may take this long for a step (others may be dropped meanwhile).
-WORLD_HANG_S = 4.0
+WORLD_HANG_S = 12.0
 # In lockstep: what belongs to a tick and hasn't come for so long after it is lost. Less than the
 # world waits for an answer.
 OVERDUE_S = 0.75

@@ -20,7 +20,7 @@ from ssp_scenario_manager.session.session import WATCHED, Session
 
 # A simulated world that is silent this long is taken for dead. In lockstep it may wait for a
 # participant that died before it drops it, so that its silence means less.
-WORLD_SILENT_LOCKSTEP_S = 4.0
+WORLD_SILENT_LOCKSTEP_S = 12.0
 WORLD_SILENT_REALTIME_S = 0.5
 # A world that died must be named before the vehicle that it moved.
 _AFTER_WORLD_S = 0.25
