@@ -1,0 +1,122 @@
+"""Where a site lies on the Earth: geodetic places to the site's metres, and back.
+
+The site's plane touches the WGS 84 ellipsoid's normal at the datum (x east, y north, z up before it
+is turned by its yaw). The conversion is exact but for rounding, below a micrometre within 100 km.
+What isn't flat is the ground: at a distance d its height in the plane falls by d²/2R (8 cm at 1 km,
+2 m at 5 km), and a length along it appears shorter by d³/6R² (4 µm and 0.5 mm).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+from ssp_core.geometry import Pose2, wrap_angle
+
+# WGS 84: semi-major axis, m, and the first eccentricity's square.
+_A_M = 6_378_137.0
+_FLATTENING = 1.0 / 298.257223563
+_E2 = _FLATTENING * (2.0 - _FLATTENING)
+# Each step of the latitude's iteration leaves less than 0.7 % of the error.
+_STEPS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A geodetic place on WGS 84.
+
+    Args:
+        latitude_deg: north is positive.
+        longitude_deg: east is positive.
+        altitude_m: above the ellipsoid, not above the sea.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+@dataclass(frozen=True)
+class Datum:
+    """The origin of a site's map frame.
+
+    Args:
+        place: of the origin.
+        yaw_rad: of the site's x axis, counter-clockwise from east; 0 for a frame that is ENU.
+    """
+
+    place: Place
+    yaw_rad: float = 0.0
+
+    @cached_property
+    def _axes(self) -> tuple[tuple[float, float, float], ...]:
+        """East, north and up, Earth-centred."""
+        latitude = math.radians(self.place.latitude_deg)
+        longitude = math.radians(self.place.longitude_deg)
+        sin_b, cos_b = math.sin(latitude), math.cos(latitude)
+        sin_l, cos_l = math.sin(longitude), math.cos(longitude)
+        return (
+            (-sin_l, cos_l, 0.0),
+            (-sin_b * cos_l, -sin_b * sin_l, cos_b),
+            (cos_b * cos_l, cos_b * sin_l, sin_b),
+        )
+
+    @cached_property
+    def _origin(self) -> tuple[float, float, float]:
+        return _earth_centred(self.place)
+
+    @cached_property
+    def _site(self) -> Pose2:
+        return Pose2(0.0, 0.0, self.yaw_rad)
+
+    def to_site(self, place: Place) -> tuple[float, float, float]:
+        """x, y, z of a place in the site's frame, m."""
+        apart = [a - b for a, b in zip(_earth_centred(place), self._origin, strict=True)]
+        east, north, up = (
+            sum(a * b for a, b in zip(axis, apart, strict=True)) for axis in self._axes
+        )
+        return (*self._site.to_local(east, north), up)
+
+    def to_place(self, x_m: float, y_m: float, z_m: float = 0.0) -> Place:
+        """The inverse of ``to_site``."""
+        east, north = self._site.to_parent(x_m, y_m)
+        x, y, z = (
+            origin + east * e + north * n + z_m * u
+            for origin, e, n, u in zip(self._origin, *self._axes, strict=True)
+        )
+        return _geodetic(x, y, z)
+
+    def to_enu(self, pose: Pose2) -> Pose2:
+        """A pose of the site's frame in the frame that is told to objects: ENU at the datum."""
+        return Pose2(
+            *self._site.to_parent(pose.x_m, pose.y_m), wrap_angle(pose.yaw_rad + self.yaw_rad)
+        )
+
+    def of_enu(self, pose: Pose2) -> Pose2:
+        """The inverse of ``to_enu``."""
+        return Pose2(
+            *self._site.to_local(pose.x_m, pose.y_m), wrap_angle(pose.yaw_rad - self.yaw_rad)
+        )
+
+
+def _earth_centred(place: Place) -> tuple[float, float, float]:
+    latitude, longitude = math.radians(place.latitude_deg), math.radians(place.longitude_deg)
+    sin_b = math.sin(latitude)
+    normal_m = _A_M / math.sqrt(1.0 - _E2 * sin_b * sin_b)
+    across_m = (normal_m + place.altitude_m) * math.cos(latitude)
+    up_m = (normal_m * (1.0 - _E2) + place.altitude_m) * sin_b
+    return across_m * math.cos(longitude), across_m * math.sin(longitude), up_m
+
+
+def _geodetic(x_m: float, y_m: float, z_m: float) -> Place:
+    across_m = math.hypot(x_m, y_m)
+    latitude = math.atan2(z_m, across_m * (1.0 - _E2))
+    for _ in range(_STEPS):
+        sin_b = math.sin(latitude)
+        normal_m = _A_M / math.sqrt(1.0 - _E2 * sin_b * sin_b)
+        latitude = math.atan2(z_m + _E2 * normal_m * sin_b, across_m)
+    sin_b = math.sin(latitude)
+    altitude_m = across_m * math.cos(latitude) + z_m * sin_b
+    altitude_m -= _A_M * math.sqrt(1.0 - _E2 * sin_b * sin_b)
+    return Place(math.degrees(latitude), math.degrees(math.atan2(y_m, x_m)), altitude_m)
