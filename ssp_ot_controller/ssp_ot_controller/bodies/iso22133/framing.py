@@ -32,8 +32,9 @@ _CRC = struct.Struct("<H")
 HEADER_BYTES = _HEADER.size
 FRAME_BYTES = _HEADER.size + _CRC.size
 _ACKNOWLEDGE = 0x80
-# Payloads that are expected of an object. One with a trajectory is longer: see StreamDecoder.
+# Payloads that are expected of an object, and of a centre that sends trajectories.
 LONGEST_PAYLOAD_BYTES = 4096
+LONGEST_TRAJECTORY_BYTES = 1 << 20
 # Of damaged bytes, so many are kept as evidence.
 EVIDENCE_BYTES = 64
 
@@ -47,7 +48,8 @@ class Reason(Enum):
     CHECKSUM = "checksum"
     MESSAGE = "message id"
     ITEM = "item"
-    MISSING = "missing item"
+    MISSING = "missing value"
+    ORDER = "order"
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,8 +169,8 @@ class StreamDecoder:
     can be read. It keeps no more bytes than the longest frame has.
 
     Args:
-        longest_payload_bytes: a header that states more is taken for damage. Trajectories of an
-            object that is driven by another centre need more than the default.
+        longest_payload_bytes: a header that states more is taken for damage. What comes from a
+            control centre needs LONGEST_TRAJECTORY_BYTES.
 
     Attributes:
         rejected: how many headers or checksums were not taken, by their reason.

@@ -1,0 +1,107 @@
+"""References as trajectories of ISO 22133, and back.
+
+A trajectory's times count from the start that a STRT gives. Its points lie on a grid of these
+times: an object that is sent points of the same times again can only replace them, while points in
+between would be driven beside the old ones. Places are rounded to 1 mm, speeds to 1 cm/s.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import Pose2
+from ssp_core.motion.reference import Points, Reference, sample
+from ssp_ot_controller.bodies.iso22133.datum import Datum
+from ssp_ot_controller.bodies.iso22133.framing import Reason, Rejected
+from ssp_ot_controller.bodies.iso22133.messages import Traj, TrajectoryInfo, TrajPoint
+
+# Whole milliseconds, which is what the wire has.
+POINT_STEP_NS = 50_000_000
+_NAME_BYTES = 63
+
+
+def trajectory_of(
+    reference: Reference,
+    start_ns: int,
+    datum: Datum,
+    trajectory_id: int,
+    *,
+    from_ns: int | None = None,
+    to_ns: int | None = None,
+) -> Traj:
+    """A reference, or a part of it, as it is sent.
+
+    The last point of a whole reference is a standstill at its end.
+
+    Args:
+        reference: one that ``check_reference`` accepts; it begins no earlier than ``start_ns``.
+        start_ns: session time at which the trajectory's time is 0.
+        from_ns: session time of the first point that is sent; None: where the reference begins.
+        to_ns: session time before which the last point lies; None: the reference's end.
+
+    Raises:
+        ValueError: the reference begins before the start.
+    """
+    if reference.execute_at_ns < start_ns:
+        early_s = ns_to_seconds(start_ns - reference.execute_at_ns)
+        raise ValueError(f"{reference.reference_id} begins {early_s:.3f} s before the start")
+    begin_ns = max(reference.execute_at_ns, from_ns or 0) - start_ns
+    end_ns = reference.end_ns - start_ns
+    last = -(-end_ns // POINT_STEP_NS)
+    if to_ns is not None:
+        last = min(last, (to_ns - start_ns - 1) // POINT_STEP_NS)
+    points = []
+    for step in range(-(-begin_ns // POINT_STEP_NS), last + 1):
+        at_ns = step * POINT_STEP_NS
+        there = sample(reference, start_ns + at_ns)
+        pose = datum.to_enu(Pose2(there.x_m, there.y_m, there.yaw_rad))
+        points.append(
+            TrajPoint(
+                t_s=ns_to_seconds(at_ns),
+                x_m=pose.x_m,
+                y_m=pose.y_m,
+                z_m=0.0,
+                yaw_rad=pose.yaw_rad,
+                speed_mps=there.speed_mps,
+                lateral_speed_mps=0.0,
+                acceleration_mps2=there.acceleration_mps2,
+                lateral_acceleration_mps2=0.0,
+                curvature_1pm=there.curvature_1pm,
+            )
+        )
+    name = reference.reference_id.encode()[:_NAME_BYTES].decode(errors="ignore")
+    info = TrajectoryInfo.RELATIVE_TO_ORIGIN
+    return Traj(trajectory_id, info, name, tuple(points))
+
+
+def points_of(trajectory: Traj, datum: Datum) -> Points | Rejected:
+    """The points of a trajectory of another centre, with times since the start.
+
+    Accelerations that aren't stated are the differences of the speeds; curvatures that aren't
+    stated are the turn over the way.
+    """
+    if trajectory.info != TrajectoryInfo.RELATIVE_TO_ORIGIN:
+        text = f"trajectory info {trajectory.info} isn't supported, only relative to the origin"
+        return Rejected(Reason.ITEM, text)
+    if len(trajectory.points) < 2:
+        return Rejected(Reason.MISSING, f"{len(trajectory.points)} points, needs 2 or more")
+    rows = []
+    for number, point in enumerate(trajectory.points):
+        x, y, yaw, speed = point.x_m, point.y_m, point.yaw_rad, point.speed_mps
+        if x is None or y is None or yaw is None or speed is None:
+            return Rejected(Reason.MISSING, f"point {number} states no place, yaw or speed")
+        pose = datum.of_enu(Pose2(x, y, yaw))
+        stated = (point.acceleration_mps2, point.curvature_1pm)
+        rest = [np.nan if value is None else value for value in stated]
+        rows.append((point.t_s, pose.x_m, pose.y_m, pose.yaw_rad, speed, *rest))
+    columns = np.array(rows, dtype=np.float64).T.copy()
+    t_s, _, _, yaw_rad, speed_mps = columns[:5]
+    if not np.all(np.diff(t_s) > 0.0):
+        return Rejected(Reason.ORDER, "times of the points don't rise")
+    acceleration = np.gradient(speed_mps, t_s)
+    turn = np.gradient(np.unwrap(yaw_rad), t_s)
+    curvature = np.where(speed_mps > 0.1, turn / np.maximum(speed_mps, 0.1), 0.0)
+    columns[5] = np.where(np.isnan(columns[5]), acceleration, columns[5])
+    columns[6] = np.where(np.isnan(columns[6]), curvature, columns[6])
+    return Points(columns)
