@@ -1,0 +1,128 @@
+"""What an object reports: MONR as readings of a body, and GREM as answers to what was sent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import Pose2, wrap_angle
+from ssp_core.vocabulary import ControlState
+from ssp_ot_controller.bodies.body import BodyReading
+from ssp_ot_controller.bodies.iso22133.datum import Datum
+from ssp_ot_controller.bodies.iso22133.framing import Header, Reason, Rejected
+from ssp_ot_controller.bodies.iso22133.messages import DriveDirection, Grem, Monr
+from ssp_ot_controller.bodies.iso22133.states import state_of
+from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
+from ssp_ot_controller.bodies.odometry import ACCELERATION_FILTER_S, LeverArm
+
+# After a longer pause differences say nothing about the motion now.
+_MAX_PAUSE_S = 0.5
+
+
+class MonrReadings:
+    """Readings of one object's reference point, made of its MONR. Reads no clock.
+
+    A MONR states no yaw rate, and may state no acceleration: they are differences of yaw and
+    speed, through a first-order filter. It states no accuracy either.
+
+    Args:
+        lever: where the point that the object reports lies from the reference point.
+    """
+
+    def __init__(self, datum: Datum, lever: LeverArm | None = None) -> None:
+        self._datum = datum
+        self._lever = lever or LeverArm()
+        self._last: BodyReading | None = None
+
+    def take(self, monr: Monr, now_ns: int) -> BodyReading | Rejected:
+        """The reading of a MONR, or why it gives none.
+
+        Args:
+            now_ns: session time, for the GPS week.
+        """
+        missing = [name for name in _NEEDED if getattr(monr, name) is None]
+        x, y, yaw, speed, time_ns = (getattr(monr, name) for name in _NEEDED)
+        if missing:
+            return Rejected(Reason.MISSING, f"{', '.join(missing)} unavailable")
+        stamp_ns = nearest_utc_ns(time_ns, now_ns)
+        last = self._last
+        if last is not None and stamp_ns <= last.stamp_ns:
+            late_s = ns_to_seconds(last.stamp_ns - stamp_ns)
+            return Rejected(Reason.ORDER, f"is {late_s:.4f} s older than the newest one")
+        lever = self._lever
+        told = self._datum.of_enu(Pose2(x, y, yaw))
+        there = Pose2(told.x_m, told.y_m, wrap_angle(told.yaw_rad - lever.yaw_left_rad))
+        x_m, y_m = there.to_parent(-lever.forward_m, -lever.left_m)
+        if monr.drive_direction == DriveDirection.BACKWARD:
+            speed = -abs(speed)
+        acceleration, rate = self._derived(stamp_ns, speed, there.yaw_rad)
+        stated = monr.acceleration_mps2
+        self._last = BodyReading(
+            stamp_ns=stamp_ns,
+            x_m=x_m,
+            y_m=y_m,
+            yaw_rad=there.yaw_rad,
+            speed_mps=speed,
+            acceleration_mps2=acceleration if stated is None else stated,
+            yaw_rate_radps=rate,
+            position_std_m=math.nan,
+            brakes_by_itself=state_of(monr.state) is ControlState.ABORTING,
+        )
+        return self._last
+
+    def _derived(self, stamp_ns: int, speed_mps: float, yaw_rad: float) -> tuple[float, float]:
+        """Acceleration and yaw rate; 0 at first and after a pause."""
+        last = self._last
+        dt_s = math.inf if last is None else ns_to_seconds(stamp_ns - last.stamp_ns)
+        if last is None or dt_s > _MAX_PAUSE_S:
+            return 0.0, 0.0
+        share = -math.expm1(-dt_s / ACCELERATION_FILTER_S)
+        raw_mps2 = (speed_mps - last.speed_mps) / dt_s
+        raw_radps = wrap_angle(yaw_rad - last.yaw_rad) / dt_s
+        return (
+            last.acceleration_mps2 + share * (raw_mps2 - last.acceleration_mps2),
+            last.yaw_rate_radps + share * (raw_radps - last.yaw_rate_radps),
+        )
+
+
+_NEEDED = ("x_m", "y_m", "yaw_rad", "speed_mps", "time_of_week_ns")
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A GREM beside what it answers.
+
+    Args:
+        after_ns: since the message was sent.
+    """
+
+    grem: Grem
+    sent: Header
+    after_ns: int
+
+
+class Answers:
+    """Which messages with an acknowledge request were answered. Reads no clock.
+
+    Counters have 8 bits, so that no more than 256 messages of a kind are ever waited for.
+    """
+
+    def __init__(self) -> None:
+        self._sent: dict[tuple[int, int, int], tuple[Header, int]] = {}
+
+    def on_sent(self, header: Header, now_ns: int) -> None:
+        """A message that goes out; one that asks for no acknowledgement isn't waited for."""
+        if header.acknowledge:
+            key = header.transmitter_id, header.counter, header.message_id
+            self._sent[key] = header, now_ns
+
+    def on_grem(self, grem: Grem, now_ns: int) -> Answer | None:
+        """What it answers; None for an answer to nothing that waits for one."""
+        sent = self._sent.pop((grem.transmitter_id, grem.counter, grem.message_id), None)
+        return None if sent is None else Answer(grem, sent[0], now_ns - sent[1])
+
+    def silent(self, now_ns: int, limit_ns: int) -> list[Header]:
+        """Messages that weren't answered within a limit; each is told once."""
+        late = [key for key, (_, at_ns) in self._sent.items() if now_ns - at_ns > limit_ns]
+        return [self._sent.pop(key)[0] for key in late]
