@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.clock import NS_PER_S
+from ssp_core.geodesy import Datum, Place
 from ssp_core.geometry import Pose2
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.body import BodyReading
-from ssp_ot_controller.bodies.iso22133.datum import Datum, Place
 from ssp_ot_controller.bodies.iso22133.framing import (
     Header,
     Reason,

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.clock import NS_PER_S
+from ssp_core.geodesy import Datum, Place
 from ssp_core.motion.reference import Points, Reference, ReferencePoint, sample
-from ssp_ot_controller.bodies.iso22133.datum import Datum, Place
 from ssp_ot_controller.bodies.iso22133.framing import (
     LONGEST_TRAJECTORY_BYTES,
     Frame,

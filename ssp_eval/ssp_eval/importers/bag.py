@@ -19,6 +19,7 @@ from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, JPEG_START, RAW_TYPE, ImageMessage, read_image
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
+from ssp_core.geodesy import Datum
 from ssp_core.names import VUT_ID
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Intrinsics, Mounting
@@ -27,7 +28,6 @@ from ssp_eval.importers.options import ALL, ImportOptions
 from ssp_eval.importers.ros_bag import (
     TF_STATIC,
     Clock,
-    Datum,
     Poses,
     SourceBag,
     check_clocks,

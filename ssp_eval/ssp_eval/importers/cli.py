@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from ssp_core.console import note, out, progress
+from ssp_core.geodesy import Datum, Place
 from ssp_core.names import VUT_ID
 from ssp_core.options import Number
 from ssp_core.vocabulary import OBJECTS, ObjectClass
@@ -25,7 +26,7 @@ from ssp_eval.importers.options import (
     numbers,
     pairs,
 )
-from ssp_eval.importers.ros_bag import Clock, Datum
+from ssp_eval.importers.ros_bag import Clock
 from ssp_eval.importers.target import CameraFacts, ImportSummary, log_source, pinhole
 from ssp_eval.importers.video import TableOptions, VideoOptions, import_clip
 
@@ -283,4 +284,4 @@ def _datum(text: str) -> Datum:
     latitude, longitude, *altitude = numbers("--datum", text, "LAT,LON,ALT", least=2)
     if abs(latitude) > 90.0 or abs(longitude) > 180.0:
         raise click.UsageError(f"--datum {text}: LAT within -90 and 90, LON within -180 and 180")
-    return Datum(latitude, longitude, *altitude)
+    return Datum(Place(latitude, longitude, *altitude))

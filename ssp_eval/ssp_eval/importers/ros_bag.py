@@ -21,54 +21,10 @@ from ssp_core.cdr.messages import leading_stamp_ns, stamp_ns
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_core.files import Closing
-from ssp_core.geometry import FloatArray, yaw_of
+from ssp_core.geodesy import Datum
+from ssp_core.geometry import yaw_of
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.importers.tracks import Samples, Source
-
-_A_M = 6378137.0
-_F = 1 / 298.257223563
-_E2 = _F * (2 - _F)
-
-
-@dataclass(frozen=True)
-class Datum:
-    """Origin of a local frame: degrees, and metres above the ellipsoid."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float = 0.0
-
-
-def local(
-    datum: Datum, latitude_deg: FloatArray, longitude_deg: FloatArray, altitude_m: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """East and north of a datum, m, in the plane that touches the ellipsoid there."""
-    origin = _earth_fixed(
-        np.array([datum.latitude_deg]),
-        np.array([datum.longitude_deg]),
-        np.array([datum.altitude_m]),
-    )
-    away = _earth_fixed(latitude_deg, longitude_deg, altitude_m) - origin
-    lat, lon = np.radians(datum.latitude_deg), np.radians(datum.longitude_deg)
-    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
-    north = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
-    return away @ east, away @ north
-
-
-def _earth_fixed(
-    latitude_deg: FloatArray, longitude_deg: FloatArray, altitude_m: FloatArray
-) -> FloatArray:
-    """Earth-centred, earth-fixed coordinates, shape (n, 3), m."""
-    lat, lon = np.radians(latitude_deg), np.radians(longitude_deg)
-    normal = _A_M / np.sqrt(1 - _E2 * np.sin(lat) ** 2)
-    return np.column_stack(
-        [
-            (normal + altitude_m) * np.cos(lat) * np.cos(lon),
-            (normal + altitude_m) * np.cos(lat) * np.sin(lon),
-            (normal * (1 - _E2) + altitude_m) * np.sin(lat),
-        ]
-    )
-
 
 Clock = Literal["header", "receive"]
 # Two topics whose stamps lie further apart, measured by when both were received, are on two
@@ -345,10 +301,11 @@ def read_poses(bag: SourceBag, topic: str, clock: Clock, datum: Datum | None) ->
     columns = dict(zip(_COLUMNS[kind], np.array(rows).T, strict=True))
     notes = []
     if kind == FIX and datum is not None:
-        columns["x_m"], columns["y_m"] = local(
-            datum, columns.pop("latitude"), columns.pop("longitude"),
+        columns["x_m"], columns["y_m"], _ = datum.all_to_site(
+            columns.pop("latitude"),
+            columns.pop("longitude"),
             np.nan_to_num(columns.pop("altitude")),
-        )  # fmt: skip
+        )
         frame_id, child = DATUM_FRAME, frame_id
         notes.append(f"{topic}: geodetic, in the frame of the datum")
     elif kind == ODOMETRY:

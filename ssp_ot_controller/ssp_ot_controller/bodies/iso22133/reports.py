@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds
+from ssp_core.geodesy import Datum
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.body import BodyReading
-from ssp_ot_controller.bodies.iso22133.datum import Datum
 from ssp_ot_controller.bodies.iso22133.framing import Header, Reason, Rejected
 from ssp_ot_controller.bodies.iso22133.messages import DriveDirection, Grem, Monr
 from ssp_ot_controller.bodies.iso22133.states import state_of

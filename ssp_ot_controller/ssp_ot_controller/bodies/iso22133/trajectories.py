@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
+from ssp_core.geodesy import Datum
 from ssp_core.geometry import Pose2
 from ssp_core.motion.reference import Points, Reference, sample
-from ssp_ot_controller.bodies.iso22133.datum import Datum
 from ssp_ot_controller.bodies.iso22133.framing import Reason, Rejected
 from ssp_ot_controller.bodies.iso22133.messages import Traj, TrajectoryInfo, TrajPoint
 

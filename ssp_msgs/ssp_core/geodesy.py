@@ -1,9 +1,9 @@
 """Where a site lies on the Earth: geodetic places to the site's metres, and back.
 
-The site's plane touches the WGS 84 ellipsoid's normal at the datum (x east, y north, z up before it
-is turned by its yaw). The conversion is exact but for rounding, below a micrometre within 100 km.
-What isn't flat is the ground: at a distance d its height in the plane falls by d²/2R (8 cm at 1 km,
-2 m at 5 km), and a length along it appears shorter by d³/6R² (4 µm and 0.5 mm).
+The site's plane stands on the normal of the WGS 84 ellipsoid at the datum: x east, y north, z up,
+before it is turned by its yaw. The conversion is exact but for rounding, below a micrometre within
+100 km. What isn't flat is the ground: at a distance d its height in the plane falls by d²/2R (8 cm
+at 1 km, 2 m at 5 km), and a length along it appears shorter by d³/6R² (4 µm and 0.5 mm).
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-from ssp_core.geometry import Pose2, wrap_angle
+import numpy as np
+
+from ssp_core.geometry import FloatArray, Pose2, wrap_angle
 
 # WGS 84: semi-major axis, m, and the first eccentricity's square.
 _A_M = 6_378_137.0
@@ -34,7 +36,7 @@ class Place:
 
     latitude_deg: float
     longitude_deg: float
-    altitude_m: float
+    altitude_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -50,21 +52,24 @@ class Datum:
     yaw_rad: float = 0.0
 
     @cached_property
-    def _axes(self) -> tuple[tuple[float, float, float], ...]:
-        """East, north and up, Earth-centred."""
+    def _axes(self) -> FloatArray:
+        """East, north and up, Earth-centred; a row each."""
         latitude = math.radians(self.place.latitude_deg)
         longitude = math.radians(self.place.longitude_deg)
         sin_b, cos_b = math.sin(latitude), math.cos(latitude)
         sin_l, cos_l = math.sin(longitude), math.cos(longitude)
-        return (
+        rows = [
             (-sin_l, cos_l, 0.0),
             (-sin_b * cos_l, -sin_b * sin_l, cos_b),
             (cos_b * cos_l, cos_b * sin_l, sin_b),
-        )
+        ]
+        return np.array(rows)
 
     @cached_property
-    def _origin(self) -> tuple[float, float, float]:
-        return _earth_centred(self.place)
+    def _origin(self) -> FloatArray:
+        return _earth_centred(
+            self.place.latitude_deg, self.place.longitude_deg, self.place.altitude_m
+        )
 
     @cached_property
     def _site(self) -> Pose2:
@@ -72,23 +77,29 @@ class Datum:
 
     def to_site(self, place: Place) -> tuple[float, float, float]:
         """x, y, z of a place in the site's frame, m."""
-        apart = [a - b for a, b in zip(_earth_centred(place), self._origin, strict=True)]
-        east, north, up = (
-            sum(a * b for a, b in zip(axis, apart, strict=True)) for axis in self._axes
+        x, y, z = self.all_to_site(
+            np.array([place.latitude_deg]),
+            np.array([place.longitude_deg]),
+            np.array([place.altitude_m]),
         )
-        return (*self._site.to_local(east, north), up)
+        return float(x[0]), float(y[0]), float(z[0])
+
+    def all_to_site(
+        self, latitude_deg: FloatArray, longitude_deg: FloatArray, altitude_m: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As ``to_site``, for many places: arrays of shape (n,), each."""
+        apart = _earth_centred(latitude_deg, longitude_deg, altitude_m) - self._origin[:, None]
+        east, north, up = self._axes @ apart
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return c * east + s * north, c * north - s * east, up
 
     def to_place(self, x_m: float, y_m: float, z_m: float = 0.0) -> Place:
         """The inverse of ``to_site``."""
-        east, north = self._site.to_parent(x_m, y_m)
-        x, y, z = (
-            origin + east * e + north * n + z_m * u
-            for origin, e, n, u in zip(self._origin, *self._axes, strict=True)
-        )
-        return _geodetic(x, y, z)
+        x, y, z = self._origin + np.array([*self._site.to_parent(x_m, y_m), z_m]) @ self._axes
+        return _geodetic(float(x), float(y), float(z))
 
     def to_enu(self, pose: Pose2) -> Pose2:
-        """A pose of the site's frame in the frame that is told to objects: ENU at the datum."""
+        """A pose of the site's frame in the frame that isn't turned: ENU at the datum."""
         return Pose2(
             *self._site.to_parent(pose.x_m, pose.y_m), wrap_angle(pose.yaw_rad + self.yaw_rad)
         )
@@ -100,13 +111,18 @@ class Datum:
         )
 
 
-def _earth_centred(place: Place) -> tuple[float, float, float]:
-    latitude, longitude = math.radians(place.latitude_deg), math.radians(place.longitude_deg)
-    sin_b = math.sin(latitude)
-    normal_m = _A_M / math.sqrt(1.0 - _E2 * sin_b * sin_b)
-    across_m = (normal_m + place.altitude_m) * math.cos(latitude)
-    up_m = (normal_m * (1.0 - _E2) + place.altitude_m) * sin_b
-    return across_m * math.cos(longitude), across_m * math.sin(longitude), up_m
+def _earth_centred(
+    latitude_deg: FloatArray | float,
+    longitude_deg: FloatArray | float,
+    altitude_m: FloatArray | float,
+) -> FloatArray:
+    """x, y, z in rows, m."""
+    latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
+    sin_b = np.sin(latitude)
+    normal_m = _A_M / np.sqrt(1.0 - _E2 * sin_b * sin_b)
+    across_m = (normal_m + altitude_m) * np.cos(latitude)
+    up_m = (normal_m * (1.0 - _E2) + altitude_m) * sin_b
+    return np.array([across_m * np.cos(longitude), across_m * np.sin(longitude), up_m])
 
 
 def _geodetic(x_m: float, y_m: float, z_m: float) -> Place:

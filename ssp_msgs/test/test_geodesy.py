@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ssp_core.geodesy import Datum, Place
 from ssp_core.geometry import Pose2
-from ssp_ot_controller.bodies.iso22133.datum import Datum, Place
 
 TRACK = Place(57.7779, 12.7810, 201.5)
 latitudes = st.floats(-90.0, 90.0)
@@ -95,3 +96,12 @@ def test_poses_turn_with_the_site(origin: Place, yaw: float, x: float, y: float,
     ahead = datum.to_enu(Pose2(x + math.cos(h), y + math.sin(h), h))
     step = (ahead.x_m - told.x_m, ahead.y_m - told.y_m)
     assert step == pytest.approx((math.cos(told.yaw_rad), math.sin(told.yaw_rad)), abs=1e-6)
+
+
+@given(st.lists(places, max_size=5), angles)
+def test_many_places_are_as_one_after_the_other(many: list[Place], yaw: float) -> None:
+    datum = Datum(TRACK, yaw)
+    rows = [(p.latitude_deg, p.longitude_deg, p.altitude_m) for p in many]
+    found = np.array(datum.all_to_site(*np.array(rows).reshape(-1, 3).T))
+    alone = [datum.to_site(place) for place in many]
+    assert np.allclose(found.T, np.array(alone).reshape(-1, 3), rtol=0.0, atol=1e-7)
