@@ -35,9 +35,11 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     VENDORS,
     Accm,
     CentreStatus,
+    CoordinateSystem,
     Decoded,
     Dreq,
     Dres,
+    DriveDirection,
     Exac,
     Grem,
     Heab,
@@ -46,13 +48,18 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Monr,
     Mtsp,
     ObjectCommand,
+    ObjectError,
     Opaque,
     Osem,
+    OsemTestMode,
     Ostm,
     Rcmm,
+    ReadyToArm,
+    ResponseCode,
     Strt,
     Sypm,
     Traj,
+    TrajectoryInfo,
     TrajPoint,
     Trcm,
     Treo,
@@ -61,6 +68,10 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 )
 from ssp_ot_controller.bodies.iso22133.units import QUARTER_MS_NS
 
+ENUMERATIONS = (
+    TrajectoryInfo, CoordinateSystem, OsemTestMode, ObjectCommand, CentreStatus, DriveDirection,
+    ReadyToArm, ObjectError, ResponseCode,
+)  # fmt: skip
 CLASSES: tuple[type, ...] = (
     Traj, Osem, Ostm, Strt, Heab, Monr, Rcmm, Sypm, Mtsp, Dreq, Dres, Accm, Treo, Exac, Grem, Trcm,
 )  # fmt: skip
@@ -206,6 +217,135 @@ def test_a_monr_byte_by_byte() -> None:
         "80 00 24 00 a0 0f 00 00 e8 03 00 00 30 f8 ff ff 00 00 00 80 28 23 00 00 00 00 "
         "f4 01 00 80 24 fa 00 80 00 04 01 00 34 12"
     )
+
+
+# Payloads by hand; <63> stands for 63 bytes of zeros. A reference implementation gives the same.
+KNOWN: list[tuple[Message, str]] = [
+    (
+        Traj(7, 2, "a", (TrajPoint(1.5, 1.0, -2.0, 0.25, 1.0, 8.0, -0.5, 2.0, None, 0.125),)),
+        "01010200070004010100020201400061<63>01001e00dc050000e803000030f8fffffa0000006216"
+        "2003ceffd00700800000003e5300010004",
+    ),
+    (
+        Osem(
+            1,
+            2,
+            3,
+            57.5,
+            -12.25,
+            201.5,
+            0.5,
+            3,
+            20260102,
+            2400,
+            4000 * QUARTER_MS_NS,
+            18,
+            0.5,
+            0.25,
+            0.1,
+            0.05,
+            0.2,
+            1,
+            100,
+            10,
+            50,
+            None,
+            0x0100007F,
+            123,
+        ),
+        "20000c000100000002000000030000002100130000b6abe0850000576e7ae3ffb64e0000310b0322"
+        "000b00062535016009a00f00001223001200f401fa003d020500140001640a32ffffffff24000600"
+        "7f0000017b00",
+    ),
+    (
+        Ostm(ObjectCommand.ALL_CLEAR),
+        "640001000a",
+    ),
+    (
+        Strt(4000 * QUARTER_MS_NS, 2400),
+        "02000400a00f0000030002006009",
+    ),
+    (
+        Strt(None, None),
+        "02000400ffffffff03000200ffff",
+    ),
+    (
+        Rcmm(1, 3, 0.1, -5, 2.0, 6, 7, 8),
+        "010001000101a2010003120002003d0231000200fbff11000200c800320002000600330002000700"
+        "340002000800",
+    ),
+    (
+        Sypm(1.5, 70.0),
+        "01000400dc0500000200040070110100",
+    ),
+    (
+        Mtsp(4000 * QUARTER_MS_NS),
+        "01000400a00f0000",
+    ),
+    (
+        Dreq(),
+        "",
+    ),
+    (
+        Trcm(1, 0x10, 0x80, None, 5),
+        "010002000100020002001000110004008000000012000400ffffffff1300040005000000",
+    ),
+    (
+        Accm(1, 0x10, None, 4, 5),
+        "020002000100030002001000a1000400ffffffffa200040004000000a300040005000000",
+    ),
+    (
+        Treo(1, 4000 * QUARTER_MS_NS),
+        "01000200010002000400a00f0000",
+    ),
+    (
+        Exac(1, None),
+        "02000200010003000400ffffffff",
+    ),
+    (
+        Grem(9, 8, 3, ResponseCode.CHUNK_RECEIVED, 1, b"x"),
+        "0002040009000000010201000802020200030003020100060402020001000502010078",
+    ),
+]
+
+
+@pytest.mark.parametrize(("message", "payload"), KNOWN, ids=lambda v: type(v).__name__)
+def test_payloads_of_the_other_messages(message: Message, payload: str) -> None:
+    data = encode(message)
+    assert data[18:-2] == bytes.fromhex(payload.replace("<63>", "00" * 63))
+    assert encode(message_of(data)) == data
+
+
+def test_enumerations_have_the_numbers_of_the_wire() -> None:
+    numbers = {kind.__name__: {e.name: e.value for e in kind} for kind in ENUMERATIONS}
+    assert numbers == {
+        "TrajectoryInfo": {"RELATIVE_TO_OBJECT": 1, "RELATIVE_TO_ORIGIN": 2, "DELETE": 3},
+        "CoordinateSystem": {"ETRS89": 0, "NAD83": 1, "ITRF2000": 2, "WGS84": 3, "LOCAL": 4},
+        "OsemTestMode": {"PREPLANNED": 0, "ONLINE": 1, "SCENARIO": 2},
+        "ObjectCommand": {"ARM": 2, "DISARM": 3, "REMOTE_CONTROL": 6, "ALL_CLEAR": 10},
+        "CentreStatus": {
+            "INIT": 0, "READY": 1, "ABORT": 2, "RUNNING": 3, "TEST_DONE": 4, "NORMAL_STOP": 5,
+        },
+        "DriveDirection": {"FORWARD": 0, "BACKWARD": 1},
+        "ReadyToArm": {"NOT_READY": 0, "READY": 1},
+        "ObjectError": {
+            "VENDOR": 1, "SYNC_POINT_ENDED": 2, "OTHER": 4, "BATTERY_FAULT": 8,
+            "ENGINE_FAULT": 16, "BAD_POSITIONING_ACCURACY": 32, "OUTSIDE_GEOFENCE": 64,
+            "ABORT_REQUEST": 128,
+        },
+        "ResponseCode": {
+            "OK": 1, "GENERAL_ERROR": 2, "NOT_SUPPORTED": 3, "NO_MEMORY": 4, "INVALID_DATA": 5,
+            "CHUNK_RECEIVED": 6,
+        },
+    }  # fmt: skip
+    messages = "TRAJ OSEM OSTM STRT HEAB MONR MONR2 SOWM INFO RCMM SYPM MTSP"
+    assert [MessageId(n).name for n in range(1, 13)] == messages.split()
+    rest = {i.name: i.value for i in MessageId if i > 12}
+    assert rest == {
+        "DREQ": 0x10, "DRES": 0x11, "ACCM": 0x12, "TREO": 0x13, "EXAC": 0x14, "CATA": 0x15,
+        "GREM": 0x18, "RCCM": 0x20, "TRCM": 0x21, "PIME": 0x30, "COSE": 0x31, "MOMA": 0x32,
+        "RCRT": 0x33,
+    }  # fmt: skip
 
 
 def test_48_bits_hold_a_place_in_the_south_west_to_a_ten_billionth_of_a_degree() -> None:
