@@ -76,7 +76,7 @@ def test_a_monr_becomes_a_reading_of_the_reference_point() -> None:
     assert (reading.x_m, reading.y_m) == pytest.approx((11.0, 18.0))
     assert (reading.yaw_rad, reading.speed_mps) == pytest.approx((math.pi / 2, 5.0))
     assert reading.acceleration_mps2 == -1.0
-    assert math.isnan(reading.position_std_m)
+    assert reading.position_std_m == math.inf
     assert not reading.brakes_by_itself
 
 
@@ -91,6 +91,12 @@ def test_a_turned_site_sees_the_object_in_its_own_frame() -> None:
 def test_a_monr_without_place_motion_or_time_gives_no_reading(name: str) -> None:
     found = MonrReadings(FLAT).take(monr(T0, **{name: None}), T0)
     assert found == Rejected(Reason.MISSING, f"{name} unavailable")
+
+
+def test_an_object_is_as_accurate_as_it_was_asked_to_be_until_it_says_that_it_is_not() -> None:
+    readings = MonrReadings(FLAT, position_error_m=0.05)
+    assert taken(readings, monr(T0, error_status=0xDF), T0).position_std_m == 0.05
+    assert taken(readings, monr(T0 + MS, error_status=0x20), T0).position_std_m == math.inf
 
 
 def test_an_old_monr_is_not_taken_again() -> None:

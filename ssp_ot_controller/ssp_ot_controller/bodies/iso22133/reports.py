@@ -11,7 +11,12 @@ from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.body import BodyReading
 from ssp_ot_controller.bodies.iso22133.framing import Header, Reason, Rejected
-from ssp_ot_controller.bodies.iso22133.messages import DriveDirection, Grem, Monr
+from ssp_ot_controller.bodies.iso22133.messages import (
+    DriveDirection,
+    Grem,
+    Monr,
+    ObjectError,
+)
 from ssp_ot_controller.bodies.iso22133.states import state_of
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
 from ssp_ot_controller.bodies.odometry import ACCELERATION_FILTER_S, LeverArm
@@ -24,14 +29,22 @@ class MonrReadings:
     """Readings of one object's reference point, made of its MONR. Reads no clock.
 
     A MONR states no yaw rate, and may state no acceleration: they are differences of yaw and
-    speed, through a first-order filter. It states no accuracy either.
+    speed, through a first-order filter. It states no accuracy either, only that it is bad.
 
     Args:
         lever: where the point that the object reports lies from the reference point.
+        position_error_m: the largest one that its OSEM allowed, taken for the accuracy of an
+            object that is trusted to report a worse one; infinite where none is.
     """
 
-    def __init__(self, datum: Datum, lever: LeverArm | None = None) -> None:
+    def __init__(
+        self,
+        datum: Datum,
+        lever: LeverArm | None = None,
+        position_error_m: float = math.inf,
+    ) -> None:
         self._datum = datum
+        self._position_error_m = position_error_m
         self._lever = lever or LeverArm()
         self._last: BodyReading | None = None
 
@@ -58,6 +71,7 @@ class MonrReadings:
             speed = -abs(speed)
         acceleration, rate = self._derived(stamp_ns, speed, there.yaw_rad)
         stated = monr.acceleration_mps2
+        inaccurate = monr.error_status & ObjectError.BAD_POSITIONING_ACCURACY
         self._last = BodyReading(
             stamp_ns=stamp_ns,
             x_m=x_m,
@@ -66,7 +80,7 @@ class MonrReadings:
             speed_mps=speed,
             acceleration_mps2=acceleration if stated is None else stated,
             yaw_rate_radps=rate,
-            position_std_m=math.nan,
+            position_std_m=math.inf if inaccurate else self._position_error_m,
             brakes_by_itself=state_of(monr.state) is ControlState.ABORTING,
         )
         return self._last
