@@ -17,6 +17,7 @@ from ssp_ot_controller.bodies.iso22133.framing import (
     EVIDENCE_BYTES,
     FRAME_BYTES,
     LONGEST_PAYLOAD_BYTES,
+    LONGEST_TRAJECTORY_BYTES,
     NO_ID,
     SYNC,
     Frame,
@@ -30,7 +31,7 @@ from ssp_ot_controller.bodies.iso22133.framing import (
     pack_frame,
     pack_items,
 )
-from ssp_ot_controller.bodies.iso22133.layout import TURN, Wire
+from ssp_ot_controller.bodies.iso22133.layout import MOST_ODD, TURN, Wire
 from ssp_ot_controller.bodies.iso22133.messages import (
     VENDORS,
     Accm,
@@ -449,6 +450,30 @@ def test_unknown_items_are_left_out_and_told() -> None:
     assert isinstance(found, Decoded)
     assert found.message == Ostm(ObjectCommand.ARM)
     assert found.odd == ("has item 0xA000, which isn't known",)
+
+
+def test_a_message_full_of_unknown_items_is_told_of_in_short() -> None:
+    found = read(framed(MessageId.DREQ, *[(number, b"") for number in range(1000)]))
+    assert isinstance(found, Decoded)
+    assert len(found.odd) == MOST_ODD
+
+
+def test_the_longest_trajectory_is_read_in_good_time() -> None:
+    """Once for each point, not once for each pair of points."""
+    many = (TrajPoint(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, None, None, None, None),) * 30_000
+    sent = encode(Traj(1, 2, "", many))
+    (frame,) = StreamDecoder(LONGEST_TRAJECTORY_BYTES).feed(sent)
+    assert isinstance(frame, Frame)
+    found = decode(frame)
+    assert isinstance(found, Decoded)
+    assert found.message == Traj(1, 2, "", many)
+
+
+@pytest.mark.parametrize("wire", [0, TURN])
+def test_a_full_turn_is_no_turn(wire: int) -> None:
+    data = bytearray(encode(MONR))
+    data[38:40] = wire.to_bytes(2, "little")
+    assert message_of(pack_frame(Header(MessageId.MONR), bytes(data[18:-2]))) == monr(yaw_rad=0.0)
 
 
 @pytest.mark.parametrize("wire", [TURN + 1, 45_000, 64_963])

@@ -24,6 +24,8 @@ _LETTERS = {
 }  # fmt: skip
 _TEXT_BYTES = 64
 _BITS_48 = 48
+# What is told of one message at most.
+MOST_ODD = 20
 # Hundredths of a degree in a rad, and in a full turn.
 PER_RAD = 18_000.0 / math.pi
 TURN = 36_000
@@ -149,6 +151,11 @@ def _single(name: str, value: float) -> float:
     return float(single)
 
 
+def _tell(odd: list[str], text: str) -> None:
+    if len(odd) < MOST_ODD:
+        odd.append(text)
+
+
 def _from_wire(field: _Field, raw: Any, odd: list[str]) -> Any:
     """The field's value; what isn't one is None, and told."""
     wire = field.wire
@@ -156,14 +163,14 @@ def _from_wire(field: _Field, raw: Any, odd: list[str]) -> Any:
         return raw.split(b"\0", 1)[0].decode(errors="replace")
     if wire.code == "f32":
         if math.isinf(raw):
-            odd.append(f"{field.name} is {raw}")
+            _tell(odd, f"{field.name} is {raw}")
         return raw if math.isfinite(raw) else None
     if wire.code == "i48":
         raw = int.from_bytes(raw, "little", signed=True)
     if raw == wire.none:
         return None
     if wire.turns and not 0 <= raw <= TURN:
-        odd.append(f"{field.name} states {raw / 100:g} degrees")
+        _tell(odd, f"{field.name} states {raw / 100:g} degrees")
         return None
     if wire.per_unit is None:
         return raw * wire.step
@@ -199,14 +206,15 @@ def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | Reje
     """A message of a class, or why its items are none.
 
     Args:
-        odd: is told of items that the message doesn't have, and of values that are none.
+        odd: is told of items that the message doesn't have, and of values that are none; of the
+            first MOST_ODD.
     """
     known = {group.value_id: group for group in _groups_of(cls)}
     values: dict[str, Any] = {}
     for item in items:
         group = known.get(item.value_id)
         if group is None:
-            odd.append(f"has item 0x{item.value_id:04X}, which isn't known")
+            _tell(odd, f"has item 0x{item.value_id:04X}, which isn't known")
             continue
         problem = _read_item(group, item, values, odd)
         if problem is not None:
@@ -214,11 +222,9 @@ def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | Reje
             return Rejected(Reason.ITEM, f"item 0x{item.value_id:04X} {problem}", evidence)
     for group in known.values():
         first = group.fields[0]
-        if first.name in values:
-            continue
         if first.wire.points is not None:
-            values[first.name] = ()
-        elif not group.optional:
+            values[first.name] = tuple(values.get(first.name, ()))
+        elif first.name not in values and not group.optional:
             return Rejected(Reason.MISSING, f"item 0x{group.value_id:04X} is missing")
     return cls(**values)
 
@@ -230,7 +236,7 @@ def _read_item(group: _Group, item: Item, values: dict[str, Any], odd: list[str]
         point = read_items(first.wire.points, (item,), odd)
         if isinstance(point, Rejected):
             return point.text
-        values[first.name] = (*values.get(first.name, ()), point)
+        values.setdefault(first.name, []).append(point)
         return None
     if first.name in values:
         return "comes twice"
