@@ -259,6 +259,10 @@ KNOWN: list[tuple[Message, str]] = [
         "7f0000017b00",
     ),
     (
+        Dres("v", "p", "f", "n", 1, 7),
+        "9000400076<63>9100400070<63>9200400066<63>930040006e<63>94000100019500040007000000",
+    ),
+    (
         Ostm(ObjectCommand.ALL_CLEAR),
         "640001000a",
     ),
@@ -587,6 +591,7 @@ def test_a_length_within_the_limit_holds_up_until_the_caller_gives_it_up() -> No
     lost, found = decoder.resync()
     assert isinstance(lost, Rejected)
     assert isinstance(found, Frame)
+    assert decoder.skipped_bytes == len(long)
     assert decoder.resync() == []
 
 
