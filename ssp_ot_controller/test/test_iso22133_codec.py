@@ -1,37 +1,26 @@
-"""ISO 22133 on the wire: bytes known by hand, round trips, damage, and arbitrary bytes."""
+"""ISO 22133 on the wire: bytes known by hand, round trips, and what can't be sent or taken."""
 
 from __future__ import annotations
 
 import math
-import random
-import sys
-from dataclasses import fields
-from itertools import pairwise
-from typing import Any, get_type_hints
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_ot_controller.bodies.iso22133.framing import (
-    EVIDENCE_BYTES,
-    FRAME_BYTES,
-    LONGEST_PAYLOAD_BYTES,
     LONGEST_TRAJECTORY_BYTES,
     NO_ID,
-    SYNC,
     Frame,
     Header,
-    Item,
     Reason,
     Rejected,
     StreamDecoder,
     frames_of,
-    items_of,
     pack_frame,
-    pack_items,
 )
-from ssp_ot_controller.bodies.iso22133.layout import MOST_ODD, TURN, Wire
+from ssp_ot_controller.bodies.iso22133.layout import MOST_ODD, TURN
 from ssp_ot_controller.bodies.iso22133.messages import (
     VENDORS,
     Accm,
@@ -68,98 +57,22 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     encode,
 )
 from ssp_ot_controller.bodies.iso22133.units import QUARTER_MS_NS
+from support.iso22133 import (
+    CLASSES,
+    MONR,
+    framed,
+    message_of,
+    messages_of,
+    monr,
+    opaque,
+    osem_at,
+    read,
+)
 
 ENUMERATIONS = (
     TrajectoryInfo, CoordinateSystem, OsemTestMode, ObjectCommand, CentreStatus, DriveDirection,
     ReadyToArm, ObjectError, ResponseCode,
 )  # fmt: skip
-CLASSES: tuple[type, ...] = (
-    Traj, Osem, Ostm, Strt, Heab, Monr, Rcmm, Sypm, Mtsp, Dreq, Dres, Accm, Treo, Exac, Grem, Trcm,
-)  # fmt: skip
-MONR = Monr(
-    time_of_week_ns=1_000_000_000,
-    x_m=1.0,
-    y_m=-2.0,
-    z_m=None,
-    yaw_rad=math.pi / 2,
-    pitch_rad=0.0,
-    roll_rad=0.0,
-    speed_mps=5.0,
-    lateral_speed_mps=None,
-    acceleration_mps2=-1.5,
-    lateral_acceleration_mps2=None,
-    drive_direction=0,
-    state=4,
-    ready_to_arm=1,
-    error_status=0,
-    error_code=0x1234,
-)
-
-
-def read(data: bytes) -> Decoded | Rejected:
-    """The one message of these bytes."""
-    (frame,) = frames_of(data)
-    return frame if isinstance(frame, Rejected) else decode(frame)
-
-
-def message_of(data: bytes) -> Message:
-    found = read(data)
-    assert isinstance(found, Decoded), found
-    return found.message
-
-
-# -- what may be sent, made from the tables -------------------------------------------------------
-
-
-def values_of(wire: Wire) -> st.SearchStrategy[Any]:
-    """Values that lie on the wire's grid."""
-    if wire.points is not None:
-        return st.lists(messages_of(wire.points), max_size=4).map(tuple)
-    if wire.code == "text":
-        letters = st.characters(codec="utf-8", exclude_characters="\0")
-        return st.text(letters, max_size=20).filter(lambda text: len(text.encode()) < 64)
-    if wire.code == "bytes":
-        return st.none() | st.binary(max_size=40)
-    if wire.code == "f32":
-        return st.none() | st.floats(width=32, allow_nan=False, allow_infinity=False)
-    bits = int(wire.code[1:])
-    low = -(1 << bits - 1) if wire.code[0] == "i" else 0
-    high = TURN - 1 if wire.turns else low + (1 << bits) - 1
-    numbers = st.integers(low, high) | st.sampled_from([low, high])
-    steps = numbers.filter(lambda raw: raw != wire.none)
-    values = (
-        steps.map(lambda raw: raw * wire.step)
-        if wire.per_unit is None
-        else steps.map(lambda raw: raw / (wire.per_unit or 1.0))
-    )
-    return values if wire.none is None else st.none() | values
-
-
-@st.composite
-def messages_of(draw: st.DrawFn, cls: type) -> Any:
-    hints = get_type_hints(cls, include_extras=True)
-    items: dict[int, list[Any]] = {}
-    for field in fields(cls):
-        wire = hints[field.name].__metadata__[0]
-        items.setdefault(wire.value_id, []).append((field, wire))
-    values: dict[str, Any] = {}
-    for parts in items.values():
-        # An optional item is there with all of its values, or isn't.
-        absent = all(field.default is None for field, _ in parts) and draw(st.booleans())
-        for field, wire in parts:
-            values[field.name] = None if absent else draw(values_of(wire))
-    return cls(**values)
-
-
-items_strategy = st.lists(
-    st.builds(Item, st.integers(0, 0xFFFF), st.binary(max_size=30)), max_size=5
-).map(tuple)
-opaque = st.builds(
-    Opaque,
-    st.sampled_from([MessageId.MONR2.value, MessageId.CATA.value, VENDORS[0], VENDORS[-1]]),
-    items_strategy,
-)
-messages = st.one_of(*(messages_of(cls) for cls in CLASSES), opaque)
 headers = st.fixed_dictionaries(
     {
         "transmitter_id": st.integers(0, NO_ID),
@@ -363,13 +276,6 @@ def test_48_bits_hold_a_place_in_the_south_west_to_a_ten_billionth_of_a_degree()
     assert (-706_693_000_000).to_bytes(6, "little", signed=True) in encode(osem)
 
 
-def osem_at(latitude_deg: float, longitude_deg: float) -> Osem:
-    return Osem(
-        1, 0, 0, latitude_deg, longitude_deg, 12.5, 0.0, 3, 20260101, 2400, 0, 18,
-        0.5, 0.3, 0.1, 0.05, 0.1, 1, 100, 1, 100, None,
-    )  # fmt: skip
-
-
 def test_the_acknowledge_request_is_the_highest_bit_beside_the_version() -> None:
     assert encode(Ostm(ObjectCommand.ARM))[6] == 0x02
     assert encode(Ostm(ObjectCommand.ARM), acknowledge=True)[6] == 0x82
@@ -379,10 +285,6 @@ def test_an_angle_just_below_a_full_turn_is_zero_and_negative_ones_wrap() -> Non
     for yaw_rad, wire in [(2 * math.pi - 1e-5, 0), (-math.pi / 2, 27_000), (5 * math.pi, 18_000)]:
         data = encode(monr(yaw_rad=yaw_rad))
         assert int.from_bytes(data[38:40], "little") == wire
-
-
-def monr(**changes: Any) -> Monr:
-    return Monr(**{f.name: getattr(MONR, f.name) for f in fields(Monr)} | changes)
 
 
 # -- what can't be sent ---------------------------------------------------------------------------
@@ -420,10 +322,6 @@ def test_ids_and_counters_that_do_not_fit_are_refused() -> None:
 
 
 # -- what is not taken ----------------------------------------------------------------------------
-
-
-def framed(message_id: int, *items: tuple[int, bytes]) -> bytes:
-    return pack_frame(Header(message_id), pack_items(Item(i, c) for i, c in items))
 
 
 @pytest.mark.parametrize(
@@ -496,168 +394,3 @@ def test_numbers_outside_of_their_enumeration_are_kept_as_they_came() -> None:
     back = message_of(encode(monr(drive_direction=2, ready_to_arm=2, state=42)))
     assert isinstance(back, Monr)
     assert (back.drive_direction, back.ready_to_arm, back.state) == (2, 2, 42)
-
-
-@pytest.mark.parametrize("version", [v for v in range(128) if v != 2])
-def test_every_other_version_is_refused(version: int) -> None:
-    for acknowledge in (0, 0x80):
-        data = bytearray(encode(MONR))
-        data[6] = version | acknowledge
-        found = frames_of(bytes(data))
-        assert not any(isinstance(one, Frame) for one in found)
-        assert isinstance(found[0], Rejected)
-        assert found[0].reason is Reason.VERSION
-        assert f"version {version}," in found[0].text
-
-
-@given(messages, st.integers(0), st.integers(1, 255))
-def test_one_changed_byte_is_never_taken_for_a_message(
-    message: Message, place: int, change: int
-) -> None:
-    data = bytearray(encode(message))
-    at = place % len(data)
-    data[at] ^= change
-    found = [one for one in frames_of(bytes(data)) if isinstance(one, Frame)]
-    # The acknowledge request is no part of the version; the checksum covers it like all others.
-    assert found == []
-
-
-# -- streams --------------------------------------------------------------------------------------
-
-
-def fed(decoder: StreamDecoder, data: bytes, cuts: list[int]) -> list[Frame | Rejected]:
-    found: list[Frame | Rejected] = []
-    edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
-    for start, end in pairwise(edges):
-        found += decoder.feed(data[start:end])
-    return found
-
-
-@given(st.lists(messages, max_size=5), st.lists(st.integers(0), max_size=8))
-def test_a_stream_in_pieces_is_the_same_messages(sent: list[Message], cuts: list[int]) -> None:
-    decoder = StreamDecoder()
-    found = fed(decoder, b"".join(map(encode, sent)), cuts)
-    frames = [one for one in found if isinstance(one, Frame)]
-    assert [one.data for one in frames] == [encode(message) for message in sent]
-    assert found == frames
-    assert (decoder.waiting_bytes, decoder.skipped_bytes, decoder.rejected.total()) == (0, 0, 0)
-
-
-@given(st.lists(st.tuples(st.binary(max_size=60), messages), max_size=4), st.binary(max_size=60))
-def test_after_damage_the_stream_goes_on(parts: list[tuple[bytes, Message]], last: bytes) -> None:
-    """A header that damage makes up may wait for bytes; when these have come, all is found."""
-    decoder = StreamDecoder(longest_payload_bytes=2000)
-    end = encode(Dreq())
-    data = b"".join(junk + encode(message) for junk, message in parts) + last + end
-    found = decoder.feed(data)
-    while decoder.waiting_bytes:
-        found += decoder.resync()
-    frames = [one.data for one in found if isinstance(one, Frame)]
-    # Junk may hold a frame only by a checksum that fits by accident; none of these does.
-    assert [one for one in frames if one in {encode(m) for _, m in parts} | {end}] == frames
-    assert len(frames) == len(parts) + 1
-    assert decoder.skipped_bytes + sum(map(len, frames)) == len(data)
-
-
-def test_a_frame_inside_of_a_damaged_one_is_found() -> None:
-    inner = encode(Heab(0, 0))
-    outer = bytearray(pack_frame(Header(MessageId.MONR), inner))
-    outer[-1] ^= 1
-    decoder = StreamDecoder()
-    found = decoder.feed(bytes(outer))
-    lost, whole = found[:2]
-    assert isinstance(lost, Rejected)
-    assert lost.reason is Reason.CHECKSUM
-    assert lost.evidence == bytes(outer[:EVIDENCE_BYTES])
-    assert isinstance(whole, Frame)
-    assert whole.data == inner
-
-
-def test_a_length_beyond_the_limit_is_damage_and_holds_nothing_up() -> None:
-    long = bytearray(encode(MONR))
-    long[2:6] = (LONGEST_PAYLOAD_BYTES + 1).to_bytes(4, "little")
-    decoder = StreamDecoder()
-    first, second = decoder.feed(bytes(long) + encode(MONR))
-    assert isinstance(first, Rejected)
-    assert first.reason is Reason.LENGTH
-    assert isinstance(second, Frame)
-
-
-def test_a_length_within_the_limit_holds_up_until_the_caller_gives_it_up() -> None:
-    long = bytearray(encode(MONR))
-    long[2:6] = LONGEST_PAYLOAD_BYTES.to_bytes(4, "little")
-    decoder = StreamDecoder()
-    assert decoder.feed(bytes(long) + encode(MONR)) == []
-    lost, found = decoder.resync()
-    assert isinstance(lost, Rejected)
-    assert isinstance(found, Frame)
-    assert decoder.skipped_bytes == len(long)
-    assert decoder.resync() == []
-
-
-def test_a_long_loss_is_told_once_and_counted() -> None:
-    decoder = StreamDecoder()
-    told = [one for _ in range(100) for one in decoder.feed(SYNC + bytes(50))]
-    assert len(told) == 1
-    assert decoder.rejected[Reason.VERSION] == 100
-    assert decoder.skipped_bytes == 5200
-
-
-# -- arbitrary bytes ------------------------------------------------------------------------------
-
-
-def mutated(rng: random.Random, data: bytes) -> bytes:
-    """Bytes changed, left out, doubled, cut off; half of them with a checksum that fits."""
-    out = bytearray(data)
-    for _ in range(rng.randrange(1, 5)):
-        at = rng.randrange(len(out) + 1)
-        kind = rng.randrange(4)
-        if kind == 0 and out:
-            out[at % len(out)] = rng.choice([0, 1, 0x7E, 0x7F, 0x80, 0xFF, rng.randrange(256)])
-        elif kind == 1:
-            del out[at : at + rng.randrange(1, 4)]
-        elif kind == 2:
-            out[at:at] = out[: rng.randrange(20)]
-        else:
-            del out[at:]
-    if rng.random() < 0.5 and len(out) > FRAME_BYTES:
-        header = Header(int.from_bytes(out[16:18], "little"))
-        return pack_frame(header, bytes(out[18:-2]))
-    return bytes(out)
-
-
-EXAMPLES = [
-    encode(MONR),
-    encode(osem_at(57.7, 12.8)),
-    encode(Traj(1, 2, "name", (TrajPoint(0, 0, 0, 0, 0, 0, 0, 0, 0, 0.1),) * 3)),
-    encode(Grem(1, 2, 3, 1, 4, b"abc")),
-    encode(Rcmm(1, 3, 0.1, None, 2.0)),
-    encode(Dres("vendor", "product", "1.0", "name", 0, 7)),
-    encode(Opaque(0xA100, (Item(1, b"x"),))),
-]
-
-
-def test_no_bytes_raise_or_make_the_decoder_grow() -> None:
-    rng = random.Random(22133)
-    decoder = StreamDecoder()
-    for number in range(6000):
-        data = rng.randbytes(rng.randrange(80)) if number % 3 == 0 else rng.choice(EXAMPLES)
-        if number % 3:
-            data = mutated(rng, data)
-        for one in [*decoder.feed(data), *frames_of(data)]:
-            if isinstance(one, Frame):
-                found = decode(one)
-                assert isinstance(found, Decoded | Rejected)
-                text = found.text if isinstance(found, Rejected) else "".join(found.odd)
-                assert len(text) < 5000
-            else:
-                assert len(one.evidence) <= EVIDENCE_BYTES
-        assert decoder.waiting_bytes <= LONGEST_PAYLOAD_BYTES + FRAME_BYTES
-    assert sys.getsizeof(decoder._buffer) < 4 * LONGEST_PAYLOAD_BYTES
-
-
-@given(st.binary(max_size=200))
-def test_items_are_read_back_or_rejected(payload: bytes) -> None:
-    found = items_of(payload)
-    if not isinstance(found, Rejected):
-        assert pack_items(found) == payload
