@@ -160,6 +160,13 @@ def test_a_trajectory_that_cannot_be_driven_says_why(trajectory: Traj, reason: R
     assert found.reason is reason
 
 
+def test_what_a_trajectory_states_is_kept() -> None:
+    points = [point(t, acceleration_mps2=-0.7, curvature_1pm=0.03) for t in (0.0, 0.5)]
+    found = points_of(traj(*points), FLAT)
+    assert isinstance(found, Points)
+    assert found.columns[5:].tolist() == [[-0.7, -0.7], [0.03, 0.03]]
+
+
 def test_what_a_trajectory_does_not_state_is_taken_from_speeds_and_yaws() -> None:
     points = [point(t, speed_mps=5.0 - t, yaw_rad=0.1 * t) for t in (0.0, 0.5, 1.0, 1.5)]
     found = points_of(traj(*points), FLAT)
