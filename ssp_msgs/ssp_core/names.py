@@ -60,6 +60,11 @@ def ack_topic(object_id: str) -> str:
     return f"{object_id}/reference_ack"
 
 
+def iso_frames_topic(object_id: str) -> str:
+    """Where the raw frames of an object that speaks ISO 22133 are told."""
+    return f"{object_id}/iso_frames"
+
+
 def command_service(object_id: str) -> str:
     return f"{object_id}/command"
 

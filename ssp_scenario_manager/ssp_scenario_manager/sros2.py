@@ -68,6 +68,7 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
     states = (*singles, names.OBJECT_STATES) if run.states_in_one else tuple(singles)
     references = tuple(names.reference_topic(i) for i in ids)
     acks = tuple(names.ack_topic(i) for i in ids)
+    frames = tuple(names.iso_frames_topic(i) for i in ids)
     services = tuple(names.command_service(i) for i in ids)
     vut = names.state_topic(run.vut.id)
     events = (names.SESSION_STATE, names.TRIGGER_EVENT, names.PHASE_EVENT, names.SAFETY_EVENT)
@@ -101,7 +102,7 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
         ),
         f"{names.MONITOR}_intake": Rights(
             CONTROL,
-            hears=(*recorded, *camera, names.CAMERA_MOUNT, *transforms),
+            hears=(*recorded, *frames, *camera, names.CAMERA_MOUNT, *transforms),
             own=_PARAMETERS[-1:],
         ),
         names.MONITOR_PAGE: Rights(
@@ -127,7 +128,7 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
         ),
         names.OBJECT_TARGET: Rights(
             OBJECTS,
-            publishes=(*states, *acks, *told_by_objects),
+            publishes=(*states, *acks, *frames, *told_by_objects),
             hears=(*references, names.HEARTBEAT, vut, *states),
             serves=services,
             own=(*_PARAMETERS, *_LIFECYCLE),

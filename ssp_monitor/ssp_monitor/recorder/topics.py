@@ -99,6 +99,9 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
             add(names.state_topic(target.id), "ObjectState", state, required=True)
         add(names.reference_topic(target.id), "Reference", command)
         add(names.ack_topic(target.id), "ReferenceAck", command)
+        if run.mode == "live":
+            # Only objects that speak ISO 22133 have it, and a run file doesn't say which do.
+            add(names.iso_frames_topic(target.id), "IsoFrames", state)
     add(names.TF, TF_TYPE, Profile.TF)
     add(names.TF_STATIC, TF_TYPE, Profile.TF_STATIC, session=False)
     add(names.SESSION_STATE, "SessionState", latched, required=True)
@@ -288,7 +291,7 @@ class Importance(IntEnum):
     OTHER = 2  # whatever else the run doesn't ask for
     DIAGNOSTIC = 3  # what the parts of a session, or anything else, say about their health
     FRAME = 4  # the run's own camera
-    STATE = 5  # states of objects, world, clock, the camera's place and lens
+    STATE = 5  # states of objects, world, clock, camera's place and lens; frames of ISO 22133
     EVENT = 6  # session, triggers, phases, safety, faults, references, acknowledgements, commands
 
 
@@ -298,7 +301,7 @@ MEANINGS: dict[Importance, str] = {
     Importance.OTHER: "all other topics beside the run's",
     Importance.DIAGNOSTIC: "diagnostics, logs, markers, heartbeats, link and recorder status",
     Importance.FRAME: "frames of the run's camera",
-    Importance.STATE: "states, ticks, /clock, /tf, camera info and mount",
+    Importance.STATE: "states, ticks, /clock, /tf, camera info and mount, frames of ISO 22133",
     Importance.EVENT: "session states, events, references, acknowledgements, commands",
 }
 
@@ -313,6 +316,7 @@ _OF_TYPES: dict[Importance, str] = {
         ssp_msgs/SafetyEvent ssp_msgs/FaultEvent ssp_msgs/Reference ssp_msgs/ReferenceAck
         ssp_msgs/ActuatorCommand""",
     Importance.STATE: """ssp_msgs/ObjectState ssp_msgs/ObjectStates ssp_msgs/WorldTick
+        ssp_msgs/IsoFrames
         rosgraph_msgs/Clock tf2_msgs/TFMessage""",
 }
 _BY_TYPE = {
