@@ -12,6 +12,7 @@ from pydantic.fields import FieldInfo
 
 from ssp_core.geometry import point_in_polygon
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
+from ssp_core.run_file.values import SiteDatum
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.maps.site import (
     Polygon,
@@ -29,6 +30,7 @@ SECTIONS = {
     "Block": SiteBlock,
     "Strip": Strip,
     "Polygon": Polygon,
+    "Datum": SiteDatum,
     "Limits": Limits,
     "Camera": Camera,
     "Look": Look,
@@ -73,3 +75,4 @@ def test_the_example_is_a_site_that_an_event_is_compiled_for(tmp_path: Path) -> 
     } - {"schema_"}
     task = compile_task(Request(event="cut_in", target="track", site=str(file))).task
     assert task.place.name == "my_track"
+    assert task.run.datum == site.datum is not None

@@ -128,7 +128,7 @@ def test_what_does_not_depend_on_the_object_is_planned_ahead(
     motion = Motion(path=[(0.0, 7.0), (30.0, 7.25)], cruise_mps=3.0)
     target = run.targets[0].model_copy(update={"approach": motion})
     references.prepare(run.model_copy(update={"targets": [target]}))
-    monkeypatch.setattr(references, "drive_along", None)
+    monkeypatch.setattr("ssp_core.motion.approach.drive_along", None)
     reference = approach_reference(address(0.0), motion)
     assert reference.points[-1].x_m == pytest.approx(30.0)
     assert reference.points[-1].y_m == pytest.approx(7.25)

@@ -7,17 +7,35 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import (
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from ssp_core.files import load_model
 from ssp_core.run_file.participants import Driver, ParticipantSpec, TrafficSpec, TriggerSpec
 from ssp_core.run_file.road import Road
-from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Point, Positive, Strict
+from ssp_core.run_file.values import (
+    Finite,
+    NonNegative,
+    ObjectId,
+    Point,
+    Positive,
+    SiteDatum,
+    Strict,
+    without_defaults,
+)
 from ssp_core.vocabulary import DomainWord
 
 _TOLERANCE_S = 1e-9
+
+
+STOP_REACTION_S = 1.0
 
 
 class Limits(Strict):
@@ -43,6 +61,13 @@ class Limits(Strict):
     trigger_age_s: Positive | None = Field(
         None, description="no trigger is judged on an older state of the VUT; null: two periods"
     )
+    stop_reaction_s: Positive = Field(
+        STOP_REACTION_S, description="from an abort until an object that drives becomes slower"
+    )
+
+    @model_serializer(mode="wrap")
+    def _as_before_stop_reaction(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(dump(self), stop_reaction_s=STOP_REACTION_S)
 
 
 class ConflictThresholds(Strict):
@@ -267,8 +292,13 @@ class RunSpec(Strict):
     camera: Camera | None = Field(Camera(), description="null: nothing is rendered")
     look: Look = Look()
     end: EndCondition = EndCondition()
+    datum: SiteDatum | None = Field(None, description="of frame map; null: nobody knows")
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    @model_serializer(mode="wrap")
+    def _without_unknown_datum(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(dump(self), datum=None)
 
     @model_validator(mode="after")
     def _real_objects_are_left_alone(self) -> RunSpec:

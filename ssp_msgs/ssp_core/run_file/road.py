@@ -6,18 +6,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from ssp_core.run_file.values import Finite, NonNegative, Positive, Start, Strict
+from ssp_core.run_file.values import (
+    Finite,
+    NonNegative,
+    Positive,
+    Start,
+    Strict,
+    without_defaults,
+)
 
 # On one road; more would be felt in every frame.
 MOST_SCENERY = 1000
 SceneryExtent = Annotated[float, Field(ge=0.5, le=300)]
-
-
-def without_empty_scenery(dumped: dict[str, Any]) -> dict[str, Any]:
-    """A dumped block; one without scenery reads, and hashes, as if there were no such field."""
-    if not dumped.get("scenery", True):
-        del dumped["scenery"]
-    return dumped
 
 
 class Building(Strict):
@@ -120,7 +120,7 @@ class Road(Strict):
 
     @model_serializer(mode="wrap")
     def _without_empty_scenery(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_empty_scenery(dump(self))
+        return without_defaults(dump(self), scenery=[])
 
     @property
     def left_edge_m(self) -> float:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from ssp_core.geodesy import Datum, Place
 from ssp_core.geometry import Pose2
 
 
@@ -30,6 +31,14 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+def without_defaults(dumped: dict[str, Any], **defaults: object) -> dict[str, Any]:
+    """A dumped model; fields with these values read, and hash, as if there were no such fields."""
+    for name, default in defaults.items():
+        if name in dumped and dumped[name] == default:
+            del dumped[name]
+    return dumped
+
+
 class Start(Strict):
     """Initial pose of the reference point, frame map."""
 
@@ -40,3 +49,16 @@ class Start(Strict):
     @property
     def pose(self) -> Pose2:
         return Pose2(self.x_m, self.y_m, self.yaw_rad)
+
+
+class SiteDatum(Strict):
+    """Where the origin of frame map lies on the Earth (WGS 84), and how its axes are turned."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+    altitude_m: Finite = Field(0.0, description="above the ellipsoid, not above the sea")
+    yaw_rad: Finite = Field(0.0, description="of the x axis, counter-clockwise from east")
+
+    @property
+    def datum(self) -> Datum:
+        return Datum(Place(self.latitude_deg, self.longitude_deg, self.altitude_m), self.yaw_rad)

@@ -298,6 +298,7 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
         disturbance=area.disturbance if physical or not tracked else LinkDisturbance(),
         camera=area.camera(event),
         look=area.look,
+        datum=None if area.site is None else area.site.datum,
     )
 
 

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, wrap_angle
-from ssp_core.motion.manoeuvre import brake_along, drive_along, lane_change
+from ssp_core.motion.approach import approach_points, path_of
+from ssp_core.motion.manoeuvre import brake_along, lane_change
 from ssp_core.motion.reference import Points, Reference, sample
 from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
 from ssp_core.motion.state import ObjectState
@@ -23,8 +23,6 @@ APPROACH_LEAD_S = 0.5
 EXPIRY_S = 1.0
 # An object that heads further off its path than this is changing lane; a curve's chords are less.
 BRAKE_HEADING_RAD = 0.1
-# So many paths and motions along them are kept; a run with more plans some of them anew.
-_PREPARED = 256
 # Nearer than this an object counts as on its path; beyond, it brakes beside it.
 ON_PATH_M = 0.05
 
@@ -62,35 +60,12 @@ def prepare(spec: RunSpec) -> None:
     for motion in motions:
         # One that can't be driven is told of when it is asked for.
         with suppress(ValueError):
-            _points_along(motion).row_bytes()
-
-
-@lru_cache(maxsize=_PREPARED)
-def _path(points: tuple[tuple[float, float], ...]) -> Polyline:
-    return Polyline(points)
-
-
-@lru_cache(maxsize=_PREPARED)
-def _drive(
-    points: tuple[tuple[float, float], ...],
-    cruise_mps: float,
-    acceleration_mps2: float,
-    deceleration_mps2: float,
-) -> Points:
-    path = _path(points)
-    return drive_along(path, 0.0, 0.0, cruise_mps, acceleration_mps2, deceleration_mps2)
-
-
-def _points_along(motion: Motion) -> Points:
-    """From standstill along a path to its end, where it stands again."""
-    return _drive(
-        tuple(motion.path), motion.cruise_mps, motion.acceleration_mps2, motion.deceleration_mps2
-    )
+            approach_points(motion).row_bytes()
 
 
 def approach_reference(address: Address, motion: Motion) -> Reference:
     """From standstill along the path to its end, where it stands again."""
-    return reference(address, _points_along(motion))
+    return reference(address, approach_points(motion))
 
 
 def manoeuvre_reference(
@@ -115,7 +90,7 @@ def manoeuvre_reference(
         return approach_reference(address, manoeuvre.motion)
     if approach is None:
         raise ValueError(f"{address.object_id} has no approach that it could leave or brake on")
-    path = _path(tuple(approach.path))
+    path = path_of(approach)
     place = _place(path, address.execute_at_ns, state, current)
     if isinstance(manoeuvre, Brake):
         return reference(address, _brake(path, place, manoeuvre))

@@ -15,8 +15,18 @@ from ssp_core.files import parse_whole_model, read_mapping
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
 from ssp_core.run_file.participants import TrafficSpec
-from ssp_core.run_file.road import CurvePiece, Lane, Scenery, without_empty_scenery
-from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Point, Positive, Start, Strict
+from ssp_core.run_file.road import CurvePiece, Lane, Scenery
+from ssp_core.run_file.values import (
+    Finite,
+    NonNegative,
+    ObjectId,
+    Point,
+    Positive,
+    SiteDatum,
+    Start,
+    Strict,
+    without_defaults,
+)
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_core.world.scenery import Clearance
 from ssp_scenario_manager.maps.block import Block, BlockLane, Library, conflict_areas, segment_of
@@ -86,7 +96,7 @@ class SiteBlock(Strict):
 
     @model_serializer(mode="wrap")
     def _without_empty_scenery(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_empty_scenery(dump(self))
+        return without_defaults(dump(self), scenery=[])
 
 
 class Site(Strict):
@@ -105,6 +115,11 @@ class Site(Strict):
     camera: Camera = Camera()
     look: Look = Look()
     disturbance: LinkDisturbance = LinkDisturbance()
+    datum: SiteDatum | None = Field(None, description="null: nobody knows; see docs/sites.md")
+
+    @model_serializer(mode="wrap")
+    def _without_unknown_datum(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(dump(self), datum=None)
 
 
 def load_site(name_or_path: str) -> tuple[Site, str]:

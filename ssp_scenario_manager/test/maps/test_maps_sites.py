@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from ssp_core.errors import InputError
+from ssp_core.geodesy import Datum, Place
 from ssp_core.geometry import point_in_polygon
 from ssp_scenario_manager.maps.block import BlockLane, ConflictArea, conflict_areas
 from ssp_scenario_manager.maps.site import (
@@ -21,6 +22,7 @@ from ssp_scenario_manager.maps.site import (
     load_site,
     region_polygon,
     site_library,
+    site_version,
 )
 
 SHIPPED = ("boulevard", "north_track", "south_loop")
@@ -223,3 +225,28 @@ def test_every_contradiction_of_a_site_is_said_at_once() -> None:
         "blocks[0].crossing_x_m",
         "geofence.points",
     ]
+
+
+def test_fields_of_which_a_site_says_nothing_leave_its_version_as_it_was() -> None:
+    """Datum and stop_reaction_s came later than sites that are in use."""
+    version = load_site("south_loop")[1]
+    assert "datum" not in mapping()
+    assert "stop_reaction_s" not in mapping()["limits"]
+    assert site_version(changed("datum", None)) == version
+    assert site_version(changed("limits.stop_reaction_s", 1.0)) == version
+    slower = changed("limits.stop_reaction_s", 1.5)
+    assert slower.limits.stop_reaction_s == 1.5
+    assert slower.model_dump(mode="json")["limits"]["stop_reaction_s"] == 1.5
+    assert site_version(slower) != version
+
+
+def test_a_datum_says_where_a_site_lies() -> None:
+    given = {"latitude_deg": 57.7775, "longitude_deg": 12.7805}
+    site = changed("datum", given | {"altitude_m": 201.3, "yaw_rad": 0.5})
+    assert site.datum is not None
+    assert site.datum.datum == Datum(Place(57.7775, 12.7805, 201.3), 0.5)
+    assert site_version(site) != load_site("south_loop")[1]
+    assert changed("datum", given).datum is not None
+    for field, value in (("latitude_deg", 90.1), ("longitude_deg", -180.1), ("altitude_m", "nan")):
+        with pytest.raises(ValueError, match=field):
+            changed("datum", given | {field: value})
