@@ -1,8 +1,9 @@
-"""Messages of ISO 22133: one of each that is asked for, and strategies made from their tables."""
+"""Messages of ISO 22133: one of each that is asked for, strategies, and an object's sockets."""
 
 from __future__ import annotations
 
 import math
+import socket
 from dataclasses import fields
 from typing import Any, get_type_hints
 
@@ -41,6 +42,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Treo,
     decode,
 )
+from tests.support.waiting import DEADLINE_S
 
 CLASSES: tuple[type, ...] = (
     Traj, Osem, Ostm, Strt, Heab, Monr, Rcmm, Sypm, Mtsp, Dreq, Dres, Accm, Treo, Exac, Grem, Trcm,
@@ -141,3 +143,30 @@ opaque = st.builds(
     items_strategy,
 )
 messages = st.one_of(*(messages_of(cls) for cls in CLASSES), opaque)
+
+
+class ObjectSockets:
+    """Where an object listens: a TCP port, and the UDP port below it."""
+
+    def __init__(self, host: str = "127.0.0.1") -> None:
+        self.host = host
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        for _ in range(100):
+            self.udp = socket.socket(family, socket.SOCK_DGRAM)
+            self.udp.bind((host, 0))
+            self.port = self.udp.getsockname()[1] + 1
+            try:
+                self.tcp = socket.create_server((host, self.port), family=family)
+            except OSError:
+                self.udp.close()
+            else:
+                break
+        for sock in (self.tcp, self.udp):
+            sock.settimeout(DEADLINE_S)
+
+    def __enter__(self) -> ObjectSockets:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.tcp.close()
+        self.udp.close()
