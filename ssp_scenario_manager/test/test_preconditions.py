@@ -250,6 +250,7 @@ def test_everything_that_is_missing_is_named_at_once(
         ({"stamp_ns": NOW_NS - S - 1}, False),
         ({"stamp_ns": NOW_NS + S}, True),
         ({"stamp_ns": NOW_NS + S + 1}, False),  # a clock that is far off proves nothing
+        ({"control_state": ControlState.PRE_RUNNING}, False),
         ({"control_state": ControlState.RUNNING}, False),
         ({"control_state": ControlState.REMOTE_CONTROLLED}, False),
     ],

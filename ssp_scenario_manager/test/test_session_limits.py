@@ -248,12 +248,16 @@ def test_an_object_that_has_left_the_run_ends_it(driver: Any, tools: Any, contro
     assert driver.session.state.name.startswith("ABORT")
 
 
-def test_an_object_may_need_a_while_to_hear_of_the_start(driver: Any, tools: Any) -> None:
+@pytest.mark.parametrize("control", [ControlState.ARMED, ControlState.PRE_RUNNING])
+def test_an_object_may_need_a_while_to_hear_of_the_start_and_to_begin(
+    driver: Any, tools: Any, control: ControlState
+) -> None:
+    """An object of ISO 22133 is PRE_RUNNING in between."""
     run_with(driver)
     for _ in range(40):  # the silence that it may bear, and the age that its states may have
-        driver.step(control_state=ControlState.ARMED)
+        driver.step(control_state=control)
     assert driver.session.state is SessionPhase.RUNNING
-    driver.step(control_state=ControlState.ARMED)
+    driver.step(control_state=control)
     assert tools.violations(driver.session.outbox) == [SafetyCode.OBJECT_ABORTED]
 
 

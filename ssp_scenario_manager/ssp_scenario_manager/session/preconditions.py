@@ -199,13 +199,13 @@ def _too_close(everyone: list[ObjectState], limits: Limits) -> list[str]:
     ]
 
 
-_MOVING = (ControlState.RUNNING, ControlState.REMOTE_CONTROLLED)
+# Who is PRE_RUNNING has heard the start, and drives off next.
+_MOVING = (ControlState.PRE_RUNNING, ControlState.RUNNING, ControlState.REMOTE_CONTROLLED)
 # Whoever is armed hasn't heard of the abort yet, and would drive off if it were told to.
 _NOT_ABORTED = (
     *_MOVING,
     ControlState.PRE_ARMING,
     ControlState.ARMED,
-    ControlState.PRE_RUNNING,
 )
 
 

@@ -222,14 +222,16 @@ def _left_the_run(run: Run, state: ObjectState, now_ns: int) -> Violation | None
     """An object that doesn't take part any more: started anew, or stopped by somebody else.
 
     It stands or will, but nobody knows why, and it takes no reference. ARMED is one that hasn't
-    heard of the start yet, as long as it may have heard nothing and its states may be on their way.
+    heard of the start yet, as long as it may have heard nothing and its states may be on their way;
+    PRE_RUNNING is on its way to RUNNING, as objects of ISO 22133 may be for as long.
     """
     control = state.control_state
     if control in (ControlState.RUNNING, ControlState.ABORTING) or run.started_ns is None:
         return None
     limits = run.spec.limits
     hears_s = limits.heartbeat_s + limits.state_age_s
-    if control is ControlState.ARMED and now_ns - run.started_ns <= seconds_to_ns(hears_s):
+    begins = control in (ControlState.ARMED, ControlState.PRE_RUNNING)
+    if begins and now_ns - run.started_ns <= seconds_to_ns(hears_s):
         return None
     detail = f"it is {control.name} while the session runs"
     return Violation(SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, detail)
