@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.clock import NS_PER_S
+from ssp_core.leap_seconds import leap_seconds, leap_seconds_may_be_old
 from ssp_ot_controller.bodies.iso22133.units import (
     QUARTER_MS_NS,
     WEEK_NS,
-    leap_seconds,
-    leap_seconds_may_be_old,
     nearest_utc_ns,
     to_gps,
     to_utc_ns,

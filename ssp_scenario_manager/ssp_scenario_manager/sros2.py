@@ -124,7 +124,7 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
         ),
         "doctor_session": Rights(
             CONTROL,
-            hears=(vut, *states, names.OBJECT_STATES, *replies, *camera, odometry, *links),
+            hears=(vut, *states, names.OBJECT_STATES, *frames, *replies, *camera, odometry, *links),
         ),
         names.OBJECT_TARGET: Rights(
             OBJECTS,

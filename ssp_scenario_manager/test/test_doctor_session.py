@@ -108,6 +108,30 @@ def test_stamps_that_go_back_and_pauses_are_told(live, sound):
     assert (found.status, "a pause of 0.220 s" in found.text) == (Status.WARN, True)
 
 
+@pytest.mark.parametrize(
+    ("hz", "pause_s", "status", "words"),
+    [
+        (100.0, 0.0, Status.OK, "100.0 Hz from the object, longest pause 0.010 s"),
+        (30.0, 0.0, Status.FAIL, "the run wants 50 Hz"),
+        (100.0, 0.6, Status.FAIL, "longest pause 0.610 s; limit 0.3 s"),
+        (100.0, 10.0, Status.FAIL, "the run wants 50 Hz"),
+    ],
+)
+def test_the_rate_of_an_iso_22133_objects_reports_is_judged(
+    live, sound, hz, pause_s, status, words
+):
+    frames = stream(hz, 0.0)
+    for k in range(100):
+        frames.arrivals_ns[k] -= seconds_to_ns(pause_s)
+        frames.stamps_ns[k] -= seconds_to_ns(pause_s)
+    found = finding(live, replace(sound, frames={"ot1": frames}), "frames of ot1")
+    assert (found.status, words in found.text) == (status, True), found
+
+
+def test_an_object_that_tells_no_frames_has_no_finding_of_them(live, sound):
+    assert not [f for f in session_findings(live, sound) if f.name.startswith("frames")]
+
+
 def test_an_object_that_has_nothing_new_now_and_then_is_sound(live, sound):
     """Its loop and its body's drift past each other: some states come a second time."""
     target = live.targets[0].id

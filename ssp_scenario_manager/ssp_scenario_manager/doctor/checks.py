@@ -9,12 +9,15 @@ import platform
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from ssp_core.clock import NS_PER_S
 from ssp_core.errors import HostError
+from ssp_core.leap_seconds import TABLE_GOOD_UNTIL, leap_seconds, leap_seconds_may_be_old
 from ssp_core.processes import DOMAINS, free_domain
 
 _GB = 1 << 30
@@ -143,6 +146,45 @@ def domain() -> Finding:
         return fail("ROS domain", str(error))
 
 
+# Of the package tzdata, by NTP's clock: seconds since 1900, and TAI minus UTC.
+_LISTED = Path("/usr/share/zoneinfo/leap-seconds.list")
+_NTP_S = 2_208_988_800
+_TAI_AHEAD_OF_GPS_S = 19
+
+
+def leap_seconds_table(utc_ns: int, listed: Path = _LISTED) -> Finding:
+    """GPS time, by which ISO 22133 objects are timed; an old table is held against the host's."""
+    name, ours = "leap seconds", leap_seconds(utc_ns)
+    if not leap_seconds_may_be_old(utc_ns):
+        return ok(name, f"{ours} s, a table good until {TABLE_GOOD_UNTIL}")
+    theirs = _listed_seconds(listed, utc_ns)
+    if theirs is None:
+        return warn(
+            name,
+            f"{ours} s, by a table that was good until {TABLE_GOOD_UNTIL}",
+            "update SSP or tzdata, or compare IERS Bulletin C; only ISO 22133 objects need it",
+        )
+    if theirs != ours:
+        text = f"{ours} s, but {theirs} s by {listed}"
+        return fail(name, text, "update SSP: times of ISO 22133 objects are off by the difference")
+    return ok(name, f"{ours} s, as {listed} says")
+
+
+def _listed_seconds(listed: Path, utc_ns: int) -> int | None:
+    """GPS time minus UTC by the host's list; None where it is missing, strange or too old."""
+    now_s, found = utc_ns // NS_PER_S + _NTP_S, None
+    try:
+        lines = [line.split() for line in listed.read_text().splitlines() if line.strip()]
+        if now_s >= max(int(words[1]) for words in lines if words[0] == "#@"):
+            return None
+        for words in lines:
+            if not words[0].startswith("#") and int(words[0]) <= now_s:
+                found = int(words[1]) - _TAI_AHEAD_OF_GPS_S
+    except (OSError, ValueError, IndexError):
+        return None
+    return found
+
+
 @dataclass(frozen=True, slots=True)
 class LinkMeasurement:
     """What two processes on this host measured of each other."""
@@ -177,6 +219,7 @@ def all_checks(measure_link: Callable[[], LinkMeasurement]) -> list[Finding]:
     """
     findings = [python_version(), *(package(*one) for one in _PACKAGES), interfaces()]
     findings += [libsumo(), netconvert(), shared_memory(), disk(), domain()]
+    findings.append(leap_seconds_table(time.time_ns()))
     if any(f.status is Status.FAIL for f in findings if f.name in ("rclpy", "ssp_msgs")):
         return [*findings, fail("DDS discovery", "not tried: rclpy or ssp_msgs is missing")]
     return findings + talk(measure_link)

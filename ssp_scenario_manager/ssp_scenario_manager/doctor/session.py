@@ -114,6 +114,7 @@ class SessionHeard:
         recorder_missing: what it waits for.
         session: its state by the newest heartbeat; UNKNOWN without one.
         now_ns: end of listening, system clock.
+        frames: what objects that speak ISO 22133 sent to their gateway, by id; its clock.
     """
 
     streams: dict[str, Stream]
@@ -125,6 +126,7 @@ class SessionHeard:
     recorder_missing: tuple[str, ...]
     now_ns: int
     session: SessionPhase = SessionPhase.UNKNOWN
+    frames: dict[str, Stream] = field(default_factory=dict)
 
 
 def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
@@ -145,6 +147,7 @@ def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
         silent = fail(f"state of {object_id}", missing, remedy)
         stream, lost = heard.streams[object_id], heard.lost.get(object_id, 0)
         findings.append(_stream(silent, stream, rate_hz, oldest_s, lost))
+    findings += [_frames(spec, i, stream) for i, stream in sorted(heard.frames.items())]
     if spec.camera is not None:
         findings.append(_camera(spec.camera.rate_hz, heard))
     findings += [_recorder_finding(heard), _manager_finding(heard)]
@@ -166,6 +169,19 @@ def _stream(
     worst = next((s for s in (Status.FAIL, Status.WARN) if s in statuses), Status.OK)
     text = "; ".join([_stream_text(stream), *(problem for _, problem in problems)])
     return Finding(silent.name, worst, text, "" if worst is Status.OK else _remedy(stream))
+
+
+def _frames(spec: RunSpec, object_id: str, stream: Stream) -> Finding:
+    """The rate of an ISO 22133 object's reports; their age is that of its states."""
+    name, rate_hz, wanted_hz = f"frames of {object_id}", stream.rate_hz, 1.0 / spec.step_s
+    pause_s, oldest_s = stream.longest_pause_s, spec.limits.state_age_s
+    text = f"{rate_hz:.1f} Hz from the object, longest pause {pause_s:.3f} s"
+    remedy = "look at the link to the object, and at the rate in its probe report"
+    if rate_hz < RATE_SHARE * wanted_hz:
+        return fail(name, f"{text}; the run wants {wanted_hz:g} Hz", remedy)
+    if pause_s > oldest_s:
+        return fail(name, f"{text}; limit {oldest_s:g} s", remedy)
+    return ok(name, text)
 
 
 def _camera(rate_hz: float, heard: SessionHeard) -> Finding:

@@ -19,7 +19,14 @@ from ssp_core.cdr.messages import object_state
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase
-from ssp_msgs.msg import Heartbeat, LinkStatus, ObjectState, ObjectStates, RecorderStatus
+from ssp_msgs.msg import (
+    Heartbeat,
+    IsoFrames,
+    LinkStatus,
+    ObjectState,
+    ObjectStates,
+    RecorderStatus,
+)
 from ssp_scenario_manager.doctor.session import SessionHeard, Stream
 from ssp_scenario_manager.session.link_quality import LinkEstimate
 
@@ -37,6 +44,7 @@ class SessionListener(Node):
         self._streams: dict[str, Stream] = {}
         self._states: dict[str, State] = {}
         self._lost: dict[str, int] = {}
+        self._frames: dict[str, Stream] = {}
         self._links: dict[str, LinkEstimate] = {}
         self._managers: set[str] = set()
         self._session = SessionPhase.UNKNOWN
@@ -45,6 +53,7 @@ class SessionListener(Node):
         sub = self.create_subscription
         for object_id in self._ids:
             sub(ObjectState, names.state_topic(object_id), self._on_state, ros.DRIVER)
+            sub(IsoFrames, names.iso_frames_topic(object_id), self._on_frames, ros.DRIVER)
         sub(ObjectStates, names.OBJECT_STATES, self._on_states, ros.DRIVER)
         if odometry is not None:
             sub(Odometry, odometry, partial(self._hear, odometry), ros.DRIVER)
@@ -63,7 +72,7 @@ class SessionListener(Node):
         self._streams |= {names.CAMERA_IMAGE: Stream(), names.CAMERA_INFO: Stream()}
         if self._odometry is not None:
             self._streams[self._odometry] = Stream(names.MAP_FRAME)
-        self._lost = {}
+        self._lost, self._frames = {}, {}
 
     def heard(self) -> SessionHeard:
         """All of it until now."""
@@ -78,6 +87,7 @@ class SessionListener(Node):
             recorder_missing=() if recorder is None else tuple(recorder.missing_topics),
             now_ns=time.time_ns(),
             session=self._session,
+            frames=self._frames,
         )
 
     def _hear(self, topic: str, message: Any) -> None:
@@ -102,6 +112,15 @@ class SessionListener(Node):
     def _on_states(self, message: ObjectStates) -> None:
         for state in message.states:
             self._on_state(state)
+
+    def _on_frames(self, message: IsoFrames) -> None:
+        if message.object_id not in self._ids:
+            return
+        stream = self._frames.setdefault(message.object_id, Stream())
+        for sent, stamp in zip(message.sent, message.stamps, strict=False):
+            if not sent:
+                read_ns = ros.ns_from_stamp(stamp)
+                stream.hear(read_ns, read_ns, "")
 
     def _on_heartbeat(self, message: Heartbeat) -> None:
         self._managers.add(message.sender)

@@ -1,4 +1,4 @@
-"""Units of the wire: GPS time with its leap seconds, and headings.
+"""Units of the wire: GPS time, and headings.
 
 Times of SSP are ns since 1970 (UTC). The wire has the GPS week (counted from 1980-01-06 without
 rolling over) and the time of that week in quarter milliseconds; many messages have the latter
@@ -13,42 +13,16 @@ Vendors' messages and receivers of GNSS state compass headings: from north, cloc
 from __future__ import annotations
 
 import math
-from datetime import UTC, datetime
 
 from ssp_core.clock import NS_PER_S
 from ssp_core.geometry import wrap_angle
+from ssp_core.leap_seconds import LEAPS_NS, day_ns
+from ssp_core.leap_seconds import leap_seconds as leap_seconds
 
 QUARTER_MS_NS = 250_000
 WEEK_NS = 7 * 86_400 * NS_PER_S
 
-# Days from which UTC is one second more behind GPS time, after IERS Bulletin C 70. Its next
-# announcement was due before the last day.
-_LEAP_DAYS = (
-    "1981-07-01", "1982-07-01", "1983-07-01", "1985-07-01", "1988-01-01", "1990-01-01",
-    "1991-01-01", "1992-07-01", "1993-07-01", "1994-07-01", "1996-01-01", "1997-07-01",
-    "1999-01-01", "2006-01-01", "2009-01-01", "2012-07-01", "2015-07-01", "2017-01-01",
-)  # fmt: skip
-LEAP_SECONDS_FROM = "2025-07-07"
-LEAP_SECONDS_GOOD_UNTIL = "2026-06-28"
-
-
-def _day_ns(day: str) -> int:
-    return int(datetime.fromisoformat(day).replace(tzinfo=UTC).timestamp()) * NS_PER_S
-
-
-_GPS_EPOCH_NS = _day_ns("1980-01-06")
-_LEAPS_NS = tuple(_day_ns(day) for day in _LEAP_DAYS)
-_GOOD_UNTIL_NS = _day_ns(LEAP_SECONDS_GOOD_UNTIL)
-
-
-def leap_seconds(utc_ns: int) -> int:
-    """Seconds by which GPS time is ahead of UTC."""
-    return sum(utc_ns >= since for since in _LEAPS_NS)
-
-
-def leap_seconds_may_be_old(utc_ns: int) -> bool:
-    """True when leap seconds may have been announced that the table doesn't have."""
-    return utc_ns >= _GOOD_UNTIL_NS
+_GPS_EPOCH_NS = day_ns("1980-01-06")
 
 
 def to_gps(utc_ns: int) -> tuple[int, int]:
@@ -68,7 +42,7 @@ def to_utc_ns(week: int, time_of_week_ns: int) -> int:
     """The inverse of ``to_gps``."""
     plain_ns = _GPS_EPOCH_NS + week * WEEK_NS + time_of_week_ns
     leaps = sum(
-        plain_ns >= since + count * NS_PER_S for count, since in enumerate(_LEAPS_NS, start=1)
+        plain_ns >= since + count * NS_PER_S for count, since in enumerate(LEAPS_NS, start=1)
     )
     return plain_ns - leaps * NS_PER_S
 
