@@ -1,0 +1,157 @@
+"""Report of a probe of one object (``ssp.iso_probe/1``), and what is decided by it."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AwareDatetime, ConfigDict, Field
+
+from ssp_core.files import load_model, write_json
+from ssp_core.run_file.values import Finite, Strict
+
+PROBE_SCHEMA: Literal["ssp.iso_probe/1"] = "ssp.iso_probe/1"
+# Clauses that decide whether and how an object is driven.
+STOP_ON_ABORT = "move.abort"
+STOP_ON_HEARTBEAT_LOSS = "move.heartbeat_loss"
+START_TIME = "move.start_time"
+
+Hex = Annotated[str, Field(pattern=r"^([0-9a-f]{2})*$")]
+
+
+class Stage(StrEnum):
+    """Stages of a probe; each needs those before it."""
+
+    LISTEN = "listen"
+    CONNECT = "connect"
+    ARM = "arm"
+    MOVE = "move"
+
+
+class Outcome(StrEnum):
+    """What a clause came to."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    NOT_RUN = "not_run"
+    # Measured, and judged by nobody.
+    INFO = "info"
+
+
+class Row(Strict):
+    """One clause.
+
+    Args:
+        sent: frames that asked for it, those that show it best.
+        came: frames or damaged bytes that are the evidence.
+        measured: None where there is no such number, as for an object that never slowed.
+        text: what was found, for people.
+    """
+
+    clause: str
+    stage: Stage
+    title: str
+    verdict: Outcome
+    sent: tuple[Hex, ...] = ()
+    came: tuple[Hex, ...] = ()
+    measured: Finite | None = None
+    bound: Finite | None = None
+    unit: str = ""
+    text: str = ""
+
+
+class ProbeReport(Strict):
+    """The file.
+
+    Args:
+        firmware: as the object's DRES states it; None where it answers no DREQ.
+        started: UTC.
+        stages: those that were asked for.
+    """
+
+    schema_: Literal["ssp.iso_probe/1"] = Field(PROBE_SCHEMA, alias="schema")
+    host: str
+    port: Annotated[int, Field(ge=2, le=65535)]
+    firmware: str | None
+    started: AwareDatetime
+    wire_version: int
+    stages: tuple[Stage, ...]
+    rows: tuple[Row, ...]
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    def row(self, clause: str) -> Row | None:
+        return next((row for row in self.rows if row.clause == clause), None)
+
+
+def load_report(path: str | Path) -> ProbeReport:
+    """The report in a file.
+
+    Raises:
+        InputError: the file can't be read, or isn't a probe report.
+    """
+    return load_model(ProbeReport, path)
+
+
+def write_report(path: str | Path, report: ProbeReport) -> None:
+    """Raises InputError or HostError where the file can't be written."""
+    write_json(path, report.model_dump(mode="json", by_alias=True))
+
+
+def _measured(report: ProbeReport, clause: str) -> float | None:
+    row = report.row(clause)
+    return row.measured if row is not None and row.verdict is not Outcome.NOT_RUN else None
+
+
+def stops_on_abort_s(report: ProbeReport) -> float | None:
+    """From the abort to the first slowing, of an object that then stood; None: it didn't stop."""
+    return _measured(report, STOP_ON_ABORT)
+
+
+def stops_on_heartbeat_loss_s(report: ProbeReport) -> float | None:
+    """As ``stops_on_abort_s``, from the last heartbeat, with the timeout that the OSEM gave."""
+    return _measured(report, STOP_ON_HEARTBEAT_LOSS)
+
+
+def honours_start_time(report: ProbeReport) -> float | None:
+    """By how much it started late (+), s, where that is within the bound; None: it isn't shown."""
+    row = report.row(START_TIME)
+    return row.measured if row is not None and row.verdict is Outcome.PASS else None
+
+
+def cannot_arm(
+    report: ProbeReport | None, bound_s: float, firmware: str | None, waived_by: str | None
+) -> str | None:
+    """Why an object must not be armed, as a sentence; None where it may be.
+
+    Args:
+        bound_s: the site's ``limits.stop_reaction_s``.
+        firmware: as the object's DRES states it; None where it answers no DREQ, as it must have
+            done when it was probed.
+        waived_by: the name of a person who answers for the object instead of a report.
+    """
+    if waived_by and waived_by.strip():
+        return None
+    if report is None:
+        return "it has no probe report: run `ssp iso probe --stage move`, or waive it by a name"
+    if report.firmware != firmware:
+        told, probed = firmware or "unknown", report.firmware or "unknown"
+        return f"its firmware is {told}, the probe report of {_day(report.started)} is of {probed}"
+    for what, clause, reaction_s in (
+        ("an abort", STOP_ON_ABORT, stops_on_abort_s(report)),
+        ("lost heartbeats", STOP_ON_HEARTBEAT_LOSS, stops_on_heartbeat_loss_s(report)),
+    ):
+        if reaction_s is None:
+            return f"its probe report doesn't show that it stops on {what} ({clause})"
+        if reaction_s > bound_s:
+            return (
+                f"its probe report shows {reaction_s:.3f} s from {what} to the first slowing, the "
+                f"site allows {bound_s:g} s ({clause})"
+            )
+    return None
+
+
+def _day(when: datetime) -> str:
+    return when.date().isoformat()

@@ -1,0 +1,136 @@
+"""Probe reports: the file, and what is decided by it."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.errors import InputError
+from ssp_ot_controller.bodies.iso22133.probe_report import (
+    START_TIME,
+    STOP_ON_ABORT,
+    STOP_ON_HEARTBEAT_LOSS,
+    Outcome,
+    ProbeReport,
+    Row,
+    Stage,
+    cannot_arm,
+    honours_start_time,
+    load_report,
+    stops_on_abort_s,
+    stops_on_heartbeat_loss_s,
+    write_report,
+)
+
+P, F, N = Outcome.PASS, Outcome.FAIL, Outcome.NOT_RUN
+
+
+def row(clause: str, verdict: Outcome, measured: float | None, **changes: Any) -> Row:
+    return Row(
+        clause=clause,
+        stage=Stage.MOVE,
+        title="t",
+        verdict=verdict,
+        measured=measured,
+        bound=1.0,
+        unit="s",
+        **changes,
+    )
+
+
+def report(*rows: Row, firmware: str | None = "1.2") -> ProbeReport:
+    return ProbeReport(
+        host="10.0.0.5",
+        port=53241,
+        firmware=firmware,
+        started=datetime(2026, 11, 23, 10, 0, tzinfo=UTC),
+        wire_version=2,
+        stages=tuple(Stage),
+        rows=rows,
+    )
+
+
+STOPS = (row(STOP_ON_ABORT, P, 0.25), row(STOP_ON_HEARTBEAT_LOSS, P, 0.5))
+
+
+def test_a_report_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "report.json"
+    written = report(*STOPS, row("x", F, None, sent=("7f7e",), came=("", "00ff"), text="why"))
+    write_report(path, written)
+    assert json.loads(path.read_text())["schema"] == "ssp.iso_probe/1"
+    assert load_report(path) == written
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "named"),
+    [
+        ("schema", "ssp.iso_probe/2", "schema"),
+        ("port", 1, "port"),
+        ("started", "2026-11-23T10:00:00", "started"),
+        ("stages", ["fly"], r"stages\[0\]"),
+        ("more", 1, "more"),
+        ("rows", [{"clause": "x"}], r"rows\[0\]\.stage"),
+        ("rows", [row("x", P, 1.0, sent=("7f",)).model_dump() | {"sent": ["7F"]}], "sent"),
+        ("rows", [row("x", P, 1.0).model_dump() | {"verdict": "maybe"}], "verdict"),
+    ],
+)
+def test_a_report_that_is_none_is_refused_by_its_field(
+    tmp_path: Path, field: str, value: object, named: str
+) -> None:
+    content = report(*STOPS).model_dump(mode="json", by_alias=True) | {field: value}
+    path = tmp_path / "report.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=f"report.json: .*{named}"):
+        load_report(path)
+
+
+def test_what_was_measured_is_told() -> None:
+    found = report(*STOPS, row(START_TIME, P, -0.002))
+    assert (stops_on_abort_s(found), stops_on_heartbeat_loss_s(found)) == (0.25, 0.5)
+    assert honours_start_time(found) == -0.002
+
+
+@pytest.mark.parametrize("rows", [(), (row(STOP_ON_ABORT, N, 0.1), row(START_TIME, F, -0.29))])
+def test_what_was_not_shown_is_none(rows: tuple[Row, ...]) -> None:
+    found = report(*rows)
+    assert stops_on_abort_s(found) is None
+    assert stops_on_heartbeat_loss_s(found) is None
+    assert honours_start_time(found) is None
+
+
+@pytest.mark.parametrize("firmware", ["1.2", None])
+def test_an_object_that_stops_may_be_armed(firmware: str | None) -> None:
+    assert cannot_arm(report(*STOPS, firmware=firmware), 0.5, firmware, None) is None
+
+
+@pytest.mark.parametrize(
+    ("found", "bound_s", "firmware", "why"),
+    [
+        (None, 1.0, "1.2", "no probe report"),
+        (report(*STOPS), 1.0, "1.3", "firmware is 1.3, the probe report of 2026-11-23 is of 1.2"),
+        (report(*STOPS), 1.0, None, "firmware is unknown"),
+        (report(*STOPS, firmware=None), 1.0, "1.2", "is of unknown"),
+        (report(*STOPS), 0.49, "1.2", "0.500 s from lost heartbeats .* allows 0.49 s"),
+        (report(*STOPS), 0.24, "1.2", "0.250 s from an abort"),
+        (report(STOPS[0]), 1.0, "1.2", "doesn't show that it stops on lost heartbeats"),
+        (report(STOPS[1]), 1.0, "1.2", "doesn't show that it stops on an abort"),
+        (
+            report(row(STOP_ON_ABORT, F, None), STOPS[1]),
+            1.0,
+            "1.2",
+            r"doesn't show that it stops on an abort \(move.abort\)",
+        ),
+    ],
+)
+def test_an_object_whose_stop_is_not_shown_is_not_armed_but_by_a_name(
+    found: ProbeReport | None, bound_s: float, firmware: str | None, why: str
+) -> None:
+    text = cannot_arm(found, bound_s, firmware, None)
+    with pytest.raises(ValueError, match=why):
+        raise ValueError(text)
+    assert cannot_arm(found, bound_s, firmware, " ") == text
+    assert cannot_arm(found, bound_s, firmware, "A. Person") is None
