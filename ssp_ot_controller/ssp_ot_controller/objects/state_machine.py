@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from ssp_core.errors import PeerError
-from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState
+from ssp_ot_controller.objects.rules import Rules
 
 
 class ObjectEvent(IntEnum):
@@ -121,7 +121,7 @@ class CommandResponse:
 
 
 def cannot_arm(
-    run: RunSpec, event_version: str, heartbeat_age_s: float, other_managers: int
+    run: Rules, event_version: str, heartbeat_age_s: float, other_managers: int
 ) -> CommandResponse | None:
     """Why an object can't be armed, None when nothing keeps it from that.
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.limits import Continuity, LimitViolation, follow
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command, brake_command, tightened
@@ -28,6 +27,7 @@ from ssp_ot_controller.objects.references import (
     RefusalCode,
     check_reference,
 )
+from ssp_ot_controller.objects.rules import Rules
 from ssp_ot_controller.objects.state_machine import (
     COMMANDS,
     REFUSED_CONDITION,
@@ -40,6 +40,7 @@ from ssp_ot_controller.objects.state_machine import (
 )
 
 STANDSTILL_MPS = 0.02
+_NO_STATE = "the object has no state of its own yet"
 # States in which an object moves or is about to.
 _MAY_MOVE = WATCHED | {ControlState.ABORTING}
 # What an object does when the manager's session is in this state and the object is RUNNING.
@@ -69,7 +70,7 @@ class Target:
         HostError: the package that its tracker needs isn't installed.
     """
 
-    def __init__(self, object_id: str, run: RunSpec) -> None:
+    def __init__(self, object_id: str, run: Rules) -> None:
         spec = next(t for t in run.targets if t.id == object_id)
         self.object_id = object_id
         self.state = ControlState.OFF
@@ -145,12 +146,30 @@ class Target:
         if self._queue.has_taken(reference):
             return None
         if self._own is None:
-            return Refusal(RefusalCode.STATE, "the object has no state of its own yet")
+            return Refusal(RefusalCode.STATE, _NO_STATE)
         newer = self._queue.overtaker(reference) if reference.purpose == "adapted" else None
         if newer is not None:
             text = f"came after {newer.reference_id}, which was sent later and waits already"
             return Refusal(RefusalCode.LATE, text)
-        refusal = check_reference(
+        refusal = self.check(reference, now_ns, self.state)
+        if refusal is None:
+            self._queue.take(reference)
+        elif self.state is ControlState.RUNNING and not self._can_do_without(reference, refusal):
+            # Who drives and gets what it can't drive doesn't know what is wanted of it.
+            self._refused = self._refused or int(refusal.code)
+        return refusal
+
+    def check(
+        self, reference: Reference, now_ns: int, control_state: ControlState
+    ) -> Refusal | None:
+        """Why a reference would be refused, None when it would be taken; changes nothing.
+
+        Args:
+            control_state: that the object has when it gets the reference.
+        """
+        if self._own is None:
+            return Refusal(RefusalCode.STATE, _NO_STATE)
+        return check_reference(
             reference,
             now_ns=now_ns,
             current=self._own,
@@ -159,15 +178,9 @@ class Target:
             geofence=self._run.geofence,
             body_limits=self._body,
             event_version=self._run.event_version,
-            control_state=self.state,
+            control_state=control_state,
             stop_room=self._stop_room,
         )
-        if refusal is None:
-            self._queue.take(reference)
-        elif self.state is ControlState.RUNNING and not self._can_do_without(reference, refusal):
-            # Who drives and gets what it can't drive doesn't know what is wanted of it.
-            self._refused = self._refused or int(refusal.code)
-        return refusal
 
     def _can_do_without(self, reference: Reference, refusal: Refusal) -> bool:
         """An adapted reference came too late, and what it would adapt is driven, or waits to be."""
