@@ -145,6 +145,9 @@ JUDGED: dict[SafetyCode, tuple[str, tuple[str, ...]]] = {
     S.LINK_DELAY: ("link_delay_s", (MANAGER,)),
     S.REPLY_MISSING: ("heartbeat_s", (MANAGER,)),
     S.FOREIGN_MANAGER: ("none", (OBJECT, MANAGER)),
+    S.NOT_STOPPING: ("stop_reaction_s", (OBJECT,)),
+    S.OBJECT_CONTRADICTS: ("see iso-22133.md", (OBJECT,)),
+    S.CONNECTION_LOST: ("none", (OBJECT,)),
 }
 
 

@@ -40,6 +40,9 @@ class SafetyCode(IntEnum):
     LINK_DELAY = 35
     REPLY_MISSING = 36
     FOREIGN_MANAGER = 37
+    NOT_STOPPING = 38
+    OBJECT_CONTRADICTS = 39
+    CONNECTION_LOST = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +125,18 @@ _MEANT: dict[SafetyCode, tuple[str, str]] = {
     SafetyCode.FOREIGN_MANAGER: (
         "",
         "Another node publishes what one alone may, as heartbeats; measured is how many do.",
+    ),
+    SafetyCode.NOT_STOPPING: (
+        "s",
+        "A test object was told to stop and did not slow down for so long.",
+    ),
+    SafetyCode.OBJECT_CONTRADICTS: (
+        "",
+        "A test object reports a state that contradicts the session's; measured is its number.",
+    ),
+    SafetyCode.CONNECTION_LOST: (
+        "",
+        "The control connection to a test object was lost while it was armed or running.",
     ),
 }
 MEANINGS = {code: SafetyMeaning(code.name.lower(), *meant) for code, meant in _MEANT.items()}

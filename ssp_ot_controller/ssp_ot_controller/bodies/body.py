@@ -8,9 +8,11 @@ from typing import Protocol
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import Pose2, wrap_angle
+from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.participants import ParticipantSpec
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.safety.limits import LimitViolation
+from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command
 
 
@@ -39,6 +41,36 @@ class BodyReading:
     yaw_rate_radps: float = 0.0
     position_std_m: float = 0.0
     brakes_by_itself: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class BodyCheck:
+    """What a body with a control state of its own is found to be, for the object target.
+
+    Args:
+        armed: it reports that it is armed.
+        cannot_arm: why it must not be armed, for people; empty when nothing keeps it from that.
+        violation: what it does that it must not; the object stops and latches.
+    """
+
+    armed: bool = True
+    cannot_arm: str = ""
+    violation: LimitViolation | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Decided:
+    """What the object target decided, for a body that follows trajectories by itself.
+
+    Args:
+        session: as the manager's last heartbeat said.
+        state: the object target's.
+        references: the one that is driven, and those that wait, by their time.
+    """
+
+    session: SessionPhase
+    state: ControlState
+    references: tuple[Reference, ...] = ()
 
 
 class Body(Protocol):

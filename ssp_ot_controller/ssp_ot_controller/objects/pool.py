@@ -220,6 +220,9 @@ class ObjectPool:
         """Clock and delays of an object's links as they are now."""
         return self._members[object_id].channel.links()
 
+    def target_of(self, object_id: str) -> Target:
+        return self._members[object_id].target
+
     def state_of(self, object_id: str) -> ControlState:
         return self._members[object_id].target.state
 

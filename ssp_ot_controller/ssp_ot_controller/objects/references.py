@@ -318,6 +318,11 @@ class ReferenceQueue:
         return earlier[-1] if earlier else self.current
 
     @property
+    def planned(self) -> tuple[Reference, ...]:
+        """What is driven, and what waits, by their time."""
+        return (*(() if self.current is None else (self.current,)), *self._waiting)
+
+    @property
     def is_empty(self) -> bool:
         """True when nothing is driven and nothing waits."""
         return self.current is None and not self._waiting

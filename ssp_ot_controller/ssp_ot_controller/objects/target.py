@@ -10,6 +10,7 @@ from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.safety.limits import Continuity, LimitViolation, follow
 from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_ot_controller.bodies.body import BodyCheck, Decided
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command, brake_command, tightened
 from ssp_ot_controller.control.stopping import BrakeMonitor, StoppingRoom
 from ssp_ot_controller.control.tracker import Tracker, TrackingError
@@ -74,6 +75,9 @@ class Target:
         spec = next(t for t in run.targets if t.id == object_id)
         self.object_id = object_id
         self.state = ControlState.OFF
+        self.session = SessionPhase.UNKNOWN
+        # Of a body with a control state of its own.
+        self.body = BodyCheck()
         self._run = run
         self._body = tightened(LIMITS[spec.cls], run.limits)
         self.tracker = Tracker(spec.cls, self._body, run.step_s)
@@ -89,6 +93,7 @@ class Target:
         # How long it has been braking; one whose brakes failed brakes hard until it is cleared.
         self._braking: BrakeMonitor | None = None
         self._hard = False
+        self._told: LimitViolation | None = None
         self._command = Command(0.0, 0.0, spec.start.yaw_rad)
 
     # -- commands ------------------------------------------------------------------------------
@@ -118,6 +123,8 @@ class Target:
             refusal = cannot_arm(self._run, event_version, heartbeat_age_s, other_managers)
             if refusal is not None:
                 return refusal
+            if self.body.cannot_arm:
+                return CommandResponse(False, REFUSED_CONDITION, self.body.cannot_arm)
         if event is ObjectEvent.ALL_CLEAR and not self._stands():
             return CommandResponse(False, REFUSED_CONDITION, "the object still moves")
         try:
@@ -131,6 +138,7 @@ class Target:
 
     def on_session_state(self, session: SessionPhase) -> None:
         """What the manager's heartbeat says of the session: start, stop, abort."""
+        self.session = session
         if session in (SessionPhase.ABORTING, SessionPhase.ABORTED):
             if self.state not in (ControlState.OFF, ControlState.INIT):
                 self.state = transition(self.state, ObjectEvent.ABORT)
@@ -186,6 +194,11 @@ class Target:
         """An adapted reference came too late, and what it would adapt is driven, or waits to be."""
         late = refusal.code in (RefusalCode.LATE, RefusalCode.DISCONTINUOUS)
         return reference.purpose == "adapted" and late and not self._queue.is_empty
+
+    @property
+    def decided(self) -> Decided:
+        """What a body is told that follows trajectories by itself."""
+        return Decided(self.session, self.state, self._queue.planned)
 
     def last_report(self) -> ObjectState | None:
         """The newest own state as it would be reported now, None before the first."""
@@ -259,6 +272,7 @@ class Target:
             control_state=self.state,
             limits=self._run.limits,
         )
+        stopped = stopped or self._body_violation()
         if stopped is not None:
             self.local_stop()
         if self._blind:
@@ -269,6 +283,12 @@ class Target:
             command, self._braking = tracking, None
         self._command = command
         return TargetStep(command, self._report(own), stopped)
+
+    def _body_violation(self) -> LimitViolation | None:
+        """What the body does that it must not; each is told once."""
+        found, told = self.body.violation, self._told
+        self._told = found
+        return None if found == told else found
 
     def _running_s(self, now_ns: int) -> float:
         """Since the first step in RUNNING, 0 elsewhere."""
@@ -298,7 +318,8 @@ class Target:
         if self.state is ControlState.INIT and own.is_finite:
             self.state = transition(self.state, ObjectEvent.INIT_DONE)
         elif self.state is ControlState.PRE_ARMING and own.is_finite and self._stands():
-            self.state = transition(self.state, ObjectEvent.PRE_ARM_DONE)
+            if self.body.armed:
+                self.state = transition(self.state, ObjectEvent.PRE_ARM_DONE)
         elif self.state is ControlState.POSTRUN and self._stands():
             self.state = transition(self.state, ObjectEvent.STANDSTILL)
             self._drop_references()

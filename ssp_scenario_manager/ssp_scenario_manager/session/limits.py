@@ -38,6 +38,7 @@ _VERDICTS = {
             _C.REPLY_MISSING,
             _C.CLOCK_OFFSET,
             _C.LINK_DELAY,
+            _C.CONNECTION_LOST,
         ),
         Verdict.ABORTED,
     ),

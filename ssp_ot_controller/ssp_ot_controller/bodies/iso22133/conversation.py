@@ -1,0 +1,380 @@
+"""What a control centre says to one test object, and what it finds wrong with its answers.
+
+It has no socket and reads no clock: it is told the time, what the object target decided and what
+the object reports, and says what is sent. The object target stays the judge of the motion; here is
+judged what it can't see, the object's own state and whether it obeys.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+import numpy as np
+
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.geodesy import Datum
+from ssp_core.motion.reference import Reference
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.limits import LimitViolation
+from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_ot_controller.bodies.body import BodyCheck, Decided
+from ssp_ot_controller.bodies.iso22133.messages import (
+    CentreStatus,
+    CoordinateSystem,
+    Dreq,
+    Heab,
+    Message,
+    ObjectCommand,
+    Osem,
+    OsemTestMode,
+    Ostm,
+    Strt,
+    Traj,
+)
+from ssp_ot_controller.bodies.iso22133.states import STATUS_OF, Fit, fit
+from ssp_ot_controller.bodies.iso22133.trajectories import trajectory_of
+from ssp_ot_controller.bodies.iso22133.units import leap_seconds, to_gps
+
+HEAB_RATE_HZ = 100
+MONR_RATE_HZ = 100
+# Public objects take what came with a TRAJ or a DREQ in one read for a part of it.
+PAUSE_NS = 250_000_000
+# How long an object's state may lag behind ours; arming may take longer.
+LAG_S = 1.0
+ARMING_S = 3.0
+# Slower than this an object counts as standing, and a loss of as much speed shows that it brakes.
+SLOW_MPS = 0.3
+# A reference that is over must have led to a standstill after so long.
+OVER_S = 0.5
+
+C, P = ControlState, SessionPhase
+# The phase whose states an object target in this state expects of the object. Elsewhere it is the
+# session's own.
+_PHASE_OF = {
+    C.PRE_ARMING: P.ARMED, C.ARMED: P.ARMED, C.RUNNING: P.RUNNING, C.POSTRUN: P.STOPPING,
+}  # fmt: skip
+# Before these nobody waits for an object's state.
+_EARLY = (P.UNKNOWN, P.IDLE, P.LOADED)
+
+
+@dataclass(frozen=True, slots=True)
+class Reported:
+    """What an object was last heard to say.
+
+    Args:
+        connected: its control connection stands.
+        state: of its newest MONR; None before the first, and for a number without a name.
+        heard: a MONR has come since it was connected.
+        speed_mps: of its newest MONR.
+    """
+
+    connected: bool = False
+    state: ControlState | None = None
+    heard: bool = False
+    speed_mps: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What is told to an object when it is connected, and what is asked of it.
+
+    Args:
+        device_id: given to the object.
+        approach: what it drives from the start; None: it stands until its first reference. Its
+            times count from 0.
+        stands: where it stands without one, as a trajectory of two points.
+        honours_start_time: its probe report shows that it waits for a STRT's time.
+        cannot_arm: what its probe report lacks; empty when nothing.
+    """
+
+    device_id: int
+    datum: Datum
+    limits: Limits
+    approach: Reference | None
+    stands: Traj
+    honours_start_time: bool = False
+    cannot_arm: str = ""
+
+    def osem(self, now_ns: int) -> Osem:
+        """The settings as they are sent; the coordinate system isn't rotated."""
+        place, limits = self.datum.place, self.limits
+        week, time_of_week_ns = to_gps(now_ns)
+        today = datetime.fromtimestamp(now_ns / NS_PER_S, UTC)
+        return Osem(
+            device_id=self.device_id,
+            sub_device_id=0,
+            control_centre_id=0,
+            latitude_deg=place.latitude_deg,
+            longitude_deg=place.longitude_deg,
+            altitude_m=place.altitude_m,
+            rotation_rad=0.0,
+            coordinate_system=CoordinateSystem.WGS84,
+            date=int(today.strftime("%Y%m%d")),
+            week=week,
+            time_of_week_ns=time_of_week_ns,
+            leap_seconds=leap_seconds(now_ns),
+            max_way_deviation_m=limits.error_longitudinal_m,
+            max_lateral_deviation_m=limits.error_lateral_m,
+            max_yaw_deviation_rad=limits.error_yaw_rad,
+            max_position_error_m=limits.position_std_m,
+            heab_timeout_s=limits.heartbeat_s,
+            test_mode=OsemTestMode.ONLINE,
+            monr_rate_hz=MONR_RATE_HZ,
+            # Not used; public objects divide by it.
+            monr2_rate_hz=1,
+            heab_rate_hz=HEAB_RATE_HZ,
+            max_message_bytes=None,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How quickly an object does what it was told, s; None where it wasn't told or didn't yet.
+
+    Args:
+        start_error_s: from a STRT's time until RUNNING is reported, negative when it was early.
+        stop_s: from the first HEAB that stops a moving object until it has lost 0.3 m/s.
+    """
+
+    start_error_s: float | None = None
+    stop_s: float | None = None
+
+
+class Conversation:
+    """From connection to connection with one object."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.timing = Timing()
+        self._settings = settings
+        self._decided = Decided(P.UNKNOWN, C.OFF)
+        self._reported = Reported()
+        self._violation: LimitViolation | None = None
+        self._queue: deque[Message] = deque()
+        self._quiet_until_ns = 0
+        self._since_ns = 0
+        self._clear_due = False
+        # Of the trajectory: session time of its time 0, and all times that were sent, ms.
+        self._start_ns: int | None = None
+        self._started = False
+        self._times: set[int] = set()
+        self._sent: set[tuple[str, int]] = set()
+        self._trajectories = 0
+        # Of a stop: since when it is told, and the speed then.
+        self._told: tuple[int, float] | None = None
+        self._over = self._soft = False
+        self._deaf = False
+
+    # -- what happens --------------------------------------------------------------------------
+
+    def on_connected(self, now_ns: int) -> None:
+        """The control connection stands: settings, first trajectory, and who are you."""
+        self._quiet_until_ns = now_ns
+        self._queue = deque([self._settings.osem(now_ns), self._first(), Dreq()])
+        self._forget_run()
+
+    def step(self, decided: Decided, reported: Reported, now_ns: int) -> None:
+        """What the object target decided and the object said; what follows is sent by ``due``."""
+        before, self._decided, self._reported = self._decided, decided, reported
+        if decided.state is not before.state:
+            self._since_ns = now_ns
+            self._on_change(before.state, decided.state)
+        if self._clear_due and self.status is not CentreStatus.ABORT:
+            self._clear_due = False
+            self._queue.append(Ostm(ObjectCommand.ALL_CLEAR))
+        if decided.state is C.RUNNING:
+            self._run(now_ns)
+        self._watch_start(now_ns)
+        self._watch_stop(now_ns)
+        self._violation = self._violation or self._judge(now_ns)
+
+    def due(self, now_ns: int) -> list[Message]:
+        """Control messages that are sent now, in their order."""
+        messages: list[Message] = []
+        while self._queue and now_ns >= self._quiet_until_ns:
+            message = self._queue.popleft()
+            messages.append(message)
+            if isinstance(message, Traj | Dreq):
+                self._quiet_until_ns = now_ns + PAUSE_NS
+        return messages
+
+    def heab(self, now_ns: int) -> Heab | None:
+        """The heartbeat; None for an object that doesn't obey it: silence must stop it."""
+        return None if self._deaf else Heab(to_gps(now_ns)[1], self.status)
+
+    # -- what is known -------------------------------------------------------------------------
+
+    @property
+    def status(self) -> CentreStatus:
+        """What the heartbeat says of us."""
+        session, state = self._decided.session, self._decided.state
+        if state is C.ABORTING:
+            return CentreStatus.ABORT
+        if self._soft or state is C.POSTRUN:
+            return CentreStatus.NORMAL_STOP
+        if session is P.UNKNOWN and state not in _PHASE_OF:
+            return CentreStatus.INIT
+        return STATUS_OF[session]
+
+    @property
+    def check(self) -> BodyCheck:
+        """What the object target is told of the object."""
+        reported, lacks = self._reported, self._settings.cannot_arm
+        if not reported.connected:
+            lacks = "its test object isn't connected"
+        elif not reported.heard:
+            lacks = "its test object sends no MONR"
+        elif self._decided.state is C.DISARMED and reported.state is not C.DISARMED:
+            name = "no known state" if reported.state is None else reported.state.name
+            lacks = f"its test object reports {name}, not DISARMED"
+        armed = reported.connected and reported.state is C.ARMED
+        return BodyCheck(armed, lacks, self._violation)
+
+    # -- trajectories --------------------------------------------------------------------------
+
+    def _first(self) -> Traj:
+        approach = self._settings.approach
+        if approach is None:
+            return self._settings.stands
+        return trajectory_of(approach, approach.execute_at_ns, self._settings.datum, 1)
+
+    def _forget_run(self) -> None:
+        first = self._first()
+        self._trajectories = 1
+        self._times = {_ms(point.t_s) for point in first.points}
+        self._start_ns, self._started = None, False
+        self._sent.clear()
+        self.timing = Timing()
+        self._over = self._soft = False
+
+    def _run(self, now_ns: int) -> None:
+        """STRT at its time, and the trajectories of the references that were taken."""
+        if self._start_ns is None:
+            self._start_ns = self._start_of_run(now_ns)
+            if self._start_ns is None:
+                return
+        if not self._started and (self._settings.honours_start_time or now_ns >= self._start_ns):
+            self._started = True
+            week, time_of_week_ns = to_gps(self._start_ns)
+            self._queue.append(Strt(time_of_week_ns, week))
+        for reference in self._decided.references:
+            key = reference.reference_id, reference.execute_at_ns
+            if key not in self._sent and reference.execute_at_ns >= self._start_ns:
+                self._sent.add(key)
+                self._queue.append(self._next(reference, self._start_ns, now_ns))
+        ends = [reference.end_ns for reference in self._decided.references]
+        self._over = bool(ends) and now_ns > max(ends) + seconds_to_ns(OVER_S)
+        self._soft = self._soft or (self._over and abs(self._reported.speed_mps) > SLOW_MPS)
+
+    def _start_of_run(self, now_ns: int) -> int | None:
+        """Session time of the trajectory's time 0; None while the manager hasn't said it."""
+        approach = self._settings.approach
+        if approach is None:
+            return now_ns
+        first = next((r for r in self._decided.references if r.purpose == approach.purpose), None)
+        if first is None:
+            return None
+        known, given = np.array(approach.columns), np.array(first.columns)
+        if known.shape != given.shape or not np.allclose(known, given, rtol=0.0, atol=1e-6):
+            # It was armed with another trajectory than it is to drive.
+            self._violation = LimitViolation(SafetyCode.REFERENCE_REFUSED, 0.0, 0.0)
+            return None
+        self._sent.add((first.reference_id, first.execute_at_ns))
+        return first.execute_at_ns
+
+    def _next(self, reference: Reference, start_ns: int, now_ns: int) -> Traj:
+        """A reference instead of what was to be driven from its time on.
+
+        Objects merge points by their times: those of before that lie beyond its end are sent again
+        as a standstill there.
+        """
+        self._trajectories += 1
+        datum = self._settings.datum
+        traj = trajectory_of(reference, start_ns, datum, self._trajectories, from_ns=now_ns)
+        if not traj.points:
+            return traj
+        last = traj.points[-1]
+        rest = sorted(t for t in self._times if t > _ms(last.t_s))
+        stand = replace(last, speed_mps=0.0, acceleration_mps2=0.0)
+        points = (*traj.points, *(replace(stand, t_s=t / 1000.0) for t in rest))
+        self._times |= {_ms(point.t_s) for point in traj.points}
+        return replace(traj, points=points)
+
+    # -- judgement -----------------------------------------------------------------------------
+
+    def _on_change(self, before: ControlState, now: ControlState) -> None:
+        if before is C.ABORTING and now is C.DISARMED:
+            # A person has cleared it; the object is told as soon as our heartbeat allows it.
+            self._clear_due = True
+            self._deaf = False
+            self._violation = None
+        elif now is C.PRE_ARMING:
+            if self._sent:
+                self._queue.append(self._first())
+            self._forget_run()
+            self._queue.append(Ostm(ObjectCommand.ARM))
+        elif before in (C.PRE_ARMING, C.ARMED) and now is C.DISARMED:
+            self._queue.append(Ostm(ObjectCommand.DISARM))
+
+    def _watch_start(self, now_ns: int) -> None:
+        runs = self._reported.state is C.RUNNING
+        if runs and self._started and self._start_ns and self.timing.start_error_s is None:
+            error_s = ns_to_seconds(now_ns - self._start_ns)
+            self.timing = replace(self.timing, start_error_s=error_s)
+
+    def _watch_stop(self, now_ns: int) -> None:
+        speed = abs(self._reported.speed_mps)
+        if self.status not in (CentreStatus.ABORT, CentreStatus.NORMAL_STOP):
+            self._told = None
+            return
+        if self._told is None:
+            self._told = now_ns, speed
+        since_ns, from_mps = self._told
+        took_s, bound_s = ns_to_seconds(now_ns - since_ns), self._settings.limits.stop_reaction_s
+        if from_mps <= SLOW_MPS or self._deaf:
+            return
+        if speed <= from_mps - SLOW_MPS:
+            if self.timing.stop_s is None:
+                self.timing = replace(self.timing, stop_s=took_s)
+        elif took_s > bound_s and self.timing.stop_s is None:
+            self._violation = LimitViolation(SafetyCode.NOT_STOPPING, took_s, bound_s)
+            # One that doesn't obey the normal stop is told to abort, by the object target's state;
+            # one that doesn't obey that either hears nothing any more.
+            if self.status is CentreStatus.ABORT:
+                self._deaf = True
+            self._told = None
+
+    def _judge(self, now_ns: int) -> LimitViolation | None:
+        """What is wrong with the object's own state."""
+        decided, reported = self._decided, self._reported
+        if decided.state in (C.ABORTING, C.OFF, C.INIT):
+            return None
+        if not reported.connected:
+            if decided.state not in _PHASE_OF:
+                return None
+            return LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0)
+        phase = _PHASE_OF.get(decided.state, decided.session)
+        found = fit(phase, reported.state)
+        if found is Fit.AGREES or phase in _EARLY or not reported.heard:
+            return None
+        if self._over and reported.state in (C.POSTRUN, C.DISARMED):
+            return None
+        since_ns = self._since_ns
+        if decided.state is C.RUNNING:
+            # Nothing is expected before the start's time.
+            since_ns = max(since_ns, now_ns if self._start_ns is None else self._start_ns)
+        lag_s = ns_to_seconds(now_ns - since_ns)
+        patience_s = ARMING_S if phase is P.ARMED else LAG_S
+        if found is Fit.CONTRADICTS and decided.state in (C.ARMED, C.RUNNING):
+            # It has agreed before: no message under way explains it.
+            patience_s = 0.0
+        if lag_s <= patience_s or (found is Fit.COMES and phase is P.CONNECTED):
+            return None
+        number = -1.0 if reported.state is None else float(reported.state)
+        return LimitViolation(SafetyCode.OBJECT_CONTRADICTS, number, patience_s)
+
+
+def _ms(t_s: float) -> int:
+    return round(t_s * 1000.0)
