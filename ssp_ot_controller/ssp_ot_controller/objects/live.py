@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+import socket
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from ssp_core.cdr.steps import WorldTick
 from ssp_core.clock import ns_to_seconds
@@ -11,8 +12,9 @@ from ssp_core.errors import InputError
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_ot_controller.bodies.body import Body, BodyReading, MirrorBody, state_of
 from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.bodies.iso22133.gateway import SCHEME, IsoAddress, IsoBody
 from ssp_ot_controller.bodies.protocol import UdpBody
-from ssp_ot_controller.objects.pool import PoolStep
+from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
 
 _ADDRESS = re.compile(r"udp://(?P<host>[^:/\[\]]+|\[[0-9a-fA-F:]+\]):(?P<port>[0-9]{1,5})")
 _FIELD = "parameter bodies"
@@ -20,29 +22,34 @@ _FIELD = "parameter bodies"
 MIRROR = "mirror"
 # Until a body is heard for the first time it is told to stand; it sends to whoever commands it.
 _STAND = Command(0.0, 0.0, 0.0, emergency_stop=True)
+# A test object's reports come more often than objects are stepped; each is stepped on the first
+# one after this share of a step.
+_STEP_SHARE = 0.75
+_REMEDY = (
+    f"write <object>=udp://<host>:<port>, <object>={SCHEME}://<host>[:<port>][?report=<file>] or "
+    "<object>=mirror, separated by commas"
+)
 
 
-def parse_bodies(text: str, object_ids: Iterable[str]) -> dict[str, tuple[str, int] | None]:
+def parse_bodies(
+    text: str, object_ids: Iterable[str]
+) -> dict[str, tuple[str, int] | IsoAddress | None]:
     """Host and port of each object's body, None for a mirror.
 
     Args:
-        text: ``ot1=udp://host:port,ot2=mirror,...``.
+        text: ``ot1=udp://host:port,ot2=iso22133://host,ot3=mirror,...``.
 
     Raises:
         InputError: not of that form, or not exactly one for each object.
     """
     wanted = sorted(object_ids)
-    found: dict[str, tuple[str, int] | None] = {}
+    found: dict[str, tuple[str, int] | IsoAddress | None] = {}
     for entry in filter(None, (part.strip() for part in text.split(","))):
         object_id, _, address = entry.partition("=")
-        match = _ADDRESS.fullmatch(address)
-        if address != MIRROR and (match is None or not 0 < int(match["port"]) < 65536):
-            raise InputError(
-                "is no body",
-                field=_FIELD,
-                value=entry,
-                remedy="write <object>=udp://<host>:<port> or <object>=mirror, separated by commas",
-            )
+        match, iso = _ADDRESS.fullmatch(address), IsoAddress.parse(address)
+        is_udp = match is not None and 0 < int(match["port"]) < 65536
+        if address != MIRROR and iso is None and not is_udp:
+            raise InputError("is no body", field=_FIELD, value=entry, remedy=_REMEDY)
         if object_id in found or object_id not in wanted:
             raise InputError(
                 "has a body already" if object_id in found else "is no object of this process",
@@ -50,14 +57,15 @@ def parse_bodies(text: str, object_ids: Iterable[str]) -> dict[str, tuple[str, i
                 value=object_id,
                 remedy=f"give one body for each of {', '.join(wanted)}",
             )
-        found[object_id] = (match["host"].strip("[]"), int(match["port"])) if match else None
+        udp = (match["host"].strip("[]"), int(match["port"])) if match else None
+        found[object_id] = iso or udp
     missing = [object_id for object_id in wanted if object_id not in found]
     if missing:
         raise InputError(
             f"{', '.join(missing)} has no body",
             field=_FIELD,
             value=text,
-            remedy="a live run needs <object>=udp://<host>:<port> for each object",
+            remedy=f"a live run needs one for each object: {_REMEDY}",
         )
     return found
 
@@ -78,8 +86,13 @@ def check_undisturbed(run: RunSpec, object_ids: Iterable[str]) -> None:
             )
 
 
-def open_bodies(run: RunSpec, object_ids: Iterable[str], text: str, now_ns: int) -> dict[str, Body]:
+def open_bodies(
+    run: RunSpec, object_ids: Iterable[str], text: str, now_ns: int, tell: Callable[[str], None]
+) -> dict[str, Body]:
     """The bodies of a live run's objects.
+
+    Args:
+        tell: is told what an operator needs to know of a test object.
 
     Raises:
         InputError: the parameter or the run doesn't fit.
@@ -89,10 +102,13 @@ def open_bodies(run: RunSpec, object_ids: Iterable[str], text: str, now_ns: int)
     check_undisturbed(run, ids)
     specs = {t.id: t for t in run.targets}
     bodies: dict[str, Body] = {}
+    numbers = {target.id: number for number, target in enumerate(run.targets, start=1)}
     for object_id, address in parse_bodies(text, ids).items():
+        spec = specs[object_id]
         if address is None:
-            spec = specs[object_id]
             bodies[object_id] = MirrorBody(spec.cls, spec.start.pose, now_ns)
+        elif isinstance(address, IsoAddress):
+            bodies[object_id] = IsoBody(run, spec, address, numbers[object_id], tell)
         else:
             bodies[object_id] = UdpBody(object_id, *address, now_ns)
     return bodies
@@ -110,25 +126,74 @@ class LiveObjects:
     ) -> None:
         self._bodies = dict(bodies)
         self._specs = {t.id: t for t in run.targets if t.id in bodies}
+        self._test_objects = {i: b for i, b in bodies.items() if isinstance(b, IsoBody)}
         self._ahead_s = run.limits.clock_offset_s
+        self._apart_s = _STEP_SHARE * run.step_s if self._test_objects else 0.0
+        self._stepped_ns: dict[str, int] = {}
         self._newest: dict[str, BodyReading] = {}
+        # Readings that were in no tick yet.
+        self._unseen: set[str] = set()
         self._states: dict[str, int] = {}
         self._warn = warn
         self._warned: set[str] = set()
         self._step = 0
 
-    def tick(self, now_ns: int) -> WorldTick:
-        """Reads all bodies; one that says nothing new is where it was, with its old stamp."""
+    @property
+    def test_object_ids(self) -> tuple[str, ...]:
+        """Of the objects whose bodies speak ISO 22133."""
+        return tuple(self._test_objects)
+
+    @property
+    def sockets(self) -> list[socket.socket]:
+        """Those on which test objects report, which are dealt with as they come."""
+        return [one for body in self._test_objects.values() for one in body.sockets]
+
+    def tick(self, now_ns: int, *, only_new: bool = False) -> WorldTick:
+        """Reads all bodies; one that says nothing new is where it was, with its old stamp.
+
+        Args:
+            only_new: those that say nothing new, or were in a tick just now, are left out.
+        """
         self._step += 1
+        for test_object in self._test_objects.values():
+            test_object.poll(now_ns)
         for object_id, body in self._bodies.items():
             reading = body.read()
             if reading is not None and self._is_believable(object_id, reading, now_ns):
                 self._newest[object_id] = reading
+                self._unseen.add(object_id)
         truths = []
         for object_id, reading in sorted(self._newest.items()):
+            apart_s = ns_to_seconds(now_ns - self._stepped_ns.get(object_id, 0))
+            if apart_s < self._apart_s or (only_new and object_id not in self._unseen):
+                continue
+            self._stepped_ns[object_id] = now_ns
+            self._unseen.discard(object_id)
             number = self._states[object_id] = self._states.get(object_id, 0) + 1
             truths.append(state_of(reading, self._specs[object_id], number))
         return WorldTick(now_ns, self._step, True, False, 0, 0, tuple(truths))
+
+    def check(self, pool: ObjectPool) -> None:
+        """Tells object targets what their test objects are found to be."""
+        for object_id, body in self._test_objects.items():
+            pool.target_of(object_id).body = body.check
+
+    def follow(self, pool: ObjectPool, now_ns: int) -> None:
+        """Tells test objects what their object targets decided."""
+        for object_id, body in self._test_objects.items():
+            body.follow(pool.target_of(object_id).decided, now_ns)
+
+    def beat(self, now_ns: int) -> None:
+        """A heartbeat to each test object."""
+        for body in self._test_objects.values():
+            body.beat(now_ns)
+
+    def frames(self) -> Iterator[tuple[str, list[tuple[bool, int, bytes]]]]:
+        """Raw frames of each test object since the last call: sent or not, ns, bytes."""
+        for object_id, body in self._test_objects.items():
+            frames = body.frames()
+            if frames:
+                yield object_id, frames
 
     def _is_believable(self, object_id: str, reading: BodyReading, now_ns: int) -> bool:
         ahead_s = ns_to_seconds(reading.stamp_ns - now_ns)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import select
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
+from itertools import accumulate
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -27,6 +30,7 @@ from ssp_msgs.msg import (
     FaultEvent,
     Heartbeat,
     HeartbeatReply,
+    IsoFrames,
     ObjectState,
     ObjectStates,
     ReferenceAck,
@@ -36,6 +40,7 @@ from ssp_msgs.msg import (
 )
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
+from ssp_ot_controller.bodies.iso22133.conversation import HEAB_RATE_HZ
 from ssp_ot_controller.objects.live import LiveObjects, open_bodies
 from ssp_ot_controller.objects.messages import (
     HeartbeatAnswer,
@@ -142,7 +147,77 @@ class ObjectPublishers:
         )
 
 
+class TestObjectEndpoints:
+    """What test objects need beside the steps: heartbeats, reports as they come, raw frames.
+
+    Args:
+        on_report: called in the node's executor when a test object has said something.
+    """
+
+    def __init__(self, node: Node, live: LiveObjects, on_report: Callable[[], None]) -> None:
+        self._node, self._live, self._on_report = node, live, on_report
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timers = [
+            node.create_timer(HEAB_PERIOD_S, self._beat, clock=steady),
+            node.create_timer(FRAMES_PERIOD_S, self._publish_frames, clock=steady),
+        ]
+        self._publishers = {
+            i: node.create_publisher(IsoFrames, names.iso_frames_topic(i), ros.STATE)
+            for i in live.test_object_ids
+        }
+        self._guard = node.create_guard_condition(self._serve)
+        self._served = threading.Event()
+        self._closed = False
+        self._thread = threading.Thread(target=self._wait, name="test objects", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the waiting; timers and publishers belong to the node's entities."""
+        self._closed = True
+        self._served.set()
+        self._thread.join()
+        self._node.destroy_guard_condition(self._guard)
+        self._publish_frames()
+
+    def _beat(self) -> None:
+        self._live.beat(time.time_ns())
+
+    def _wait(self) -> None:
+        """In a thread of its own: wakes the executor when there is something to read."""
+        while not self._closed:
+            sockets = self._live.sockets
+            try:
+                readable = select.select(sockets, [], [], WAIT_S)[0]
+            except (OSError, ValueError):
+                # One was closed meanwhile.
+                readable = []
+                self._served.wait(WAIT_S)
+            if readable:
+                self._served.clear()
+                self._guard.trigger()
+                self._served.wait(WAIT_S)
+
+    def _serve(self) -> None:
+        self._on_report()
+        self._served.set()
+
+    def _publish_frames(self) -> None:
+        for object_id, frames in self._live.frames():
+            message = IsoFrames(object_id=object_id, sent=[sent for sent, _, _ in frames])
+            message.header.stamp = ros.stamp_from_ns(frames[-1][1])
+            message.header.frame_id = names.MAP_FRAME
+            message.stamps = [ros.stamp_from_ns(stamp_ns) for _, stamp_ns, _ in frames]
+            message.ends = list(accumulate(len(data) for _, _, data in frames))
+            message.data = b"".join(data for _, _, data in frames)
+            self._publishers[object_id].publish(message)
+
+
 LATE_ANSWER_PERIOD_S = 0.005
+# Test objects: of the heartbeats, of the messages of raw frames, and for how long their sockets are
+# waited for at once.
+HEAB_PERIOD_S = 1.0 / HEAB_RATE_HZ
+FRAMES_PERIOD_S = 0.1
+WAIT_S = 0.05
 WATCHDOG_PERIOD_S = 0.05
 
 
@@ -166,8 +241,10 @@ class ObjectProcess:
         self._live: LiveObjects | None = None
         if run.mode == "live":
             # No simulated world: the bodies are read and commanded here, on a steady timer.
-            bodies = open_bodies(run, self.pool.object_ids, given["bodies"], time.time_ns())
-            self._live = LiveObjects(run, bodies, node.get_logger().error)
+            log = node.get_logger()
+            ids, text = self.pool.object_ids, given["bodies"]
+            bodies = open_bodies(run, ids, text, time.time_ns(), log.info)
+            self._live = LiveObjects(run, bodies, log.error)
         self._before = {id(entity) for entity, _ in self._entities()}
         self._responder = HeartbeatResponder()
         self._outgoing = ObjectPublishers(node, self.pool.object_ids, run.states_in_one)
@@ -178,6 +255,9 @@ class ObjectProcess:
             node.create_timer(LATE_ANSWER_PERIOD_S, self._answer_late, clock=steady)
         if self._live is not None:
             node.create_timer(run.step_s, partial(self._live_step, self._live), clock=steady)
+        self._test_objects: TestObjectEndpoints | None = None
+        if self._live is not None and self._live.test_object_ids:
+            self._test_objects = TestObjectEndpoints(node, self._live, self._on_report)
 
     def _entities(self) -> list[tuple[Any, Callable[[Any], bool]]]:
         """What the node has, each with what ends it."""
@@ -191,6 +271,9 @@ class ObjectProcess:
 
     def close(self) -> None:
         """Takes the endpoints and timers away, and leaves bodies to their own watchdogs."""
+        if self._test_objects is not None:
+            self._test_objects.close()
+            self._test_objects = None
         for entity, destroy in self._entities():
             if id(entity) not in self._before:
                 destroy(entity)
@@ -266,9 +349,17 @@ class ObjectProcess:
         response.control_state = int(self.pool.state_of(object_id))
         return response
 
-    def _live_step(self, live: LiveObjects) -> None:
-        self.pool.take_tick(live.tick(time.time_ns()), time.monotonic_ns())
+    def _live_step(self, live: LiveObjects, *, only_new: bool = False) -> None:
+        tick = live.tick(time.time_ns(), only_new=only_new)
+        if only_new and not tick.objects:
+            return
+        live.check(self.pool)
+        self.pool.take_tick(tick, time.monotonic_ns())
         self._send(self.pool.step(time.monotonic_ns()))
+
+    def _on_report(self) -> None:
+        if self._live is not None:
+            self._live_step(self._live, only_new=True)
 
     def _work(self) -> None:
         """Deals with the newest tick once everything that belongs to it has arrived."""
@@ -279,6 +370,7 @@ class ObjectProcess:
         # Bodies first: what is published can wait.
         if self._live is not None:
             self._live.command(step, time.time_ns())
+            self._live.follow(self.pool, time.time_ns())
         self._outgoing.send(step)
 
     def _watch(self) -> None:

@@ -24,8 +24,8 @@ _OPTIONS = (
         "bodies",
         multiple=True,
         metavar="ID=ADDRESS",
-        help="With --mode live: body of an object that is led from this host, udp://HOST:PORT or "
-        "mirror; may be repeated. Objects without one are led from other hosts.",
+        help="With --mode live: body of an object that is led from this host, udp://HOST:PORT, "
+        "iso22133://HOST[:PORT][?report=FILE] or mirror; may be repeated. Objects without one are led from other hosts.",
     ),
     click.option(
         "--odometry",
@@ -56,10 +56,15 @@ _OPTIONS = (
 )
 
 
+_ADDRESSES = "udp://HOST:PORT, iso22133://HOST[:PORT][?report=FILE] or mirror"
+
+
 def _is_address(text: str) -> bool:
     """Whether object_target takes this for a body; it says the same, but only once it is up."""
+    if text == "mirror" or re.fullmatch(r"iso22133://[^/\s]+", text.partition("?")[0]):
+        return True
     found = re.fullmatch(r"udp://[^:/\s]+:(\d{1,5})", text)
-    return text == "mirror" or (found is not None and 0 < int(found[1]) < 65536)
+    return found is not None and 0 < int(found[1]) < 65536
 
 
 def live_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -108,11 +113,9 @@ class LiveSetup:
         for entry in options["bodies"]:
             object_id, equals, address = entry.partition("=")
             if not (object_id and equals and address) or "," in entry:
-                raise click.UsageError(f"--body {entry}: write ID=udp://HOST:PORT or ID=mirror")
+                raise click.UsageError(f"--body {entry}: write ID={_ADDRESSES}")
             if not _is_address(address):
-                raise click.UsageError(
-                    f"--body {entry}: is no body; write udp://HOST:PORT or mirror"
-                )
+                raise click.UsageError(f"--body {entry}: is no body; write {_ADDRESSES}")
             if object_id in bodies:
                 raise click.UsageError(f"--body {object_id}: it has a body already")
             bodies[object_id] = address

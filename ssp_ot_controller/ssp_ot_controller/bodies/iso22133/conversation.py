@@ -69,12 +69,14 @@ class Reported:
         state: of its newest MONR; None before the first, and for a number without a name.
         heard: a MONR has come since it was connected.
         speed_mps: of its newest MONR.
+        gate: why its probe report doesn't let it be armed; empty when it does.
     """
 
     connected: bool = False
     state: ControlState | None = None
     heard: bool = False
     speed_mps: float = 0.0
+    gate: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,6 @@ class Settings:
             times count from 0.
         stands: where it stands without one, as a trajectory of two points.
         honours_start_time: its probe report shows that it waits for a STRT's time.
-        cannot_arm: what its probe report lacks; empty when nothing.
     """
 
     device_id: int
@@ -96,7 +97,6 @@ class Settings:
     approach: Reference | None
     stands: Traj
     honours_start_time: bool = False
-    cannot_arm: str = ""
 
     def osem(self, now_ns: int) -> Osem:
         """The settings as they are sent; the coordinate system isn't rotated."""
@@ -221,7 +221,8 @@ class Conversation:
     @property
     def check(self) -> BodyCheck:
         """What the object target is told of the object."""
-        reported, lacks = self._reported, self._settings.cannot_arm
+        reported = self._reported
+        lacks = reported.gate
         if not reported.connected:
             lacks = "its test object isn't connected"
         elif not reported.heard:

@@ -1,0 +1,329 @@
+"""A test object that speaks ISO 22133, as a body: MONR in, trajectories and heartbeats out."""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from urllib.parse import parse_qsl
+
+import numpy as np
+
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.errors import InputError
+from ssp_core.geodesy import Datum
+from ssp_core.motion.approach import approach_points
+from ssp_core.motion.reference import Reference
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_ot_controller.bodies.body import BodyCheck, BodyReading, Decided
+from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.bodies.iso22133.conversation import Conversation, Reported, Settings
+from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Rejected
+from ssp_ot_controller.bodies.iso22133.link import Link
+from ssp_ot_controller.bodies.iso22133.messages import (
+    Decoded,
+    Dres,
+    Monr,
+    Traj,
+    TrajectoryInfo,
+    TrajPoint,
+)
+from ssp_ot_controller.bodies.iso22133.probe_report import (
+    ProbeReport,
+    cannot_arm,
+    honours_start_time,
+    load_report,
+)
+from ssp_ot_controller.bodies.iso22133.reports import MonrReadings
+from ssp_ot_controller.bodies.iso22133.states import state_of
+from ssp_ot_controller.bodies.odometry import LeverArm
+
+SCHEME = "iso22133"
+_ADDRESS = re.compile(
+    rf"{SCHEME}://(?P<host>[^:/?\[\]]+|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{{1,5}}))?"
+    r"(\?(?P<query>.*))?"
+)
+_METRES = ("forward_m", "left_m")
+# A lost connection is tried again so often.
+_RETRY_NS = NS_PER_S
+# Intervals and ages are kept of the newest MONR, for a minute of them.
+_KEPT = 6000
+
+
+@dataclass(frozen=True, slots=True)
+class IsoAddress:
+    """``iso22133://HOST[:PORT][?report=FILE&waive=NAME&forward_m=X&left_m=Y]``.
+
+    Args:
+        port: TCP; process data go by UDP to the one below.
+        report: of ``ssp iso probe``.
+        waive: name of the person who lets the object be armed without one.
+        lever: where the point that it reports lies.
+    """
+
+    host: str
+    port: int = TCP_PORT
+    report: Path | None = None
+    waive: str = ""
+    lever: LeverArm = LeverArm()
+
+    @staticmethod
+    def parse(text: str) -> IsoAddress | None:
+        """None for what isn't one."""
+        match = _ADDRESS.fullmatch(text)
+        if match is None:
+            return None
+        options = dict(parse_qsl(match["query"] or "", keep_blank_values=True))
+        port = int(match["port"] or TCP_PORT)
+        if not 1 < port < 65536 or set(options) - {"report", "waive", *_METRES}:
+            return None
+        try:
+            lever = LeverArm(*(float(options.get(name, "0")) for name in _METRES))
+        except ValueError:
+            return None
+        if not np.all(np.isfinite([lever.forward_m, lever.left_m])):
+            return None
+        report = Path(options["report"]) if options.get("report") else None
+        return IsoAddress(
+            match["host"].strip("[]"), port, report, options.get("waive", "").strip(), lever
+        )
+
+
+class MonrStatistics:
+    """Rate, regularity and age of MONR, and what they don't state."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.rejected: Counter[str] = Counter()
+        self.unavailable: Counter[str] = Counter()
+        self._intervals_s: deque[float] = deque(maxlen=_KEPT)
+        self._ages_s: deque[float] = deque(maxlen=_KEPT)
+        self._last_ns: int | None = None
+
+    def take(self, monr: Monr, stamp_ns: int | None, arrived_ns: int) -> None:
+        """One MONR; its stamp is None where it gave no reading."""
+        self.count += 1
+        if self._last_ns is not None:
+            self._intervals_s.append(ns_to_seconds(arrived_ns - self._last_ns))
+        self._last_ns = arrived_ns
+        if stamp_ns is not None:
+            self._ages_s.append(ns_to_seconds(arrived_ns - stamp_ns))
+        self.unavailable.update(
+            name for name in Monr.__dataclass_fields__ if getattr(monr, name) is None
+        )
+
+    def text(self) -> str:
+        """For people: rate, 1st and 99th percentile of the intervals, median and worst ages."""
+        if len(self._intervals_s) < 2:
+            return f"{self.count} MONR"
+        low, middle, high = np.percentile(self._intervals_s, (1, 50, 99)) * 1e3
+        parts = [
+            f"{self.count} MONR, {1e3 / middle:.1f} Hz",
+            f"intervals {low:.1f} to {high:.1f} ms",
+        ]
+        if self._ages_s:
+            age, oldest = np.percentile(self._ages_s, (50, 99)) * 1e3
+            parts.append(f"age {age:.1f} ms, p99 {oldest:.1f} ms")
+        if self.unavailable:
+            parts.append("unavailable: " + ", ".join(sorted(self.unavailable)))
+        parts += [f"{count} × {reason}" for reason, count in self.rejected.most_common(3)]
+        return "; ".join(parts)
+
+
+class IsoBody:
+    """Leads one test object. It follows its trajectory by itself: commands of a body are not sent.
+
+    Args:
+        tell: is told what an operator or a dispute needs to know, once each.
+        device_id: that the object is given.
+
+    Raises:
+        InputError: the run has no datum, or the probe report can't be read.
+        HostError: there is no way to that address.
+    """
+
+    def __init__(
+        self,
+        run: RunSpec,
+        spec: ParticipantSpec,
+        address: IsoAddress,
+        device_id: int,
+        tell: Callable[[str], None],
+    ) -> None:
+        if run.datum is None:
+            raise InputError(
+                f"{spec.id} speaks ISO 22133, and the run doesn't say where it takes place",
+                field="datum",
+                remedy="give the site file a datum and compile the run anew (docs/sites.md)",
+            )
+        datum = run.datum.datum
+        self._object_id, self._tell, self._address = spec.id, tell, address
+        self._report = None if address.report is None else load_report(address.report)
+        self._bound_s = run.limits.stop_reaction_s
+        self._firmware: str | None = None
+        self._frames: list[tuple[bool, int, bytes]] = []
+        self._link = Link(address.host, address.port, self._tap)
+        self._conversation = Conversation(_settings(run, spec, datum, device_id, self._report))
+        self._readings = MonrReadings(datum, address.lever, run.limits.position_std_m)
+        self.statistics = MonrStatistics()
+        self._reported = Reported(gate=self._gate())
+        self._newest: BodyReading | None = None
+        self._retry_ns = 0
+        self._told: set[str] = set()
+        if address.waive:
+            tell(f"{address.waive} lets {spec.id} be armed whatever its probe report lacks")
+
+    def _tap(self, sent: bool, stamp_ns: int, data: bytes) -> None:
+        self._frames.append((sent, stamp_ns, data))
+
+    def _gate(self) -> str:
+        lacks = cannot_arm(self._report, self._bound_s, self._firmware, self._address.waive)
+        return lacks or ""
+
+    # -- as a body -----------------------------------------------------------------------------
+
+    def read(self) -> BodyReading | None:
+        newest, self._newest = self._newest, None
+        return newest
+
+    def command(self, command: Command, now_ns: int) -> None:
+        """Nothing: it drives by itself what ``follow`` was told."""
+
+    def close(self) -> None:
+        """Leaves the object to its own watchdog."""
+        self._tell(f"{self._object_id}: {self.statistics.text()}{self._timing()}")
+        self._link.close()
+
+    # -- as a test object ----------------------------------------------------------------------
+
+    @property
+    def sockets(self) -> list[socket.socket]:
+        """What may be waited for."""
+        return list(self._link.sockets)
+
+    @property
+    def check(self) -> BodyCheck:
+        return self._conversation.check
+
+    def frames(self) -> list[tuple[bool, int, bytes]]:
+        """Raw frames since the last call: sent or not, ns, bytes."""
+        frames, self._frames = self._frames, []
+        return frames
+
+    def poll(self, now_ns: int) -> bool:
+        """Takes what has come, and keeps the connection; True for a new reading."""
+        if not self._link.connected and now_ns >= self._retry_ns:
+            self._retry_ns = now_ns + _RETRY_NS
+            self._link.connect()
+        for received in self._link.poll():
+            if isinstance(received.outcome, Rejected):
+                self._reject(received.outcome)
+            else:
+                self._hear(received.outcome, received.stamp_ns)
+        connected = self._link.connected
+        if connected and not self._reported.connected:
+            self._reported = Reported(connected=True, gate=self._reported.gate)
+            self._conversation.on_connected(now_ns)
+            self._tell(f"{self._object_id} is connected")
+        elif self._reported.connected and not connected:
+            self._reported = replace(self._reported, connected=False, state=None)
+            self._tell(f"{self._object_id} is not connected any more: {self._link.problem}")
+            self._told.clear()
+        return self._newest is not None
+
+    def follow(self, decided: Decided, now_ns: int) -> None:
+        """What the object target decided."""
+        before = self._conversation.timing
+        self._conversation.step(decided, self._reported, now_ns)
+        if self._conversation.timing != before:
+            self._tell(f"{self._object_id}{self._timing()}")
+        self.send(now_ns)
+
+    def send(self, now_ns: int) -> None:
+        """Control messages that are due."""
+        if self._link.connected:
+            for message in self._conversation.due(now_ns):
+                self._link.send(message)
+
+    def beat(self, now_ns: int) -> None:
+        """One heartbeat, and what else is due."""
+        if self._link.connected:
+            heab = self._conversation.heab(now_ns)
+            if heab is not None:
+                self._link.send(heab)
+        self.send(now_ns)
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _hear(self, decoded: Decoded, arrived_ns: int) -> None:
+        message = decoded.message
+        for text in decoded.odd:
+            self._once(text)
+        if isinstance(message, Monr):
+            reading = self._readings.take(message, arrived_ns)
+            if isinstance(reading, Rejected):
+                self._reject(reading)
+                self.statistics.take(message, None, arrived_ns)
+            else:
+                self._newest = reading
+                self.statistics.take(message, reading.stamp_ns, arrived_ns)
+            speed = self._reported.speed_mps if message.speed_mps is None else message.speed_mps
+            state = state_of(message.state)
+            self._reported = replace(self._reported, heard=True, state=state, speed_mps=speed)
+        elif isinstance(message, Dres):
+            self._firmware = message.firmware
+            self._reported = replace(self._reported, gate=self._gate())
+            self._once(f"is {message.vendor} {message.product}, firmware {message.firmware}")
+
+    def _reject(self, rejected: Rejected) -> None:
+        self.statistics.rejected[rejected.reason.value] += 1
+        evidence = f" ({rejected.evidence.hex()})" if rejected.evidence else ""
+        if self.statistics.rejected[rejected.reason.value] == 1:
+            self._tell(f"{self._object_id}: {rejected.reason.value}: {rejected.text}{evidence}")
+
+    def _once(self, text: str) -> None:
+        if text not in self._told:
+            self._told.add(text)
+            self._tell(f"{self._object_id} {text}")
+
+    def _timing(self) -> str:
+        timing = self._conversation.timing
+        parts = []
+        if timing.start_error_s is not None:
+            parts.append(f" was RUNNING {timing.start_error_s:+.3f} s from its start time")
+        if timing.stop_s is not None:
+            parts.append(f" slowed {timing.stop_s:.3f} s after it was told to stop")
+        return ",".join(parts)
+
+
+def _settings(
+    run: RunSpec, spec: ParticipantSpec, datum: Datum, device_id: int, report: ProbeReport | None
+) -> Settings:
+    approach = None
+    if spec.approach is not None:
+        approach = Reference(
+            reference_id=f"{spec.id} approach",
+            object_id=spec.id,
+            event_version=run.event_version,
+            purpose="approach",
+            dispatched_ns=0,
+            execute_at_ns=0,
+            expires_at_ns=0,
+            points=approach_points(spec.approach),
+        )
+    pose = datum.to_enu(spec.start.pose)
+    stand = TrajPoint(0.0, pose.x_m, pose.y_m, 0.0, pose.yaw_rad, 0.0, 0.0, 0.0, 0.0, 0.0)
+    ends = replace(stand, t_s=round(run.limits.duration_s, 3))
+    stands = Traj(1, TrajectoryInfo.RELATIVE_TO_ORIGIN, f"{spec.id} stands", (stand, ends))
+    return Settings(
+        device_id,
+        datum,
+        run.limits,
+        approach,
+        stands,
+        honours_start_time=report is not None and honours_start_time(report),
+    )
