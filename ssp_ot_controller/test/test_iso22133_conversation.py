@@ -41,9 +41,7 @@ STEP_NS = 10_000_000
 LIMITS = Limits(speed_mps=20.0, acceleration_mps2=4.0)
 DATUM = Datum(Place(57.0, 12.0, 200.0))
 STAND = TrajPoint(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-STANDS = Traj(
-    1, TrajectoryInfo.RELATIVE_TO_ORIGIN, "stands", (STAND, replace(STAND, t_s=60.0))
-)
+STANDS = Traj(1, TrajectoryInfo.RELATIVE_TO_ORIGIN, "stands", (STAND, replace(STAND, t_s=60.0)))
 
 
 def along_x(reference_id: str, execute_at_ns: int, ends_s: float, x_m: float = 0.0) -> Reference:
@@ -86,7 +84,9 @@ class Talk:
 
     def decides(self, state: C, session: P | None = None, *references: Reference) -> None:
         given = references or self.decided.references
-        self.decided = Decided(self.decided.session if session is None else session, state, tuple(given))
+        self.decided = Decided(
+            self.decided.session if session is None else session, state, tuple(given)
+        )
 
     def of(self, kind: type) -> list[Message]:
         return [message for message in self.sent if isinstance(message, kind)]

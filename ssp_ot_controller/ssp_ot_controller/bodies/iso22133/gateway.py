@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 import socket
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import parse_qsl
 
 import numpy as np
 
-from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.geodesy import Datum
 from ssp_core.motion.approach import approach_points
@@ -69,7 +69,7 @@ class IsoAddress:
     port: int = TCP_PORT
     report: Path | None = None
     waive: str = ""
-    lever: LeverArm = LeverArm()
+    lever: LeverArm | None = None
 
     @staticmethod
     def parse(text: str) -> IsoAddress | None:
