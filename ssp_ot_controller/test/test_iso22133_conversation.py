@@ -62,8 +62,10 @@ class Talk:
 
     settings: Settings
     now_ns: int = T0
-    decided: Decided = Decided(P.CONNECTED, C.DISARMED)
-    reported: Reported = Reported(connected=True, state=C.DISARMED, heard=True)
+    decided: Decided = field(default_factory=lambda: Decided(P.CONNECTED, C.DISARMED))
+    reported: Reported = field(
+        default_factory=lambda: Reported(connected=True, state=C.DISARMED, heard=True)
+    )
     sent: list[Message] = field(default_factory=list)
 
     def __post_init__(self) -> None:

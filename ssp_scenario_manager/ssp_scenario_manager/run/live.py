@@ -25,7 +25,8 @@ _OPTIONS = (
         multiple=True,
         metavar="ID=ADDRESS",
         help="With --mode live: body of an object that is led from this host, udp://HOST:PORT, "
-        "iso22133://HOST[:PORT][?report=FILE] or mirror; may be repeated. Objects without one are led from other hosts.",
+        "iso22133://HOST[:PORT][?report=FILE] or mirror; may be repeated. Objects without one are "
+        "led from other hosts.",
     ),
     click.option(
         "--odometry",

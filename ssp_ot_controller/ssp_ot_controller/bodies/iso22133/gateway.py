@@ -82,11 +82,12 @@ class IsoAddress:
         if not 1 < port < 65536 or set(options) - {"report", "waive", *_METRES}:
             return None
         try:
-            lever = LeverArm(*(float(options.get(name, "0")) for name in _METRES))
+            metres = [float(options.get(name, "0")) for name in _METRES]
         except ValueError:
             return None
-        if not np.all(np.isfinite([lever.forward_m, lever.left_m])):
+        if not np.all(np.isfinite(metres)):
             return None
+        lever = LeverArm(*metres) if any(metres) else None
         report = Path(options["report"]) if options.get("report") else None
         return IsoAddress(
             match["host"].strip("[]"), port, report, options.get("waive", "").strip(), lever
@@ -325,5 +326,5 @@ def _settings(
         run.limits,
         approach,
         stands,
-        honours_start_time=report is not None and honours_start_time(report),
+        honours_start_time=report is not None and honours_start_time(report) is not None,
     )

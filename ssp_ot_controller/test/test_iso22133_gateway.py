@@ -1,0 +1,208 @@
+"""A test object as a body: what it says becomes readings, what is decided reaches it."""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.errors import InputError
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_ot_controller.bodies.body import Decided
+from ssp_ot_controller.bodies.iso22133.framing import StreamDecoder, frames_of
+from ssp_ot_controller.bodies.iso22133.gateway import IsoAddress, IsoBody
+from ssp_ot_controller.bodies.iso22133.messages import (
+    CentreStatus,
+    Decoded,
+    Heab,
+    Message,
+    Osem,
+    Traj,
+    decode,
+    encode,
+)
+from ssp_ot_controller.bodies.iso22133.units import to_gps
+from ssp_ot_controller.bodies.odometry import LeverArm
+from ssp_ot_controller.objects.live import parse_bodies
+from tests.support.iso22133 import ObjectSockets, monr
+from tests.support.runs import small_run
+from tests.support.waiting import DEADLINE_S, until
+
+DATUM = {"latitude_deg": 57.0, "longitude_deg": 12.0}
+FAR_LEFT = IsoAddress("10.0.0.5", 9001, Path("a.json"), "Ada", LeverArm(1.5, -0.2))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("iso22133://track-7", IsoAddress("track-7")),
+        ("iso22133://[fe80::1]:2", IsoAddress("fe80::1", 2)),
+        (
+            "iso22133://10.0.0.5:9001?report=a.json&waive=Ada&forward_m=1.5&left_m=-0.2",
+            FAR_LEFT,
+        ),
+        ("iso22133://h?unknown=1", None),
+        ("iso22133://h?forward_m=far", None),
+        ("iso22133://h?forward_m=nan", None),
+        ("iso22133://h:1", None),
+        ("iso22133://h:65536", None),
+        ("iso22133://", None),
+        ("udp://h:9001", None),
+    ],
+)
+def test_addresses(text: str, expected: IsoAddress | None) -> None:
+    assert IsoAddress.parse(text) == expected
+    if expected is not None:
+        assert parse_bodies(f"ot1={text}", ["ot1"]) == {"ot1": expected}
+    elif not text.startswith("udp"):
+        with pytest.raises(InputError, match="iso22133://"):
+            parse_bodies(f"ot1={text}", ["ot1"])
+
+
+class Peer:
+    """An object that hears, and says what it is told to."""
+
+    def __init__(self, sockets: ObjectSockets) -> None:
+        self._udp = sockets.udp
+        self._control, _ = sockets.tcp.accept()
+        self._control.settimeout(DEADLINE_S)
+        self._decoder = StreamDecoder(1 << 20)
+        self._heard: list[Message] = []
+        self._address: Any = None
+
+    def hears(self) -> Message:
+        """The next control message."""
+        while not self._heard:
+            for frame in self._decoder.feed(self._control.recv(65536)):
+                self._heard.append(_message(frame))
+        return self._heard.pop(0)
+
+    def beat(self) -> Message:
+        """The next heartbeat."""
+        data, self._address = self._udp.recvfrom(4096)
+        (frame,) = frames_of(data)
+        return _message(frame)
+
+    def says(self, **changes: Any) -> None:
+        now = to_gps(time.time_ns())[1]
+        data = encode(monr(time_of_week_ns=now, **changes))
+        self._udp.sendto(data, self._address)
+
+    def close(self) -> None:
+        self._control.close()
+
+
+def _message(frame: Any) -> Message:
+    found = decode(frame)
+    assert isinstance(found, Decoded), found
+    return found.message
+
+
+@pytest.fixture
+def sockets() -> Iterator[ObjectSockets]:
+    with ObjectSockets() as made:
+        yield made
+
+
+@pytest.fixture
+def told() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def body(sockets: ObjectSockets, told: list[str]) -> Iterator[IsoBody]:
+    run = RunSpec.model_validate(small_run(mode="live", datum=DATUM))
+    address = IsoAddress(sockets.host, sockets.port, waive="Ada")
+    made = IsoBody(run, run.targets[0], address, 1, told.append)
+    yield made
+    made.close()
+
+
+def connected(body: IsoBody, sockets: ObjectSockets) -> Peer:
+    """The object's end, once settings and first trajectory were sent."""
+
+    def asked() -> bool:
+        body.poll(time.time_ns())
+        return bool(select.select([sockets.tcp], [], [], 0.0)[0])
+
+    until(asked, "attempt")
+    peer = Peer(sockets)
+
+    def follows() -> bool:
+        body.poll(time.time_ns())
+        body.follow(Decided(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
+        return "isn't connected" not in body.check.cannot_arm
+
+    until(follows, "connection")
+    return peer
+
+
+def test_an_object_is_led_and_read(body: IsoBody, sockets: ObjectSockets, told: list[str]) -> None:
+    peer = connected(body, sockets)
+    osem, traj = peer.hears(), peer.hears()
+    assert isinstance(osem, Osem)
+    assert osem.latitude_deg == 57.0
+    assert isinstance(traj, Traj)
+    assert [(p.x_m, p.speed_mps) for p in traj.points] == [(40.0, 0.0), (40.0, 0.0)]
+    body.beat(time.time_ns())
+    heab = peer.beat()
+    assert isinstance(heab, Heab)
+    assert heab.status == CentreStatus.READY
+    peer.says(x_m=40.5, y_m=0.25, yaw_rad=0.0, speed_mps=1.5, state=ControlState.ARMED.value)
+    until(lambda: body.poll(time.time_ns()), "reading")
+    reading = body.read()
+    assert reading is not None
+    assert (reading.x_m, reading.y_m, reading.speed_mps) == (40.5, 0.25, 1.5)
+    assert body.read() is None
+    body.follow(Decided(SessionPhase.ARMED, ControlState.PRE_ARMING), time.time_ns())
+    assert body.check.armed
+    # Both directions, byte by byte.
+    frames = body.frames()
+    names = [_message(f).__class__.__name__ for _, _, data in frames for f in frames_of(data)]
+    assert names[:4] == ["Osem", "Traj", "Heab", "Monr"]
+    assert [sent for sent, _, _ in frames][:4] == [True, True, True, False]
+    assert body.frames() == []
+    assert "Ada lets ot1 be armed" in told[0]
+    peer.close()
+
+
+def test_a_lost_object_is_told_and_connected_again(
+    body: IsoBody, sockets: ObjectSockets, told: list[str]
+) -> None:
+    connected(body, sockets).close()
+
+    def told_of_it() -> bool:
+        body.poll(time.time_ns())
+        return any("not connected any more" in text for text in told)
+
+    until(told_of_it, "loss")
+    body.follow(Decided(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
+    assert "isn't connected" in body.check.cannot_arm
+    again = connected(body, sockets)
+    assert isinstance(again.hears(), Osem)
+    again.close()
+
+
+def test_without_a_datum_there_is_no_test_object(sockets: ObjectSockets) -> None:
+    run = RunSpec.model_validate(small_run(mode="live"))
+    with pytest.raises(InputError, match="datum"):
+        IsoBody(run, run.targets[0], IsoAddress(sockets.host, sockets.port), 1, print)
+
+
+def test_without_a_report_or_a_name_it_cannot_be_armed(sockets: ObjectSockets) -> None:
+    run = RunSpec.model_validate(small_run(mode="live", datum=DATUM))
+    body = IsoBody(run, run.targets[0], IsoAddress(sockets.host, sockets.port), 1, print)
+    peer = connected(body, sockets)
+    body.beat(time.time_ns())
+    peer.beat()
+    peer.says(state=ControlState.DISARMED.value)
+    until(lambda: body.poll(time.time_ns()), "reading")
+    body.follow(Decided(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
+    assert "probe report" in body.check.cannot_arm
+    peer.close()
+    body.close()
