@@ -11,6 +11,8 @@ import os
 import shutil
 import tempfile
 import threading
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import click
@@ -19,11 +21,12 @@ import ssp_core
 from ssp_core.console import report_error
 from ssp_core.errors import InputError, SspError
 from ssp_core.processes import ProcessGroup, live_environment
-from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.run_file.model import load_run
 from ssp_core.terminal import catch_stop_signals, survive_lost_output
+from ssp_ot_controller.rehearsal.iso_server import PlayedIsoObjects
 from ssp_ot_controller.rehearsal.played import PlayedBodies
 
-PARTS = ("vut", "camera", "bodies")
+PARTS = ("vut", "camera", "bodies", "iso")
 RUN_FILE = "run.yaml"
 FIRST_PORT = 9001
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
@@ -32,7 +35,11 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
 @click.command()
 @click.argument("what", metavar="FOLDER", type=click.Path(path_type=Path))
 @click.option(
-    "--play", "parts", type=click.Choice(PARTS), multiple=True, help="May be repeated. [all]"
+    "--play",
+    "parts",
+    type=click.Choice(PARTS),
+    multiple=True,
+    help="May be repeated; iso: the objects as ISO 22133 objects, not as bodies. [all but iso]",
 )
 @click.option(
     "--odometry", default="/ins/odometry", show_default=True, help="Topic of the VUT's GNSS/INS."
@@ -53,7 +60,8 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
     "--first-port",
     default=FIRST_PORT,
     show_default=True,
-    help="Of the first body, the others follow; 0: any that are free.",
+    help="Of the first body, the others follow (an ISO object has two: UDP is the one below); 0: "
+    "any that are free.",
 )
 @click.option("--log", type=click.Path(path_type=Path), help="CSV of the bodies' true states.")
 @click.option("--remap", "remappings", multiple=True, metavar="FROM:=TO", help="Of our topics.")
@@ -88,7 +96,10 @@ def main(
                 remedy="name a folder of `ssp compile --target track`, or of a live session",
             )
         whole = not parts
-        parts = parts or tuple(part for part in PARTS if part != "camera" or run.camera is not None)
+        without = {"iso"} if run.camera is not None else {"iso", "camera"}
+        parts = parts or tuple(part for part in PARTS if part not in without)
+        if {"iso", "bodies"} <= set(parts):
+            raise click.BadParameter("takes bodies or iso, not both", param_hint="--play")
         vut = {"odometry": odometry, "rate_hz": rate_hz, "frame": frame}
         nodes: dict[str, dict[str, object]] = {
             "vut": {**vut, "clock_offset_s": clock_offset_s},
@@ -105,25 +116,25 @@ def main(
                         )
                 told = [f"--odometry {odometry}"] if "vut" in parts else []
                 told += [f"--remap {rule}" for rule in remappings]
-                bodies = (host, first_port) if "bodies" in parts else None
-                return _play(run, group, bodies, log, told, what if whole else None)
+                kind = PlayedIsoObjects if "iso" in parts else PlayedBodies
+                opened = {"bodies", "iso"} & set(parts)
+                bodies = partial(kind, run, host, first_port, log) if opened else None
+                return _play(group, bodies, told, what if whole else None)
     except SspError as error:
         report_error(str(error))
         return 1
 
 
 def _play(
-    run: RunSpec,
     group: ProcessGroup,
-    address: tuple[str, int] | None,
-    log: Path | None,
+    open_bodies: Callable[[], PlayedBodies | PlayedIsoObjects] | None,
     told: list[str],
     what: Path | None,
 ) -> int:
     """Plays until something ends.
 
     Args:
-        address: host and first port of the bodies; None: they aren't played.
+        open_bodies: listens for the objects; None: they aren't played.
         told: options of `ssp run` that reach the rest.
         what: folder of the run where all of it is played: the whole command is said; None: not.
     """
@@ -141,12 +152,12 @@ def _play(
             click.echo(f"  {_ssp()} run {what} --mode live --wait --page {' '.join(options)}")
         click.echo("playing; Ctrl-C ends it")
 
-    if address is None:
+    if open_bodies is None:
         tell(told)
         while not over():
             stop.wait(0.05)
     else:
-        with PlayedBodies(run, *address, log) as bodies:
+        with open_bodies() as bodies:
             tell([*told, *(f"--body {i}={where}" for i, where in bodies.addresses.items())])
             bodies.serve(over)
     for node in group.ended():

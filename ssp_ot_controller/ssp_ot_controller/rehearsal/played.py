@@ -75,7 +75,32 @@ class PlayedVehicle:
         )  # fmt: skip
 
 
-_LOG_HEADER = "time_ns,object,x_m,y_m,yaw_rad,speed_mps,brakes_by_itself"
+class StateLog(Closing):
+    """True states of played objects as CSV, on the system clock.
+
+    Args:
+        path: of the file; None: nothing is written.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._file = path.open("w") if path is not None else None
+        self._write("time_ns,object,x_m,y_m,yaw_rad,speed_mps,brakes_by_itself\n")
+
+    def add(self, object_id: str, body: BodyState, *, brakes_by_itself: bool) -> None:
+        """The state that an object has now."""
+        self._write(
+            f"{time.time_ns()},{object_id},{body.x_m:.4f},{body.y_m:.4f},{body.yaw_rad:.5f},"
+            f"{body.speed_mps:.4f},{int(brakes_by_itself)}\n"
+        )
+
+    def _write(self, text: str) -> None:
+        if self._file is not None:
+            self._file.write(text)
+            self._file.flush()
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
 
 
 class PlayedBodies(Closing):
@@ -90,10 +115,8 @@ class PlayedBodies(Closing):
     """
 
     def __init__(self, run: RunSpec, host: str, first_port: int, log: Path | None) -> None:
-        self._log = log.open("w") if log is not None else None
+        self._log = StateLog(log)
         self._served: list[tuple[BodyServer, socket.socket]] = []
-        if self._log is not None:
-            self._log.write(_LOG_HEADER + "\n")
         for number, target in enumerate(run.targets):
             port = first_port + number if first_port else 0
             sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -123,18 +146,10 @@ class PlayedBodies(Closing):
         serve(self._served, until, self._write)
 
     def _write(self, server: BodyServer) -> None:
-        if self._log is None:
-            return
-        b = server.body
-        self._log.write(
-            f"{time.time_ns()},{server.object_id},{b.x_m:.4f},{b.y_m:.4f},{b.yaw_rad:.5f},"
-            f"{b.speed_mps:.4f},{int(server.brakes_by_itself)}\n"
-        )
-        self._log.flush()
+        self._log.add(server.object_id, server.body, brakes_by_itself=server.brakes_by_itself)
 
     def close(self) -> None:
         """Frees the sockets."""
         for _, sock in self._served:
             sock.close()
-        if self._log is not None:
-            self._log.close()
+        self._log.close()

@@ -7,9 +7,15 @@ between would be driven beside the old ones. Places are rounded to 1 mm, speeds 
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import InputError
+from ssp_core.files import read_text
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import Pose2
 from ssp_core.motion.reference import Points, Reference, sample
@@ -105,3 +111,50 @@ def points_of(trajectory: Traj, datum: Datum) -> Points | Rejected:
     columns[5] = np.where(np.isnan(columns[5]), acceleration, columns[5])
     columns[6] = np.where(np.isnan(columns[6]), curvature, columns[6])
     return Points(columns)
+
+
+_NEEDED_COLUMNS = ("t_s", "x_m", "y_m", "yaw_rad", "speed_mps")
+_OTHER_COLUMNS = ("acceleration_mps2", "curvature_1pm")
+_REST: dict[str, Any] = {
+    **dict.fromkeys(_OTHER_COLUMNS),
+    "z_m": 0.0,
+    "lateral_speed_mps": 0.0,
+    "lateral_acceleration_mps2": 0.0,
+}
+
+
+def read_trajectory(path: str | Path) -> Traj:
+    """A trajectory of a CSV file, as it is sent to an object.
+
+    Its header names the columns t_s, x_m, y_m, yaw_rad, speed_mps, and may name acceleration_mps2
+    and curvature_1pm: those of ``TrajPoint``, in the test's coordinate system.
+
+    Raises:
+        InputError: it can't be read, or isn't of that form.
+    """
+    header, *lines = read_text(path).splitlines() or [""]
+    names = [name.strip() for name in header.split(",")]
+    missing = [name for name in _NEEDED_COLUMNS if names.count(name) != 1]
+    unknown = [name for name in names if name not in (*_NEEDED_COLUMNS, *_OTHER_COLUMNS)]
+    if missing or unknown:
+        raise InputError(
+            f"must have one {missing[0]}" if missing else f"{unknown[0]!r} isn't known",
+            file=path,
+            field="header",
+            value=header,
+            remedy=f"name {', '.join(_NEEDED_COLUMNS)}, and at will {', '.join(_OTHER_COLUMNS)}",
+        )
+    points = []
+    for number, line in enumerate(lines, start=2):
+        try:
+            row = [float(text) for text in line.split(",")]
+        except ValueError:
+            row = []
+        if len(row) != len(names) or not all(map(math.isfinite, row)):
+            remedy = f"give {len(names)} finite numbers, separated by commas"
+            raise InputError("is no point", file=path, line=number, value=line, remedy=remedy)
+        points.append(TrajPoint(**{**_REST, **dict(zip(names, row, strict=True))}))
+    if len(points) < 2:
+        raise InputError(f"has {len(points)} points, needs 2 or more", file=path)
+    name = Path(path).stem.encode()[:_NAME_BYTES].decode(errors="ignore")
+    return Traj(1, TrajectoryInfo.RELATIVE_TO_ORIGIN, name, tuple(points))

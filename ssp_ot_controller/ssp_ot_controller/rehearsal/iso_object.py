@@ -1,0 +1,613 @@
+"""SSP's own ISO 22133 object without I/O: bytes of a control centre in, its own out.
+
+``Target`` judges and follows as it does for our own manager, a simulated body moves. The centre's
+frame is ENU at the origin of its OSEM; frame map is where the object stands and its fence lies.
+Nothing here reads a clock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+import ssp_core
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.geodesy import Datum, Place
+from ssp_core.geometry import Pose2, wrap_angle, wrap_angles
+from ssp_core.motion.reference import Points, Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.limits import LimitViolation
+from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_ot_controller.bodies.body import BodyReading, state_of
+from ssp_ot_controller.bodies.dynamics import BodyState, step_body
+from ssp_ot_controller.bodies.iso22133.framing import (
+    LONGEST_TRAJECTORY_BYTES,
+    Frame,
+    Header,
+    Rejected,
+    StreamDecoder,
+    frames_of,
+)
+from ssp_ot_controller.bodies.iso22133.messages import (
+    END_OF_TRANSMISSION,
+    CentreStatus,
+    CoordinateSystem,
+    Dreq,
+    Dres,
+    DriveDirection,
+    Grem,
+    Heab,
+    Message,
+    Monr,
+    ObjectCommand,
+    ObjectError,
+    Opaque,
+    Osem,
+    OsemTestMode,
+    Ostm,
+    ReadyToArm,
+    ResponseCode,
+    Strt,
+    Traj,
+    TrajectoryInfo,
+    decode,
+    encode,
+)
+from ssp_ot_controller.bodies.iso22133.states import session_of
+from ssp_ot_controller.bodies.iso22133.trajectories import points_of
+from ssp_ot_controller.bodies.iso22133.units import leap_seconds, nearest_utc_ns, to_gps
+from ssp_ot_controller.objects.rules import ObjectRules
+from ssp_ot_controller.objects.state_machine import ObjectEvent
+from ssp_ot_controller.objects.target import STANDSTILL_MPS, Target
+
+# The object judges and its body moves this often.
+STEP_S = 0.005
+_STEP_NS = seconds_to_ns(STEP_S)
+# One sigma of its localisation.
+POSITION_STD_M = 0.02
+# An origin further away than this is none of the place where the object stands.
+FARTHEST_ORIGIN_M = 10_000.0
+# A centre that has sent STRT may still say READY for so long.
+HEAB_LAG_S = 0.5
+# Three heartbeats have to be missing, whatever timeout an OSEM states.
+_LEAST_PERIODS = 3
+# A frame on TCP that is incomplete for so long is given up.
+_INCOMPLETE_NS = NS_PER_S // 2
+_MOST_NOTES = 1000
+_RESTING = (ControlState.INIT, ControlState.DISARMED, ControlState.ABORTING)
+_BEFORE_START = (*_RESTING, ControlState.PRE_ARMING, ControlState.ARMED)
+_OUTSIDE = (SafetyCode.OUTSIDE_GEOFENCE, SafetyCode.STOPPING_ROOM)
+_EVENTS = {
+    ObjectCommand.ARM: ObjectEvent.ARM,
+    ObjectCommand.DISARM: ObjectEvent.DISARM,
+    ObjectCommand.ALL_CLEAR: ObjectEvent.ALL_CLEAR,
+}
+# Heartbeats that take back a start that hasn't come yet.
+_NO_START = (SessionPhase.CONNECTED, SessionPhase.STOPPING, SessionPhase.FINISHED)
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A frame that goes to the control centre, by UDP or by TCP."""
+
+    udp: bool
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """Why a message isn't obeyed."""
+
+    code: ResponseCode
+    text: str
+
+
+def _invalid(text: str) -> Refused:
+    return Refused(ResponseCode.INVALID_DATA, text)
+
+
+def _not_now(text: str) -> Refused:
+    return Refused(ResponseCode.GENERAL_ERROR, text)
+
+
+def _unsupported(text: str) -> Refused:
+    return Refused(ResponseCode.NOT_SUPPORTED, text)
+
+
+class IsoObject:
+    """One object and the one control centre that may drive it.
+
+    Args:
+        datum: of frame map; None: nobody knows, and the frame of the centre's OSEM is frame map.
+        trajectory: one that it holds from the beginning, as a TRAJ that came.
+
+    Attributes:
+        body: where the object is.
+        closes: it gives the connection up; the caller closes it and calls ``disconnect``.
+        notes: what happened, for people.
+    """
+
+    def __init__(
+        self,
+        rules: ObjectRules,
+        now_ns: int,
+        datum: Datum | None = None,
+        trajectory: Traj | None = None,
+    ) -> None:
+        self.object_id = rules.spec.id
+        self.body = BodyState.at_rest(rules.spec.start.pose)
+        self.closes = False
+        self.notes: list[str] = []
+        self.strangers = 0
+        self.started_ns: int | None = None
+        self._rules, self._datum = rules, datum
+        # Ours, tightened to what the centre's OSEM asks for.
+        self._tight = rules
+        self._now_ns = now_ns
+        self._states = 0
+        self._out: list[Sent] = []
+        self._counter = 0
+        self._host: str | None = None
+        self._heab_address: Any = None
+        self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
+        self._fed_ns = now_ns
+        self._heard_ns: int | None = None
+        self._osem: Osem | None = None
+        self._frame = Pose2(0.0, 0.0, 0.0)
+        self._next_monr_ns = now_ns
+        self._plan: Points | None = None
+        self._plan_name = ""
+        self._trajectories = 0
+        self._start_ns: int | None = None
+        self._cause: SafetyCode | None = None
+        # It stopped because it lost its centre: nothing is latched when it stands.
+        self._lost = False
+        self._new_rules = False
+        self._target = self._new_target(rules)
+        if trajectory is not None:
+            refused = self._on_traj(trajectory)
+            if refused is not None:
+                self._note(f"its own trajectory is refused: {refused.text}")
+
+    # -- the control centre --------------------------------------------------------------------
+
+    @property
+    def state(self) -> ControlState:
+        """As it is reported: INIT until a control centre is connected."""
+        state = self._target.state
+        alone = self._host is None or self.closes
+        return ControlState.INIT if alone and state is ControlState.DISARMED else state
+
+    @property
+    def brakes_by_itself(self) -> bool:
+        """It stops, whatever it was told to drive."""
+        return self._target.state is ControlState.ABORTING
+
+    @property
+    def monr_address(self) -> Any:
+        """Where heartbeats come from, and MONR goes; None until the first."""
+        return self._heab_address
+
+    def connect(self, host: str, now_ns: int) -> bool:
+        """A control centre connects by TCP; False where another one is connected already."""
+        self.advance(now_ns)
+        if self._host is not None:
+            self._note(f"a second control centre, {host}, is refused")
+            return False
+        self._host, self._heab_address = host, None
+        self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
+        self._osem = self._heard_ns = None
+        self._tight, self.closes = self._rules, False
+        self._note(f"{host} is connected")
+        return True
+
+    def disconnect(self, now_ns: int) -> None:
+        """The connection has ended, from whichever side."""
+        self.advance(now_ns)
+        if self._host is None:
+            return
+        self._note(f"{self._host} is disconnected")
+        self._host = self._heab_address = self._start_ns = None
+        self.closes = False
+        if self._target.state not in _RESTING:
+            self._target.local_stop()
+            self._stopped(LimitViolation(SafetyCode.HEARTBEAT_LOST, 0.0, 0.0))
+
+    def on_tcp(self, data: bytes, now_ns: int) -> None:
+        """Bytes of the connection, in pieces of any size."""
+        self.advance(now_ns)
+        self._fed_ns = now_ns
+        self._take(self._decoder.feed(data))
+
+    def on_udp(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
+        """A datagram; only the centre that is connected is heard, from one port."""
+        self.advance(now_ns)
+        if address[0] != self._host or self._heab_address not in (None, address):
+            self.strangers += 1
+            if self.strangers == 1:
+                self._note(f"datagrams from {address[0]}:{address[1]} aren't heard")
+            return
+        for frame in frames_of(data):
+            found = decode(frame) if isinstance(frame, Frame) else frame
+            if isinstance(found, Rejected):
+                self._note(f"datagram refused: {found.reason.value}: {found.text}")
+            elif isinstance(found.message, Heab):
+                self._heab_address = address
+                self._on_heab(found.message)
+            else:
+                self._note(f"{type(found.message).__name__} by UDP isn't heard")
+
+    def _take(self, frames: list[Frame | Rejected]) -> None:
+        for frame in frames:
+            found = decode(frame) if isinstance(frame, Frame) else frame
+            if isinstance(found, Rejected):
+                self._note(f"refused: {found.reason.value}: {found.text}")
+                if isinstance(frame, Frame):
+                    self._answer(frame.header, _invalid(found.text))
+                continue
+            handler = _HANDLERS.get(type(found.message))
+            name = type(found.message).__name__.upper()
+            if isinstance(found.message, Opaque):
+                name = f"message 0x{found.message.message_id:02X}"
+            refused = (
+                _unsupported("isn't supported") if handler is None else handler(self, found.message)
+            )
+            if refused is not None:
+                self._note(f"{name} refused: {refused.text}")
+            elif not isinstance(found.message, Dreq):
+                self._note(f"{name} taken")
+            self._answer(found.header, refused)
+
+    def _answer(self, header: Header, refused: Refused | None) -> None:
+        if header.acknowledge:
+            code = ResponseCode.OK if refused is None else refused.code
+            self._send(Grem(header.transmitter_id, header.counter, header.message_id, code))
+
+    def _send(self, message: Message, *, udp: bool = False) -> None:
+        osem = self._osem
+        data = encode(
+            message,
+            transmitter_id=0 if osem is None else osem.device_id,
+            receiver_id=0 if osem is None else osem.control_centre_id,
+            counter=self._counter,
+        )
+        self._counter = (self._counter + 1) % 256
+        self._out.append(Sent(udp, data))
+
+    def _note(self, text: str) -> None:
+        if len(self.notes) < _MOST_NOTES:
+            self.notes.append(text)
+
+    # -- messages ------------------------------------------------------------------------------
+
+    def _on_osem(self, osem: Osem) -> Refused | None:
+        if self._target.state not in _RESTING:
+            return _not_now(f"settings aren't taken in {self.state.name}")
+        rates = {"monr_rate_hz": osem.monr_rate_hz, "heab_rate_hz": osem.heab_rate_hz}
+        bounds = {
+            name: getattr(osem, name)
+            for name in (
+                "max_way_deviation_m",
+                "max_lateral_deviation_m",
+                "max_yaw_deviation_rad",
+                "max_position_error_m",
+                "heab_timeout_s",
+            )
+        }
+        for name, value in {**rates, **bounds}.items():
+            if value == 0:
+                return _invalid(f"{name} is 0")
+        ours = leap_seconds(self._now_ns)
+        if osem.leap_seconds != ours:
+            return _invalid(f"leap_seconds is {osem.leap_seconds}, our table has {ours}")
+        if osem.rotation_rad:
+            return _invalid("rotation_rad isn't 0: its sense isn't public")
+        frame = self._frame_of(osem)
+        if isinstance(frame, Refused):
+            return frame
+        self._osem, self._frame, self._tight = osem, frame, self._tightened(osem)
+        self._next_monr_ns = self._now_ns
+        self._new_rules = True
+        self._settle()
+        return None
+
+    def _frame_of(self, osem: Osem) -> Pose2 | Refused:
+        """The pose of the centre's frame in frame map."""
+        if osem.latitude_deg is None or osem.longitude_deg is None:
+            return _invalid("latitude_deg and longitude_deg are unavailable")
+        if self._datum is None:
+            return Pose2(0.0, 0.0, 0.0)
+        if osem.coordinate_system not in (CoordinateSystem.WGS84, CoordinateSystem.ITRF2000):
+            return _invalid(f"coordinate_system is {osem.coordinate_system}, ours is WGS 84")
+        place = Place(osem.latitude_deg, osem.longitude_deg, osem.altitude_m or 0.0)
+        x, y, _ = self._datum.to_site(place)
+        away_m = math.hypot(x, y)
+        if not away_m <= FARTHEST_ORIGIN_M:
+            return _invalid(
+                f"the origin is {away_m / 1000.0:.1f} km from this site's, limit is "
+                f"{FARTHEST_ORIGIN_M / 1000.0:g} km"
+            )
+        east_x, east_y, _ = self._datum.to_site(Datum(place).to_place(100.0, 0.0))
+        return Pose2(x, y, math.atan2(east_y - y, east_x - x))
+
+    def _on_traj(self, traj: Traj) -> Refused | None:
+        running = self._target.state is ControlState.RUNNING
+        if self._host is not None and self._osem is None:
+            return _not_now("there was no OSEM")
+        if running and (self._osem is None or self._osem.test_mode != OsemTestMode.ONLINE):
+            return _not_now("trajectories aren't taken while it runs, test_mode isn't ONLINE")
+        if not running and self._target.state not in _BEFORE_START:
+            return _not_now(f"trajectories aren't taken in {self.state.name}")
+        if not running:
+            # Whoever's trajectory is refused must not find an older one driven.
+            self._plan = None
+            if traj.info == TrajectoryInfo.DELETE:
+                return None
+        if traj.info != TrajectoryInfo.RELATIVE_TO_ORIGIN:
+            return _unsupported(f"info {traj.info}, only relative to the origin")
+        if traj.line_info not in (None, END_OF_TRANSMISSION):
+            return _unsupported(f"line info {traj.line_info}, only whole trajectories")
+        found = points_of(traj, Datum(Place(0.0, 0.0)))
+        if isinstance(found, Rejected):
+            return _invalid(found.text)
+        points = self._in_map(found)
+        self._trajectories += 1
+        name = f"{traj.name or 'trajectory'} {traj.trajectory_id} ({self._trajectories})"
+        if running:
+            return self._replace(points, name)
+        refused = self._check(points, name)
+        if refused is None:
+            self._plan, self._plan_name = points, name
+        return refused
+
+    def _in_map(self, points: Points) -> Points:
+        columns = points.columns.copy()
+        c, s = math.cos(self._frame.yaw_rad), math.sin(self._frame.yaw_rad)
+        _, x, y, yaw = points.columns[:4]
+        columns[1] = self._frame.x_m + c * x - s * y
+        columns[2] = self._frame.y_m + s * x + c * y
+        columns[3] = wrap_angles(yaw + self._frame.yaw_rad)
+        return Points(columns)
+
+    def _reference(self, points: Points, name: str, execute_at_ns: int) -> Reference:
+        version = self._rules.event_version
+        made = Reference(
+            name, self.object_id, version, "traj", self._now_ns, execute_at_ns, 0, points
+        )
+        # A TRAJ carries no expiry: it is over at its end.
+        return replace(made, expires_at_ns=made.end_ns)
+
+    def _check(self, points: Points, name: str) -> Refused | None:
+        """Judges a trajectory as if it were started now."""
+        reference = self._reference(points, name, self._now_ns)
+        refusal = self._target.check(reference, self._now_ns, ControlState.RUNNING)
+        return None if refusal is None else _invalid(refusal.message)
+
+    def _replace(self, points: Points, name: str) -> Refused | None:
+        """Drives a trajectory from its first point on that isn't over."""
+        t_s = points.columns[0]
+        began_ns = self.started_ns or 0
+        due = t_s >= ns_to_seconds(self._now_ns - began_ns)
+        if np.count_nonzero(due) < 2:
+            return _invalid("less than two of its points lie ahead")
+        columns = points.columns[:, due].copy()
+        first_ns = began_ns + seconds_to_ns(float(columns[0, 0]))
+        columns[0] -= columns[0, 0]
+        reference = self._reference(Points(columns), name, first_ns)
+        refusal = self._target.on_reference(reference, self._now_ns)
+        return None if refusal is None else _invalid(refusal.message)
+
+    def _on_ostm(self, ostm: Ostm) -> Refused | None:
+        event = _EVENTS.get(ObjectCommand(ostm.command)) if ostm.command in _COMMANDS else None
+        if event is None:
+            return _unsupported(f"command {ostm.command}")
+        if event is ObjectEvent.ARM:
+            if self._osem is None:
+                return _not_now("there was no OSEM")
+            if self._plan is not None:
+                refused = self._check(self._plan, self._plan_name)
+                if refused is not None:
+                    return _not_now(f"its trajectory can't be driven: {refused.text}")
+        response = self._target.command(event, self._rules.event_version, self._silence_s())
+        if not response.accepted:
+            return _not_now(response.error_msg)
+        self._start_ns = self.started_ns = None
+        if event is ObjectEvent.ALL_CLEAR:
+            self._cause = None
+        return None
+
+    def _on_strt(self, strt: Strt) -> Refused | None:
+        if self._target.state is not ControlState.ARMED:
+            return _not_now(f"it is {self.state.name}, not ARMED")
+        now_ns = self._now_ns
+        start_ns = now_ns
+        if strt.time_of_week_ns is not None:
+            start_ns = nearest_utc_ns(strt.time_of_week_ns, now_ns)
+            if strt.week not in (None, to_gps(start_ns)[0]):
+                return _invalid(f"week is {strt.week}, it is {to_gps(now_ns)[0]} now")
+        self._start_ns = max(start_ns, now_ns)
+        return None
+
+    def _on_dreq(self, _: Dreq) -> None:
+        version = ssp_core.__version__
+        self._send(Dres("SSP", "ssp iso object", version, self.object_id, 0))
+
+    def _on_heab(self, heab: Heab) -> None:
+        self._heard_ns = self._now_ns
+        session = session_of(heab.status, self.started_ns is not None)
+        late = self.started_ns is not None and heab.status == CentreStatus.READY
+        if late and ns_to_seconds(self._now_ns - (self.started_ns or 0)) > HEAB_LAG_S:
+            session = SessionPhase.ABORTING
+        if session in _NO_START or session is SessionPhase.ABORTING:
+            self._start_ns = None
+        before = self._target.state
+        self._target.on_session_state(session)
+        if self._target.state is not before:
+            self._note(f"{self._target.state.name} by a heartbeat with status {heab.status}")
+
+    def _tightened(self, osem: Osem) -> ObjectRules:
+        """Our rules where the OSEM doesn't ask for more."""
+        limits = self._rules.limits
+        asked = {
+            "heartbeat_s": max(osem.heab_timeout_s, _LEAST_PERIODS / osem.heab_rate_hz),
+            "error_longitudinal_m": osem.max_way_deviation_m,
+            "error_lateral_m": osem.max_lateral_deviation_m,
+            "error_yaw_rad": osem.max_yaw_deviation_rad,
+            "position_std_m": osem.max_position_error_m,
+        }
+        tighter = {
+            name: min(getattr(limits, name), value)
+            for name, value in asked.items()
+            if value is not None
+        }
+        return replace(self._rules, limits=limits.model_copy(update=tighter))
+
+    # -- motion --------------------------------------------------------------------------------
+
+    def advance(self, now_ns: int) -> None:
+        """Moves the object up to a time."""
+        while self._now_ns + _STEP_NS <= now_ns:
+            self._step()
+        if self._decoder.waiting_bytes and now_ns - self._fed_ns > _INCOMPLETE_NS:
+            self._fed_ns = now_ns
+            self._take(self._decoder.resync())
+
+    def take_sent(self, now_ns: int) -> list[Sent]:
+        """What is to be sent by now, in order."""
+        self.advance(now_ns)
+        heard = self._heab_address is not None and not self.closes
+        if heard and self._osem is not None and self._now_ns >= self._next_monr_ns:
+            period_ns = NS_PER_S // self._osem.monr_rate_hz
+            self._next_monr_ns = max(self._next_monr_ns + period_ns, self._now_ns)
+            self._send(self._monr(self._osem), udp=True)
+        out, self._out = self._out, []
+        return out
+
+    def _step(self) -> None:
+        now_ns = self._now_ns
+        self._begin_if_due()
+        before = self._target.state
+        outcome = self._target.step(self._own(), now_ns, self._silence_s())
+        if outcome.stopped is not None:
+            self._stopped(outcome.stopped)
+        if before is ControlState.POSTRUN and self._target.state is ControlState.DISARMED:
+            self.started_ns = None
+        self.body = step_body(self._rules.spec.cls, self.body, outcome.command, STEP_S)
+        self._now_ns = now_ns + _STEP_NS
+        self._settle()
+
+    def _begin_if_due(self) -> None:
+        start_ns = self._start_ns
+        if start_ns is None or start_ns >= self._now_ns + _STEP_NS:
+            return
+        self._start_ns = None
+        if self._target.state is not ControlState.ARMED:
+            return
+        self.started_ns = max(start_ns, self._now_ns)
+        self._target.on_session_state(SessionPhase.RUNNING)
+        self._note("started")
+        if self._plan is not None:
+            reference = self._reference(self._plan, self._plan_name, self.started_ns)
+            refusal = self._target.on_reference(reference, self._now_ns)
+            if refusal is not None:
+                self._note(f"its trajectory is refused: {refusal.message}")
+
+    def _stopped(self, stop: LimitViolation) -> None:
+        self._cause = stop.code
+        self._lost = stop.code is SafetyCode.HEARTBEAT_LOST
+        name = stop.code.name.lower()
+        self._note(f"stops by itself: {name} {stop.measured:.3f}, limit {stop.limit:.3f}")
+
+    def _settle(self) -> None:
+        """What has to wait until the object stands."""
+        if self.body.speed_mps > STANDSTILL_MPS:
+            return
+        resting = self._target.state in _RESTING
+        silent = self._heard_ns is not None and self._silence_s() > self._tight.limits.heartbeat_s
+        if self._lost:
+            self._lost = False
+            self._target = self._new_target(self._tight)
+            self._cause = self.started_ns = None
+            self._note("stands, waits for a control centre")
+        if self._new_rules and resting:
+            self._new_rules = False
+            latched = self._target.state is ControlState.ABORTING
+            self._target = self._new_target(self._tight)
+            if latched:
+                self._target.local_stop()
+        if resting and silent and self._host is not None:
+            self.closes = True
+
+    def _new_target(self, rules: ObjectRules) -> Target:
+        target = Target(self.object_id, rules)
+        target.power_on()
+        target.step(self._own(), self._now_ns, math.inf)
+        return target
+
+    # -- reports -------------------------------------------------------------------------------
+
+    def _silence_s(self) -> float:
+        """Since the last heartbeat, inf before the first and without a connection."""
+        if self._heard_ns is None or self._host is None:
+            return math.inf
+        return ns_to_seconds(self._now_ns - self._heard_ns)
+
+    def _own(self) -> ObjectState:
+        b = self.body
+        reading = BodyReading(
+            self._now_ns, b.x_m, b.y_m, b.yaw_rad, b.speed_mps, b.acceleration_mps2,
+            b.yaw_rate_radps, POSITION_STD_M,
+        )  # fmt: skip
+        self._states += 1
+        return state_of(reading, self._rules.spec, self._states)
+
+    def _monr(self, osem: Osem) -> Monr:
+        b = self.body
+        x, y = self._frame.to_local(b.x_m, b.y_m)
+        bound_m = osem.max_position_error_m
+        errors = ObjectError(0)
+        if self._target.state is ControlState.ABORTING and self._cause is not None:
+            errors |= ObjectError.ABORT_REQUEST
+        if self._cause in _OUTSIDE:
+            errors |= ObjectError.OUTSIDE_GEOFENCE
+        if bound_m is not None and bound_m < POSITION_STD_M:
+            errors |= ObjectError.BAD_POSITIONING_ACCURACY
+        ready = (
+            self.state is ControlState.DISARMED
+            and b.speed_mps <= STANDSTILL_MPS
+            and self._silence_s() <= self._tight.limits.heartbeat_s
+            and not errors
+        )
+        return Monr(
+            time_of_week_ns=to_gps(self._now_ns)[1],
+            x_m=x,
+            y_m=y,
+            z_m=0.0,
+            yaw_rad=wrap_angle(b.yaw_rad - self._frame.yaw_rad),
+            pitch_rad=None,
+            roll_rad=None,
+            speed_mps=b.speed_mps,
+            lateral_speed_mps=0.0,
+            acceleration_mps2=b.acceleration_mps2,
+            lateral_acceleration_mps2=b.speed_mps * b.yaw_rate_radps,
+            drive_direction=DriveDirection.FORWARD,
+            state=self.state,
+            ready_to_arm=ReadyToArm.READY if ready else ReadyToArm.NOT_READY,
+            error_status=errors,
+            error_code=0 if self._cause is None else self._cause,
+        )
+
+
+_COMMANDS = frozenset(ObjectCommand)
+_HANDLERS: dict[type, Callable[[IsoObject, Any], Refused | None]] = {
+    Osem: IsoObject._on_osem,
+    Traj: IsoObject._on_traj,
+    Ostm: IsoObject._on_ostm,
+    Strt: IsoObject._on_strt,
+    Dreq: IsoObject._on_dreq,
+}
