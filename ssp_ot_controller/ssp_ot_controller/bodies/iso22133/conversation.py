@@ -155,7 +155,7 @@ class Conversation:
         self._queue: deque[Message] = deque()
         self._quiet_until_ns = 0
         self._since_ns = 0
-        self._clear_due = False
+        self._clear_due = self._lost = False
         # Of the trajectory: session time of its time 0, and all times that were sent, ms.
         self._start_ns: int | None = None
         self._started = False
@@ -175,6 +175,10 @@ class Conversation:
         self._queue = deque([self._settings.osem(now_ns), self._first(), Dreq()])
         self._forget_run()
 
+    def on_lost(self) -> None:
+        """The control connection broke, for however short a time."""
+        self._lost = True
+
     def step(self, decided: Decided, reported: Reported, now_ns: int) -> None:
         """What the object target decided and the object said; what follows is sent by ``due``."""
         before, self._decided, self._reported = self._decided, decided, reported
@@ -189,6 +193,7 @@ class Conversation:
         self._watch_start(now_ns)
         self._watch_stop(now_ns)
         self._violation = self._violation or self._judge(now_ns)
+        self._lost = False
 
     def due(self, now_ns: int) -> list[Message]:
         """Control messages that are sent now, in their order."""
@@ -352,7 +357,7 @@ class Conversation:
         decided, reported = self._decided, self._reported
         if decided.state in (C.ABORTING, C.OFF, C.INIT):
             return None
-        if not reported.connected:
+        if self._lost or not reported.connected:
             if decided.state not in _PHASE_OF:
                 return None
             return LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0)

@@ -23,7 +23,7 @@ from ssp_ot_controller.bodies.body import BodyCheck, BodyReading, Decided
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.bodies.iso22133.conversation import Conversation, Reported, Settings
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Rejected
-from ssp_ot_controller.bodies.iso22133.link import Link
+from ssp_ot_controller.bodies.iso22133.link import Link, Tap
 from ssp_ot_controller.bodies.iso22133.messages import (
     Decoded,
     Dres,
@@ -141,6 +141,7 @@ class IsoBody:
     Args:
         tell: is told what an operator or a dispute needs to know, once each.
         device_id: that the object is given.
+        make_link: of host, port and tap.
 
     Raises:
         InputError: the run has no datum, or the probe report can't be read.
@@ -154,6 +155,7 @@ class IsoBody:
         address: IsoAddress,
         device_id: int,
         tell: Callable[[str], None],
+        make_link: Callable[[str, int, Tap], Link] = Link,
     ) -> None:
         if run.datum is None:
             raise InputError(
@@ -167,7 +169,7 @@ class IsoBody:
         self._bound_s = run.limits.stop_reaction_s
         self._firmware: str | None = None
         self._frames: list[tuple[bool, int, bytes]] = []
-        self._link = Link(address.host, address.port, self._tap)
+        self._link = make_link(address.host, address.port, self._tap)
         self._conversation = Conversation(_settings(run, spec, datum, device_id, self._report))
         self._readings = MonrReadings(datum, address.lever, run.limits.position_std_m)
         self.statistics = MonrStatistics()
@@ -217,24 +219,30 @@ class IsoBody:
 
     def poll(self, now_ns: int) -> bool:
         """Takes what has come, and keeps the connection; True for a new reading."""
-        if not self._link.connected and now_ns >= self._retry_ns:
-            self._retry_ns = now_ns + _RETRY_NS
-            self._link.connect()
+        if not self._link.connected:
+            self._lose()
+            if now_ns >= self._retry_ns:
+                self._retry_ns = now_ns + _RETRY_NS
+                self._link.connect()
         for received in self._link.poll():
             if isinstance(received.outcome, Rejected):
                 self._reject(received.outcome)
             else:
                 self._hear(received.outcome, received.stamp_ns)
-        connected = self._link.connected
-        if connected and not self._reported.connected:
+        if not self._link.connected:
+            self._lose()
+        elif not self._reported.connected:
             self._reported = Reported(connected=True, gate=self._reported.gate)
             self._conversation.on_connected(now_ns)
             self._tell(f"{self._object_id} is connected")
-        elif self._reported.connected and not connected:
+        return self._newest is not None
+
+    def _lose(self) -> None:
+        if self._reported.connected:
             self._reported = replace(self._reported, connected=False, state=None)
+            self._conversation.on_lost()
             self._tell(f"{self._object_id} is not connected any more: {self._link.problem}")
             self._told.clear()
-        return self._newest is not None
 
     def follow(self, decided: Decided, now_ns: int) -> None:
         """What the object target decided."""
