@@ -153,6 +153,16 @@ def test_without_a_start_time_or_with_a_past_one_it_starts_at_once(in_s: float |
     assert centre.monr.state == ControlState.RUNNING
 
 
+def test_times_count_from_a_start_that_came_a_little_late() -> None:
+    centre = Centre(played_object()).armed(TRAJ)
+    asked_ns = centre.now_ns - round(0.1 * S)
+    assert centre.start(-0.1) == OK
+    centre.status = CentreStatus.RUNNING
+    centre.run(10.0)
+    reference = Reference("", "ot1", "", "", 0, asked_ns, 0, tuple(STRAIGHT))
+    assert way_m(sample(reference, centre.now_ns), centre.played.body) < 0.1
+
+
 def test_a_start_of_another_week_is_refused() -> None:
     centre = Centre(played_object()).armed(TRAJ)
     assert centre.send(Strt(0, 1)).response == ResponseCode.INVALID_DATA

@@ -74,6 +74,8 @@ POSITION_STD_M = 0.02
 FARTHEST_ORIGIN_M = 10_000.0
 # A centre that has sent STRT may still say READY for so long.
 HEAB_LAG_S = 0.5
+# A STRT that comes so long after its time still says from when the trajectory's times count.
+LATE_START_S = 0.3
 # Three heartbeats have to be missing, whatever timeout an OSEM states.
 _LEAST_PERIODS = 3
 # A frame on TCP that is incomplete for so long is given up.
@@ -358,8 +360,8 @@ class IsoObject:
         points = self._in_map(found)
         self._trajectories += 1
         name = f"{traj.name or 'trajectory'} {traj.trajectory_id} ({self._trajectories})"
-        if running:
-            return self._replace(points, name)
+        if running and self.started_ns is not None:
+            return self._drive(points, name, self.started_ns)
         refused = self._check(points, name)
         if refused is None:
             self._plan, self._plan_name = points, name
@@ -388,11 +390,9 @@ class IsoObject:
         refusal = self._target.check(reference, self._now_ns, ControlState.RUNNING)
         return None if refusal is None else _invalid(refusal.message)
 
-    def _replace(self, points: Points, name: str) -> Refused | None:
+    def _drive(self, points: Points, name: str, began_ns: int) -> Refused | None:
         """Drives a trajectory from its first point on that isn't over."""
-        t_s = points.columns[0]
-        began_ns = self.started_ns or 0
-        due = t_s >= ns_to_seconds(self._now_ns - began_ns)
+        due = points.columns[0] >= ns_to_seconds(self._now_ns - began_ns)
         if np.count_nonzero(due) < 2:
             return _invalid("less than two of its points lie ahead")
         columns = points.columns[:, due].copy()
@@ -430,7 +430,8 @@ class IsoObject:
             start_ns = nearest_utc_ns(strt.time_of_week_ns, now_ns)
             if strt.week not in (None, to_gps(start_ns)[0]):
                 return _invalid(f"week is {strt.week}, it is {to_gps(now_ns)[0]} now")
-        self._start_ns = max(start_ns, now_ns)
+        late_s = ns_to_seconds(now_ns - start_ns)
+        self._start_ns = now_ns if late_s > LATE_START_S else start_ns
         return None
 
     def _on_dreq(self, _: Dreq) -> None:
@@ -508,14 +509,13 @@ class IsoObject:
         self._start_ns = None
         if self._target.state is not ControlState.ARMED:
             return
-        self.started_ns = max(start_ns, self._now_ns)
+        self.started_ns = start_ns
         self._target.on_session_state(SessionPhase.RUNNING)
         self._note("started")
         if self._plan is not None:
-            reference = self._reference(self._plan, self._plan_name, self.started_ns)
-            refusal = self._target.on_reference(reference, self._now_ns)
-            if refusal is not None:
-                self._note(f"its trajectory is refused: {refusal.message}")
+            refused = self._drive(self._plan, self._plan_name, start_ns)
+            if refused is not None:
+                self._note(f"its trajectory is refused: {refused.text}")
 
     def _stopped(self, stop: LimitViolation) -> None:
         self._cause = stop.code
