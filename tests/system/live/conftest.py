@@ -23,11 +23,13 @@ from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.targets.folder import write_task_files
 from ssp_scenario_manager.compile.task import RUN_FILE
 from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, append_record
+from ssp_scenario_manager.maps.site import find_shipped
 
 DEADLINE_S = 120.0
 ODOMETRY = "/ins/odometry"
 # Where the machine may be busy, and only what happens is judged, not how soon.
 SILENCE_S = 2.0
+SITE = "north_track"
 
 
 @dataclass(frozen=True)
@@ -223,14 +225,29 @@ def stage(make_stage: Callable[[dict[str, str]], Any]) -> Iterator[Any]:
 
 
 @pytest.fixture
-def task(tmp_path: Path) -> Callable[[str], Path]:
-    """Compiles a scenario for the track that stands in for a proving ground."""
-    return lambda scenario: _compile(scenario, tmp_path / "task")
+def task(tmp_path: Path) -> Callable[..., Path]:
+    """Compiles a scenario for the track that stands in for a proving ground.
+
+    With ``datum`` it is known where that lies.
+    """
+
+    def compiled(scenario: str, *, datum: bool = False) -> Path:
+        return _compile(scenario, tmp_path / "task", _with_datum(tmp_path) if datum else SITE)
+
+    return compiled
 
 
-def _compile(scenario: str, folder: Path) -> Path:
+def _with_datum(folder: Path) -> str:
+    site = folder / f"{SITE}.site.yaml"
+    text = find_shipped(SITE, "site").read_text()
+    datum = "{latitude_deg: 57.7, longitude_deg: 12.9, altitude_m: 190.0, yaw_rad: 0.3}"
+    site.write_text(f"{text}datum: {datum}\n")
+    return str(site)
+
+
+def _compile(scenario: str, folder: Path, site: str) -> Path:
     """With limits for a busy machine where only punctuality is judged."""
-    compiled = compile_task(Request(event=scenario, target="track", site="north_track", seed=1))
+    compiled = compile_task(Request(event=scenario, target="track", site=site, seed=1))
     write_task_files(compiled, folder)
     run = compiled.task.run
     # Silence of two seconds is nothing to stop for here; a blind stop needs that much more room.
