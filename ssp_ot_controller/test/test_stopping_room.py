@@ -45,6 +45,13 @@ def blind_m(speed_mps: float, cls: ObjectClass = CAR) -> float:
     return speed_mps * (0.3 + s.reaction_s) + speed_mps**2 / (2.0 * hardest) + s.margin_m
 
 
+def test_a_reference_that_stands_is_judged_where_it_stands() -> None:
+    columns = np.zeros((7, 2))
+    columns[0, 1] = 1.0
+    assert room().lack(columns) is None
+    assert room(right_m=-0.5).lack(columns) is not None
+
+
 @pytest.mark.parametrize("speed_mps", [0.5, 3.0, 10.0, 15.0])
 def test_blind_stop_straight_on_at_its_boundary(speed_mps: float) -> None:
     here = state(speed_mps=speed_mps)

@@ -164,7 +164,8 @@ class StoppingRoom:
         """
         _, x, y = columns[:3]
         stations = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
-        at = np.arange(0.0, float(stations[-1]), _POINTS_M)
+        # Of one that stands, the first point.
+        at = np.arange(0.0, max(float(stations[-1]), _POINTS_M), _POINTS_M)
         # The last point before each station: of several at one place the fastest comes first.
         points = np.unique(np.searchsorted(stations, at, side="left"))
         return self._straight_on(columns, stations) or self._blindly(columns, points)
