@@ -18,6 +18,7 @@ from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT
 from ssp_ot_controller.bodies.iso22133.messages import Traj
 from ssp_ot_controller.bodies.iso22133.trajectories import read_trajectory
 from ssp_ot_controller.objects.rules import ObjectRules
+from ssp_ot_controller.rehearsal.iso_faults import KINDS, FaultyObject, IsoFault
 from ssp_ot_controller.rehearsal.iso_object import STEP_S, IsoObject
 from ssp_ot_controller.rehearsal.iso_server import IsoServer, object_of_run, serve
 from ssp_ot_controller.rehearsal.played import StateLog
@@ -73,6 +74,13 @@ def iso() -> None:
     show_default=True,
     help="Of TCP, UDP is the one below; 0: any that are free.",
 )
+@click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="KIND[=VALUE][@AT_S[+FOR_S]]",
+    help=f"What is wrong with it, since its first start; may be repeated: {', '.join(KINDS)}.",
+)
 @click.option("--log", type=click.Path(path_type=Path), help="CSV of its true states.")
 def object_(
     run_path: Path | None,
@@ -82,6 +90,7 @@ def object_(
     trajectory_file: Path | None,
     host: str,
     port: int,
+    faults: tuple[str, ...],
     log: Path | None,
 ) -> int:
     """Play an object target for any control centre that speaks ISO 22133.
@@ -99,9 +108,13 @@ def object_(
         played = _of_run(run_path, object_id, trajectory, now_ns)
     else:
         played = _of_options(object_id or "ot1", object_class or "car", start, trajectory, now_ns)
+    wrong = [IsoFault.parse(text) for text in faults]
     stop = threading.Event()
     catch_stop_signals(lambda _: stop.set())
-    with StateLog(log) as states, IsoServer(played, host, port) as server:
+    with (
+        StateLog(log) as states,
+        IsoServer(FaultyObject(played, wrong) if wrong else played, host, port) as server,
+    ):
         where = f"[{server.host}]" if ":" in server.host else server.host
         click.echo(f"{played.object_id} listens at iso22133://{where}:{server.port}")
         serve([server], stop.is_set, states)

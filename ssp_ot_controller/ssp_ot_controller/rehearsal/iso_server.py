@@ -16,6 +16,7 @@ from ssp_core.files import Closing
 from ssp_core.run_file.model import RunSpec
 from ssp_ot_controller.bodies.iso22133.messages import Traj
 from ssp_ot_controller.objects.rules import ObjectRules
+from ssp_ot_controller.rehearsal.iso_faults import FaultyObject
 from ssp_ot_controller.rehearsal.iso_object import STEP_S, IsoObject
 from ssp_ot_controller.rehearsal.played import StateLog
 
@@ -39,7 +40,7 @@ class IsoServer(Closing):
         HostError: the ports can't be listened at.
     """
 
-    def __init__(self, played: IsoObject, host: str, port: int) -> None:
+    def __init__(self, played: IsoObject | FaultyObject, host: str, port: int) -> None:
         self.played = played
         self._centre: socket.socket | None = None
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -150,9 +151,8 @@ def serve(servers: Sequence[IsoServer], until: Callable[[], bool], log: StateLog
         now_ns = time.time_ns()
         for server in servers:
             server.serve(readable, now_ns)
-            notes, server.played.notes = server.played.notes, []
-            for note in notes:
-                click.echo(f"{server.played.object_id}: {note}")
+            while server.played.notes:
+                click.echo(f"{server.played.object_id}: {server.played.notes.pop(0)}")
         if now_ns >= next_log_ns:
             next_log_ns = now_ns + _LOG_NS
             for server in servers:
