@@ -91,7 +91,8 @@ def test_who_judges_what(generate: ModuleType) -> None:
         "ssp_ot_controller/ssp_ot_controller/",
         "ssp_scenario_manager/ssp_scenario_manager/session/",
     )
-    by_objects = judged_in(f"{target}objects/local_safety.py", f"{target}objects/target.py")
+    told_by = ("objects/local_safety", "objects/target", "bodies/iso22133/conversation")
+    by_objects = judged_in(*(f"{target}{name}.py" for name in told_by))
     by_manager = judged_in(
         *(f"{core}{name}.py" for name in ("limits", "progress", "supervision", "run"))
     )
