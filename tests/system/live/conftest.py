@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+import ssp_core
 from ssp_core.files import write_text
 from ssp_core.processes import free_domain
 from ssp_scenario_manager.compile.changes import differences
@@ -24,8 +25,10 @@ from ssp_scenario_manager.compile.targets.folder import write_task_files
 from ssp_scenario_manager.compile.task import RUN_FILE
 from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, append_record
 from ssp_scenario_manager.maps.site import find_shipped
+from tests.system.live.hosts import MANAGERS, Network, on
 
 DEADLINE_S = 120.0
+SERVER_PORT = 11811
 ODOMETRY = "/ins/odometry"
 # Where the machine may be busy, and only what happens is judged, not how soon.
 SILENCE_S = 2.0
@@ -222,6 +225,38 @@ def stage(make_stage: Callable[[dict[str, str]], Any]) -> Iterator[Any]:
         )
         yield made
         made.close()
+
+
+@pytest.fixture
+def network() -> Iterator[Network]:
+    made = Network(f"ssp{os.getpid() % 100000}")
+    try:
+        made.make()
+    except FileNotFoundError:
+        pytest.skip("two hosts: this machine has no `ip` (iproute2)")
+    except subprocess.CalledProcessError as error:
+        made.remove()
+        pytest.skip(f"two hosts: no network namespaces may be made here: {error.stderr.strip()}")
+    yield made
+    made.remove()
+
+
+@pytest.fixture
+def two_hosts(network: Network, make_stage: Callable[[dict[str, str]], Any]) -> Iterator[Any]:
+    """Two hosts with a discovery server on the manager's."""
+    profile = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
+    made = make_stage(
+        {
+            "ROS_DOMAIN_ID": "7",
+            "ROS_DISCOVERY_SERVER": f"{MANAGERS}:{SERVER_PORT}",
+            "ROS_SUPER_CLIENT": "TRUE",
+            "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
+        }
+    )
+    server = ["fast-discovery-server", "-i", "0", "-l", MANAGERS, "-p", str(SERVER_PORT)]
+    made.start("discovery_server", server, on(network.a))
+    yield made
+    made.close()
 
 
 @pytest.fixture

@@ -1,40 +1,115 @@
-"""Live sessions whose objects speak ISO 22133, and are played by ours."""
+"""Live sessions whose object speaks ISO 22133: our gateway leads one of ours, over real sockets."""
 
 from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable
+import sys
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from ssp_core import names
+from ssp_core.bag.reader import BagReader
+from tests.system.live.hosts import (
+    OBJECTS,
+    Network,
+    on,
+    stands_after_the_link_is_back,
+    stops_inside_the_bound,
+)
+from tests.system.live.scored import is_admitted_and_scored
+from tests.system.recordings import Recordings
+
 PORT = 19_000
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 
-def objects_of(stage: Any) -> tuple[str, ...]:
-    port = PORT + 2 * (os.getpid() % 1000)
-    return ("--body", f"ot1=iso22133://127.0.0.1:{port}?waive=A. Tester")
+def body_at(host: str, port: int) -> tuple[str, ...]:
+    """Of an object whose firmware nobody has probed."""
+    return ("--body", f"ot1=iso22133://{host}:{port}?waive=A. Tester")
 
 
-def play_objects(stage: Any) -> subprocess.Popen[Any]:
-    port = str(PORT + 2 * (os.getpid() % 1000))
-    parts = ("--play", "iso", "--first-port", port, "--log", str(stage.log))
-    played: subprocess.Popen[Any] = stage.play("objects", *parts)
-    return played
+def play_object(stage: Any, host: Sequence[str], *options: str) -> subprocess.Popen[Any]:
+    """``ssp iso object`` of the session's run, once it listens."""
+    command = [sys.executable, "-m", "ssp_core.cli", "iso", "object", "--log", str(stage.log)]
+    run_file = str(stage.folder / "run" / "run.yaml")
+    process: subprocess.Popen[Any] = stage.start(
+        "object", [*command, "--run", run_file, *options], host
+    )
+    stage.wait_for(lambda: "listens at" in stage.said("object"), "the object to listen")
+    return process
 
 
-@pytest.mark.parametrize("scenario", ["cut_in", "vru_crossing"])
-def test_a_session_with_test_objects_is_valid(
-    scenario: str, stage: Any, task: Callable[..., Path]
-) -> None:
-    run = stage.run_live(task(scenario, datum=True), "--no-camera", *objects_of(stage))
-    play_objects(stage)
-    stage.play("vut", "--play", "vut")
-    stage.ask_doctor()
+def ends_validly(stage: Any, run: subprocess.Popen[Any]) -> Path:
+    """The folder of a session that is begun, when it is over; raw frames are in its bag."""
     stage.begin(run)
     result = stage.finish(run)
-    print(stage.said("ssp_run"), stage.said("objects"))
     assert (result["verdict"], result["status"]) == ("valid", 0), (result, stage.said("ssp_run"))
+    folder = Path(stage.folder / "run")
+    with BagReader(folder / "bag") as bag:
+        frames = bag.topics[names.absolute(names.iso_frames_topic("ot1"))]
+    assert frames.count > 50
+    return folder
+
+
+def test_a_session_with_an_iso_object_is_admitted_and_scored(
+    stage: Any, task: Callable[..., Path], recordings: Recordings, tmp_path: Path
+) -> None:
+    """All parts are rehearsed on one host."""
+    port = PORT + 2 * (os.getpid() % 1000)
+    compiled = task(str(recordings.k_star("cut_in")), datum=True)
+    run = stage.run_live(compiled, *body_at("127.0.0.1", port))
+    parts = ("--play", "vut", "--play", "camera", "--play", "iso")
+    stage.play("rehearsal", *parts, "--first-port", str(port), "--log", str(stage.log))
+    stage.ask_doctor()
+    physical = ends_validly(stage, run)
+    assert stage.rows()[-1].speed_mps == 0.0
+    stage.close()
+    is_admitted_and_scored(recordings, "cut_in", physical, tmp_path)
+
+
+def test_over_two_hosts_a_session_with_an_iso_object_is_admitted_and_scored(
+    network: Network,
+    two_hosts: Any,
+    task: Callable[..., Path],
+    recordings: Recordings,
+    tmp_path: Path,
+) -> None:
+    """Between them there is ISO 22133 and nothing else."""
+    stage = two_hosts
+    compiled = task(str(recordings.k_star("vru_crossing")), datum=True)
+    run = stage.run_live(compiled, *body_at(OBJECTS, 53241), host=on(network.a))
+    play_object(stage, on(network.b), "--host", OBJECTS)
+    parts = ("--play", "vut", "--play", "camera")
+    stage.play("rehearsal", *parts, host=on(network.a))
+    stage.ask_doctor(host=on(network.a))
+    physical = ends_validly(stage, run)
+    stage.close()
+    is_admitted_and_scored(recordings, "vru_crossing", physical, tmp_path)
+
+
+def test_the_link_to_an_iso_object_is_cut_while_it_drives(
+    network: Network, two_hosts: Any, task: Callable[..., Path]
+) -> None:
+    """It stops by itself, and stays where it stands when its control centre is back."""
+    stage = two_hosts
+    compiled = task("cut_in", datum=True)
+    run = stage.run_live(compiled, "--no-camera", *body_at(OBJECTS, 53241), host=on(network.a))
+    play_object(stage, on(network.b), "--host", OBJECTS)
+    stage.play("vut", "--play", "vut", host=on(network.a))
+    stage.ask_doctor(host=on(network.a))
+    stage.begin(run)
+    stage.wait_for_motion(run, 5.0)
+    cut_ns = time.time_ns()
+    network.cut()
+    result = stage.finish(run)
+    assert (result["verdict"], result["status"]) == ("aborted", 1), result
+    reasons = " ".join(result["reasons"])
+    assert "ot1" in reasons, reasons
+    stops_inside_the_bound(stage, cut_ns)
+    assert "heartbeat_lost" in stage.said("object")
+    stands_after_the_link_is_back(stage, network)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import urllib.error
@@ -20,10 +19,10 @@ import pytest
 from ssp_core import names
 from ssp_core.bag.reader import BagReader
 from ssp_core.run_file.model import load_run
-from ssp_eval.data.audit import load_audit
 from ssp_scenario_manager.sros2 import rights
 from tests.system.live.conftest import DEADLINE_S, ODOMETRY
-from tests.system.recordings import Recordings, succeed
+from tests.system.live.scored import is_admitted_and_scored
+from tests.system.recordings import Recordings
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -149,42 +148,4 @@ def test_a_rehearsal_is_admitted_and_scored_beside_its_partners(
     physical = rehearsed(stage, task(str(recordings.k_star(EVENT))))
     check_bag(physical / "bag")
     stage.close()
-    simulation, synthetic = tmp_path / "simulation", tmp_path / "synthetic"
-    for mine in (simulation, synthetic):
-        # Labels are written beside a recording.
-        shutil.copytree(recordings.get(EVENT, mine.name), mine)
-    folders = synthetic, simulation, physical
-    truth = recordings.folder / f"{EVENT}.truth.json"
-    succeed("labels", "new", *folders, "--truth", truth)
-    succeed("audit", *folders, "--out", tmp_path / "audit")
-    audit = load_audit(tmp_path / "audit")
-    assert [entry.status for entry in audit.recordings] == ["admitted"] * 3
-    live = audit.recordings[2]
-    with BagReader(physical / "bag") as bag:
-        assert "/ssp/world/tick" not in bag.topics
-    assert (live.evidence, live.measured_from) == (
-        "states", "states that VUT and object targets reported",
-    )  # fmt: skip
-    assert live.kpr == 1.0
-    assert live.epd is not None
-    assert live.epd < 0.15
-    assert audit.labels is not None
-    assert "not comparable" not in audit.labels
-    counts = [entry.labels.per_phase for entry in audit.recordings if entry.labels is not None]
-    assert len(counts) == 3
-    assert counts[0] == counts[1] == counts[2]
-    bags = (folder / "bag" for folder in folders)
-    bridge = ("--bridge", "constant_velocity", "--no-controls")
-    succeed("evaluate", *bags, "--audit", tmp_path / "audit", *bridge, "--out", tmp_path / "out")
-    cells = [
-        json.loads(file.read_text()) for file in sorted(tmp_path.glob("out/cells/*/cell.json"))
-    ]
-    assert [cell["admission"]["status"] for cell in cells] == ["admitted"] * 3
-    scores = {
-        json.loads((folder / "cell.json").read_text())["domain"]: json.loads(
-            (folder / "score.json").read_text()
-        )["ivcs"]
-        for folder in (tmp_path / "out" / "cells").iterdir()
-    }
-    # A model that sees nothing of the picture scores the same on states of either kind.
-    assert abs(scores["physical"] - scores["simulation"]) < 0.01
+    is_admitted_and_scored(recordings, EVENT, physical, tmp_path)
