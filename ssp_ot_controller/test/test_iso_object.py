@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import ssp_core
 from ssp_core.geodesy import Datum
@@ -26,11 +28,13 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     ObjectCommand,
     ObjectError,
     Opaque,
+    Ostm,
     ResponseCode,
     Strt,
     TrajectoryInfo,
 )
 from ssp_ot_controller.rehearsal.iso_object import HEAB_LAG_S, STEP_S, IsoObject
+from support.iso22133 import messages
 from support.iso_centre import (
     PLACE,
     T0,
@@ -354,12 +358,15 @@ def test_an_accuracy_that_it_doesnt_have_is_reported() -> None:
 
 
 def test_outside_of_its_fence_it_says_so() -> None:
-    centre = driving()
+    centre = driving(jump_m=100.0)
     body = centre.played.body
     centre.played.body = replace(body, y_m=30.0)
     centre.run(0.05)
     assert centre.monr.state == ControlState.ABORTING
-    assert centre.monr.error_status & ObjectError.ABORT_REQUEST
+    bits = ObjectError.OUTSIDE_GEOFENCE | ObjectError.ABORT_REQUEST
+    assert (centre.monr.error_status, centre.monr.error_code) == (
+        bits, SafetyCode.OUTSIDE_GEOFENCE,
+    )  # fmt: skip
 
 
 def test_a_discovery_request_is_answered() -> None:
@@ -534,3 +541,47 @@ def test_a_trajectory_of_its_own_is_driven() -> None:
     played = IsoObject(rules_of(), T0, Datum(PLACE), TRAJ)
     centre = Centre(played).driving(TRAJ, 3.0)
     assert centre.played.body.speed_mps > 3.0
+
+
+# -- whatever comes -------------------------------------------------------------------------------
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    st.lists(
+        st.one_of(
+            st.tuples(st.just("tcp"), messages | st.binary(max_size=60)),
+            st.tuples(st.just("udp"), messages | st.binary(max_size=60)),
+            st.tuples(st.just("time"), st.floats(0.0, 0.6)),
+            st.tuples(st.just("link"), st.booleans()),
+        ),
+        max_size=12,
+    )
+)
+def test_nothing_that_comes_ends_it_or_moves_it_after_an_abort(
+    steps: list[tuple[str, Any]],
+) -> None:
+    centre = driving(for_s=1.0)
+    centre.status = CentreStatus.ABORT
+    centre.run(0.05)
+    for kind, what in steps:
+        now_ns = centre.now_ns
+        if kind == "time":
+            centre.run(what)
+        elif kind == "link":
+            centre.played.disconnect(now_ns)
+            if what:
+                centre.played.connect(centre.address[0], now_ns)
+        elif what == Ostm(ObjectCommand.ALL_CLEAR):
+            continue
+        else:
+            data = what if isinstance(what, bytes) else centre.frame(what, acknowledge=True)
+            if kind == "tcp":
+                centre.played.on_tcp(data, now_ns)
+            else:
+                centre.played.on_udp(data, centre.address, now_ns)
+    stop_way_m(centre)
+    stands = centre.played.body
+    centre.run(0.5)
+    assert way_m(stands, centre.played.body) == 0.0
+    assert centre.played.state is ControlState.ABORTING

@@ -9,9 +9,9 @@ from pathlib import Path
 import click
 
 from ssp_core.errors import InputError
+from ssp_core.files import parse_model
 from ssp_core.run_file.model import Limits, load_run
 from ssp_core.run_file.participants import ParticipantSpec
-from ssp_core.run_file.values import Start
 from ssp_core.terminal import catch_stop_signals
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT
@@ -149,13 +149,12 @@ def _of_options(
         here = (first.x_m, first.y_m, first.yaw_rad) if first is not None else (0.0, 0.0, 0.0)
         start = (here[0] or 0.0, here[1] or 0.0, here[2] or 0.0)
     x, y, yaw = start
-    spec = ParticipantSpec.model_validate(
-        {
-            "id": object_id,
-            "object_class": object_class,
-            "start": Start(x_m=x, y_m=y, yaw_rad=yaw),
-        }
-    )
+    given = {
+        "id": object_id,
+        "object_class": object_class,
+        "start": {"x_m": x, "y_m": y, "yaw_rad": yaw},
+    }
+    spec = parse_model(ParticipantSpec, given, "--object, --class, --start")
     r = RANGE_M
     fence = ((x - r, y - r), (x + r, y - r), (x + r, y + r), (x - r, y + r))
     return IsoObject(ObjectRules(spec, LIMITS, fence, STEP_S), now_ns, trajectory=trajectory)

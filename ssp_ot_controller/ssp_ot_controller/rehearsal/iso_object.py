@@ -83,7 +83,8 @@ _INCOMPLETE_NS = NS_PER_S // 2
 _MOST_NOTES = 1000
 _RESTING = (ControlState.INIT, ControlState.DISARMED, ControlState.ABORTING)
 _BEFORE_START = (*_RESTING, ControlState.PRE_ARMING, ControlState.ARMED)
-_OUTSIDE = (SafetyCode.OUTSIDE_GEOFENCE, SafetyCode.STOPPING_ROOM)
+# What leaves nothing latched: the next control centre begins anew.
+_LOST = (SafetyCode.HEARTBEAT_LOST, SafetyCode.CONNECTION_LOST)
 _EVENTS = {
     ObjectCommand.ARM: ObjectEvent.ARM,
     ObjectCommand.DISARM: ObjectEvent.DISARM,
@@ -218,7 +219,7 @@ class IsoObject:
         self.closes = False
         if self._target.state not in _RESTING:
             self._target.local_stop()
-            self._stopped(LimitViolation(SafetyCode.HEARTBEAT_LOST, 0.0, 0.0))
+            self._stopped(LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0))
 
     def on_tcp(self, data: bytes, now_ns: int) -> None:
         """Bytes of the connection, in pieces of any size."""
@@ -519,7 +520,7 @@ class IsoObject:
 
     def _stopped(self, stop: LimitViolation) -> None:
         self._cause = stop.code
-        self._lost = stop.code is SafetyCode.HEARTBEAT_LOST
+        self._lost = stop.code in _LOST
         name = stop.code.name.lower()
         self._note(f"stops by itself: {name} {stop.measured:.3f}, limit {stop.limit:.3f}")
 
@@ -573,7 +574,7 @@ class IsoObject:
         errors = ObjectError(0)
         if self._target.state is ControlState.ABORTING and self._cause is not None:
             errors |= ObjectError.ABORT_REQUEST
-        if self._cause in _OUTSIDE:
+        if self._cause is SafetyCode.OUTSIDE_GEOFENCE:
             errors |= ObjectError.OUTSIDE_GEOFENCE
         if bound_m is not None and bound_m < POSITION_STD_M:
             errors |= ObjectError.BAD_POSITIONING_ACCURACY

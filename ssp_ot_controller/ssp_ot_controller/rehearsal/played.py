@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.errors import HostError
+from ssp_core.errors import HostError, InputError
 from ssp_core.files import Closing
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
@@ -80,10 +80,18 @@ class StateLog(Closing):
 
     Args:
         path: of the file; None: nothing is written.
+
+    Raises:
+        InputError: it can't be written.
     """
 
     def __init__(self, path: Path | None) -> None:
-        self._file = path.open("w") if path is not None else None
+        try:
+            self._file = path.open("w") if path is not None else None
+        except OSError as error:
+            remedy = "name a file in a folder that is there"
+            problem = f"can't be written: {error.strerror}"
+            raise InputError(problem, file=path, remedy=remedy) from None
         self._write("time_ns,object,x_m,y_m,yaw_rad,speed_mps,brakes_by_itself\n")
 
     def add(self, object_id: str, body: BodyState, *, brakes_by_itself: bool) -> None:
