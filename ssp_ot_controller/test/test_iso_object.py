@@ -213,18 +213,16 @@ def elsewhere() -> Message:
     ids=["begins elsewhere", "ends while moving", "relative to the object", "a chunk", "a point"],
 )
 def test_a_trajectory_is_checked_before_it_is_armed(traj: Message, code: ResponseCode) -> None:
-    """And none that it had before is driven in its place."""
+    """And nothing is armed with one that it had before, nor with none."""
     centre = Centre(played_object())
     centre.connect()
     assert centre.send(TRAJ).response == OK
     assert centre.send(traj).response == code
-    centre.status = CentreStatus.READY
     centre.run(0.05)
-    centre.command(ObjectCommand.ARM)
-    centre.run(0.05)
-    centre.start()
-    centre.run(2.0)
-    assert centre.played.body.x_m == 0.0
+    assert centre.monr.ready_to_arm == 0
+    assert centre.command(ObjectCommand.ARM) == ResponseCode.GENERAL_ERROR
+    assert centre.send(TRAJ).response == OK
+    assert centre.command(ObjectCommand.ARM) == OK
 
 
 def test_what_was_driven_isnt_driven_again_from_elsewhere() -> None:
@@ -338,6 +336,8 @@ def test_it_reports_at_the_rate_of_the_osem(rate_hz: int) -> None:
     before = len(centre.monrs)
     centre.run(2.0)
     assert len(centre.monrs) - before == 2 * rate_hz
+    stamps = [monr.time_of_week_ns for monr in centre.monrs]
+    assert len(set(stamps)) == len(stamps)
 
 
 def test_a_deviation_larger_than_the_osem_allows_stops_it() -> None:
@@ -537,9 +537,26 @@ def test_a_second_control_centre_is_neither_connected_nor_heard() -> None:
     assert centre.played.strangers == 2
 
 
+def started_without_a_trajectory(centre: Centre) -> Centre:
+    centre.armed(None)
+    centre.start()
+    centre.status = CentreStatus.RUNNING
+    centre.run(3.0)
+    return centre
+
+
+def test_what_another_centre_sent_isnt_driven() -> None:
+    first = Centre(played_object()).armed(TRAJ)
+    first.played.disconnect(first.now_ns)
+    other = Centre(first.played, "10.0.0.2")
+    other.now_ns = first.now_ns
+    started_without_a_trajectory(other)
+    assert (other.monr.state, other.monr.speed_mps) == (ControlState.RUNNING, 0.0)
+
+
 def test_a_trajectory_of_its_own_is_driven() -> None:
     played = IsoObject(rules_of(), T0, Datum(PLACE), TRAJ)
-    centre = Centre(played).driving(TRAJ, 3.0)
+    centre = started_without_a_trajectory(Centre(played))
     assert centre.played.body.speed_mps > 3.0
 
 

@@ -163,8 +163,9 @@ class IsoObject:
         self._osem: Osem | None = None
         self._frame = Pose2(0.0, 0.0, 0.0)
         self._next_monr_ns = now_ns
-        self._plan: Points | None = None
-        self._plan_name = ""
+        self._plan: tuple[Points, str] | None = None
+        # Whose newest trajectory is refused must not be armed with an older one, or with none.
+        self._plan_refused = False
         self._trajectories = 0
         self._start_ns: int | None = None
         self._cause: SafetyCode | None = None
@@ -176,6 +177,7 @@ class IsoObject:
             refused = self._on_traj(trajectory)
             if refused is not None:
                 self._note(f"its own trajectory is refused: {refused.text}")
+        self._held = self._plan
 
     # -- the control centre --------------------------------------------------------------------
 
@@ -206,6 +208,8 @@ class IsoObject:
         self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
         self._osem = self._heard_ns = None
         self._tight, self.closes = self._rules, False
+        # What another centre sent is not driven for this one.
+        self._plan, self._plan_refused = self._held, False
         self._note(f"{host} is connected")
         return True
 
@@ -347,9 +351,9 @@ class IsoObject:
         if not running and self._target.state not in _BEFORE_START:
             return _not_now(f"trajectories aren't taken in {self.state.name}")
         if not running:
-            # Whoever's trajectory is refused must not find an older one driven.
             self._plan = None
-            if traj.info == TrajectoryInfo.DELETE:
+            self._plan_refused = traj.info != TrajectoryInfo.DELETE
+            if not self._plan_refused:
                 return None
         if traj.info != TrajectoryInfo.RELATIVE_TO_ORIGIN:
             return _unsupported(f"info {traj.info}, only relative to the origin")
@@ -365,7 +369,7 @@ class IsoObject:
             return self._drive(points, name, self.started_ns)
         refused = self._check(points, name)
         if refused is None:
-            self._plan, self._plan_name = points, name
+            self._plan, self._plan_refused = (points, name), False
         return refused
 
     def _in_map(self, points: Points) -> Points:
@@ -410,8 +414,10 @@ class IsoObject:
         if event is ObjectEvent.ARM:
             if self._osem is None:
                 return _not_now("there was no OSEM")
+            if self._plan_refused:
+                return _not_now("its newest trajectory was refused")
             if self._plan is not None:
-                refused = self._check(self._plan, self._plan_name)
+                refused = self._check(*self._plan)
                 if refused is not None:
                     return _not_now(f"its trajectory can't be driven: {refused.text}")
         response = self._target.command(event, self._rules.event_version, self._silence_s())
@@ -485,7 +491,10 @@ class IsoObject:
         heard = self._heab_address is not None and not self.closes
         if heard and self._osem is not None and self._now_ns >= self._next_monr_ns:
             period_ns = NS_PER_S // self._osem.monr_rate_hz
-            self._next_monr_ns = max(self._next_monr_ns + period_ns, self._now_ns)
+            self._next_monr_ns += period_ns
+            if self._next_monr_ns <= self._now_ns:
+                # Those that are missing stay missing.
+                self._next_monr_ns = self._now_ns + period_ns
             self._send(self._monr(self._osem), udp=True)
         out, self._out = self._out, []
         return out
@@ -514,7 +523,7 @@ class IsoObject:
         self._target.on_session_state(SessionPhase.RUNNING)
         self._note("started")
         if self._plan is not None:
-            refused = self._drive(self._plan, self._plan_name, start_ns)
+            refused = self._drive(*self._plan, start_ns)
             if refused is not None:
                 self._note(f"its trajectory is refused: {refused.text}")
 
@@ -582,6 +591,7 @@ class IsoObject:
             self.state is ControlState.DISARMED
             and b.speed_mps <= STANDSTILL_MPS
             and self._silence_s() <= self._tight.limits.heartbeat_s
+            and not self._plan_refused
             and not errors
         )
         return Monr(
