@@ -110,6 +110,9 @@ def test_a_run_goes_from_init_to_disarmed_again() -> None:
     centre.run(5.0)
     assert (centre.monr.state, centre.monr.speed_mps) == (ControlState.DISARMED, 0.0)
     assert centre.monr.error_status == 0
+    centre.status = CentreStatus.INIT
+    centre.run(0.1)
+    assert centre.monr.state == ControlState.DISARMED
 
 
 def test_what_it_reports_lies_in_the_frame_of_the_osem() -> None:
@@ -285,6 +288,10 @@ def test_a_trajectory_that_cant_be_driven_while_it_runs_stops_it() -> None:
     assert centre.monr.state == ControlState.ABORTING
     assert centre.monr.error_code == SafetyCode.REFERENCE_REFUSED
     assert centre.monr.error_status & ObjectError.ABORT_REQUEST
+    stop_way_m(centre)
+    assert centre.command(ObjectCommand.ALL_CLEAR) == OK
+    centre.run(0.05)
+    assert (centre.monr.error_code, centre.monr.error_status) == (0, 0)
 
 
 def test_trajectories_while_it_runs_need_the_test_mode_online() -> None:
@@ -393,7 +400,7 @@ def test_messages_that_are_none_for_it_are_named(message: Message) -> None:
     assert centre.send(message).response == ResponseCode.NOT_SUPPORTED
 
 
-@pytest.mark.parametrize("state", ["init", "armed", "running"])
+@pytest.mark.parametrize("state", ["init", "armed", "running", "postrun"])
 def test_what_a_state_doesnt_allow_is_refused(state: str) -> None:
     centre = Centre(played_object())
     if state == "init":
@@ -402,6 +409,10 @@ def test_what_a_state_doesnt_allow_is_refused(state: str) -> None:
     elif state == "armed":
         centre.armed(TRAJ)
         refused = [centre.send(osem(centre.now_ns))]
+    elif state == "postrun":
+        centre.driving(TRAJ, 3.0).status = CentreStatus.NORMAL_STOP
+        centre.run(0.05)
+        refused = [centre.send(TRAJ), centre.send(Strt(None, None))]
     else:
         centre.driving(TRAJ, 3.0)
         refused = [centre.send(osem(centre.now_ns)), centre.send(Strt(None, None))]
@@ -443,6 +454,17 @@ def test_damaged_bytes_are_told_and_what_follows_is_heard() -> None:
     assert centre.send(TRAJ).response == OK
 
 
+def test_a_frame_that_never_ends_is_given_up_with_time_or_connection() -> None:
+    centre = Centre(played_object())
+    centre.connect()
+    centre.played.on_tcp(centre.frame(TRAJ)[:100], centre.now_ns)
+    centre.run(0.6)
+    assert centre.send(TRAJ).response == OK
+    centre.played.on_tcp(centre.frame(TRAJ)[:100], centre.now_ns)
+    centre.played.disconnect(centre.now_ns)
+    assert centre.connect().response == OK
+
+
 # -- stopping -------------------------------------------------------------------------------------
 
 
@@ -482,6 +504,7 @@ def test_a_connection_that_is_lost_while_it_drives_stops_it_at_once() -> None:
     centre = driving()
     limit_m = bound_m(centre, 0.01)
     centre.played.disconnect(centre.now_ns)
+    assert centre.played.state is ControlState.ABORTING
     assert stop_way_m(centre) <= limit_m
     centre.run(0.05)
     assert centre.played.state is ControlState.INIT
@@ -493,6 +516,7 @@ def test_an_abort_outlives_the_connection() -> None:
     centre.run(0.1)
     centre.played.disconnect(centre.now_ns)
     stop_way_m(centre)
+    centre.status = CentreStatus.INIT
     centre.connect()
     assert centre.monr.state == ControlState.ABORTING
 
@@ -502,6 +526,14 @@ def test_silence_while_it_is_armed_disarms_it() -> None:
     centre.status = None
     centre.run(0.5)
     assert centre.played.state is ControlState.INIT
+
+
+def test_a_start_that_waits_ends_with_the_heartbeats() -> None:
+    centre = Centre(played_object()).armed(TRAJ)
+    centre.start(0.23)
+    centre.status = None
+    centre.run(1.0)
+    assert (centre.played.started_ns, centre.played.body.x_m) == (None, 0.0)
 
 
 def test_its_own_bound_counts_where_the_osem_allows_more() -> None:

@@ -91,7 +91,12 @@ _EVENTS = {
     ObjectCommand.ALL_CLEAR: ObjectEvent.ALL_CLEAR,
 }
 # Heartbeats that take back a start that hasn't come yet.
-_NO_START = (SessionPhase.CONNECTED, SessionPhase.STOPPING, SessionPhase.FINISHED)
+_NO_START = (
+    SessionPhase.CONNECTED,
+    SessionPhase.STOPPING,
+    SessionPhase.FINISHED,
+    SessionPhase.ABORTING,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,7 +456,7 @@ class IsoObject:
         late = self.started_ns is not None and heab.status == CentreStatus.READY
         if late and ns_to_seconds(self._now_ns - (self.started_ns or 0)) > HEAB_LAG_S:
             session = SessionPhase.ABORTING
-        if session in _NO_START or session is SessionPhase.ABORTING:
+        if session in _NO_START:
             self._start_ns = None
         before = self._target.state
         self._target.on_session_state(session)
