@@ -500,6 +500,18 @@ def test_a_centre_that_dies_while_it_drives_stops_it_within_its_stop_way() -> No
     assert other.monr.state == ControlState.DISARMED
 
 
+def test_an_abort_while_it_brakes_for_silence_is_latched() -> None:
+    centre = driving()
+    centre.status = None
+    centre.run(0.3)
+    centre.status = CentreStatus.ABORT
+    centre.run(0.1)
+    centre.status = CentreStatus.READY
+    stop_way_m(centre)
+    centre.run(0.5)
+    assert centre.monr.state == ControlState.ABORTING
+
+
 def test_a_connection_that_is_lost_while_it_drives_stops_it_at_once() -> None:
     centre = driving()
     limit_m = bound_m(centre, 0.01)

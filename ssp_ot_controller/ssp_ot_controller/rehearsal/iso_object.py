@@ -36,7 +36,6 @@ from ssp_ot_controller.bodies.iso22133.framing import (
 from ssp_ot_controller.bodies.iso22133.messages import (
     END_OF_TRANSMISSION,
     CentreStatus,
-    CoordinateSystem,
     Dreq,
     Dres,
     DriveDirection,
@@ -60,24 +59,29 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 )
 from ssp_ot_controller.bodies.iso22133.states import session_of
 from ssp_ot_controller.bodies.iso22133.trajectories import points_of
-from ssp_ot_controller.bodies.iso22133.units import leap_seconds, nearest_utc_ns, to_gps
+from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns, to_gps
 from ssp_ot_controller.objects.rules import ObjectRules
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.objects.target import STANDSTILL_MPS, Target
+from ssp_ot_controller.rehearsal.iso_settings import (
+    Refused,
+    frame_of,
+    invalid,
+    not_now,
+    problem_of,
+    tightened,
+    unsupported,
+)
 
 # The object judges and its body moves this often.
 STEP_S = 0.005
 _STEP_NS = seconds_to_ns(STEP_S)
 # One sigma of its localisation.
 POSITION_STD_M = 0.02
-# An origin further away than this is none of the place where the object stands.
-FARTHEST_ORIGIN_M = 10_000.0
 # A centre that has sent STRT may still say READY for so long.
 HEAB_LAG_S = 0.5
 # A STRT that comes so long after its time still says from when the trajectory's times count.
 LATE_START_S = 0.3
-# Three heartbeats have to be missing, whatever timeout an OSEM states.
-_LEAST_PERIODS = 3
 # A frame on TCP that is incomplete for so long is given up.
 _INCOMPLETE_NS = NS_PER_S // 2
 _MOST_NOTES = 1000
@@ -105,26 +109,6 @@ class Sent:
 
     udp: bool
     data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """Why a message isn't obeyed."""
-
-    code: ResponseCode
-    text: str
-
-
-def _invalid(text: str) -> Refused:
-    return Refused(ResponseCode.INVALID_DATA, text)
-
-
-def _not_now(text: str) -> Refused:
-    return Refused(ResponseCode.GENERAL_ERROR, text)
-
-
-def _unsupported(text: str) -> Refused:
-    return Refused(ResponseCode.NOT_SUPPORTED, text)
 
 
 class IsoObject:
@@ -260,14 +244,14 @@ class IsoObject:
             if isinstance(found, Rejected):
                 self._note(f"refused: {found.reason.value}: {found.text}")
                 if isinstance(frame, Frame):
-                    self._answer(frame.header, _invalid(found.text))
+                    self._answer(frame.header, invalid(found.text))
                 continue
             handler = _HANDLERS.get(type(found.message))
             name = type(found.message).__name__.upper()
             if isinstance(found.message, Opaque):
                 name = f"message 0x{found.message.message_id:02X}"
             refused = (
-                _unsupported("isn't supported") if handler is None else handler(self, found.message)
+                unsupported("isn't supported") if handler is None else handler(self, found.message)
             )
             if refused is not None:
                 self._note(f"{name} refused: {refused.text}")
@@ -299,74 +283,37 @@ class IsoObject:
 
     def _on_osem(self, osem: Osem) -> Refused | None:
         if self._target.state not in _RESTING:
-            return _not_now(f"settings aren't taken in {self.state.name}")
-        rates = {"monr_rate_hz": osem.monr_rate_hz, "heab_rate_hz": osem.heab_rate_hz}
-        bounds = {
-            name: getattr(osem, name)
-            for name in (
-                "max_way_deviation_m",
-                "max_lateral_deviation_m",
-                "max_yaw_deviation_rad",
-                "max_position_error_m",
-                "heab_timeout_s",
-            )
-        }
-        for name, value in {**rates, **bounds}.items():
-            if value == 0:
-                return _invalid(f"{name} is 0")
-        ours = leap_seconds(self._now_ns)
-        if osem.leap_seconds != ours:
-            return _invalid(f"leap_seconds is {osem.leap_seconds}, our table has {ours}")
-        if osem.rotation_rad:
-            return _invalid("rotation_rad isn't 0: its sense isn't public")
-        frame = self._frame_of(osem)
+            return not_now(f"settings aren't taken in {self.state.name}")
+        refused = problem_of(osem, self._now_ns)
+        frame = refused or frame_of(osem, self._datum)
         if isinstance(frame, Refused):
             return frame
-        self._osem, self._frame, self._tight = osem, frame, self._tightened(osem)
+        self._osem, self._frame, self._tight = osem, frame, tightened(self._rules, osem)
         self._next_monr_ns = self._now_ns
         self._new_rules = True
         self._settle()
         return None
 
-    def _frame_of(self, osem: Osem) -> Pose2 | Refused:
-        """The pose of the centre's frame in frame map."""
-        if osem.latitude_deg is None or osem.longitude_deg is None:
-            return _invalid("latitude_deg and longitude_deg are unavailable")
-        if self._datum is None:
-            return Pose2(0.0, 0.0, 0.0)
-        if osem.coordinate_system not in (CoordinateSystem.WGS84, CoordinateSystem.ITRF2000):
-            return _invalid(f"coordinate_system is {osem.coordinate_system}, ours is WGS 84")
-        place = Place(osem.latitude_deg, osem.longitude_deg, osem.altitude_m or 0.0)
-        x, y, _ = self._datum.to_site(place)
-        away_m = math.hypot(x, y)
-        if not away_m <= FARTHEST_ORIGIN_M:
-            return _invalid(
-                f"the origin is {away_m / 1000.0:.1f} km from this site's, limit is "
-                f"{FARTHEST_ORIGIN_M / 1000.0:g} km"
-            )
-        east_x, east_y, _ = self._datum.to_site(Datum(place).to_place(100.0, 0.0))
-        return Pose2(x, y, math.atan2(east_y - y, east_x - x))
-
     def _on_traj(self, traj: Traj) -> Refused | None:
         running = self._target.state is ControlState.RUNNING
         if self._host is not None and self._osem is None:
-            return _not_now("there was no OSEM")
+            return not_now("there was no OSEM")
         if running and (self._osem is None or self._osem.test_mode != OsemTestMode.ONLINE):
-            return _not_now("trajectories aren't taken while it runs, test_mode isn't ONLINE")
+            return not_now("trajectories aren't taken while it runs, test_mode isn't ONLINE")
         if not running and self._target.state not in _BEFORE_START:
-            return _not_now(f"trajectories aren't taken in {self.state.name}")
+            return not_now(f"trajectories aren't taken in {self.state.name}")
         if not running:
             self._plan = None
             self._plan_refused = traj.info != TrajectoryInfo.DELETE
             if not self._plan_refused:
                 return None
         if traj.info != TrajectoryInfo.RELATIVE_TO_ORIGIN:
-            return _unsupported(f"info {traj.info}, only relative to the origin")
+            return unsupported(f"info {traj.info}, only relative to the origin")
         if traj.line_info not in (None, END_OF_TRANSMISSION):
-            return _unsupported(f"line info {traj.line_info}, only whole trajectories")
+            return unsupported(f"line info {traj.line_info}, only whole trajectories")
         found = points_of(traj, Datum(Place(0.0, 0.0)))
         if isinstance(found, Rejected):
-            return _invalid(found.text)
+            return invalid(found.text)
         points = self._in_map(found)
         self._trajectories += 1
         name = f"{traj.name or 'trajectory'} {traj.trajectory_id} ({self._trajectories})"
@@ -398,36 +345,36 @@ class IsoObject:
         """Judges a trajectory as if it were started now."""
         reference = self._reference(points, name, self._now_ns)
         refusal = self._target.check(reference, self._now_ns, ControlState.RUNNING)
-        return None if refusal is None else _invalid(refusal.message)
+        return None if refusal is None else invalid(refusal.message)
 
     def _drive(self, points: Points, name: str, began_ns: int) -> Refused | None:
         """Drives a trajectory from its first point on that isn't over."""
         due = points.columns[0] >= ns_to_seconds(self._now_ns - began_ns)
         if np.count_nonzero(due) < 2:
-            return _invalid("less than two of its points lie ahead")
+            return invalid("less than two of its points lie ahead")
         columns = points.columns[:, due].copy()
         first_ns = began_ns + seconds_to_ns(float(columns[0, 0]))
         columns[0] -= columns[0, 0]
         reference = self._reference(Points(columns), name, first_ns)
         refusal = self._target.on_reference(reference, self._now_ns)
-        return None if refusal is None else _invalid(refusal.message)
+        return None if refusal is None else invalid(refusal.message)
 
     def _on_ostm(self, ostm: Ostm) -> Refused | None:
         event = _EVENTS.get(ObjectCommand(ostm.command)) if ostm.command in _COMMANDS else None
         if event is None:
-            return _unsupported(f"command {ostm.command}")
+            return unsupported(f"command {ostm.command}")
         if event is ObjectEvent.ARM:
             if self._osem is None:
-                return _not_now("there was no OSEM")
+                return not_now("there was no OSEM")
             if self._plan_refused:
-                return _not_now("its newest trajectory was refused")
+                return not_now("its newest trajectory was refused")
             if self._plan is not None:
                 refused = self._check(*self._plan)
                 if refused is not None:
-                    return _not_now(f"its trajectory can't be driven: {refused.text}")
+                    return not_now(f"its trajectory can't be driven: {refused.text}")
         response = self._target.command(event, self._rules.event_version, self._silence_s())
         if not response.accepted:
-            return _not_now(response.error_msg)
+            return not_now(response.error_msg)
         self._start_ns = self.started_ns = None
         if event is ObjectEvent.ALL_CLEAR:
             self._cause = None
@@ -435,13 +382,13 @@ class IsoObject:
 
     def _on_strt(self, strt: Strt) -> Refused | None:
         if self._target.state is not ControlState.ARMED:
-            return _not_now(f"it is {self.state.name}, not ARMED")
+            return not_now(f"it is {self.state.name}, not ARMED")
         now_ns = self._now_ns
         start_ns = now_ns
         if strt.time_of_week_ns is not None:
             start_ns = nearest_utc_ns(strt.time_of_week_ns, now_ns)
             if strt.week not in (None, to_gps(start_ns)[0]):
-                return _invalid(f"week is {strt.week}, it is {to_gps(now_ns)[0]} now")
+                return invalid(f"week is {strt.week}, it is {to_gps(now_ns)[0]} now")
         late_s = ns_to_seconds(now_ns - start_ns)
         self._start_ns = now_ns if late_s > LATE_START_S else start_ns
         return None
@@ -458,27 +405,13 @@ class IsoObject:
             session = SessionPhase.ABORTING
         if session in _NO_START:
             self._start_ns = None
+        if session is SessionPhase.ABORTING:
+            # An abort is latched, also where it was braking for silence.
+            self._lost = False
         before = self._target.state
         self._target.on_session_state(session)
         if self._target.state is not before:
             self._note(f"{self._target.state.name} by a heartbeat with status {heab.status}")
-
-    def _tightened(self, osem: Osem) -> ObjectRules:
-        """Our rules where the OSEM doesn't ask for more."""
-        limits = self._rules.limits
-        asked = {
-            "heartbeat_s": max(osem.heab_timeout_s, _LEAST_PERIODS / osem.heab_rate_hz),
-            "error_longitudinal_m": osem.max_way_deviation_m,
-            "error_lateral_m": osem.max_lateral_deviation_m,
-            "error_yaw_rad": osem.max_yaw_deviation_rad,
-            "position_std_m": osem.max_position_error_m,
-        }
-        tighter = {
-            name: min(getattr(limits, name), value)
-            for name, value in asked.items()
-            if value is not None
-        }
-        return replace(self._rules, limits=limits.model_copy(update=tighter))
 
     # -- motion --------------------------------------------------------------------------------
 
