@@ -226,3 +226,21 @@ def test_values_are_equal_as_json_is() -> None:
     assert not same_value([1], [1, 2])
     assert not same_value({"a": 1}, {"b": 1})
     assert not same_value(None, 0)
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "old"),
+    [
+        ("limits.stop_reaction_s", "0.8", 1.0),
+        ("datum", "{latitude_deg: 57.7, longitude_deg: 12.9}", None),
+    ],
+)
+def test_what_files_leave_out_can_be_changed_on_site(field: str, text: str, old: object) -> None:
+    new = parse_value(RUN, field, text)
+    changed = with_value(RUN, field, new)
+    record = Record(
+        kind="site_change", when="2025-03-01T09:30:00Z", who="A. Tester", subject="cut_in",
+        field=field, old=old, new=new, reason="surveyed",
+    )  # fmt: skip
+    assert differences(RUN, changed) != []
+    assert differences(explained(RUN, [record]), changed) == []

@@ -60,6 +60,9 @@ class Difference:
 def run_mapping(run: RunSpec) -> dict[str, Any]:
     """The run as JSON values, every default filled in."""
     mapping: dict[str, Any] = run.model_dump(mode="json", by_alias=True)
+    # Files leave these out where nobody gave them.
+    mapping.setdefault("datum", None)
+    mapping["limits"].setdefault("stop_reaction_s", run.limits.stop_reaction_s)
     return mapping
 
 
