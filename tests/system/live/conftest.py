@@ -286,7 +286,10 @@ def _compile(scenario: str, folder: Path, site: str) -> Path:
     write_task_files(compiled, folder)
     run = compiled.task.run
     # Silence of two seconds is nothing to stop for here; a blind stop needs that much more room.
-    waits = ("state_age_s", "heartbeat_s", "trigger_age_s", "link_delay_s", "frozen_s", "ack_s")
+    waits = (
+        "state_age_s", "heartbeat_s", "trigger_age_s", "link_delay_s", "frozen_s", "ack_s",
+        "stop_reaction_s",
+    )  # fmt: skip
     lax = {**dict.fromkeys(waits, SILENCE_S), "clock_offset_s": 0.5, "error_longitudinal_m": 8.0}
     limits = run.limits.model_copy(update=lax)
     middle = [sum(axis) / len(run.geofence) for axis in zip(*run.geofence, strict=True)]
