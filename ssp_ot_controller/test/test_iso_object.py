@@ -458,7 +458,7 @@ def test_a_frame_that_never_ends_is_given_up_with_time_or_connection() -> None:
     centre = Centre(played_object())
     centre.connect()
     centre.played.on_tcp(centre.frame(TRAJ)[:100], centre.now_ns)
-    centre.run(0.6)
+    centre.run(1.6)
     assert centre.send(TRAJ).response == OK
     centre.played.on_tcp(centre.frame(TRAJ)[:100], centre.now_ns)
     centre.played.disconnect(centre.now_ns)
@@ -492,7 +492,8 @@ def test_a_centre_that_dies_while_it_drives_stops_it_within_its_stop_way() -> No
     centre.status = None
     assert stop_way_m(centre) <= limit_m
     assert centre.monr.error_code == SafetyCode.HEARTBEAT_LOST
-    centre.run(0.3)
+    centre.run(1.6)
+    assert (centre.monr.state, centre.monr.speed_mps) == (ControlState.ABORTING, 0.0)
     assert centre.played.state is ControlState.INIT
     other = Centre(centre.played, "10.0.0.2")
     other.now_ns = centre.now_ns
@@ -518,7 +519,7 @@ def test_a_connection_that_is_lost_while_it_drives_stops_it_at_once() -> None:
     centre.played.disconnect(centre.now_ns)
     assert centre.played.state is ControlState.ABORTING
     assert stop_way_m(centre) <= limit_m
-    centre.run(0.05)
+    centre.run(1.6)
     assert centre.played.state is ControlState.INIT
 
 

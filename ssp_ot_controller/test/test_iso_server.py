@@ -131,6 +131,17 @@ def test_a_run_over_sockets_and_a_connection_that_breaks(served: Served) -> None
     served.reports(ControlState.DISARMED)
 
 
+def test_a_centre_that_connects_again_at_once_is_taken(served: Served) -> None:
+    """What it sent last, and that it has gone, is read before the new connection."""
+    link = served.link
+    for _ in range(20):
+        link.connect()
+        served.until(lambda: link.connected, "a connection")
+        assert served.ask(osem(time.time_ns())) == 1
+        link.send(TRAJ)
+        link.close()
+
+
 def test_a_port_that_is_taken_is_an_error(served: Served) -> None:
     with pytest.raises(HostError, match="can't listen at"):
         IsoServer(IsoObject(rules_of(), 0), "127.0.0.1", served.server.port)

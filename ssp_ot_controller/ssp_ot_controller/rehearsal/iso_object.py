@@ -82,6 +82,8 @@ POSITION_STD_M = 0.02
 HEAB_LAG_S = 0.5
 # A STRT that comes so long after its time still says from when the trajectory's times count.
 LATE_START_S = 0.3
+# It reports for so long that it stands before it gives a silent centre's connection up.
+_STOOD_NS = 3 * NS_PER_S // 2
 # A frame on TCP that is incomplete for so long is given up.
 _INCOMPLETE_NS = NS_PER_S // 2
 _MOST_NOTES = 1000
@@ -160,6 +162,7 @@ class IsoObject:
         self._cause: SafetyCode | None = None
         # It stopped because it lost its centre: nothing is latched when it stands.
         self._lost = False
+        self._moved_ns = now_ns - _STOOD_NS
         self._new_rules = False
         self._target = self._new_target(rules)
         if trajectory is not None:
@@ -473,11 +476,14 @@ class IsoObject:
 
     def _settle(self) -> None:
         """What has to wait until the object stands."""
+        if self.body.speed_mps > 0.0:
+            self._moved_ns = self._now_ns
         if self.body.speed_mps > STANDSTILL_MPS:
             return
+        stood = self._now_ns - self._moved_ns >= _STOOD_NS
         resting = self._target.state in _RESTING
         silent = self._heard_ns is not None and self._silence_s() > self._tight.limits.heartbeat_s
-        if self._lost:
+        if self._lost and stood:
             self._lost = False
             self._target = self._new_target(self._tight)
             self._cause = self.started_ns = None
@@ -488,7 +494,7 @@ class IsoObject:
             self._target = self._new_target(self._tight)
             if latched:
                 self._target.local_stop()
-        if resting and silent and self._host is not None:
+        if resting and silent and stood and self._host is not None:
             self.closes = True
 
     def _new_target(self, rules: ObjectRules) -> Target:

@@ -64,12 +64,13 @@ class IsoServer(Closing):
 
     def serve(self, readable: Sequence[socket.socket], now_ns: int) -> None:
         """Takes what came, and sends what is due."""
-        if self._listener in readable:
-            self._accept(now_ns)
         if self._udp in readable:
             self._read_udp()
-        if self._centre in readable:
-            self._read_tcp()
+        # A centre that connects again has ended its old connection before.
+        while self._read_tcp():
+            pass
+        if self._listener in readable:
+            self._accept(now_ns)
         for sent in self.played.take_sent(time.time_ns()):
             address = self.played.monr_address
             # What can't be sent is lost, like a message on the way.
@@ -103,19 +104,21 @@ class IsoServer(Closing):
                 return
             self.played.on_udp(data, address, time.time_ns())
 
-    def _read_tcp(self) -> None:
+    def _read_tcp(self) -> bool:
+        """True when there may be more to read."""
         if self._centre is None:
-            return
+            return False
         try:
             data = self._centre.recv(_READ_BYTES)
         except BlockingIOError:
-            return
+            return False
         except OSError:
             data = b""
         if data:
             self.played.on_tcp(data, time.time_ns())
         else:
             self._drop()
+        return bool(data)
 
     def _drop(self) -> None:
         if self._centre is not None:
