@@ -398,6 +398,7 @@ MAKERS: dict[str, Callable[[Path], Struck]] = {
     "view": lambda _: Struck(ViewNode()),
     "vla_bridge": lambda _: Bridge(ros.make_node("vla_bridge", VlaBridge)),
     "vut_adapter": lambda _: Struck(VutAdapter(ros.StopRequest())),
+    "vut_adapter of places": lambda _: Struck(VutAdapter(ros.StopRequest())),
 }
 CAMERA = {"width_px": 64, "height_px": 64, "rate_hz": 10.0}
 
@@ -407,8 +408,8 @@ def tested(request: pytest.FixtureRequest, tmp_path_factory: Any) -> Iterator[St
     folder = tmp_path_factory.mktemp(request.param)
     run_file = folder / "run.yaml"
     changes: dict[str, Any] = {}
-    if request.param == "vut_adapter":
-        changes["mode"] = "live"
+    if request.param.startswith("vut_adapter"):
+        changes |= {"mode": "live", "datum": {"latitude_deg": 57.8, "longitude_deg": 12.8}}
     if request.param == "front_camera":
         changes["camera"] = CAMERA
     run_file.write_text(json.dumps(RUN | changes))
@@ -416,6 +417,8 @@ def tested(request: pytest.FixtureRequest, tmp_path_factory: Any) -> Iterator[St
         "run_file": run_file, "bag_dir": folder / "bag", "port": 0, "model": "constant_velocity",
         "shadow_hz": 10.0,
     }  # fmt: skip
+    if request.param == "vut_adapter of places":
+        given_ |= {"navsat": "fix", "heading": "imu"}
     arguments = ["--ros-args", *(w for k, v in given_.items() for w in ("-p", f"{k}:={v}"))]
     with free_domain() as domain:
         rclpy.init(args=arguments, domain_id=domain)

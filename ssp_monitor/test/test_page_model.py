@@ -71,6 +71,14 @@ def test_nothing_stands_in_the_way_of_what_is_ready(run):
     assert Snapshots(board).stale(10 * S) == []
 
 
+def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
+    board = ready_board(run)
+    board.hear_localisation("fix type", 8 * S - 1)
+    assert standing_in_the_way(board, 10 * S) == []
+    board.hear_localisation("", 10 * S)
+    assert standing_in_the_way(board, 10 * S) == []
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -88,6 +96,10 @@ def test_nothing_stands_in_the_way_of_what_is_ready(run):
         (
             lambda b: b.hear_recorder(RecorderFact(True, failure="disk full"), 10 * S),
             "the recorder has failed: disk full",
+        ),
+        (
+            lambda b: b.hear_localisation("fix type: FIX, GBAS is asked for", 8 * S),
+            "the VUT's GNSS/INS gives no state: fix type: FIX, GBAS is asked for",
         ),
         (lambda b: b.objects.pop("ot1"), "no state of ot1 arrives"),
         (lambda b: b.links.clear(), "the link to ot1 is not measured yet"),

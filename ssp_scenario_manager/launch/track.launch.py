@@ -16,6 +16,14 @@ from ssp_core.errors import InputError
 from ssp_core.run_file.model import load_run
 
 _UNIT = ("forward_m", "left_m", "yaw_left_rad")
+# Parameters of vut_adapter: default, and what they are.
+_RECEIVER = {
+    "odometry": ("odometry", "topic of the GNSS/INS"),
+    "navsat": ("", "instead of it: topic of its places"),
+    "heading": ("heading", "with navsat: topic of its headings"),
+    "velocity": ("", "with navsat: topic of its velocities"),
+    "least_fix": ("gbas", "with navsat: fix, sbas or gbas"),
+}
 ROLES = ("manager", "monitor", "targets", "vut_adapter")
 # Where nothing else is said, drivers publish on our own names.
 CAMERA_TOPICS = {"camera_image": names.CAMERA_IMAGE, "camera_info": names.CAMERA_INFO}
@@ -83,7 +91,7 @@ def _session(context: LaunchContext) -> list[Node | LogInfo]:
                 "vut_adapter",
                 {
                     **run,
-                    "odometry": given("odometry"),
+                    **{name: given(name) for name in _RECEIVER},
                     **{f"unit_{k}": float(given(f"unit_{k}")) for k in _UNIT},
                 },
                 [],
@@ -109,6 +117,10 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(f"unit_{name}", default_value="0.0", description="of the GNSS/INS")
         for name in _UNIT
     ]
+    receiver = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in _RECEIVER.items()
+    ]
     return LaunchDescription(
         [
             DeclareLaunchArgument("run_file", description="path of an ssp.run/1 file, mode live"),
@@ -122,9 +134,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "object_ids", default_value="", description="ot1,ot2; empty: all"
             ),
-            DeclareLaunchArgument(
-                "odometry", default_value="odometry", description="topic of the GNSS/INS"
-            ),
+            *receiver,
             *unit,
             DeclareLaunchArgument(
                 "camera_image", default_value="", description="the driver's compressed image"

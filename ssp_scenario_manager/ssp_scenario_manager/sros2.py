@@ -56,13 +56,14 @@ class Rights:
     own: tuple[str, ...] = _PARAMETERS
 
 
-def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
+def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
     """By node name, for the objects of a run.
 
     Args:
         run: in mode live.
-        odometry: topic of the GNSS/INS, relative to /ssp or absolute.
+        receiver: topics of the VUT's GNSS/INS, relative to /ssp or absolute.
     """
+    receiver = receiver or ("odometry",)
     ids = [target.id for target in run.targets]
     singles = [] if run.states_in_one else [names.state_topic(i) for i in ids]
     states = (*singles, names.OBJECT_STATES) if run.states_in_one else tuple(singles)
@@ -77,7 +78,7 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
     world = (names.WORLD_TICK, names.STEP_DONE)
     commands = (*names.SESSION_COMMANDS, names.LOAD_SCENARIO)
     told = (*events, names.HEARTBEAT, names.LINK_STATUS, names.STEP_DONE)
-    replies = (names.HEARTBEAT_REPLY, names.RECORDER_STATUS)
+    replies = (names.HEARTBEAT_REPLY, names.RECORDER_STATUS, names.LOCALISATION_STATUS)
     recorded = (vut, *states, *references, *acks, *told, *replies, names.FAULT_EVENT)
     transforms = (names.TF, names.TF_STATIC)
     # Page and view take states as they come, also without a run file.
@@ -115,7 +116,9 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
             publishes=("markers/scene", "markers/objects", "/diagnostics"),
             hears=watched,
         ),
-        names.VUT_ADAPTER: Rights(CONTROL, publishes=(vut,), hears=(odometry,)),
+        names.VUT_ADAPTER: Rights(
+            CONTROL, publishes=(vut, names.LOCALISATION_STATUS), hears=receiver
+        ),
         names.RUNNER: Rights(
             CONTROL,
             hears=(*events, *states, vut, names.FAULT_EVENT, names.LINK_STATUS),
@@ -124,7 +127,10 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
         ),
         "doctor_session": Rights(
             CONTROL,
-            hears=(vut, *states, names.OBJECT_STATES, *frames, *replies, *camera, odometry, *links),
+            hears=(
+                *(vut, *states, names.OBJECT_STATES, *frames, *replies),
+                *(*camera, *receiver, *links),
+            ),
         ),
         names.OBJECT_TARGET: Rights(
             OBJECTS,
@@ -133,18 +139,18 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
             serves=services,
             own=(*_PARAMETERS, *_LIFECYCLE),
         ),
-        "gnss_ins": Rights(DRIVERS, publishes=(odometry,)),
+        "gnss_ins": Rights(DRIVERS, publishes=receiver),
     }
     if run.camera is not None:
         table["camera"] = Rights(DRIVERS, publishes=(*camera, names.CAMERA_MOUNT))
     return table
 
 
-def policy(run: RunSpec, odometry: str = "odometry") -> str:
+def policy(run: RunSpec, *receiver: str) -> str:
     """The policy as XML (SROS2 policy schema 0.2.0); arguments as for ``rights``."""
     root = ElementTree.Element("policy", version="0.2.0")
     enclaves = ElementTree.SubElement(root, "enclaves")
-    table = rights(run, odometry)
+    table = rights(run, *receiver)
     for path in sorted({right.enclave for right in table.values()}):
         enclave = ElementTree.SubElement(enclaves, "enclave", path=path)
         profiles = ElementTree.SubElement(enclave, "profiles")
@@ -178,11 +184,16 @@ def _group(profile: ElementTree.Element, kind: str, what: str, found: Iterable[s
 
 @click.command()
 @click.argument("run_file", type=click.Path(path_type=Path))
-@click.option("--odometry", default="odometry", help="Topic of the VUT's GNSS/INS.")
-def main(run_file: Path, odometry: str) -> None:
+@click.option(
+    *("--odometry", "--navsat", "--heading", "--velocity", "receiver"),
+    multiple=True,
+    default=["odometry"],
+    help="Topics of the VUT's GNSS/INS.",
+)
+def main(run_file: Path, receiver: tuple[str, ...]) -> None:
     """Prints the SROS2 policy of the live session RUN_FILE."""
     try:
-        click.echo(policy(load_run(run_file), odometry), nl=False)
+        click.echo(policy(load_run(run_file), *receiver), nl=False)
     except SspError as error:
         report_error(str(error))
         raise SystemExit(1) from None

@@ -155,6 +155,15 @@ def test_losses_and_other_managers(run: RunSpec, mode: str) -> None:
     assert codes(liveness, spec) == [C.FOREIGN_MANAGER]
 
 
+@pytest.mark.parametrize(("age_s", "known"), [(0.0, True), (2.0, True), (2.001, False)])
+def test_an_adapter_that_is_silent_says_nothing_any_more(
+    run: RunSpec, age_s: float, known: bool
+) -> None:
+    liveness = LivenessMonitor()
+    liveness.hear_localisation("no fix", NOW_NS - round(age_s * 1e9))
+    assert liveness.facts(run, NOW_NS).vut_refused == ("no fix" if known else "")
+
+
 def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
     liveness = heard_at({names.VUT_ID: 0.25, "ot1": 0.5}, links(0.01, 0.02, 0.125))
     liveness.hear_recorder(False, ("/ssp/a",), 3, NOW_NS)

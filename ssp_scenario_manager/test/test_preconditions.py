@@ -82,6 +82,13 @@ def test_connect_needs_fresh_states(ask: Ask, age_s: float, says: str | None) ->
 
 
 @pytest.mark.parametrize("event", [CONNECT, ARM, START])
+def test_a_receiver_that_gives_no_state_says_why(ask: Ask, event: SessionEvent) -> None:
+    refused = "fix type: FIX, GBAS is asked for"
+    says = f"the VUT's GNSS/INS gives no state: {refused}"
+    assert ask(event, facts={"vut_refused": refused}) == [says]
+
+
+@pytest.mark.parametrize("event", [CONNECT, ARM, START])
 def test_nothing_is_missing(ask: Ask, run: RunSpec, event: SessionEvent) -> None:
     assert ask(event) == []
     assert ask(event, facts=vars_of(Facts.of_one_process(run))) == []

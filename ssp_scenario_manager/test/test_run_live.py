@@ -11,6 +11,7 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec, load_run
+from ssp_core.run_file.values import SiteDatum
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.task import as_live, check_live
 from ssp_scenario_manager.run.live import LiveSetup, describe
@@ -18,7 +19,8 @@ from ssp_scenario_manager.run.live import LiveSetup, describe
 
 def options(**given: Any) -> dict[str, Any]:
     return {
-        "bodies": (), "odometry": None, "unit": None, "remappings": (), "wait": False, **given
+        "bodies": (), "odometry": None, "navsat": None, "heading": None, "velocity": None,
+        "least_fix": None, "unit": None, "remappings": (), "wait": False, **given
     }  # fmt: skip
 
 
@@ -96,6 +98,12 @@ def test_the_nodes_of_a_host(tmp_path: Path) -> None:
     assert nodes["object_target"]["bodies"] == "ot1=udp://10.0.0.21:9001,ot2=mirror"
     assert nodes["vut_adapter"]["unit_forward_m"] == 1.2
     assert nodes["vut_adapter"]["unit_yaw_left_rad"] == 0.1
+    gnss = {"navsat": "/fix", "heading": "/imu", "velocity": "/vel", "least_fix": "sbas"}
+    places = LiveSetup.of_options("live", options(**gnss, unit=(1.2, 0.0, 0.1)))
+    assert places is not None
+    adapter = places.parameters(tmp_path / "run.yaml", tmp_path / "bag")["vut_adapter"]
+    assert adapter.items() >= gnss.items()
+    assert (adapter["unit_forward_m"], "odometry" in adapter) == (1.2, False)
     elsewhere = LiveSetup.of_options("live", options())
     assert elsewhere is not None
     assert list(elsewhere.parameters(tmp_path, tmp_path)) == ["monitor", "scenario_manager"]
@@ -107,6 +115,12 @@ def test_the_nodes_of_a_host(tmp_path: Path) -> None:
         ("lockstep", {"bodies": ("ot1=mirror",)}, "--body: only with --mode live"),
         ("realtime", {"wait": True}, "--wait: only with --mode live"),
         ("live", {"unit": (1.0, 0.0, 0.0)}, "--odometry"),
+        ("live", {"odometry": "/a", "navsat": "/b", "heading": "/c"}, "has one GNSS/INS"),
+        ("live", {"odometry": "/a", "least_fix": "fix"}, "has one GNSS/INS"),
+        ("live", {"navsat": "/b"}, "--navsat and --heading go together"),
+        ("live", {"heading": "/b"}, "--navsat and --heading go together"),
+        ("live", {"velocity": "/b"}, "--navsat and --heading go together"),
+        ("lockstep", {"least_fix": "fix"}, "--least-fix: only with --mode live"),
         ("live", {"bodies": ("ot1",)}, "write ID="),
         ("live", {"bodies": ("ot1=mirror,ot2=mirror",)}, "write ID="),
         ("live", {"bodies": ("ot1=mirror", "ot1=udp://a:1")}, "has a body already"),
@@ -135,3 +149,14 @@ def test_what_people_are_told(run: RunSpec, tmp_path: Path) -> None:
     text = "\n".join(describe(LiveSetup({}), run, tmp_path / "run.yaml", env))
     for part in ("domain 7", "10.0.0.1:11811", "hosts.xml", "object_target of ot1", "/ssp/vut/sta"):
         assert part in text
+
+
+def test_places_on_the_earth_need_a_site_that_lies_somewhere(run: RunSpec, tmp_path: Path) -> None:
+    setup = LiveSetup({}, {"navsat": "/fix", "heading": "/imu"})
+    with pytest.raises(InputError, match="nobody knows where the site lies") as caught:
+        setup.check(run)
+    assert caught.value.field == "datum"
+    datum = SiteDatum(latitude_deg=57.8, longitude_deg=12.8)
+    setup.check(run.model_copy(update={"datum": datum}))
+    env = {"ROS_DOMAIN_ID": "7", "FASTRTPS_DEFAULT_PROFILES_FILE": "/x/hosts.xml"}
+    assert "--navsat /fix" in describe(setup, run, tmp_path / "run.yaml", env)[-1]

@@ -113,6 +113,9 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     add(names.SAFETY_EVENT, "SafetyEvent", latched)
     add(names.FAULT_EVENT, "FaultEvent", latched)
     add(names.RECORDER_STATUS, "RecorderStatus", state)
+    if run.mode == "live":
+        # Of a VUT whose states a vut_adapter makes.
+        add(names.LOCALISATION_STATUS, "LocalisationStatus", state)
     if run.driver.external:
         add(names.VUT_COMMAND, "ActuatorCommand", command)
     if run.camera is not None:
@@ -311,7 +314,8 @@ _OF_TYPES: dict[Importance, str] = {
     Importance.COMPRESSED_IMAGE: "sensor_msgs/CompressedImage foxglove_msgs/CompressedVideo",
     Importance.DIAGNOSTIC: """diagnostic_msgs/DiagnosticArray diagnostic_msgs/DiagnosticStatus
         rcl_interfaces/Log visualization_msgs/Marker visualization_msgs/MarkerArray
-        ssp_msgs/Heartbeat ssp_msgs/HeartbeatReply ssp_msgs/LinkStatus ssp_msgs/RecorderStatus""",
+        ssp_msgs/Heartbeat ssp_msgs/HeartbeatReply ssp_msgs/LinkStatus ssp_msgs/RecorderStatus
+        ssp_msgs/LocalisationStatus""",
     Importance.EVENT: """ssp_msgs/SessionState ssp_msgs/TriggerEvent ssp_msgs/PhaseEvent
         ssp_msgs/SafetyEvent ssp_msgs/FaultEvent ssp_msgs/Reference ssp_msgs/ReferenceAck
         ssp_msgs/ActuatorCommand""",

@@ -15,6 +15,7 @@ from ssp_monitor.status.board import Board, Newest
 from ssp_msgs.msg import (
     Heartbeat,
     LinkStatus,
+    LocalisationStatus,
     ObjectState,
     ObjectStates,
     PhaseEvent,
@@ -47,6 +48,8 @@ class SessionSubscriptions:
         sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
         sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
         sub(LinkStatus, names.LINK_STATUS, self._on_links, ros.STATE)
+        status = names.LOCALISATION_STATUS
+        sub(LocalisationStatus, status, self._on_localisation, ros.STATE)
 
     def look_around(self) -> None:
         """Follows objects that have topics of their own, and sees whether a bag is replayed."""
@@ -116,6 +119,9 @@ class SessionSubscriptions:
 
     def _on_links(self, message: LinkStatus) -> None:
         self._board.hear_links(messages.link_facts(message), time.monotonic_ns())
+
+    def _on_localisation(self, message: LocalisationStatus) -> None:
+        self._board.hear_localisation(messages.localisation(message), time.monotonic_ns())
 
     def _on_recorder(self, message: RecorderStatus) -> None:
         self._board.hear_recorder(messages.recorder_fact(message), time.monotonic_ns())

@@ -164,6 +164,8 @@ class Board:
     links_at_ns: int | None = None
     recorder: RecorderFact | None = None
     recorder_at_ns: int | None = None
+    vut_refused: str = ""
+    vut_refused_at_ns: int | None = None
     camera_at_ns: int | None = None
     camera_fault: str = ""
     replay: bool = False
@@ -214,6 +216,10 @@ class Board:
 
     def hear_recorder(self, fact: RecorderFact, at_ns: int) -> None:
         self.recorder, self.recorder_at_ns = fact, at_ns
+
+    def hear_localisation(self, reason: str, at_ns: int) -> None:
+        """Why no state is made of the VUT's newest fix (LocalisationStatus.msg); empty: one is."""
+        self.vut_refused, self.vut_refused_at_ns = reason, at_ns
 
     def tell(self, event: Event) -> None:
         """One more event; the oldest one is forgotten when there are too many."""

@@ -48,6 +48,8 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
         return problems
     if run.camera is not None and age_s(now_ns, board.camera_at_ns) > judge.CAMERA_SILENT_S:
         problems.append("no camera picture arrives")
+    if board.vut_refused and age_s(now_ns, board.vut_refused_at_ns) <= judge.ADAPTER_SILENT_S:
+        problems.append(f"the VUT's GNSS/INS gives no state: {board.vut_refused}")
     for participant in (run.vut, *run.targets):
         problems += _participant(board, run, participant, session, now_ns)
     return problems

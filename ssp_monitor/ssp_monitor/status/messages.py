@@ -140,6 +140,11 @@ def recorder_fact(message: Any) -> RecorderFact:
     )
 
 
+def localisation(message: Any) -> str:
+    """Why a LocalisationStatus says that no state is made."""
+    return _short(message.reason)
+
+
 def command_answer(response: Any) -> Answer:
     """The manager's answer to a command."""
     try:

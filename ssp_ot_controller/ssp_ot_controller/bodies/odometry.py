@@ -17,12 +17,12 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.vocabulary import ControlState, Role
 
-# Time constant of the acceleration that is made of differences of speed.
-ACCELERATION_FILTER_S = 0.1
+# Time constant of what is made of differences: acceleration of speeds, for one.
+FILTER_S = 0.1
 # Smaller offsets are the manager's to judge (limits.clock_offset_s), with the figure.
 AHEAD_S = 1.0
-# After a pause longer than this a difference of speeds says nothing about the acceleration now.
-_MAX_PAUSE_S = 0.5
+# After a pause longer than this a difference says nothing about the rate now.
+MAX_PAUSE_S = 0.5
 
 
 class Unusable(PeerError):
@@ -84,7 +84,7 @@ class VutStates:
     def __init__(self, vut: ParticipantSpec, lever: LeverArm, map_frame: str) -> None:
         self._vut = vut
         self._lever = lever
-        self._map_frame = map_frame
+        self.map_frame = map_frame
         self._last: ObjectState | None = None
         self._sequence = 0
 
@@ -96,17 +96,12 @@ class VutStates:
                 more than AHEAD_S ahead: no later fix could follow it. A VUT of which only such
                 fixes come is silent, which ends a session.
         """
-        if fix.frame_id != self._map_frame:
-            raise Unusable(f"frame is {fix.frame_id!r}, the session's is {self._map_frame!r}")
+        if fix.frame_id != self.map_frame:
+            raise Unusable(f"frame is {fix.frame_id!r}, the session's is {self.map_frame!r}")
         numbers = (fix.x_m, fix.y_m, *fix.quaternion, fix.forward_mps, fix.left_mps)
         if not all(math.isfinite(v) for v in (*numbers, fix.yaw_rate_radps)):
             raise Unusable("it holds a value that isn't finite")
-        ahead_s = 0.0 if now_ns is None else ns_to_seconds(fix.stamp_ns - now_ns)
-        if ahead_s > AHEAD_S:
-            raise Unusable(f"its stamp lies {ahead_s:.3f} s ahead of this machine's clock")
-        if self._last is not None and fix.stamp_ns <= self._last.stamp_ns:
-            late_s = ns_to_seconds(self._last.stamp_ns - fix.stamp_ns)
-            raise Unusable(f"its stamp lies {late_s:.3f} s before the newest one, or equals it")
+        self.check_stamp(fix.stamp_ns, now_ns)
         try:
             yaw = wrap_angle(yaw_of(fix.quaternion) - self._lever.yaw_left_rad)
         except ValueError as error:
@@ -115,6 +110,15 @@ class VutStates:
         self._last = state
         self._sequence += 1
         return replace(state, sequence=self._sequence)
+
+    def check_stamp(self, stamp_ns: int, now_ns: int | None) -> None:
+        """Raises Unusable for a stamp that no state can have now."""
+        ahead_s = 0.0 if now_ns is None else ns_to_seconds(stamp_ns - now_ns)
+        if ahead_s > AHEAD_S:
+            raise Unusable(f"its stamp lies {ahead_s:.3f} s ahead of this machine's clock")
+        if self._last is not None and stamp_ns <= self._last.stamp_ns:
+            late_s = ns_to_seconds(self._last.stamp_ns - stamp_ns)
+            raise Unusable(f"its stamp lies {late_s:.3f} s before the newest one, or equals it")
 
     def _state(self, fix: Fix, yaw_rad: float) -> ObjectState:
         lever = self._lever
@@ -140,15 +144,25 @@ class VutStates:
         )
 
     def _acceleration(self, stamp_ns: int, speed_mps: float) -> float:
-        """First-order filter over differences of speed; 0 at first and after a pause."""
+        """Of differences of speed; 0 at first and after a pause."""
         if self._last is None:
             return 0.0
         dt_s = ns_to_seconds(stamp_ns - self._last.stamp_ns)
-        if dt_s > _MAX_PAUSE_S:
-            return 0.0
-        share = -math.expm1(-dt_s / ACCELERATION_FILTER_S)
-        raw = (speed_mps - self._last.speed_mps) / dt_s
-        return self._last.acceleration_mps2 + share * (raw - self._last.acceleration_mps2)
+        last = self._last
+        return smoothed_rate(last.acceleration_mps2, speed_mps - last.speed_mps, dt_s)
+
+
+def smoothed_rate(before: float, difference: float, dt_s: float) -> float:
+    """First-order filter over differences; 0 after a pause.
+
+    Args:
+        before: what it gave for the difference before.
+        dt_s: in which the difference came about, > 0.
+    """
+    if dt_s > MAX_PAUSE_S:
+        return 0.0
+    share = -math.expm1(-dt_s / FILTER_S)
+    return before + share * (difference / dt_s - before)
 
 
 def _std_m(fix: Fix) -> float:

@@ -44,7 +44,16 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
 @click.option(
     "--odometry", default="/ins/odometry", show_default=True, help="Topic of the VUT's GNSS/INS."
 )
-@click.option("--rate", "rate_hz", default=100.0, show_default=True, help="Of the odometry, Hz.")
+@click.option("--navsat", metavar="TOPIC", help="NavSatFix of the GNSS/INS, instead of odometry.")
+@click.option("--heading", metavar="TOPIC", help="Its Imu, with --navsat.")
+@click.option("--velocity", metavar="TOPIC", help="Its TwistStamped, with --navsat.")
+@click.option(
+    "--fix-type",
+    default=2,
+    show_default=True,
+    help="Of the places: -1 none, 0 fix, 1 SBAS, 2 GBAS.",
+)
+@click.option("--rate", "rate_hz", default=100.0, show_default=True, help="Of the GNSS/INS, Hz.")
 @click.option("--frame", default="map", show_default=True, help="Of the odometry.")
 @click.option(
     "--clock-offset",
@@ -69,6 +78,10 @@ def main(
     what: Path,
     parts: tuple[str, ...],
     odometry: str,
+    navsat: str | None,
+    heading: str | None,
+    velocity: str | None,
+    fix_type: int,
     rate_hz: float,
     frame: str,
     clock_offset_s: float,
@@ -84,6 +97,9 @@ def main(
     """
     if not rate_hz > 0.0:
         raise click.BadParameter(f"must be positive, got {rate_hz:g}", param_hint="--rate")
+    gnss = {"navsat": navsat, "heading": heading, "velocity": velocity}
+    if (navsat is None) != (heading is None) or (velocity is not None and navsat is None):
+        raise click.UsageError("--navsat and --heading go together, and --velocity with them")
     try:
         run_file = what / RUN_FILE if what.is_dir() else what
         run = load_run(run_file)
@@ -100,7 +116,8 @@ def main(
         parts = parts or tuple(part for part in PARTS if part not in without)
         if {"iso", "bodies"} <= set(parts):
             raise click.BadParameter("takes bodies or iso, not both", param_hint="--play")
-        vut = {"odometry": odometry, "rate_hz": rate_hz, "frame": frame}
+        vut = {"odometry": odometry, "rate_hz": rate_hz, "frame": frame, "fix_type": fix_type}
+        vut |= {name: topic for name, topic in gnss.items() if topic is not None}
         nodes: dict[str, dict[str, object]] = {
             "vut": {**vut, "clock_offset_s": clock_offset_s},
             "camera": {},
@@ -114,7 +131,9 @@ def main(
                         group.start_node(
                             module, f"ssp_ot_controller.ros.{module}", given, remappings
                         )
-                told = [f"--odometry {odometry}"] if "vut" in parts else []
+                where = gnss if navsat is not None else {"odometry": odometry}
+                options = [f"--{name} {topic}" for name, topic in where.items() if topic]
+                told = options if "vut" in parts else []
                 told += [f"--remap {rule}" for rule in remappings]
                 kind = PlayedIsoObjects if "iso" in parts else PlayedBodies
                 opened = {"bodies", "iso"} & set(parts)

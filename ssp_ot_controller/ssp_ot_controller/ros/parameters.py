@@ -29,9 +29,38 @@ SIL_WORLD = (RUN_FILE,)
 FRONT_CAMERA = (
     replace(RUN_FILE, description="the run; size, lens, rate and mount of its camera stand there"),
 )
+_GNSS_TOPICS = (
+    Parameter(
+        "navsat",
+        "",
+        "places of the VUT's GNSS/INS, instead of its odometry",
+        text="name of a topic, sensor_msgs/NavSatFix; empty: odometry is taken",
+    ),
+    Parameter(
+        "heading",
+        "heading",
+        "how it is turned, with navsat",
+        text="name of a topic, sensor_msgs/Imu with an orientation against east, north, up",
+    ),
+    Parameter(
+        "velocity",
+        "",
+        "its velocity, with navsat",
+        text="name of a topic, geometry_msgs/TwistStamped or TwistWithCovarianceStamped; empty: "
+        "speed is made of differences of places",
+    ),
+)
 VUT_ADAPTER = (
     RUN_FILE,
     Parameter("odometry", "odometry", "what the VUT's GNSS/INS publishes", text=_TOPIC),
+    *_GNSS_TOPICS,
+    Parameter(
+        "least_fix",
+        "gbas",
+        "fix type that a place must have at least; gbas: corrected from the ground, as RTK is",
+        text="fix, sbas or gbas",
+        pattern="fix|sbas|gbas",
+    ),
     Parameter(
         "unit_forward_m",
         0.0,
@@ -57,6 +86,14 @@ VUT_ADAPTER = (
 PLAYED_VUT = (
     RUN_FILE,
     Parameter("odometry", "odometry", "where the played GNSS/INS publishes", text=_TOPIC),
+    *_GNSS_TOPICS,
+    Parameter(
+        "fix_type",
+        2,
+        "of the places that it publishes, by NavSatStatus's numbers",
+        least=-2,
+        most=2,
+    ),
     Parameter("rate_hz", 100.0, "fixes a second, Hz", least=1, most=1000),
     Parameter("frame", MAP_FRAME, "of the poses; another than map is a fault", text="a frame id"),
     Parameter(

@@ -38,6 +38,7 @@ _STEPS = 100
 @click.option(
     "--odometry", metavar="TOPIC", help="With --session: the VUT's GNSS/INS, to be judged too."
 )
+@click.option("--navsat", metavar="TOPIC", help="With --session: the same, where it gives places.")
 @click.option(
     "--remap",
     "remappings",
@@ -50,6 +51,7 @@ def doctor(
     run_file: Path | None,
     seconds: float,
     odometry: str | None,
+    navsat: str | None,
     remappings: tuple[str, ...],
     as_json: bool,
 ) -> int:
@@ -62,11 +64,11 @@ def doctor(
     Exit status 1 when something that a session needs is missing.
     """
     if run_file is None:
-        if odometry is not None or remappings:
-            raise click.UsageError("--odometry and --remap go with --session")
+        if odometry is not None or navsat is not None or remappings:
+            raise click.UsageError("--odometry, --navsat and --remap go with --session")
         findings = all_checks(_measure_link)
     else:
-        findings = _listen(run_file, seconds, odometry, remappings)
+        findings = _listen(run_file, seconds, odometry, remappings, navsat)
     bad = failed(findings)
     if as_json:
         click.echo(
@@ -90,7 +92,11 @@ def _measure_link() -> LinkMeasurement:
 
 
 def _listen(
-    run_file: Path, seconds: float, odometry: str | None, remappings: Sequence[str]
+    run_file: Path,
+    seconds: float,
+    odometry: str | None,
+    remappings: Sequence[str],
+    navsat: str | None,
 ) -> list[Finding]:
     spec = load_run(run_file)
     if spec.mode != "live":
@@ -110,6 +116,7 @@ def _listen(
             lambda share: bar.update(bar.task_ids[0], completed=share * _STEPS),
             odometry,
             remappings,
+            navsat,
         )
         bar.update(bar.task_ids[0], completed=_STEPS)
     return session_findings(spec, heard)

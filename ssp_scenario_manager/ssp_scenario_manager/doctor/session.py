@@ -112,6 +112,7 @@ class SessionHeard:
         managers: names of those that send heartbeats.
         recorder_ready: the recorder's last word, None when it wasn't heard.
         recorder_missing: what it waits for.
+        vut_refused: why no state is made of the VUT's newest fix, as its adapter says.
         session: its state by the newest heartbeat; UNKNOWN without one.
         now_ns: end of listening, system clock.
         frames: what objects that speak ISO 22133 sent to their gateway, by id; its clock.
@@ -127,6 +128,7 @@ class SessionHeard:
     now_ns: int
     session: SessionPhase = SessionPhase.UNKNOWN
     frames: dict[str, Stream] = field(default_factory=dict)
+    vut_refused: str = ""
 
 
 def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
@@ -139,8 +141,9 @@ def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
     for topic in sorted(heard.streams.keys() - known):
         missing = f"nothing arrives on {names.absolute(topic)}"
         remedy = "is the driver of the GNSS/INS running, in this ROS domain?"
-        silent = fail("odometry", missing, remedy)
-        findings.append(_stream(silent, heard.streams[topic], rate_hz, oldest_s))
+        stream = heard.streams[topic]
+        silent = fail("odometry" if stream.frame_id else "navsat", missing, remedy)
+        findings.append(_stream(silent, stream, rate_hz, oldest_s))
     for object_id in ids:
         missing = f"nothing arrives on {names.absolute(names.state_topic(object_id))}"
         remedy = "is its node running, in this ROS domain, with the same discovery server?"
@@ -285,6 +288,7 @@ def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
         recorder_age_s=math.inf if heard.recorder_ready is None else 0.0,
         camera_age_s=_age_s(streams.get(names.CAMERA_IMAGE), heard.now_ns),
         vut_age_s=_age_s(streams[spec.vut.id], heard.now_ns),
+        vut_refused=heard.vut_refused,
         target_age_s={t.id: _age_s(streams[t.id], heard.now_ns) for t in spec.targets},
         links={i: replace(link, age_s=0.0) for i, link in heard.links.items()},
         other_managers=max(0, len(heard.managers) - 1),

@@ -13,6 +13,7 @@ from sensor_msgs.msg import CameraInfo
 
 from ssp_core import names, ros
 from ssp_core.cdr import steps
+from ssp_core.cdr.codec import MOST_TEXT
 from ssp_core.cdr.references import Acknowledgement
 from ssp_core.cdr.states import decode_state, decode_states
 from ssp_core.clock import seconds_to_ns
@@ -24,6 +25,7 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import (
     HeartbeatReply,
+    LocalisationStatus,
     ObjectState,
     RecorderStatus,
     SafetyEvent,
@@ -100,6 +102,8 @@ class ScenarioManager(Node):
         sub = self.create_subscription
         sub(CameraInfo, names.CAMERA_INFO, self._on_camera_info, ros.SENSOR)
         sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
+        status = names.LOCALISATION_STATUS
+        sub(LocalisationStatus, status, self._on_localisation, ros.STATE)
 
     @property
     def _live(self) -> bool:
@@ -192,6 +196,9 @@ class ScenarioManager(Node):
 
     def _on_camera_info(self, _: CameraInfo) -> None:
         self._liveness.hear(names.FRONT_CAMERA, time.monotonic_ns())
+
+    def _on_localisation(self, message: LocalisationStatus) -> None:
+        self._liveness.hear_localisation(message.reason[:MOST_TEXT], time.monotonic_ns())
 
     def _on_recorder(self, message: RecorderStatus) -> None:
         """The recorder says how it is; the supervisor would see it a moment later."""

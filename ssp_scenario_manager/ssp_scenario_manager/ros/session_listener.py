@@ -12,7 +12,7 @@ from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import CameraInfo, CompressedImage
+from sensor_msgs.msg import CameraInfo, CompressedImage, NavSatFix
 
 from ssp_core import names, ros
 from ssp_core.cdr.messages import object_state
@@ -23,6 +23,7 @@ from ssp_msgs.msg import (
     Heartbeat,
     IsoFrames,
     LinkStatus,
+    LocalisationStatus,
     ObjectState,
     ObjectStates,
     RecorderStatus,
@@ -37,9 +38,13 @@ DISCOVERY_S = 3.0
 class SessionListener(Node):
     """Subscribes to all that a session is made of, and remembers what came."""
 
-    def __init__(self, spec: RunSpec, context: rclpy.Context, odometry: str | None) -> None:
+    def __init__(
+        self, spec: RunSpec, context: rclpy.Context, odometry: str | None, navsat: str | None
+    ) -> None:
         super().__init__("doctor_session", namespace=names.NAMESPACE, context=context)
         self._odometry = odometry
+        self._navsat = navsat
+        self._vut_refused = ""
         self._ids = spec.object_ids
         self._streams: dict[str, Stream] = {}
         self._states: dict[str, State] = {}
@@ -57,6 +62,8 @@ class SessionListener(Node):
         sub(ObjectStates, names.OBJECT_STATES, self._on_states, ros.DRIVER)
         if odometry is not None:
             sub(Odometry, odometry, partial(self._hear, odometry), ros.DRIVER)
+        if navsat is not None:
+            sub(NavSatFix, navsat, partial(self._hear, navsat), ros.DRIVER)
         if spec.camera is not None:
             hear_image = partial(self._hear, names.CAMERA_IMAGE)
             hear_info = partial(self._hear, names.CAMERA_INFO)
@@ -65,6 +72,8 @@ class SessionListener(Node):
         sub(Heartbeat, names.HEARTBEAT, self._on_heartbeat, ros.DRIVER)
         sub(LinkStatus, names.LINK_STATUS, self._on_links, ros.DRIVER)
         sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.DRIVER)
+        status = names.LOCALISATION_STATUS
+        sub(LocalisationStatus, status, self._on_localisation, ros.DRIVER)
 
     def forget(self) -> None:
         """Starts counting anew."""
@@ -72,6 +81,8 @@ class SessionListener(Node):
         self._streams |= {names.CAMERA_IMAGE: Stream(), names.CAMERA_INFO: Stream()}
         if self._odometry is not None:
             self._streams[self._odometry] = Stream(names.MAP_FRAME)
+        if self._navsat is not None:
+            self._streams[self._navsat] = Stream()
         self._lost, self._frames = {}, {}
 
     def heard(self) -> SessionHeard:
@@ -82,6 +93,7 @@ class SessionListener(Node):
             states=self._states,
             lost=self._lost,
             links=self._links,
+            vut_refused=self._vut_refused,
             managers=frozenset(self._managers),
             recorder_ready=None if recorder is None else bool(recorder.ready),
             recorder_missing=() if recorder is None else tuple(recorder.missing_topics),
@@ -131,6 +143,9 @@ class SessionListener(Node):
         rows = zip(message.object_ids, message.clock_offset, message.delay, strict=True)
         self._links = {object_id: LinkEstimate(offset, delay) for object_id, offset, delay in rows}
 
+    def _on_localisation(self, message: LocalisationStatus) -> None:
+        self._vut_refused = message.reason
+
     def _on_recorder(self, message: RecorderStatus) -> None:
         self._recorder = message
 
@@ -141,6 +156,7 @@ def listen(
     progress: Callable[[float], None],
     odometry: str | None = None,
     remappings: Sequence[str] = (),
+    navsat: str | None = None,
 ) -> SessionHeard:
     """Listens in the ROS domain of the environment.
 
@@ -150,6 +166,7 @@ def listen(
         progress: is told the share of the time that has passed.
         odometry: topic of the VUT's GNSS/INS, to be listened to as well.
         remappings: ``from:=to``, as the session's nodes have them.
+        navsat: topic of its places, likewise.
     """
     rules = ["--ros-args", *(word for rule in remappings for word in ("-r", rule))]
     context = rclpy.Context()
@@ -159,7 +176,7 @@ def listen(
         signal_handler_options=SignalHandlerOptions.NO,
     )
     try:
-        node = SessionListener(spec, context, odometry)
+        node = SessionListener(spec, context, odometry, navsat)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         started = time.monotonic()

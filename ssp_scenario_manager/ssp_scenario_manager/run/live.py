@@ -8,7 +8,7 @@ import re
 import select
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from ssp_core import names
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
 
+LEAST_FIXES = ("fix", "sbas", "gbas")
 _OPTIONS = (
     click.option(
         "--body",
@@ -35,11 +36,28 @@ _OPTIONS = (
         "[default: somebody else publishes them]",
     ),
     click.option(
+        "--navsat",
+        metavar="TOPIC",
+        help="Instead of --odometry: NavSatFix of the VUT's GNSS/INS; the site needs a datum.",
+    ),
+    click.option("--heading", metavar="TOPIC", help="With --navsat: Imu, orientation against ENU."),
+    click.option(
+        "--velocity",
+        metavar="TOPIC",
+        help="With --navsat: TwistStamped or TwistWithCovarianceStamped. "
+        "[default: differences of places]",
+    ),
+    click.option(
+        "--least-fix",
+        type=click.Choice(LEAST_FIXES),
+        help="With --navsat: fix type that a place must have at least. [default: gbas, as RTK is]",
+    ),
+    click.option(
         "--unit",
         type=(float, float, float),
         metavar="FORWARD LEFT YAW",
-        help="With --odometry: where the unit sits, m ahead of the rear axle and left of the "
-        "middle, rad turned to the left. [default: 0 0 0]",
+        help="With --odometry or --navsat: where the unit sits, m ahead of the rear axle and left "
+        "of the middle, rad turned to the left. [default: 0 0 0]",
     ),
     click.option(
         "--remap",
@@ -81,14 +99,15 @@ class LiveSetup:
 
     Args:
         bodies: by object id, of those that are led from here: an address, or ``mirror``.
-        odometry: topic of the VUT's GNSS/INS; None: somebody else publishes ``vut/state``.
+        receiver: topics of the VUT's GNSS/INS by the names of vut_adapter's parameters, and its
+            least_fix; empty: somebody else publishes ``vut/state``.
         unit: where the unit sits: forward m, left m, yaw to the left rad.
         remappings: ``from:=to``, for all nodes.
         wait: the run begins when somebody says so.
     """
 
     bodies: dict[str, str]
-    odometry: str | None = None
+    receiver: dict[str, str] = field(default_factory=dict)
     unit: tuple[float, float, float] = (0.0, 0.0, 0.0)
     remappings: tuple[str, ...] = ()
     wait: bool = False
@@ -101,13 +120,18 @@ class LiveSetup:
             click.UsageError: an option without the one that it belongs to, or not of its form.
         """
         flags = {"bodies": "body", "remappings": "remap"}
-        given = [f"--{flags.get(name, name)}" for name, value in options.items() if value]
+        given = [
+            f"--{flags.get(name, name)}".replace("_", "-")
+            for name, value in options.items()
+            if value
+        ]
         if mode != "live":
             if given:
                 raise click.UsageError(f"{', '.join(given)}: only with --mode live")
             return None
-        if options["unit"] is not None and options["odometry"] is None:
-            raise click.UsageError("--unit says where the unit of --odometry sits")
+        receiver = _receiver(options)
+        if options["unit"] is not None and not receiver:
+            raise click.UsageError("--unit says where the unit of --odometry or --navsat sits")
         if options["unit"] is not None and not all(map(math.isfinite, options["unit"])):
             raise click.UsageError("--unit takes finite numbers")
         bodies: dict[str, str] = {}
@@ -126,14 +150,23 @@ class LiveSetup:
                 raise click.UsageError(f"--remap {rule}: write OURS:=THEIRS")
         return cls(
             bodies,
-            options["odometry"],
+            receiver,
             options["unit"] or (0.0, 0.0, 0.0),
             tuple(options["remappings"]),
             options["wait"],
         )
 
     def check(self, spec: RunSpec) -> None:
-        """Raises InputError for a body of an object that the run doesn't have."""
+        """Raises InputError for a body of an object that the run doesn't have, or for places on
+        the Earth of a site that lies nowhere.
+        """
+        if "navsat" in self.receiver and spec.datum is None:
+            raise InputError(
+                "isn't there: nobody knows where the site lies, and --navsat gives latitudes",
+                field="datum",
+                value=spec.site,
+                remedy="give the site file a datum and compile again (docs/sites.md)",
+            )
         known = [target.id for target in spec.targets]
         for object_id in self.bodies:
             if object_id not in known:
@@ -155,11 +188,11 @@ class LiveSetup:
                 "object_ids": ",".join(sorted(self.bodies)),
                 "bodies": ",".join(f"{i}={address}" for i, address in sorted(self.bodies.items())),
             }
-        if self.odometry is not None:
+        if self.receiver:
             forward_m, left_m, yaw_left_rad = self.unit
             found[names.VUT_ADAPTER] = {
                 "run_file": run_file,
-                "odometry": self.odometry,
+                **self.receiver,
                 "unit_forward_m": forward_m,
                 "unit_left_m": left_m,
                 "unit_yaw_left_rad": yaw_left_rad,
@@ -183,13 +216,25 @@ def describe(setup: LiveSetup, spec: RunSpec, run_file: Path, env: dict[str, str
     elsewhere = [t.id for t in spec.targets if t.id not in setup.bodies]
     if elsewhere:
         lines.append(f"on other hosts: object_target of {', '.join(elsewhere)}, with {run_file}")
-    if setup.odometry is None:
+    if not setup.receiver:
         lines.append(f"waiting for the VUT on {names.absolute(names.state_topic(spec.vut.id))}")
     look = f"to see what is connected: ssp doctor --session {run_file}"
-    if setup.odometry is not None:
-        look += f" --odometry {setup.odometry}"
+    for name in ("odometry", "navsat"):
+        if name in setup.receiver:
+            look += f" --{name} {setup.receiver[name]}"
     lines.append("".join([look, *(f" --remap {rule}" for rule in setup.remappings)]))
     return lines
+
+
+def _receiver(options: dict[str, Any]) -> dict[str, str]:
+    """Topics of the VUT's GNSS/INS; UsageError for some that don't go together."""
+    gnss = ("navsat", "heading", "velocity", "least_fix")
+    found = {name: options[name] for name in ("odometry", *gnss) if options[name] is not None}
+    if "odometry" in found and len(found) > 1:
+        raise click.UsageError("--odometry and --navsat: the VUT has one GNSS/INS")
+    if found and "odometry" not in found and not {"navsat", "heading"} <= found.keys():
+        raise click.UsageError("--navsat and --heading go together, --velocity and --least-fix too")
+    return found
 
 
 class Go:

@@ -39,7 +39,11 @@ _WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the node knows beside the states. Ages on the steady clock, s; inf is never."""
+    """What the node knows beside the states. Ages on the steady clock, s; inf is never.
+
+    ``vut_refused`` is why no state is made of what the VUT's receiver says now; empty: one is, or
+    nobody says.
+    """
 
     recorder_ready: bool = False
     recorder_missing: tuple[str, ...] = ()
@@ -47,6 +51,7 @@ class Facts:
     recorder_age_s: float = math.inf
     camera_age_s: float = math.inf
     vut_age_s: float = math.inf
+    vut_refused: str = ""
     target_age_s: Mapping[str, float] = field(default_factory=dict)
     links: Mapping[str, LinkEstimate] = field(default_factory=dict)
     other_managers: int = 0
@@ -100,6 +105,8 @@ def missing_for(
         elif not age_s <= FRESH_S:
             late = f"none for {age_s:.2f} s, limit {FRESH_S:g} s"
             missing.append(f"no state of {name} arrives: {late}")
+    if facts.vut_refused:
+        missing.append(f"the VUT's GNSS/INS gives no state: {facts.vut_refused}")
     if event is SessionEvent.CONNECT:
         return missing
     if facts.other_managers:

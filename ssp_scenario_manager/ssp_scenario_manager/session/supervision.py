@@ -34,6 +34,7 @@ class LivenessMonitor:
         self.recorder_ready = False
         self.recorder_missing: tuple[str, ...] = ()
         self.recorder_lost = 0
+        self._vut_refused = ""
         # By topic that one node alone may publish: how many others do, and who.
         self.foreign: dict[str, tuple[int, str]] = {}
         self._heard_ns: dict[str, int] = {}
@@ -47,6 +48,11 @@ class LivenessMonitor:
         """What the recorder says of itself (RecorderStatus.msg)."""
         self.hear(names.MONITOR, steady_ns)
         self.recorder_ready, self.recorder_missing, self.recorder_lost = ready, missing, lost
+
+    def hear_localisation(self, reason: str, steady_ns: int) -> None:
+        """Why no state is made of the VUT's newest fix (LocalisationStatus.msg); empty: one is."""
+        self.hear(names.VUT_ADAPTER, steady_ns)
+        self._vut_refused = reason
 
     @property
     def other_managers(self) -> int:
@@ -64,6 +70,7 @@ class LivenessMonitor:
     def facts(self, spec: RunSpec | None, steady_ns: int) -> Facts:
         """What readiness asks for beside the states."""
         ids = [target.id for target in spec.targets] if spec else []
+        adapted = self.age_s(names.VUT_ADAPTER, steady_ns) <= judge.ADAPTER_SILENT_S
         return Facts(
             recorder_ready=self.recorder_ready,
             recorder_missing=self.recorder_missing,
@@ -71,6 +78,7 @@ class LivenessMonitor:
             recorder_age_s=self.age_s(names.MONITOR, steady_ns),
             camera_age_s=self.age_s(names.FRONT_CAMERA, steady_ns),
             vut_age_s=self.age_s(names.VUT_ID, steady_ns),
+            vut_refused=self._vut_refused if adapted else "",
             target_age_s={i: self.age_s(i, steady_ns) for i in ids},
             links={i: self.links.link(i, steady_ns) for i in ids},
             other_managers=self.other_managers,

@@ -19,6 +19,7 @@ import pytest
 import ssp_core
 from ssp_core.files import write_text
 from ssp_core.processes import free_domain
+from ssp_core.run_file.values import SiteDatum
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.targets.folder import write_task_files
@@ -30,6 +31,9 @@ from tests.system.live.hosts import MANAGERS, Network, on
 DEADLINE_S = 120.0
 SERVER_PORT = 11811
 ODOMETRY = "/ins/odometry"
+GNSS = ("--navsat", "/ins/fix", "--heading", "/ins/imu", "--velocity", "/ins/velocity")
+# Where the stand-in lies for those that have a receiver of places.
+DATUM = SiteDatum(latitude_deg=57.7775, longitude_deg=12.7805, altitude_m=201.3, yaw_rad=0.4)
 # Where the machine may be busy, and only what happens is judged, not how soon.
 SILENCE_S = 2.0
 SITE = "north_track"
@@ -115,11 +119,15 @@ class Stage:
         return file.read_text() if file.is_file() else ""
 
     def run_live(
-        self, task: Path, *arguments: str, host: Sequence[str] = ()
+        self,
+        task: Path,
+        *arguments: str,
+        host: Sequence[str] = (),
+        receiver: Sequence[str] = ("--odometry", ODOMETRY),
     ) -> subprocess.Popen[Any]:
         """``ssp run --mode live --wait``, up to where it waits."""
         command = ["run", str(task), "--mode", "live", "--out", str(self.folder / "run"), "--wait"]
-        return self.start_run([*command, "--odometry", ODOMETRY, *arguments], host)
+        return self.start_run([*command, *receiver, *arguments], host)
 
     def start_run(
         self, arguments: Sequence[str], host: Sequence[str] = ()
@@ -149,10 +157,12 @@ class Stage:
         assert process.poll() is None, self.said(name)
         return process
 
-    def doctor(self, *, host: Sequence[str] = ()) -> dict[str, Any]:
+    def doctor(
+        self, *, host: Sequence[str] = (), receiver: Sequence[str] = ("--odometry", ODOMETRY)
+    ) -> dict[str, Any]:
         """What ``ssp doctor --session`` finds, by name, and whether it is content."""
         command = [sys.executable, "-m", "ssp_core.cli", "doctor", "--json", "--seconds", "1.5"]
-        command += ["--session", str(self.folder / "run" / "run.yaml"), "--odometry", ODOMETRY]
+        command += ["--session", str(self.folder / "run" / "run.yaml"), *receiver]
         done = subprocess.run(
             [*host, *command], env=self.env, capture_output=True, text=True, timeout=DEADLINE_S
         )

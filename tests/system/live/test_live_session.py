@@ -12,6 +12,10 @@ from typing import Any
 
 import pytest
 
+from ssp_core.run_file.model import load_run
+from ssp_scenario_manager.compile.task import RUN_FILE
+from tests.system.live.conftest import DATUM, GNSS
+
 PORT = 18000
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -87,6 +91,28 @@ def test_a_start_and_an_abort_from_elsewhere_are_followed(
     assert (result["verdict"], result["status"]) == ("aborted", 1), result
     assert "page_of_somebody" in " ".join(result["reasons"]), result
     assert stage.rows()[-1].speed_mps == 0.0
+
+
+def test_a_receiver_of_places_is_kept_from_arming_until_it_is_good_enough(
+    stage: Any, task: Callable[[str], Path]
+) -> None:
+    folder = task("cut_in")
+    surveyed = load_run(folder / RUN_FILE).model_copy(update={"datum": DATUM})
+    (folder / RUN_FILE).write_text(surveyed.model_dump_json(by_alias=True))
+    run = stage.run_live(folder, "--no-camera", *bodies_of(stage), receiver=GNSS)
+    play_bodies(stage)
+    poor = play_vut(stage, "poor_vut", *GNSS, "--fix-type", "1")
+    why = "the VUT's GNSS/INS gives no state: fix type: SBAS, GBAS is asked for"
+    told = stage.doctor(receiver=GNSS[:2])
+    assert told["navsat"]["status"] == "ok", told["navsat"]
+    assert why in told["arming"]["text"]
+    stage.begin(run)
+    stage.wait_for(lambda: why in stage.said("ssp_run"), "the manager's reason")
+    poor.terminate()
+    poor.wait()
+    play_vut(stage, "good_vut", *GNSS)
+    result = stage.finish(run)
+    assert (result["verdict"], result["status"]) == ("valid", 0), (result, stage.said("ssp_run"))
 
 
 def test_the_vut_falls_silent(stage: Any, task: Callable[[str], Path]) -> None:

@@ -19,10 +19,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 )
 from ssp_ot_controller.bodies.iso22133.states import state_of
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
-from ssp_ot_controller.bodies.odometry import ACCELERATION_FILTER_S, LeverArm
-
-# After a longer pause differences say nothing about the motion now.
-_MAX_PAUSE_S = 0.5
+from ssp_ot_controller.bodies.odometry import LeverArm, smoothed_rate
 
 
 class MonrReadings:
@@ -88,15 +85,13 @@ class MonrReadings:
     def _derived(self, stamp_ns: int, speed_mps: float, yaw_rad: float) -> tuple[float, float]:
         """Acceleration and yaw rate; 0 at first and after a pause."""
         last = self._last
-        dt_s = math.inf if last is None else ns_to_seconds(stamp_ns - last.stamp_ns)
-        if last is None or dt_s > _MAX_PAUSE_S:
+        if last is None:
             return 0.0, 0.0
-        share = -math.expm1(-dt_s / ACCELERATION_FILTER_S)
-        raw_mps2 = (speed_mps - last.speed_mps) / dt_s
-        raw_radps = wrap_angle(yaw_rad - last.yaw_rad) / dt_s
+        dt_s = ns_to_seconds(stamp_ns - last.stamp_ns)
+        faster_mps, turned_rad = speed_mps - last.speed_mps, wrap_angle(yaw_rad - last.yaw_rad)
         return (
-            last.acceleration_mps2 + share * (raw_mps2 - last.acceleration_mps2),
-            last.yaw_rate_radps + share * (raw_radps - last.yaw_rate_radps),
+            smoothed_rate(last.acceleration_mps2, faster_mps, dt_s),
+            smoothed_rate(last.yaw_rate_radps, turned_rad, dt_s),
         )
 
 
