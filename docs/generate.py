@@ -1,7 +1,7 @@
 """Writes what documents say of tables in the code: ``python docs/generate.py``.
 
 ``state-machines.md``, ``parameters.md`` and the packages' ``config/*.param.yaml`` as a whole, and
-the tables of ``safety.md`` between their marks. A test fails while a document says something else
+the tables of ``MARKED`` between their marks. A test fails while a document says something else
 than the code.
 """
 
@@ -23,6 +23,7 @@ from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ObjectClass, Verdict
 from ssp_eval.ros import parameters as ssp_eval_params
+from ssp_ot_controller.bodies.iso22133.probe_clauses import CLAUSES
 from ssp_ot_controller.objects import state_machine
 from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.session import limits as supervisor
@@ -285,13 +286,24 @@ def stopping() -> str:
     return _table(head, rows)
 
 
+def probe_clauses() -> str:
+    """What a probe of a test object expects, and the largest value that passes."""
+    rows = [
+        [f"`{one.id}`", one.title, "" if one.bound is None else f"{one.bound:g} {one.unit}"]
+        for one in CLAUSES
+    ]
+    return _table(["clause", "expected", "at most"], rows)
+
+
 BLOCKS: dict[str, Callable[[], str]] = {
     "limits": limits,
     "verdicts": verdicts,
     "times": times,
     "blind": blind,
     "stopping": stopping,
+    "probe_clauses": probe_clauses,
 }
+MARKED = ("safety.md", "iso-probe.md")
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -375,8 +387,8 @@ def main() -> None:
     (DOCS / "parameters.md").write_text(parameters())
     for path, text in parameter_files().items():
         path.write_text(text)
-    safety = DOCS / "safety.md"
-    safety.write_text(with_tables(safety.read_text()))
+    for name in MARKED:
+        (DOCS / name).write_text(with_tables((DOCS / name).read_text()))
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_scenario_manager.cli.faults:faults",
         "Inject every fault at every stage of a run and judge what comes of it.",
     ),
-    "iso": ("ssp_ot_controller.rehearsal.iso:iso", "Play objects that speak ISO 22133."),
+    "iso": ("ssp_ot_controller.rehearsal.iso:iso", "Play and probe objects that speak ISO 22133."),
     "bench": ("ssp_eval.bench:bench", "Measure each path beside its own lower bound."),
     "doctor": (
         "ssp_scenario_manager.cli.doctor:doctor",

@@ -20,6 +20,7 @@ from ssp_ot_controller.bodies.iso22133.trajectories import read_trajectory
 from ssp_ot_controller.objects.rules import ObjectRules
 from ssp_ot_controller.rehearsal.iso_faults import KINDS, FaultyObject, IsoFault
 from ssp_ot_controller.rehearsal.iso_object import STEP_S, IsoObject
+from ssp_ot_controller.rehearsal.iso_probe import probe_command
 from ssp_ot_controller.rehearsal.iso_server import IsoServer, object_of_run, serve
 from ssp_ot_controller.rehearsal.played import StateLog
 
@@ -32,7 +33,10 @@ _CLASSES = [c.word for c in ObjectClass if c is not ObjectClass.UNKNOWN]
 
 @click.group()
 def iso() -> None:
-    """Play objects that speak ISO 22133."""
+    """Play and probe objects that speak ISO 22133."""
+
+
+iso.add_command(probe_command)
 
 
 @iso.command("object")

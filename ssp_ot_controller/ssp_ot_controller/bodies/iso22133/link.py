@@ -126,6 +126,11 @@ class Link:
     def connected(self) -> bool:
         return self._connected
 
+    @property
+    def connecting(self) -> bool:
+        """An attempt is under way."""
+        return self._tcp is not None and not self._connected
+
     def connect(self) -> None:
         """Starts to connect; does nothing while there is a connection or an attempt."""
         if self._tcp is not None:

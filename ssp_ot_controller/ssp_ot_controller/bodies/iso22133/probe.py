@@ -1,0 +1,479 @@
+"""Asks an object for what ISO 22133 promises, stage by stage, and records what it does.
+
+Whatever ends a probe that has armed the object, HEAB abort for a second is the last that is sent.
+"""
+
+from __future__ import annotations
+
+import math
+import select
+import socket
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Protocol
+
+import numpy as np
+
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.geodesy import Datum
+from ssp_core.geometry import Polyline, Pose2
+from ssp_core.motion.reference import Points, Reference
+from ssp_core.run_file.model import Limits
+from ssp_core.vocabulary import ControlState
+from ssp_ot_controller.bodies.iso22133.conversation import Settings
+from ssp_ot_controller.bodies.iso22133.framing import VERSION, Header
+from ssp_ot_controller.bodies.iso22133.link import CONNECT_TIMEOUT_S, Received, Tap
+from ssp_ot_controller.bodies.iso22133.messages import (
+    CentreStatus,
+    Decoded,
+    Dreq,
+    Dres,
+    Heab,
+    Message,
+    Monr,
+    ObjectCommand,
+    Osem,
+    OsemTestMode,
+    Ostm,
+    Strt,
+    Traj,
+    TrajectoryInfo,
+    TrajPoint,
+)
+from ssp_ot_controller.bodies.iso22133.probe_clauses import rows_of
+from ssp_ot_controller.bodies.iso22133.probe_course import Course
+from ssp_ot_controller.bodies.iso22133.probe_motion import STANDS_M
+from ssp_ot_controller.bodies.iso22133.probe_report import Outcome, ProbeReport, Stage
+from ssp_ot_controller.bodies.iso22133.probe_steps import Sent, Step
+from ssp_ot_controller.bodies.iso22133.states import state_of
+from ssp_ot_controller.bodies.iso22133.trajectories import trajectory_of
+from ssp_ot_controller.bodies.iso22133.units import to_gps
+
+C = ControlState
+DEVICE_ID = 1
+LIMITS = Limits(speed_mps=20.0, acceleration_mps2=4.0, duration_s=600.0)
+RATE_HZ = 100
+_BEAT_NS = NS_PER_S // RATE_HZ
+# Public objects take what follows a TRAJ too closely for a part of it.
+_PAUSE_S = 0.3
+_LISTEN_S = 3.0
+_START_AHEAD_S = 1.0
+ABORT_S = 1.0
+# It may be so far from where it should be.
+_OFF_WAY_M = 2.0
+_SILENT_S = 0.5
+_MOVED_M = 0.5
+
+
+class Ended(Exception):
+    """Why a probe goes no further."""
+
+
+class Wire(Protocol):
+    """What a probe needs of a ``Link``."""
+
+    problem: str
+    receiver_id: int
+
+    @property
+    def connected(self) -> bool: ...
+    @property
+    def connecting(self) -> bool: ...
+    @property
+    def sockets(self) -> list[socket.socket]: ...
+    def connect(self) -> None: ...
+    def poll(self) -> list[Received]: ...
+    def send(self, message: Message, *, acknowledge: bool = False) -> Header: ...
+    def close(self) -> None: ...
+
+
+class Clock:
+    """The time, and waiting."""
+
+    def now_ns(self) -> int:
+        return time.time_ns()
+
+    def wait(self, wire: Wire, seconds: float) -> None:
+        """Until something may have come, and no longer than that."""
+        select.select(wire.sockets, [], [], max(seconds, 0.0))
+
+
+class Probe:
+    """One probe of one object.
+
+    Args:
+        open_wire: makes a link that isn't connected, with this tap.
+        course: needed for the stage MOVE.
+        heartbeat_s: after which the object is to notice that heartbeats are lost.
+        tell: is told of progress.
+    """
+
+    def __init__(
+        self,
+        open_wire: Callable[[Tap], Wire],
+        datum: Datum,
+        course: Course | None,
+        heartbeat_s: float,
+        tell: Callable[[str], None],
+        clock: Clock | None = None,
+    ) -> None:
+        self.steps: dict[str, Step] = {}
+        self.ended = "the probe ended before"
+        self.firmware: str | None = None
+        self._open_wire, self._datum, self._course = open_wire, datum, course
+        self._heartbeat_s, self._tell, self._clock = heartbeat_s, tell, clock or Clock()
+        self._wire: Wire | None = None
+        self._step = Step(0)
+        self._bytes = b""
+        self._status: CentreStatus | None = None
+        self._next_beat_ns = 0
+        self._monr: Monr | None = None
+        self._monr_ns = 0
+        self._armed = False
+        self._guard: Callable[[], str] = lambda: ""
+
+    def run(self, stages: Iterable[Stage]) -> None:
+        """Asks stage by stage; ``steps`` has what came, ``ended`` why it went no further."""
+        by_stage = {
+            Stage.LISTEN: self._listen,
+            Stage.CONNECT: self._connect,
+            Stage.ARM: self._arm,
+            Stage.MOVE: self._move,
+        }
+        try:
+            for stage in stages:
+                by_stage[stage]()
+        except Ended as end:
+            self.ended = self._step.problem = str(end)
+            self._tell(str(end))
+        finally:
+            self._leave()
+
+    def _leave(self) -> None:
+        if self._wire is None:
+            return
+        if self._armed:
+            self._begin("leave", "leaves with HEAB abort")
+            self._guard = lambda: ""
+            self._status = CentreStatus.ABORT
+            with suppress(Ended):
+                self._run(ABORT_S)
+        self._wire.close()
+
+    # -- steps ---------------------------------------------------------------------------------
+
+    def _begin(self, name: str, text: str) -> None:
+        self._end()
+        self._tell(text)
+        self._step = self.steps[name] = Step(self._clock.now_ns())
+
+    def _end(self) -> None:
+        self._step.marks["end"] = self._clock.now_ns()
+
+    def _mark(self, name: str = "stimulus") -> None:
+        self._step.marks[name] = self._clock.now_ns()
+
+    def _send(self, message: Message, *, acknowledge: bool = False) -> None:
+        if self._wire is not None:
+            header = self._wire.send(message, acknowledge=acknowledge)
+            sent = Sent(self._clock.now_ns(), header, message, self._bytes)
+            self._step.sent.append(sent)
+
+    def _tap(self, sent: bool, _: int, data: bytes) -> None:
+        if sent:
+            self._bytes = data
+
+    def _run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Keeps heartbeats going; True as soon as a condition holds, False at the end."""
+        end_ns = self._clock.now_ns() + seconds_to_ns(seconds)
+        while self._wire is not None:
+            now_ns = self._clock.now_ns()
+            if self._status is not None and now_ns >= self._next_beat_ns:
+                self._next_beat_ns = max(self._next_beat_ns + _BEAT_NS, now_ns)
+                self._send(Heab(to_gps(now_ns)[1], self._status))
+            for received in self._wire.poll():
+                self._take(received)
+            problem = self._guard()
+            if problem:
+                raise Ended(problem)
+            if until():
+                return True
+            if now_ns >= end_ns:
+                break
+            beat_ns = now_ns + _BEAT_NS if self._status is None else self._next_beat_ns
+            self._clock.wait(self._wire, ns_to_seconds(min(end_ns, beat_ns) - self._clock.now_ns()))
+        return False
+
+    def _take(self, received: Received) -> None:
+        self._step.came.append(received)
+        if isinstance(received.outcome, Decoded):
+            message = received.outcome.message
+            if isinstance(message, Monr):
+                self._monr, self._monr_ns = message, received.stamp_ns
+            elif isinstance(message, Dres):
+                self.firmware = message.firmware
+
+    def _enu(self) -> Pose2 | None:
+        """Where it reports to be."""
+        m = self._monr
+        if m is None or m.x_m is None or m.y_m is None or m.yaw_rad is None:
+            return None
+        return Pose2(m.x_m, m.y_m, m.yaw_rad)
+
+    def _pose(self) -> Pose2 | None:
+        """As ``_enu``, in the datum's frame."""
+        enu = self._enu()
+        return None if enu is None else self._datum.of_enu(enu)
+
+    def _is(self, *states: ControlState) -> Callable[[], bool]:
+        since_ns = self._clock.now_ns()
+        return lambda: (
+            self._monr is not None
+            and self._monr_ns > since_ns
+            and state_of(self._monr.state) in states
+        )
+
+    def _open(self, name: str, text: str, status: CentreStatus = CentreStatus.INIT) -> None:
+        """Connects anew, and sends at once what an object needs to report and to stand."""
+        if self._wire is not None:
+            self._wire.close()
+        self._begin(name, text)
+        self._monr, self._status, self._guard = None, None, lambda: ""
+        wire = self._wire = self._open_wire(self._tap)
+        wire.connect()
+        # The link gives up by itself.
+        self._run(2.0 * CONNECT_TIMEOUT_S, lambda: not wire.connecting)
+        if not wire.connected:
+            raise Ended(f"no connection: {wire.problem}")
+        self._mark("connected")
+        wire.receiver_id = DEVICE_ID
+        self._send(self._osem(), acknowledge=True)
+        self._status, self._next_beat_ns = status, self._clock.now_ns()
+        if not self._run(2.0, lambda: self._monr is not None):
+            raise Ended("no MONR came after OSEM and HEAB")
+        at = self._enu()
+        if at is None:
+            raise Ended("its MONR states no place: no trajectory can be sent")
+        point = TrajPoint(0.0, at.x_m, at.y_m, 0.0, at.yaw_rad, 0.0, 0.0, 0.0, 0.0, 0.0)
+        stand = (point, replace(point, t_s=1.0))
+        self._send(Traj(1, TrajectoryInfo.RELATIVE_TO_ORIGIN, "standing", stand), acknowledge=True)
+        self._run(_PAUSE_S)
+        self._guard = self._stays_here()
+
+    def _osem(self) -> Osem:
+        """As in a session, but for trajectories that replace each other."""
+        limits = LIMITS.model_copy(update={"heartbeat_s": self._heartbeat_s})
+        stands = Traj(0, TrajectoryInfo.RELATIVE_TO_ORIGIN, "", ())
+        settings = Settings(DEVICE_ID, self._datum, limits, None, stands)
+        message = settings.osem(self._clock.now_ns())
+        return replace(message, test_mode=OsemTestMode.PREPLANNED)
+
+    def _stays_here(self) -> Callable[[], str]:
+        """Nobody has started it."""
+        pose = self._pose()
+
+        def moved() -> str:
+            now = self._pose()
+            if pose is None or now is None:
+                return ""
+            way_m = math.hypot(now.x_m - pose.x_m, now.y_m - pose.y_m)
+            return f"it moved {way_m:.1f} m, and nobody started it" if way_m > _MOVED_M else ""
+
+        return moved
+
+    # -- stages --------------------------------------------------------------------------------
+
+    def _listen(self) -> None:
+        self._open("listen", "connects and listens")
+        self._run(_LISTEN_S)
+
+    def _connect(self) -> None:
+        self._begin("connect", "asks who it is")
+        # Alone: public objects take what follows an unknown message for a part of it.
+        self._send(Dreq())
+        self._run(_PAUSE_S + 0.2, lambda: self.firmware is not None)
+        self._open("reconnect", "connects again")
+        self._run(2.0, self._is(C.DISARMED, C.ABORTING))
+
+    def _order(self, command: ObjectCommand) -> None:
+        self._mark()
+        self._send(Ostm(command), acknowledge=True)
+
+    def _arm_it(self) -> None:
+        self._armed = True
+        self._status = CentreStatus.READY
+        self._run(0.1)
+        self._order(ObjectCommand.ARM)
+        if not self._run(2.0, self._is(C.ARMED)):
+            raise Ended("it didn't arm")
+
+    def _arm(self) -> None:
+        if self._is_aborting():
+            self._tell("an earlier abort is latched: all clear")
+            self._order(ObjectCommand.ALL_CLEAR)
+            self._run(1.0, self._is(C.DISARMED))
+        self._begin("arm", "arms")
+        self._arm_it()
+        self._run(0.5)
+        self._begin("disarm", "disarms")
+        self._order(ObjectCommand.DISARM)
+        self._run(1.0, self._is(C.DISARMED))
+        self._begin("arm_abort", "arms and aborts")
+        self._arm_it()
+        self._status = CentreStatus.ABORT
+        self._mark()
+        aborted = self._run(1.0, self._is(C.ABORTING))
+        self._begin("latch", "takes the abort back without an all clear")
+        self._status = CentreStatus.READY
+        self._run(0.5)
+        self._begin("all_clear", "clears")
+        self._order(ObjectCommand.ALL_CLEAR if aborted else ObjectCommand.DISARM)
+        self._run(1.0, self._is(C.DISARMED))
+        self._begin("arm_loss", "arms and ceases heartbeats")
+        self._arm_it()
+        self._cease()
+        self._open("arm_again", "connects again")
+        self._run(0.5)
+
+    def _is_aborting(self) -> bool:
+        return self._monr is not None and state_of(self._monr.state) is C.ABORTING
+
+    def _cease(self) -> None:
+        """No heartbeats until the object must have noticed."""
+        wire, self._status = self._wire, None
+        self._mark()
+        if self._run(self._heartbeat_s + 1.0, lambda: wire is not None and not wire.connected):
+            self._mark("lost")
+
+    def _move(self) -> None:
+        failed = [
+            row.clause
+            for row in rows_of(self.steps, [Stage.ARM], "")
+            if row.verdict is Outcome.FAIL and row.clause != "arm.latch"
+        ]
+        if failed:
+            raise Ended(f"it isn't moved: {', '.join(failed)} failed while it stood")
+        self._drive("normal_stop", CentreStatus.NORMAL_STOP)
+        self._begin("rest", "waits for DISARMED")
+        self._status = CentreStatus.READY
+        self._mark()
+        self._rests("rest_again")
+        self._drive("abort", CentreStatus.ABORT)
+        self._begin("abort_clear", "clears")
+        self._status = CentreStatus.READY
+        self._order(ObjectCommand.ALL_CLEAR)
+        self._rests("abort_again")
+        self._drive("loss", None)
+        self._open("loss_again", "connects again", CentreStatus.ABORT)
+        self._guard = lambda: ""
+        self._run(2.0)
+        self._wait_for_standstill("loss_again", 60.0)
+
+    def _rests(self, name: str) -> None:
+        """DISARMED by itself, or by another connection."""
+        if not self._run(3.0, self._is(C.DISARMED)):
+            self._open(name, "connects again")
+            if not self._run(1.0, self._is(C.DISARMED)):
+                raise Ended("it doesn't come back to DISARMED")
+
+    def _drive(self, name: str, status: CentreStatus | None) -> None:
+        """Brings it to speed, and stops it by this status, or by none."""
+        self._guard = lambda: ""
+        self._begin(name, f"moves it, and then: {'no HEAB' if status is None else status.name}")
+        pose, course = self._pose(), self._course
+        points = "it reports no place" if pose is None or course is None else course.plan(pose)
+        if isinstance(points, str) or course is None:
+            raise Ended(f"it isn't moved: {points}")
+        whole = Reference(name, "", "", "", 0, 0, 0, points)
+        self._send(trajectory_of(whole, 0, self._datum, 2), acknowledge=True)
+        self._run(_PAUSE_S)
+        self._arm_it()
+        del self._step.marks["stimulus"]
+        # Public objects report another place until they are armed.
+        self._run(_PAUSE_S)
+        self._guard = self._keeps_to(course, points)
+        now_ns = self._clock.now_ns()
+        start_ns = now_ns + seconds_to_ns(_START_AHEAD_S)
+        self._step.marks["start"] = start_ns
+        week, time_of_week_ns = to_gps(start_ns)
+        self._send(Strt(time_of_week_ns, week), acknowledge=True)
+        self._status = CentreStatus.RUNNING
+        cruise_mps = float(points.columns[4].max())
+        t_s = points.columns[0]
+        accelerating_s = float(t_s[np.flatnonzero(points.columns[4] >= 0.99 * cruise_mps)[0]])
+        limit_s = _START_AHEAD_S + accelerating_s + 2.0
+        if not self._run(limit_s, lambda: self._speed_mps() >= 0.9 * cruise_mps):
+            raise Ended(f"it didn't reach {0.9 * cruise_mps:.1f} m/s within {limit_s:.1f} s")
+        self._run(0.3)
+        if status is None:
+            self._guard = lambda: ""
+            self._cease()
+            if "lost" in self._step.marks:
+                self._end()
+                return
+        else:
+            self._status = status
+            self._mark()
+        self._wait_for_standstill(name, float(t_s[-1]) + 5.0)
+
+    def _speed_mps(self) -> float:
+        """What it reports itself: only to know when to begin."""
+        return 0.0 if self._monr is None else abs(self._monr.speed_mps or 0.0)
+
+    def _keeps_to(self, course: Course, points: Points) -> Callable[[], str]:
+        line = Polyline(points.columns[1:3].T[:: max(1, len(points) // 50)])
+        fastest_mps = float(points.columns[4].max()) + 1.0
+
+        def judge() -> str:
+            pose = self._pose()
+            silent_s = ns_to_seconds(self._clock.now_ns() - self._monr_ns)
+            if silent_s > _SILENT_S or pose is None:
+                return f"no place was reported for {silent_s:.2f} s while it moved"
+            if not course.holds(pose):
+                return f"it is outside of the fence at ({pose.x_m:.1f}, {pose.y_m:.1f})"
+            if self._speed_mps() > fastest_mps:
+                return f"it drives {self._speed_mps():.1f} m/s, asked for {fastest_mps - 1.0:.1f}"
+            off_m = abs(line.project(pose.x_m, pose.y_m)[1])
+            return f"it is {off_m:.1f} m off its trajectory" if off_m > _OFF_WAY_M else ""
+
+        return judge
+
+    def _wait_for_standstill(self, name: str, limit_s: float) -> None:
+        """Until it has not moved for a second, by the places that it reports."""
+        here: list[tuple[int, Pose2]] = []
+
+        def stands() -> bool:
+            pose = self._pose()
+            if pose is None:
+                return False
+            moved = (
+                not here
+                or math.hypot(pose.x_m - here[0][1].x_m, pose.y_m - here[0][1].y_m) > 0.5 * STANDS_M
+            )
+            if moved:
+                here[:] = [(self._monr_ns, pose)]
+            return self._monr_ns - here[0][0] > 1.2 * NS_PER_S
+
+        if not self._run(3.0, stands):
+            self._tell("it still moves: be ready to stop it by other means")
+            if not self._run(limit_s, stands):
+                raise Ended(f"it doesn't stand {limit_s + 3.0:.0f} s after {name}")
+        self._end()
+
+
+def report_of(
+    probe: Probe, host: str, port: int, started_ns: int, stages: tuple[Stage, ...]
+) -> ProbeReport:
+    """What a probe that has ended found."""
+    return ProbeReport(
+        host=host,
+        port=port,
+        firmware=probe.firmware,
+        started=datetime.fromtimestamp(started_ns // NS_PER_S, UTC),
+        wire_version=VERSION,
+        stages=stages,
+        rows=rows_of(probe.steps, stages, probe.ended),
+    )

@@ -1,0 +1,321 @@
+"""Clauses of a probe, and how each is judged by what was sent and what came. No I/O, no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.vocabulary import ControlState
+from ssp_ot_controller.bodies.iso22133.framing import Rejected
+from ssp_ot_controller.bodies.iso22133.messages import (
+    Decoded,
+    Dres,
+    DriveDirection,
+    Grem,
+    Monr,
+    Osem,
+    ReadyToArm,
+    ResponseCode,
+)
+from ssp_ot_controller.bodies.iso22133.probe_motion import (
+    heads_along,
+    keeps_to_way,
+    starts,
+    stops,
+    unheard,
+)
+from ssp_ot_controller.bodies.iso22133.probe_report import (
+    START_TIME,
+    STOP_ON_ABORT,
+    STOP_ON_HEARTBEAT_LOSS,
+    Outcome,
+    Row,
+    Stage,
+)
+from ssp_ot_controller.bodies.iso22133.probe_steps import (
+    Clause,
+    Finding,
+    Judge,
+    Step,
+    silent,
+    within,
+)
+from ssp_ot_controller.bodies.iso22133.states import state_of
+from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
+
+C = ControlState
+# Frames of each direction that are kept as evidence of a clause.
+_MOST_EVIDENCE = 4
+_NEEDED = ("time_of_week_ns", "x_m", "y_m", "yaw_rad", "speed_mps")
+
+
+def rows_of(steps: Mapping[str, Step], stages: Iterable[Stage], ended: str) -> tuple[Row, ...]:
+    """A row for each clause.
+
+    Args:
+        steps: by their names, in their order.
+        ended: why the probe ended before its last step; for those that were never reached.
+    """
+    asked = set(stages)
+    rows = []
+    for clause in CLAUSES:
+        step = steps.get(clause.step)
+        if clause.stage not in asked:
+            found = Finding(Outcome.NOT_RUN, "its stage was not asked for")
+        elif step is None:
+            found = Finding(Outcome.NOT_RUN, ended)
+        else:
+            found = clause.judge(step, clause, steps)
+        rows.append(
+            Row(
+                clause=clause.id,
+                stage=clause.stage,
+                title=clause.title,
+                verdict=found.verdict,
+                sent=tuple(data.hex() for data in found.sent[:_MOST_EVIDENCE]),
+                came=tuple(data.hex() for data in found.came[:_MOST_EVIDENCE]),
+                measured=None if found.measured is None else round(found.measured, 6),
+                bound=clause.bound,
+                unit=clause.unit,
+                text=found.text,
+            )
+        )
+    return tuple(rows)
+
+
+def _names(values: Iterable[str]) -> str:
+    return ", ".join(sorted(set(values)))
+
+
+# -- reports and answers --------------------------------------------------------------------------
+
+
+def _connected(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    if "connected" not in step.marks:
+        return Finding(Outcome.FAIL, step.problem)
+    return within(clause, ns_to_seconds(step.marks["connected"] - step.begin_ns))
+
+
+def _first_report(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    osem, monrs = step.last_sent(Osem), step.monrs()
+    if osem is None or not monrs:
+        return silent(step)
+    first = monrs[0][0]
+    waited_s = ns_to_seconds(first.stamp_ns - osem.stamp_ns)
+    return within(clause, waited_s, sent=(osem.data,), came=(first.data,))
+
+
+def _frames(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    bad = [(r, r.outcome) for r in step.came if isinstance(r.outcome, Rejected)]
+    if not step.came:
+        return Finding(Outcome.FAIL, "no frame came")
+    text = _names(f"{o.reason.value}: {o.text}" for _, o in bad[:_MOST_EVIDENCE])
+    return within(clause, len(bad), text, came=tuple(r.data for r, _ in bad))
+
+
+def _rate(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    osem, monrs = step.last_sent(Osem), step.monrs()
+    if osem is None or not isinstance(osem.message, Osem) or len(monrs) < 2:
+        return silent(step)
+    span_s = ns_to_seconds(monrs[-1][0].stamp_ns - monrs[0][0].stamp_ns)
+    rate_hz = (len(monrs) - 1) / max(span_s, 1e-9)
+    asked_hz = osem.message.monr_rate_hz
+    text = f"{rate_hz:.1f} Hz, asked for {asked_hz} Hz"
+    return within(clause, 100.0 * (rate_hz / asked_hz - 1.0), text, sent=(osem.data,))
+
+
+def _pause(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    monrs = step.monrs()
+    if len(monrs) < 2:
+        return silent(step)
+    pauses = np.diff([r.stamp_ns for r, _ in monrs]) / NS_PER_S
+    middle, late = np.percentile(pauses, (50, 99)) * 1e3
+    text = f"median {middle:.1f} ms, p99 {late:.1f} ms"
+    worst = int(np.argmax(pauses))
+    return within(clause, float(pauses[worst]), text, came=(monrs[worst + 1][0].data,))
+
+
+def _age(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    ages = [
+        (ns_to_seconds(r.stamp_ns - nearest_utc_ns(m.time_of_week_ns, r.stamp_ns)), r)
+        for r, m in step.monrs()
+        if m.time_of_week_ns is not None
+    ]
+    if not ages:
+        return silent(step) if not step.monrs() else Finding(Outcome.FAIL, "no MONR states a time")
+    values = [age_s for age_s, _ in ages]
+    text = f"{1e3 * min(values):.1f} to {1e3 * max(values):.1f} ms; negative: its clock is ahead"
+    worst, received = max(ages, key=lambda pair: abs(pair[0]))
+    return within(clause, worst, text, came=(received.data,))
+
+
+def _fields(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    monrs = step.monrs()
+    if not monrs:
+        return silent(step)
+    names = list(Monr.__dataclass_fields__)
+    absent = {n for n in names if any(getattr(m, n) is None for _, m in monrs)}
+    lacking = [r for r, m in monrs if any(getattr(m, n) is None for n in _NEEDED)]
+    text = f"unavailable: {_names(absent)}" if absent else "all are available"
+    return within(clause, len(absent & set(_NEEDED)), text, came=tuple(r.data for r in lacking))
+
+
+def _values(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    if not step.monrs():
+        return silent(step)
+    odd: dict[str, bytes] = {}
+    for received, monr in step.monrs():
+        if isinstance(received.outcome, Decoded):
+            odd.update(dict.fromkeys(received.outcome.odd, received.data))
+        for name, kind in (("drive_direction", DriveDirection), ("ready_to_arm", ReadyToArm)):
+            value = getattr(monr, name)
+            if value is not None and value not in frozenset(kind):
+                odd.setdefault(f"{name} {value}", received.data)
+        if state_of(monr.state) is None:
+            odd.setdefault(f"state {monr.state}", received.data)
+    return within(clause, len(odd), _names(odd), came=tuple(odd.values()))
+
+
+def _counter(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    # By UDP alone: frames of both sockets are read in no common order.
+    headers = [r.outcome.header for r, _ in step.monrs() if isinstance(r.outcome, Decoded)]
+    if len(headers) < 2:
+        return silent(step)
+    others = sum(isinstance(r.outcome, Decoded) and not r.udp for r in step.came)
+    steps = np.diff([h.counter for h in headers]) % 256
+    missing = max(0, int(np.sum(np.maximum(steps - 1, 0))) - others)
+    standing = int(np.sum(steps == 0))
+    text = f"{standing} times it stood" if standing else f"of {len(headers)}"
+    return within(clause, missing + standing, text)
+
+
+def _ids(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    osem = step.last_sent(Osem)
+    headers = [r.outcome.header for r, _ in step.monrs() if isinstance(r.outcome, Decoded)]
+    if osem is None or not isinstance(osem.message, Osem) or not headers:
+        return silent(step)
+    given, told = osem.message.device_id, {h.transmitter_id for h in headers}
+    others = len(told - {given})
+    text = f"given {given}, told {_names(map(str, told))}"
+    return within(clause, others, text, sent=(osem.data,), came=(step.monrs()[0][0].data,))
+
+
+def _acknowledge(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    asked = [s for s in step.sent if s.header.acknowledge]
+    answers = {
+        (r.outcome.message.message_id, r.outcome.message.counter): (r, r.outcome.message)
+        for r in step.came
+        if isinstance(r.outcome, Decoded) and isinstance(r.outcome.message, Grem)
+    }
+    unanswered = [s for s in asked if (s.header.message_id, s.header.counter) not in answers]
+    refused = [
+        f"{s.message.__class__.__name__.upper()} answered by {found[1].response}"
+        for s in asked
+        if (found := answers.get((s.header.message_id, s.header.counter)))
+        and found[1].response != ResponseCode.OK
+    ]
+    told = [f"no answer to {s.message.__class__.__name__.upper()}" for s in unanswered] + refused
+    came = tuple(r.data for r, _ in answers.values())
+    sent = tuple(s.data for s in unanswered or asked)
+    return within(clause, len(told), _names(told), sent=sent, came=came)
+
+
+def _identity(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    for r in step.came:
+        if isinstance(r.outcome, Decoded) and isinstance(r.outcome.message, Dres):
+            d = r.outcome.message
+            text = f"{d.vendor} {d.product}, firmware {d.firmware}, {d.name}"
+            return Finding(Outcome.INFO, text, came=(r.data,))
+    return Finding(Outcome.INFO, "DREQ wasn't answered: its firmware is unknown")
+
+
+# -- states ---------------------------------------------------------------------------------------
+
+
+def _reaches(*wanted: ControlState) -> Judge:
+    """It reports one of these states after the step's stimulus."""
+
+    def judge(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+        since_ns = step.marks.get("stimulus", step.begin_ns)
+        after = [(r, state_of(m.state)) for r, m in step.monrs() if r.stamp_ns >= since_ns]
+        if not after:
+            return silent(step)
+        stimulus = tuple(s.data for s in step.sent if s.stamp_ns >= since_ns)[:1]
+        for received, state in after:
+            if state in wanted:
+                waited_s = ns_to_seconds(received.stamp_ns - since_ns)
+                return within(clause, waited_s, sent=stimulus, came=(received.data,))
+        received, state = after[-1]
+        text = f"is {'unknown' if state is None else state.name}"
+        return Finding(Outcome.FAIL, text, sent=stimulus, came=(received.data,))
+
+    return judge
+
+
+def _stays(wanted: ControlState) -> Judge:
+    def judge(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+        if not step.monrs():
+            return silent(step)
+        # The first tenth of a second may show what came before.
+        since_ns = step.begin_ns + NS_PER_S // 10
+        after = [(r, state_of(m.state)) for r, m in step.monrs() if r.stamp_ns >= since_ns]
+        for received, state in after:
+            if state is not wanted:
+                text = f"is {'unknown' if state is None else state.name}"
+                return Finding(Outcome.FAIL, text, came=(received.data,))
+        return Finding(Outcome.PASS if after else Outcome.FAIL)
+
+    return judge
+
+
+def _disarmed(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    found = _reaches(C.DISARMED)(step, clause, {})
+    if found.verdict is Outcome.FAIL and found.text == f"is {C.ABORTING.name}":
+        text = "an earlier abort is latched: that needs an all clear"
+        return Finding(Outcome.INFO, text, came=found.came)
+    return found
+
+
+def _disarms(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    """After lost heartbeats the last that was heard isn't ARMED, or it ends the connection."""
+    if "lost" in step.marks:
+        waited_s = ns_to_seconds(step.marks["lost"] - step.marks["stimulus"])
+        return within(clause, waited_s, "ended the connection")
+    return _reaches(C.INIT, C.OFF, C.DISARMED, C.ABORTING)(step, clause, {})
+
+
+# A table: id, step, title, judge, bound and unit.
+# fmt: off
+CLAUSES: tuple[Clause, ...] = (
+    Clause("listen.tcp", "listen", "takes a connection", _connected, 2.0, "s"),
+    Clause("listen.report", "listen", "MONR after OSEM and HEAB", _first_report, 1.0, "s"),
+    Clause("listen.frames", "listen", "header, version, CRC are right", _frames, 0, "frames"),
+    Clause("listen.rate", "listen", "MONR at the rate of the OSEM, off by", _rate, 10.0, "%"),
+    Clause("listen.pause", "listen", "longest pause between MONR", _pause, 0.3, "s"),
+    Clause("listen.age", "listen", "MONR are new when they come", _age, 0.3, "s"),
+    Clause("listen.fields", "listen", "time, place, yaw, speed are stated", _fields, 0, "fields"),
+    Clause("listen.values", "listen", "no value outside its enumeration", _values, 0, "values"),
+    Clause("listen.counter", "listen", "no MONR is missing by its counter", _counter, 0, "MONR"),
+    Clause("listen.ids", "listen", "transmitter is the OSEM's device id", _ids, 0, "others"),
+    Clause("connect.acknowledge", "listen", "GREM where it is asked for", _acknowledge, 0, "lack"),
+    Clause("connect.disarmed", "listen", "DISARMED after the connection", _disarmed, 2.0, "s"),
+    Clause("connect.identity", "connect", "DRES to a DREQ", _identity),
+    Clause("connect.reconnect", "reconnect", "DISARMED when connected again", _disarmed, 2.0, "s"),
+    Clause("arm.arm", "arm", "ARMED after OSTM arm", _reaches(C.ARMED), 2.0, "s"),
+    Clause("arm.disarm", "disarm", "DISARMED after OSTM disarm", _reaches(C.DISARMED), 1.0, "s"),
+    Clause("arm.abort", "arm_abort", "ABORTING after HEAB abort", _reaches(C.ABORTING), 1.0, "s"),
+    Clause("arm.latch", "latch", "stays ABORTING with HEAB ready", _stays(C.ABORTING)),
+    Clause("arm.all_clear", "all_clear", "DISARMED after clear", _reaches(C.DISARMED), 1.0, "s"),
+    Clause("arm.heartbeat_loss", "arm_loss", "not ARMED without HEAB", _disarms, 1.0, "s"),
+    Clause("arm.reconnect", "arm_again", "not ARMED when connected again", _disarms, 2.0, "s"),
+    Clause(START_TIME, "normal_stop", "starts at the time of the STRT", starts, 0.3, "s"),
+    Clause("move.way", "normal_stop", "keeps to the way of the TRAJ", keeps_to_way, 1.0, "m"),
+    Clause("move.yaw", "normal_stop", "yaw is the direction of motion", heads_along, 0.35, "rad"),
+    Clause("move.normal_stop", "normal_stop", "slower after normal stop, stands", stops, 1.0, "s"),
+    Clause("move.rest", "rest", "DISARMED when it stands", _reaches(C.DISARMED), 2.0, "s"),
+    Clause(STOP_ON_ABORT, "abort", "slower after HEAB abort, stands", stops, 1.0, "s"),
+    Clause(STOP_ON_HEARTBEAT_LOSS, "loss", "slower after last HEAB, stands", unheard, 1.0, "s"),
+)
+# fmt: on

@@ -1,0 +1,225 @@
+"""Clauses of a probe about motion.
+
+An object is judged by the places that it reports, not by its state or its speed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.geometry import FloatArray, Polyline, wrap_angle
+from ssp_ot_controller.bodies.iso22133.messages import Heab, Strt, Traj
+from ssp_ot_controller.bodies.iso22133.probe_report import Outcome
+from ssp_ot_controller.bodies.iso22133.probe_steps import Clause, Finding, Step, within
+from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
+
+IntArray = NDArray[np.int64]
+# Speeds are ways over so long, which is more than receivers' noise.
+_SPAN_NS = NS_PER_S // 5
+# An object is slower when it has lost this much of its speed, and its share.
+_LOST_MPS = 0.3
+_LOST_SHARE = 0.1
+# It stands when it moves less than this in the last second of a step.
+STANDS_M = 0.1
+# It has started when it has come this far.
+_BEGUN_M = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class _Track:
+    """Where an object said that it was: arrivals and its own stamps in ns, places in m."""
+
+    arrived_ns: IntArray
+    stamp_ns: IntArray
+    x_m: FloatArray
+    y_m: FloatArray
+    yaw_rad: FloatArray
+
+    def way_m(self, since: int) -> FloatArray:
+        """Straight ways of all places from one of them."""
+        ways: FloatArray = np.hypot(self.x_m - self.x_m[since], self.y_m - self.y_m[since])
+        return ways
+
+    def speeds_mps(self) -> FloatArray:
+        """Over the last fifth of a second before each place; NaN where there is no such place."""
+        before = np.searchsorted(self.stamp_ns, self.stamp_ns - _SPAN_NS, side="right") - 1
+        dx, dy = self.x_m - self.x_m[before], self.y_m - self.y_m[before]
+        dt_s = (self.stamp_ns - self.stamp_ns[before]) / NS_PER_S
+        known = (before >= 0) & (dt_s > 0.0)
+        speeds: FloatArray = np.hypot(dx, dy) / np.where(known, dt_s, 1.0)
+        return np.where(known, speeds, np.nan)
+
+    def until(self, ns: int) -> int:
+        """Index of the last place that came until then; -1 for none."""
+        return int(np.searchsorted(self.arrived_ns, ns, side="right")) - 1
+
+
+def _track(step: Step) -> _Track:
+    """Places from the newest before the start on, or all where nothing was started."""
+    strt = step.last_sent(Strt)
+    rows: list[tuple[int, int, float, float, float]] = []
+    for received, m in step.monrs():
+        arrived_ns = received.stamp_ns
+        stamp_ns = arrived_ns
+        if m.time_of_week_ns is not None:
+            stamp_ns = nearest_utc_ns(m.time_of_week_ns, arrived_ns)
+        # A report that isn't newer than the one before says nothing of the motion.
+        if m.x_m is None or m.y_m is None or (rows and stamp_ns <= rows[-1][1]):
+            continue
+        rows.append(
+            (arrived_ns, stamp_ns, m.x_m, m.y_m, math.nan if m.yaw_rad is None else m.yaw_rad)
+        )
+    if strt is not None:
+        before = sum(row[0] <= strt.stamp_ns for row in rows)
+        rows = rows[max(before - 1, 0) :]
+    times = np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2)
+    places = np.array([row[2:] for row in rows], dtype=np.float64).reshape(-1, 3)
+    return _Track(times[:, 0], times[:, 1], places[:, 0], places[:, 1], places[:, 2])
+
+
+def _plan(step: Step) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times, ways and speeds of the trajectory that was sent last."""
+    sent = step.last_sent(Traj)
+    points = sent.message.points if sent is not None and isinstance(sent.message, Traj) else ()
+    rows = [(p.t_s, p.x_m or 0.0, p.y_m or 0.0, p.speed_mps or 0.0) for p in points]
+    t_s, x, y, speed = np.array(rows, dtype=np.float64).reshape(-1, 4).T
+    way = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
+    return t_s, way, speed
+
+
+def _begun(step: Step, track: _Track) -> tuple[int, float] | None:
+    """Index of the place at which it had begun to move, and its time on the trajectory, s."""
+    strt = step.last_sent(Strt)
+    first = -1 if strt is None else track.until(strt.stamp_ns)
+    if first < 0:
+        return None
+    moved = np.flatnonzero(track.way_m(first)[first:] >= _BEGUN_M)
+    t_s, way, _ = _plan(step)
+    return (first + int(moved[0]), float(np.interp(_BEGUN_M, way, t_s))) if len(moved) else None
+
+
+def starts(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    track = _track(step)
+    begun = _begun(step, track)
+    strt = step.last_sent(Strt)
+    if begun is None or strt is None:
+        return Finding(Outcome.FAIL, step.problem or "it never moved")
+    asked_s = ns_to_seconds(step.marks["start"] - strt.stamp_ns)
+    late_s = ns_to_seconds(int(track.arrived_ns[begun[0]]) - step.marks["start"]) - begun[1]
+    text = f"sent {asked_s:.2f} s ahead; negative: too early"
+    return within(clause, late_s, text, sent=(strt.data,), came=_monr_at(step, track, begun[0]))
+
+
+def _monr_at(step: Step, track: _Track, index: int) -> tuple[bytes, ...]:
+    return tuple(r.data for r, _ in step.monrs() if r.stamp_ns == track.arrived_ns[index])[:1]
+
+
+def stops(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    """From the step's mark to the first slowing, of an object that stands at the end."""
+    mark_ns = step.marks.get("stimulus")
+    track = _track(step)
+    at = -1 if mark_ns is None else track.until(mark_ns)
+    if mark_ns is None or at < 0:
+        return Finding(Outcome.NOT_RUN, step.problem or "it wasn't brought to speed")
+    speeds = track.speeds_mps()
+    before_mps = float(speeds[at])
+    if not before_mps > 2.0 * _LOST_MPS:
+        return Finding(Outcome.NOT_RUN, f"drove at {before_mps:.2f} m/s only")
+    limit_mps = before_mps - max(_LOST_MPS, _LOST_SHARE * before_mps)
+    slower = at + 1 + np.flatnonzero(speeds[at + 1 :] <= limit_mps)
+    told = f"at {before_mps:.2f} m/s"
+    sent = tuple(
+        s.data for s in step.sent if isinstance(s.message, Heab) and s.stamp_ns <= mark_ns
+    )[-1:]
+    last = track.until(int(track.arrived_ns[-1]) - NS_PER_S)
+    if not len(slower) or last <= at or float(track.way_m(last)[last:].max()) > STANDS_M:
+        way_m = float(track.way_m(at)[-1])
+        text = f"{told}; after {way_m:.1f} m it still moves"
+        return Finding(Outcome.FAIL, text, None, sent, _monr_at(step, track, len(speeds) - 1))
+    first = int(slower[0])
+    reaction_s = ns_to_seconds(int(track.arrived_ns[first]) - mark_ns)
+    standing = first + int(np.flatnonzero(~(speeds[first:] > STANDS_M))[0])
+    stood_s = ns_to_seconds(int(track.arrived_ns[standing]) - mark_ns)
+    text = f"{told}; stood after {stood_s:.2f} s and {float(track.way_m(at)[standing]):.1f} m"
+    evidence = _monr_at(step, track, first)
+    due_s = _slows_by_itself_s(step, track, mark_ns)
+    if due_s is not None and reaction_s > due_s - _LOST_MPS:
+        text += f"; its trajectory slows {due_s:.2f} s after the stimulus"
+        if clause.bound is not None and reaction_s <= clause.bound:
+            return Finding(Outcome.FAIL, text, None, sent, evidence)
+    return within(clause, reaction_s, text, sent=sent, came=evidence)
+
+
+def _slows_by_itself_s(step: Step, track: _Track, mark_ns: int) -> float | None:
+    """When the trajectory ends its cruise, from the mark on; None where that isn't known."""
+    begun = _begun(step, track)
+    if begun is None:
+        return None
+    t_s, _, speed = _plan(step)
+    cruise_until_s = float(t_s[np.flatnonzero(speed >= 0.99 * speed.max())[-1]])
+    return ns_to_seconds(int(track.arrived_ns[begun[0]]) - mark_ns) + cruise_until_s - begun[1]
+
+
+def unheard(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+    """As ``stops``; where it also ceases to report, by where it is found again."""
+    track, mark_ns = _track(step), step.marks.get("stimulus")
+    again = steps.get(f"{clause.step}_again")
+    if mark_ns is None or not len(track.x_m):
+        return stops(step, clause, steps)
+    heard_ns = step.marks["end"] - int(track.arrived_ns[-1])
+    if "lost" not in step.marks and heard_ns < NS_PER_S // 2:
+        return stops(step, clause, steps)
+    silent_s = ns_to_seconds(int(track.arrived_ns[-1]) - mark_ns)
+    told = f"reported nothing from {max(silent_s, 0.0):.2f} s on"
+    found = None if again is None else _track(again)
+    at = track.until(mark_ns)
+    if found is None or not len(found.x_m) or at < 0:
+        return Finding(Outcome.FAIL, f"{told}, and wasn't found again")
+    before_mps = float(track.speeds_mps()[at])
+    way_m = math.hypot(found.x_m[0] - track.x_m[at], found.y_m[0] - track.y_m[at])
+    later_s = ns_to_seconds(int(found.arrived_ns[0]) - mark_ns)
+    moved_m = float(found.way_m(0).max())
+    if moved_m > STANDS_M or not before_mps > 2.0 * _LOST_MPS:
+        text = f"{told}; {later_s:.1f} s later it was {way_m:.1f} m on and still moved"
+        return Finding(Outcome.FAIL, text, came=(again.monrs()[0][0].data,) if again else ())
+    text = f"{told}; stood {way_m:.1f} m on, so that it drove on for no longer than this"
+    return within(clause, way_m / before_mps, text)
+
+
+def keeps_to_way(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    track, sent = _track(step), step.last_sent(Traj)
+    if _begun(step, track) is None or sent is None or not isinstance(sent.message, Traj):
+        return Finding(Outcome.NOT_RUN, step.problem or "it never moved")
+    places = [(p.x_m or 0.0, p.y_m or 0.0) for p in sent.message.points]
+    apart = [p for i, p in enumerate(places) if i == 0 or p != places[i - 1]]
+    found = Polyline(apart).project_all(
+        list(zip(track.x_m.tolist(), track.y_m.tolist(), strict=True))
+    )
+    return within(clause, max(abs(offset) for _, offset in found), sent=(sent.data[:256],))
+
+
+def heads_along(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    track = _track(step)
+    worst: float | None = None
+    data: tuple[bytes, ...] = ()
+    last = 0
+    for i in range(len(track.x_m)):
+        dx, dy = track.x_m[i] - track.x_m[last], track.y_m[i] - track.y_m[last]
+        if math.hypot(dx, dy) < 1.0:
+            continue
+        middle = float(track.yaw_rad[(last + i) // 2])
+        off = wrap_angle(middle - math.atan2(dy, dx)) if math.isfinite(middle) else math.inf
+        if worst is None or abs(off) > abs(worst):
+            worst, data = off, _monr_at(step, track, i)
+        last = i
+    if worst is None:
+        return Finding(Outcome.NOT_RUN, step.problem or "it never moved a metre")
+    if math.isinf(worst):
+        return Finding(Outcome.FAIL, "its heading is unavailable while it drives", came=data)
+    return within(clause, worst, "counter-clockwise from the x axis", came=data)

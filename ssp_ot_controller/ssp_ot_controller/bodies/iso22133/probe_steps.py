@@ -1,0 +1,97 @@
+"""What a probe records of its steps, and what a clause is. No I/O, no clock.
+
+Times are those at which this machine sent and read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from ssp_ot_controller.bodies.iso22133.framing import Header
+from ssp_ot_controller.bodies.iso22133.link import Received
+from ssp_ot_controller.bodies.iso22133.messages import Decoded, Message, Monr
+from ssp_ot_controller.bodies.iso22133.probe_report import Outcome, Stage
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A frame that went out."""
+
+    stamp_ns: int
+    header: Header
+    message: Message
+    data: bytes
+
+
+@dataclass(slots=True)
+class Step:
+    """What happened in one step of a probe.
+
+    Args:
+        marks: instants of the step by their names, ns.
+        problem: why it ended early.
+    """
+
+    begin_ns: int
+    sent: list[Sent] = field(default_factory=list)
+    came: list[Received] = field(default_factory=list)
+    marks: dict[str, int] = field(default_factory=dict)
+    problem: str = ""
+
+    def monrs(self) -> list[tuple[Received, Monr]]:
+        return [
+            (r, r.outcome.message)
+            for r in self.came
+            if isinstance(r.outcome, Decoded) and isinstance(r.outcome.message, Monr)
+        ]
+
+    def last_sent(self, *kinds: type) -> Sent | None:
+        return next((s for s in reversed(self.sent) if isinstance(s.message, kinds)), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What a clause came to; see ``Row``."""
+
+    verdict: Outcome
+    text: str = ""
+    measured: float | None = None
+    sent: tuple[bytes, ...] = ()
+    came: tuple[bytes, ...] = ()
+
+
+Judge = Callable[[Step, "Clause", Mapping[str, Step]], Finding]
+
+
+@dataclass(frozen=True, slots=True)
+class Clause:
+    """One expectation.
+
+    Args:
+        id: its stage, a dot and its name.
+        step: what is judged.
+        bound: the largest value that passes; None for states and for what nobody judges.
+    """
+
+    id: str
+    step: str
+    title: str
+    judge: Judge
+    bound: float | None = None
+    unit: str = ""
+
+    @property
+    def stage(self) -> Stage:
+        return Stage(self.id.partition(".")[0])
+
+
+def within(
+    clause: Clause, measured: float, text: str = "", **evidence: tuple[bytes, ...]
+) -> Finding:
+    good = clause.bound is None or abs(measured) <= clause.bound
+    return Finding(Outcome.PASS if good else Outcome.FAIL, text, measured, **evidence)
+
+
+def silent(step: Step) -> Finding:
+    return Finding(Outcome.FAIL, step.problem or "no MONR came")

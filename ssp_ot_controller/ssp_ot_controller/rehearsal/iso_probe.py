@@ -1,0 +1,239 @@
+"""``ssp iso probe``: what a test object does of what ISO 22133 promises."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+
+import click
+from pydantic import ConfigDict, Field
+from rich.markup import escape
+from rich.table import Table
+
+from ssp_core import console
+from ssp_core.errors import InputError
+from ssp_core.files import load_model
+from ssp_core.geodesy import Datum, Place
+from ssp_core.geometry import Point
+from ssp_core.motion.state import Size
+from ssp_core.run_file.model import Limits
+from ssp_core.run_file.participants import Motion
+from ssp_core.run_file.values import SiteDatum, Strict
+from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Rejected
+from ssp_ot_controller.bodies.iso22133.link import Link
+from ssp_ot_controller.bodies.iso22133.probe import Probe, report_of
+from ssp_ot_controller.bodies.iso22133.probe_course import Course, motion_of
+from ssp_ot_controller.bodies.iso22133.probe_report import (
+    Outcome,
+    ProbeReport,
+    Row,
+    Stage,
+    write_report,
+)
+from ssp_ot_controller.bodies.iso22133.trajectories import points_of, read_trajectory
+
+_ADDRESS = re.compile(r"(?P<host>[^:/?\[\]]+|\[[0-9a-fA-F:.]+\])(:(?P<port>[0-9]{1,5}))?")
+_STYLE = {Outcome.PASS: "green", Outcome.FAIL: "bold red", Outcome.INFO: "cyan"}
+_CORNERS = 4
+
+
+class _Outline(Strict):
+    points: list[Point] = Field(min_length=3)
+
+
+class _Site(Strict):
+    """What a probe needs of a site file."""
+
+    geofence: _Outline
+    datum: SiteDatum | None = None
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Host and TCP port of ``HOST[:PORT]``.
+
+    Raises:
+        InputError: it is none.
+    """
+    match = _ADDRESS.fullmatch(text)
+    port = TCP_PORT if match is None or match["port"] is None else int(match["port"])
+    if match is None or not 1 < port < 65_536:
+        raise InputError(
+            "is no address",
+            field="HOST[:PORT]",
+            value=text,
+            remedy="write a name or an address, [..] around one of IPv6, and a port from 2 on",
+        )
+    return match["host"].strip("[]"), port
+
+
+def parse_numbers(text: str, count: int, field: str, remedy: str) -> list[float]:
+    """Numbers with commas between them. Raises InputError for anything else."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(abs(number) < 1e9 for number in numbers):
+        raise InputError(f"needs {count} numbers", field=field, value=text, remedy=remedy)
+    return numbers
+
+
+def load_fence(text: str) -> tuple[tuple[Point, ...], Datum | None]:
+    """The fence of four corners or of a site file, and the datum of a site file that has one.
+
+    Raises:
+        InputError: neither.
+    """
+    corners = text.split()
+    if len(corners) == 1:
+        site = load_model(_Site, text)
+        return tuple(site.geofence.points), None if site.datum is None else site.datum.datum
+    if len(corners) != _CORNERS:
+        raise InputError(
+            f"has {len(corners)} corners",
+            field="--fence",
+            value=text,
+            remedy="write four as 'X,Y X,Y X,Y X,Y' in m, or name a site file",
+        )
+    pairs = [parse_numbers(corner, 2, "--fence", "write a corner as X,Y") for corner in corners]
+    return tuple((x, y) for x, y in pairs), None
+
+
+def load_motion(path: Path, datum: Datum) -> Motion:
+    """Way and speed of a trajectory file, in the datum's frame. Raises InputError for none."""
+    points = points_of(read_trajectory(path), datum)
+    found = points if isinstance(points, Rejected) else motion_of(points)
+    if not isinstance(found, Motion):
+        problem = "leads nowhere" if found is None else found.text
+        raise InputError(problem, file=path, remedy="give a way and a speed")
+    return found
+
+
+@click.command("probe")
+@click.argument("host", metavar="HOST[:PORT]")
+@click.option(
+    "--stage",
+    "stages",
+    type=click.Choice([stage.value for stage in Stage]),
+    multiple=True,
+    help="How far to go; each stage needs those before it.  [default: connect]",
+)
+@click.option("--may-move", is_flag=True, help="The object may move: needed for the stage move.")
+@click.option(
+    "--trajectory",
+    type=click.Path(path_type=Path),
+    help="CSV whose way and highest speed the stage move takes: t_s,x_m,y_m,yaw_rad,speed_mps. "
+    "[default: 20 m straight on at 3 m/s]",
+)
+@click.option(
+    "--fence",
+    metavar="FILE|CORNERS",
+    help="A site file, or four corners 'X,Y X,Y X,Y X,Y' in m: no stop may end outside.",
+)
+@click.option(
+    "--origin",
+    metavar="LAT,LON[,ALT]",
+    help="Origin of the coordinates, degrees and m.  [default: the site file's datum, or 0,0]",
+)
+@click.option(
+    "--size",
+    default="2.5,2.5,2",
+    show_default=True,
+    metavar="FRONT,REAR,WIDTH",
+    help="Of the object around its reference point, m.",
+)
+@click.option(
+    "--heartbeat-timeout",
+    "heartbeat_s",
+    type=click.FloatRange(0.05, 5.0),
+    default=Limits.model_fields["heartbeat_s"].default,
+    show_default=True,
+    help="Of the OSEM, s; a session gives that of its site.",
+)
+@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the report.")
+def probe_command(
+    host: str,
+    stages: tuple[str, ...],
+    may_move: bool,
+    trajectory: Path | None,
+    fence: str | None,
+    origin: str | None,
+    size: str,
+    heartbeat_s: float,
+    json_file: Path | None,
+) -> int:
+    """Ask a test object for what ISO 22133 promises, and judge it by what it does.
+
+    Stages: listen (to its reports), connect (and be answered), arm (disarm, abort, clear, lose
+    heartbeats, all at a standstill), move (start at a time, stop, abort, lose heartbeats). Stand by
+    with means of your own to stop the object before you ask for move: this is where an object is
+    found that doesn't obey.
+
+    Exit status 1 when a clause fails or wasn't reached.
+    """
+    name, port = parse_address(host)
+    asked = _up_to(stages)
+    if Stage.MOVE in asked and not (may_move and fence):
+        raise click.UsageError("--stage move needs --may-move and --fence")
+    outline, datum = load_fence(fence) if fence is not None else ((), None)
+    if origin is not None:
+        remedy = "write LAT,LON or LAT,LON,ALT"
+        numbers = parse_numbers(origin, 3 if origin.count(",") > 1 else 2, "--origin", remedy)
+        datum = Datum(Place(*numbers))
+    if datum is None and Stage.MOVE in asked:
+        raise click.UsageError("--stage move needs --origin, or a site file with a datum")
+    datum = datum or Datum(Place(0.0, 0.0))
+    front_m, rear_m, width_m = parse_numbers(size, 3, "--size", "write FRONT,REAR,WIDTH in m")
+    motion = None if trajectory is None else load_motion(trajectory, datum)
+    course = Course(outline, Size(front_m, rear_m, width_m, 1.5), motion) if outline else None
+    made = Probe(
+        lambda tap: Link(name, port, tap),
+        datum,
+        course,
+        heartbeat_s,
+        console.note,
+    )
+    started_ns = time.time_ns()
+    try:
+        made.run(asked)
+    finally:
+        # Also what was found before somebody interrupted it.
+        report = report_of(made, name, port, started_ns, asked)
+        show(report)
+        if json_file is not None:
+            write_report(json_file, report)
+    return (
+        1 if any(row.verdict in (Outcome.FAIL, Outcome.NOT_RUN) for row in asked_of(report)) else 0
+    )
+
+
+def _up_to(stages: tuple[str, ...]) -> tuple[Stage, ...]:
+    every = list(Stage)
+    last = max((every.index(Stage(stage)) for stage in stages), default=1)
+    return tuple(every[: last + 1])
+
+
+def asked_of(report: ProbeReport) -> list[Row]:
+    """Rows of the stages that were asked for."""
+    return [row for row in report.rows if row.stage in report.stages]
+
+
+def show(report: ProbeReport) -> None:
+    """The table for people, on standard output."""
+    firmware = report.firmware or "unknown"
+    title = f"{report.host}:{report.port}, firmware {firmware}, wire version {report.wire_version}"
+    table = Table(title=escape(title), title_justify="left")
+    for column in ("clause", "verdict", "measured", "bound", "found"):
+        table.add_column(column, overflow="fold")
+    for row in asked_of(report):
+        style = _STYLE.get(row.verdict, "yellow")
+        table.add_row(
+            f"{row.clause}\n[dim]{escape(row.title)}[/]",
+            f"[{style}]{row.verdict.value}[/]",
+            "" if row.measured is None else f"{row.measured:.4g} {row.unit}",
+            "" if row.bound is None else f"{row.bound:g} {row.unit}",
+            escape(console.visible(row.text)),
+        )
+    console.out.print(table)

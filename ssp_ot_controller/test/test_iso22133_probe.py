@@ -1,0 +1,415 @@
+"""The probe, against a played object in time that is set, and over sockets."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from ssp_core.geodesy import Datum
+from ssp_core.geometry import Pose2
+from ssp_core.motion.reference import Points
+from ssp_core.motion.state import Size
+from ssp_core.run_file.participants import Motion
+from ssp_ot_controller.bodies.iso22133.framing import (
+    Frame,
+    Header,
+    Rejected,
+    StreamDecoder,
+    frames_of,
+)
+from ssp_ot_controller.bodies.iso22133.link import Received, Tap
+from ssp_ot_controller.bodies.iso22133.messages import (
+    CentreStatus,
+    Decoded,
+    Grem,
+    Heab,
+    Message,
+    decode,
+    encode,
+)
+from ssp_ot_controller.bodies.iso22133.probe import Clock, Probe, Wire, report_of
+from ssp_ot_controller.bodies.iso22133.probe_clauses import CLAUSES
+from ssp_ot_controller.bodies.iso22133.probe_course import Course
+from ssp_ot_controller.bodies.iso22133.probe_report import (
+    Outcome,
+    ProbeReport,
+    Stage,
+    cannot_arm,
+    honours_start_time,
+    load_report,
+    stops_on_heartbeat_loss_s,
+)
+from ssp_ot_controller.rehearsal.iso import iso
+from ssp_ot_controller.rehearsal.iso_faults import FaultyObject, IsoFault
+from ssp_ot_controller.rehearsal.iso_object import IsoObject
+from tests.support.iso22133 import ObjectSockets
+from tests.support.iso_centre import FENCE, HOST, MS, PLACE, T0, S, rules_of
+
+STAGES = tuple(Stage)
+SIZE = Size(2.5, 2.5, 2.0, 1.5)
+COURSE = Course(FENCE, SIZE)
+
+
+class SetClock(Clock):
+    """Time goes on only where somebody waits."""
+
+    def __init__(self) -> None:
+        self.at_ns = T0
+
+    def now_ns(self) -> int:
+        return self.at_ns
+
+    def wait(self, wire: Wire, seconds: float) -> None:
+        self.at_ns += max(round(seconds * S), MS)
+
+
+class SetLink:
+    """As ``Link``, to an object in the same process.
+
+    Args:
+        lost: messages of the object that get lost.
+    """
+
+    def __init__(
+        self, played: Any, clock: SetClock, tap: Tap, lost: Callable[[Message], bool]
+    ) -> None:
+        self.problem, self.receiver_id = "not connected yet", 0
+        self._played, self._clock, self._tap, self._lost = played, clock, tap, lost
+        self._connected = False
+        self._counter = 0
+        self._tcp = StreamDecoder()
+
+    @property
+    def connected(self) -> bool:
+        return self._connected
+
+    @property
+    def connecting(self) -> bool:
+        return False
+
+    @property
+    def sockets(self) -> list[socket.socket]:
+        return []
+
+    def connect(self) -> None:
+        self._connected = self._played.connect(HOST, self._clock.at_ns)
+
+    def send(self, message: Message, *, acknowledge: bool = False) -> Header:
+        data = encode(message, counter=self._counter, acknowledge=acknowledge)
+        self._counter = (self._counter + 1) % 256
+        self._tap(True, self._clock.at_ns, data)
+        if isinstance(message, Heab):
+            self._played.on_udp(data, (HOST, 50_000), self._clock.at_ns)
+        elif self._connected:
+            self._played.on_tcp(data, self._clock.at_ns)
+        return _of(data)
+
+    def poll(self) -> list[Received]:
+        now_ns, found = self._clock.at_ns, []
+        for sent in self._played.take_sent(now_ns):
+            for frame in frames_of(sent.data) if sent.udp else self._tcp.feed(sent.data):
+                outcome = decode(frame) if isinstance(frame, Frame) else frame
+                data = frame.data if isinstance(frame, Frame) else frame.evidence
+                if not (isinstance(outcome, Decoded) and self._lost(outcome.message)):
+                    found.append(Received(sent.udp, now_ns, outcome, data))
+        if self._played.closes:
+            self.close()
+        return found if self._connected else []
+
+    def close(self) -> None:
+        if self._connected:
+            self._played.disconnect(self._clock.at_ns)
+        self._connected, self.problem = False, "the object closed the connection"
+
+
+def _of(data: bytes) -> Header:
+    (frame,) = frames_of(data) if len(data) < 4000 else StreamDecoder(1 << 20).feed(data)
+    assert not isinstance(frame, Rejected)
+    return frame.header
+
+
+class Probed:
+    """A probe of a played object, which has ended."""
+
+    def __init__(
+        self,
+        *faults: str,
+        stages: Iterable[Stage] = STAGES,
+        course: Course = COURSE,
+        lost: Callable[[Message], bool] = lambda message: False,
+        watch: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.clock = SetClock()
+        self.told: list[str] = []
+        self.object = FaultyObject(
+            IsoObject(rules_of(), T0, Datum(PLACE)), [IsoFault.parse(fault) for fault in faults]
+        )
+        self.beats: list[tuple[int, int]] = []
+
+        def open_wire(tap: Tap) -> SetLink:
+            def both(sent: bool, stamp_ns: int, data: bytes) -> None:
+                found = decode(frames_of(data)[0]) if len(data) < 60 else None  # type: ignore[arg-type]
+                if isinstance(found, Decoded) and isinstance(found.message, Heab):
+                    self.beats.append((stamp_ns, found.message.status))
+                tap(sent, stamp_ns, data)
+
+            return SetLink(self.object, self.clock, both, lost)
+
+        def tell(text: str) -> None:
+            self.told.append(text)
+            watch(text)
+
+        self.probe = Probe(open_wire, Datum(PLACE), course, 0.5, tell, self.clock)
+        self.stages = tuple(stages)
+
+    def run(self) -> ProbeReport:
+        self.probe.run(self.stages)
+        return self.report()
+
+    def report(self) -> ProbeReport:
+        return report_of(self.probe, HOST, 53241, T0, self.stages)
+
+
+@cache
+def report_with(*faults: str, stages: tuple[Stage, ...] = STAGES) -> ProbeReport:
+    return Probed(*faults, stages=stages).run()
+
+
+def with_verdict(report: ProbeReport, verdict: Outcome) -> set[str]:
+    return {row.clause for row in report.rows if row.verdict is verdict}
+
+
+# -- objects that conform, and others -------------------------------------------------------------
+
+
+def test_a_conforming_object_passes_every_clause_and_may_be_armed() -> None:
+    report = report_with()
+    assert with_verdict(report, Outcome.INFO) == {"connect.identity"}
+    assert with_verdict(report, Outcome.PASS) == {c.id for c in CLAUSES} - {"connect.identity"}
+    assert honours_start_time(report) == pytest.approx(0.0, abs=0.1)
+    # It waits for the half second that the OSEM gave before it brakes.
+    assert 0.5 < (stops_on_heartbeat_loss_s(report) or 0.0) < 1.0
+    assert cannot_arm(report, 1.0, report.firmware, None) is None
+    assert report.firmware
+
+
+LISTEN = (Stage.LISTEN,)
+CONNECT = (Stage.LISTEN, Stage.CONNECT)
+
+
+@pytest.mark.parametrize(
+    ("fault", "stages", "failed"),
+    [
+        ("deaf_to_abort@0", STAGES, {"move.abort"}),
+        ("deaf_to_silence", STAGES, {"move.heartbeat_loss"}),
+        ("early_start", STAGES, {"move.start_time"}),
+        ("link_delay=0.4", LISTEN, {"listen.age"}),
+        ("fragments", CONNECT, set()),
+    ],
+)
+def test_an_object_fails_the_clauses_that_it_breaks_and_no_others(
+    fault: str, stages: tuple[Stage, ...], failed: set[str]
+) -> None:
+    assert with_verdict(report_with(fault, stages=stages), Outcome.FAIL) == failed
+
+
+@pytest.mark.parametrize("fault", ["deaf_to_abort@0", "deaf_to_silence"])
+def test_an_object_that_drives_on_may_not_be_armed(fault: str) -> None:
+    report = report_with(fault)
+    clause = "move.abort" if fault == "deaf_to_abort@0" else "move.heartbeat_loss"
+    assert clause in (cannot_arm(report, 1.0, report.firmware, None) or "")
+
+
+def test_what_it_reports_while_it_drives_on_is_not_believed() -> None:
+    row = report_with("deaf_to_abort@0").row("move.abort")
+    assert row is not None
+    # Its trajectory's end stopped it, and nothing else.
+    assert row.measured is not None
+    assert row.measured > 2.0
+    assert "its trajectory slows" in row.text
+
+
+def test_an_object_that_forgets_an_abort_while_it_stands_is_not_moved() -> None:
+    probed = Probed("deaf_to_abort")
+    report = probed.run()
+    assert with_verdict(report, Outcome.FAIL) == {"arm.latch", "arm.all_clear"}
+    assert "it isn't moved: arm.all_clear failed while it stood" in probed.told
+    assert probed.object.body.x_m == 0.0
+
+
+def test_another_version_is_named_and_nothing_more_is_asked() -> None:
+    report = report_with("wrong_version", stages=CONNECT)
+    row = report.row("listen.frames")
+    assert row is not None
+    assert "version 3, only 2 is known" in row.text
+    assert row.came
+    assert "listen.report" in with_verdict(report, Outcome.FAIL)
+    assert with_verdict(report, Outcome.NOT_RUN) >= {"connect.identity", "move.abort"}
+    assert with_verdict(report, Outcome.PASS) <= {"listen.tcp"}
+
+
+def test_a_yaw_that_is_none_keeps_it_from_being_moved() -> None:
+    report = report_with("yaw_range", stages=CONNECT)
+    assert {"listen.fields", "listen.values"} <= with_verdict(report, Outcome.FAIL)
+
+
+def test_messages_that_were_not_answered_are_named() -> None:
+    probed = Probed(stages=CONNECT, lost=lambda message: isinstance(message, Grem))
+    row = probed.run().row("connect.acknowledge")
+    assert row is not None
+    assert (row.verdict, row.measured) == (Outcome.FAIL, 2.0)
+    assert row.text == "no answer to OSEM, no answer to TRAJ"
+    assert row.sent[0].startswith("7f7e")
+
+
+# -- limits of the probe itself -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("at", ["arms", "moves it, and then: ABORT"])
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_whatever_ends_a_probe_it_leaves_with_a_second_of_abort(
+    at: str, error: type[BaseException]
+) -> None:
+    def watch(text: str) -> None:
+        # In the middle of a step: the next thing that is told belongs to another one.
+        if text == at:
+            probed.probe._armed = True
+            raise error
+
+    probed = Probed(watch=watch)
+    with pytest.raises(error):
+        probed.run()
+    ended_ns = probed.clock.at_ns
+    last = [status for at_ns, status in probed.beats if at_ns > ended_ns - S]
+    assert set(last) == {CentreStatus.ABORT}
+    assert len(last) >= 95
+    assert probed.object.body.speed_mps == 0.0
+    assert with_verdict(probed.report(), Outcome.NOT_RUN)
+
+
+def test_an_object_that_was_never_armed_is_left_without_an_abort() -> None:
+    probed = Probed(stages=CONNECT)
+    probed.run()
+    assert {status for _, status in probed.beats} == {CentreStatus.INIT}
+
+
+def test_an_object_whose_way_does_not_fit_the_fence_is_not_moved() -> None:
+    near = ((-20.0, -20.0), (24.0, -20.0), (24.0, 20.0), (-20.0, 20.0))
+    probed = Probed(course=Course(near, SIZE))
+    report = probed.run()
+    assert "outside of the fence" in probed.told[-2]
+    assert probed.object.body.x_m == 0.0
+    assert with_verdict(report, Outcome.NOT_RUN) >= {"move.abort", "move.heartbeat_loss"}
+
+
+def test_an_object_that_loses_its_link_while_it_moves_is_aborted() -> None:
+    probed = Probed("link_cut@1")
+    report = probed.run()
+    assert any("no place was reported" in text for text in probed.told)
+    assert "move.abort" not in with_verdict(report, Outcome.PASS)
+
+
+HERE = Pose2(0.0, 0.0, 0.0)
+WAY = Motion(path=[(0.0, 0.0), (60.0, 0.0)], cruise_mps=5.0)
+
+
+@pytest.mark.parametrize(
+    ("motion", "pose", "why"),
+    [
+        (None, Pose2(375.0, 0.0, 0.0), "outside of the fence"),
+        (None, Pose2(0.0, 0.0, 1.57), "outside of the fence"),
+        (WAY.model_copy(update={"cruise_mps": 10.5}), HERE, "faster than a probe drives"),
+        (WAY, Pose2(45.0, 0.0, 0.0), "too short to hold 5 m/s for 3 s"),
+        (WAY, Pose2(0.0, 0.6, 0.0), "0.6 m and 0° off its trajectory"),
+        (WAY, Pose2(0.0, 0.0, 0.6), "34° off its trajectory"),
+        (WAY, Pose2(60.0, 0.0, 0.0), "its trajectory's end"),
+    ],
+)
+def test_a_way_that_must_not_be_driven_is_refused(
+    motion: Motion | None, pose: Pose2, why: str
+) -> None:
+    found = Course(FENCE, SIZE, motion).plan(pose)
+    assert isinstance(found, str)
+    assert why in found
+
+
+def test_a_way_goes_on_where_the_object_stands() -> None:
+    found = Course(FENCE, SIZE, WAY).plan(Pose2(20.0, 0.4, 0.1))
+    assert isinstance(found, Points)
+    _, x, y, _, speed = found.columns[:5]
+    assert (x[0], x[-1], abs(y).max()) == (20.0, 60.0, 0.0)
+    assert [speed[0], speed.max(), speed[-1]] == pytest.approx([0.0, 5.0, 0.0])
+
+
+def test_the_stop_way_beyond_the_end_must_lie_inside() -> None:
+    # 60 m of way, 2.5 m of object, and 5 m/s for 1.5 s and at 2 m/s² with half a metre.
+    def fence(end_m: float) -> Course:
+        return Course(((-9.0, -9.0), (end_m, -9.0), (end_m, 9.0), (-9.0, 9.0)), SIZE, WAY)
+
+    points = Course(FENCE, SIZE, WAY).plan(HERE)
+    assert isinstance(points, Points)
+    assert isinstance(fence(80.0).plan(HERE), Points)
+    assert "outside of the fence" in str(fence(62.9).plan(HERE))
+
+
+# -- the command ----------------------------------------------------------------------------------
+
+CORNERS = "-9,-9 90,-9 90,9 -9,9"
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--stage", "move"], "needs --may-move and --fence"),
+        (["--stage", "move", "--may-move"], "needs --may-move and --fence"),
+        (["--stage", "move", "--fence", CORNERS], "needs --may-move and --fence"),
+        (["--stage", "move", "--may-move", "--fence", CORNERS], "needs --origin"),
+        (["--fence", "1,2 3,4 5,6"], "has 3 corners"),
+        (["--fence", "1,2 3,4 5,6 7"], "needs 2 numbers"),
+        (["--fence", "nowhere.yaml"], "can't be read"),
+        (["--origin", "57.7"], "needs 2 numbers"),
+        (["--origin", "57.7,12.9,1,2"], "needs 3 numbers"),
+        (["--size", "1,nan,1"], "needs 3 numbers"),
+    ],
+)
+def test_wrong_options_are_refused_before_anything_is_sent(options: list[str], why: str) -> None:
+    result = CliRunner().invoke(iso, ["probe", "127.0.0.1:2", *options])
+    assert why in f"{result.output} {result.exception}"
+
+
+@pytest.mark.parametrize("address", ["", "a:b", "127.0.0.1:1", "127.0.0.1:65536", "::1"])
+def test_an_address_that_is_none_is_refused(address: str) -> None:
+    result = CliRunner().invoke(iso, ["probe", address])
+    assert "is no address" in str(result.exception)
+
+
+def test_nobody_at_the_address_is_a_report_with_exit_status_1(tmp_path: Path) -> None:
+    with ObjectSockets() as sockets:
+        port = sockets.port
+    path = tmp_path / "report.json"
+    result = CliRunner().invoke(
+        iso, ["probe", f"127.0.0.1:{port}", "--json", str(path)], standalone_mode=False
+    )
+    assert result.return_value == 1
+    assert "Connection refused" in result.output
+    report = load_report(path)
+    assert (report.host, report.port, report.firmware) == ("127.0.0.1", port, None)
+    assert with_verdict(report, Outcome.FAIL) == {"listen.tcp", "listen.report", *_UNHEARD}
+    assert json.loads(path.read_text())["stages"] == ["listen", "connect"]
+
+
+_UNHEARD = {c.id for c in CLAUSES if c.step == "listen"} - {"connect.acknowledge"}
+
+
+def test_clauses_are_named_once_and_belong_to_their_stages() -> None:
+    ids = [clause.id for clause in CLAUSES]
+    assert len(set(ids)) == len(ids)
+    order = [list(Stage).index(clause.stage) for clause in CLAUSES]
+    assert order == sorted(order)
