@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from ssp_core.errors import InputError
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import Pose2
 from ssp_core.motion.reference import Points
@@ -49,6 +50,7 @@ from ssp_ot_controller.bodies.iso22133.probe_report import (
 from ssp_ot_controller.rehearsal.iso import iso
 from ssp_ot_controller.rehearsal.iso_faults import FaultyObject, IsoFault
 from ssp_ot_controller.rehearsal.iso_object import IsoObject
+from ssp_ot_controller.rehearsal.iso_probe import load_fence, load_motion
 from tests.support.iso22133 import ObjectSockets
 from tests.support.iso_centre import FENCE, HOST, MS, PLACE, T0, S, rules_of
 
@@ -382,6 +384,41 @@ CORNERS = "-9,-9 90,-9 90,9 -9,9"
 def test_wrong_options_are_refused_before_anything_is_sent(options: list[str], why: str) -> None:
     result = CliRunner().invoke(iso, ["probe", "127.0.0.1:2", *options])
     assert why in f"{result.output} {result.exception}"
+
+
+DATUM = {"latitude_deg": 57.7, "longitude_deg": 12.9, "yaw_rad": 0.5}
+OUTLINE = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]]
+
+
+@pytest.mark.parametrize("geofence", [OUTLINE, {"points": OUTLINE}])
+def test_a_fence_is_that_of_a_run_file_or_of_a_site_file(tmp_path: Path, geofence: object) -> None:
+    file = tmp_path / "place.json"
+    file.write_text(json.dumps({"geofence": geofence, "datum": DATUM, "more": 1}))
+    fence, datum = load_fence(str(file))
+    assert fence == ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))
+    assert datum is not None
+    assert (datum.place.latitude_deg, datum.yaw_rad) == (57.7, 0.5)
+    file.write_text(json.dumps({"geofence": geofence}))
+    assert load_fence(str(file))[1] is None
+
+
+def test_a_fence_that_is_a_strip_of_road_names_what_to_give_instead(tmp_path: Path) -> None:
+    file = tmp_path / "site.json"
+    file.write_text(json.dumps({"geofence": {"block": "b1", "from_s_m": 0.0}}))
+    with pytest.raises(InputError, match=r"site.json: geofence: is a strip .* run file"):
+        load_fence(str(file))
+
+
+def test_the_way_of_a_trajectory_file_is_driven_at_its_highest_speed(tmp_path: Path) -> None:
+    file = tmp_path / "way.csv"
+    rows = [f"{t},{4.0 * t},0.0,0.0,{0.0 if t == 10 else 4.0}" for t in range(11)]
+    file.write_text("\n".join(["t_s,x_m,y_m,yaw_rad,speed_mps", *rows]))
+    found = load_motion(file, Datum(PLACE))
+    assert (found.path[0], found.path[-1]) == ((0.0, 0.0), (40.0, 0.0))
+    assert found.cruise_mps == 4.0
+    file.write_text("t_s,x_m,y_m,yaw_rad,speed_mps\n0,1,1,0,0\n1,1,1,0,0\n")
+    with pytest.raises(InputError, match=r"way.csv: leads nowhere"):
+        load_motion(file, Datum(PLACE))
 
 
 @pytest.mark.parametrize("address", ["", "a:b", "127.0.0.1:1", "127.0.0.1:65536", "::1"])

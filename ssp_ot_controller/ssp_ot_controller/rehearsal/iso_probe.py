@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 import time
 from pathlib import Path
+from typing import Annotated, Any
 
 import click
-from pydantic import ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 from rich.markup import escape
 from rich.table import Table
 
@@ -38,14 +39,19 @@ _STYLE = {Outcome.PASS: "green", Outcome.FAIL: "bold red", Outcome.INFO: "cyan"}
 _CORNERS = 4
 
 
-class _Outline(Strict):
-    points: list[Point] = Field(min_length=3)
+def _points(value: Any) -> Any:
+    """A run file has the fence's points alone; a site file names them, or has a strip of a road."""
+    if not isinstance(value, dict):
+        return value
+    if "points" not in value:
+        raise ValueError("is a strip of a block: name the run file of a task that was compiled")
+    return value["points"]
 
 
-class _Site(Strict):
-    """What a probe needs of a site file."""
+class _Place(Strict):
+    """What a probe needs of a site file or a run file."""
 
-    geofence: _Outline
+    geofence: Annotated[list[Point], BeforeValidator(_points), Field(min_length=3)]
     datum: SiteDatum | None = None
 
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -81,21 +87,21 @@ def parse_numbers(text: str, count: int, field: str, remedy: str) -> list[float]
 
 
 def load_fence(text: str) -> tuple[tuple[Point, ...], Datum | None]:
-    """The fence of four corners or of a site file, and the datum of a site file that has one.
+    """The fence of four corners or of a file, and the datum of a file that has one.
 
     Raises:
         InputError: neither.
     """
     corners = text.split()
     if len(corners) == 1:
-        site = load_model(_Site, text)
-        return tuple(site.geofence.points), None if site.datum is None else site.datum.datum
+        place = load_model(_Place, text)
+        return tuple(place.geofence), None if place.datum is None else place.datum.datum
     if len(corners) != _CORNERS:
         raise InputError(
             f"has {len(corners)} corners",
             field="--fence",
             value=text,
-            remedy="write four as 'X,Y X,Y X,Y X,Y' in m, or name a site file",
+            remedy="write four as 'X,Y X,Y X,Y X,Y' in m, or name a site file or a run file",
         )
     pairs = [parse_numbers(corner, 2, "--fence", "write a corner as X,Y") for corner in corners]
     return tuple((x, y) for x, y in pairs), None
@@ -130,12 +136,12 @@ def load_motion(path: Path, datum: Datum) -> Motion:
 @click.option(
     "--fence",
     metavar="FILE|CORNERS",
-    help="A site file, or four corners 'X,Y X,Y X,Y X,Y' in m: no stop may end outside.",
+    help="A site or run file, or four corners 'X,Y X,Y X,Y X,Y' in m: no stop may end outside.",
 )
 @click.option(
     "--origin",
     metavar="LAT,LON[,ALT]",
-    help="Origin of the coordinates, degrees and m.  [default: the site file's datum, or 0,0]",
+    help="Origin of the coordinates, degrees and m.  [default: the fence file's datum, or 0,0]",
 )
 @click.option(
     "--size",
@@ -183,7 +189,7 @@ def probe_command(
         numbers = parse_numbers(origin, 3 if origin.count(",") > 1 else 2, "--origin", remedy)
         datum = Datum(Place(*numbers))
     if datum is None and Stage.MOVE in asked:
-        raise click.UsageError("--stage move needs --origin, or a site file with a datum")
+        raise click.UsageError("--stage move needs --origin, or a fence file with a datum")
     datum = datum or Datum(Place(0.0, 0.0))
     front_m, rear_m, width_m = parse_numbers(size, 3, "--size", "write FRONT,REAR,WIDTH in m")
     motion = None if trajectory is None else load_motion(trajectory, datum)
