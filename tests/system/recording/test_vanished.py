@@ -16,7 +16,9 @@ TOPIC = LoadTopic("/load/frame", rate_hz=50, size_bytes=10_000)
 
 
 def remove(bag: Path) -> None:
-    shutil.rmtree(bag, ignore_errors=True)
+    # A file that the recorder begins meanwhile keeps the directory.
+    while bag.exists():
+        shutil.rmtree(bag, ignore_errors=True)
 
 
 def replace(bag: Path) -> None:
