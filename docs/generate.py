@@ -224,8 +224,12 @@ def times() -> str:
         ("manager", "beats outside lockstep every", _constant(manager, "WATCHDOG_PERIOD_S")),
         ("manager", "arms on states and measurements no older than", preconditions.FRESH_S),
         ("manager", "takes the recorder for silent after", vigil.RECORDER_SILENT_S),
-        ("manager", "takes the camera for lost after", vigil.CAMERA_SILENT_S),
-        ("manager", "takes a world for dead in lockstep after", vigil.WORLD_SILENT_LOCKSTEP_S),
+        ("manager", "takes the camera for lost outside lockstep after", vigil.CAMERA_SILENT_S),
+        (
+            "manager",
+            "takes a world or a camera for dead in lockstep after",
+            vigil.WORLD_SILENT_LOCKSTEP_S,
+        ),
         (
             "manager",
             "takes world, VUT or object for silent otherwise, by arrival, after",

@@ -70,6 +70,7 @@ def codes(
         (names.MONITOR, RECORDER_SILENT_S, C.RECORDER, "lockstep", RUNNING),
         (names.MONITOR, RECORDER_SILENT_S, C.RECORDER, "live", ARMED),
         (names.FRONT_CAMERA, CAMERA_SILENT_S, C.PARTICIPANT_LOST, "realtime", RUNNING),
+        (names.FRONT_CAMERA, WORLD_SILENT_LOCKSTEP_S, C.PARTICIPANT_LOST, "lockstep", RUNNING),
     ],
 )
 def test_silence_ends_a_session_past_its_limit(

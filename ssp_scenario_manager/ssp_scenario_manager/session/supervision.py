@@ -19,7 +19,7 @@ from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.session import WATCHED, Session
 
 # A simulated world that is silent this long is taken for dead. In lockstep it may wait for a
-# participant that died before it drops it, so that its silence means less.
+# participant that died before it drops it, so that its silence means less; its camera's too.
 WORLD_SILENT_LOCKSTEP_S = 12.0
 WORLD_SILENT_REALTIME_S = 0.5
 # A world that died must be named before the vehicle that it moved.
@@ -114,7 +114,8 @@ class LivenessMonitor:
             watched += [(SafetyCode.OBJECT_SILENT, t.id, state_s) for t in spec.targets]
         watched.append((SafetyCode.RECORDER, names.MONITOR, RECORDER_SILENT_S))
         if spec.camera is not None:
-            watched.append((SafetyCode.PARTICIPANT_LOST, names.FRONT_CAMERA, CAMERA_SILENT_S))
+            camera_s = world_s if lockstep else CAMERA_SILENT_S
+            watched.append((SafetyCode.PARTICIPANT_LOST, names.FRONT_CAMERA, camera_s))
         found = [
             silent(code, who, self.age_s(who, steady_ns), limit_s, stamp_ns)
             for code, who, limit_s in watched
