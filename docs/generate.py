@@ -305,7 +305,7 @@ JUDGED: dict[SafetyCode, tuple[str, tuple[str, ...]]] = {
     S.REPLY_MISSING: ("heartbeat_s", (MANAGER,)),
     S.FOREIGN_MANAGER: ("none", (OBJECT, MANAGER)),
     S.NOT_STOPPING: ("stop_reaction_s", (OBJECT,)),
-    S.OBJECT_CONTRADICTS: ("see iso-22133.md", (OBJECT,)),
+    S.OBJECT_CONTRADICTS: ("[contradictions](iso-22133.md)", (OBJECT,)),
     S.CONNECTION_LOST: ("none", (OBJECT,)),
 }
 
