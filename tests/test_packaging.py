@@ -132,7 +132,7 @@ ALLOWED = {
     "ssp_ot_controller": set(),
     "ssp_monitor": set(),
     "ssp_vla_bridge": set(),
-    "ssp_eval": {"ssp_vla_bridge", "ssp_scenario_manager"},
+    "ssp_eval": {"ssp_vla_bridge", "ssp_scenario_manager", "ssp_ot_controller"},
 }
 
 

@@ -38,6 +38,10 @@ VERBS: dict[str, tuple[str, str]] = {
     "import-video": ("ssp_eval.importers.cli:import_video", "Make a bag from a video file."),
     "labels": ("ssp_eval.labels.cli:labels", "Propose and check labels files."),
     "audit": ("ssp_eval.audit.cli:audit", "Prove that three recordings show the same event."),
+    "twins": (
+        "ssp_eval.twins.cli:twins",
+        "Make recordings that differ from a simulated one in one cause.",
+    ),
     "evaluate": (
         "ssp_eval.evaluate.cli:evaluate",
         "Replay bags through VLA bridges and score them.",

@@ -24,6 +24,7 @@ from ssp_core.vocabulary import DomainWord, ObjectWord, SessionPhase, Verdict
 
 SCHEMA: Literal["ssp.import/2"] = "ssp.import/2"
 IMPORT_ATTACHMENT = "import.json"
+TWIN_ATTACHMENT = "twin.json"
 # A domain is a part of a cell's folder name, and so is a scenario.
 SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 
@@ -181,6 +182,7 @@ class Provenance:
             where there is none.
         session_start_ns: stamp of the first RUNNING state, None for an imported video.
         imported: what the importer wrote, None for a session.
+        twin: in what it differs from which recording, None unless it is a twin.
     """
 
     name: str
@@ -199,6 +201,7 @@ class Provenance:
     session_start_ns: int | None
     run: RunSpec | None
     imported: ImportRecord | None
+    twin: str | None = None
 
     @property
     def participants(self) -> Participants | None:
@@ -244,6 +247,8 @@ class Provenance:
     @property
     def refusal(self) -> str | None:
         """Why the recording can't be scored at all; None when it can."""
+        if self.twin is not None:
+            return f"it is a twin, of which no score means anything: {self.twin}"
         if self.verdict in (None, Verdict.VALID.name.lower()):
             return NO_VERDICT if self.lacks_verdict else None
         if self.verdict == Verdict.NONE.name.lower():
@@ -312,6 +317,15 @@ def _told_verdict(bag: Path) -> tuple[RecordedVerdict, str] | None:
     return None if told is None else (told, sha256_file(folder / VERDICT_FILE))
 
 
+def _told_twin(bag: BagReader) -> str | None:
+    """What a twin's attachment says in words; None: the bag is none."""
+    data = bag.attachment(TWIN_ATTACHMENT)
+    if data is None:
+        return None
+    told = parse_mapping(data, f"{bag.path}:{TWIN_ATTACHMENT}")
+    return f"{told.get('words')}, of {told.get('of')}"
+
+
 def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     place = f"{bag.path}:{RUN_ATTACHMENT}"
     run = parse_model(RunSpec, parse_mapping(data, place), place)
@@ -347,6 +361,7 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         session_start_ns=min(running, default=None),
         run=run,
         imported=None,
+        twin=_told_twin(bag),
     )
 
 

@@ -7,13 +7,12 @@ truth. That is a version of its own; the event that it was made from qualifies n
 
 from __future__ import annotations
 
-import importlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import click
 
@@ -23,10 +22,10 @@ from ssp_core.files import make_folder
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.event import find_event, instants_of
-from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_eval.recordings.event import rules_of
+from ssp_ot_controller.camera import clip
+from ssp_ot_controller.camera.storyboards import Storyboard
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, seal_event, seals, write_event
@@ -49,27 +48,6 @@ _DRAWN = {
 }
 
 
-class ClipBoard(Protocol):
-    """A whole clip before it is drawn; map and block frame are the same."""
-
-    scenario: str
-    seed: int
-    road: Road
-    fps: float
-    duration_s: float
-
-    def times(self) -> list[float]:
-        """Times of the frames in s, from 0."""
-
-    def states(self, t_s: float) -> Sequence[ObjectState]:
-        """All objects at a time, the VUT too."""
-
-
-def clip_maker() -> Any:
-    """The module that draws clips; its package and this one never import each other."""
-    return importlib.import_module("ssp_ot_controller.camera.clip")
-
-
 @dataclass(frozen=True)
 class Drawn:
     """When the phases start in a clip, s and frames from its first frame."""
@@ -80,7 +58,7 @@ class Drawn:
     fps: float
 
 
-def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> ClipBoard:
+def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
     """The clip of an event before it is drawn.
 
     Args:
@@ -112,11 +90,10 @@ def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> ClipBo
             )
     shown = [road.lanes_same_direction.value, road.lanes_opposite.value]
     same, opposite = (count if isinstance(count, int) else 2 for count in shown)
-    board: ClipBoard = clip_maker().board_of(interaction.type, seed, *(lanes or (same, opposite)))
-    return board
+    return clip.board_of(interaction.type, seed, *(lanes or (same, opposite)))
 
 
-def measure_clip(event: Event, board: ClipBoard) -> Drawn:
+def measure_clip(event: Event, board: Storyboard) -> Drawn:
     """The phases of a clip, found in its ground truth with the event's thresholds (METHOD 1).
 
     Raises:
@@ -144,7 +121,7 @@ def measure_clip(event: Event, board: ClipBoard) -> Drawn:
     return Drawn(starts_s, frames, len(times) - 1, board.fps)
 
 
-def bound_event(event: Event, board: ClipBoard, drawn: Drawn, sha256: str) -> Event:
+def bound_event(event: Event, board: Storyboard, drawn: Drawn, sha256: str) -> Event:
     """The event as this clip shows it: source, part T and part E, with the seals that held."""
     held = {path for path, seal in seals(event).items() if event.uncertainty[path].seal == seal}
     counts = sum(lane.direction == "forward" for lane in board.road.lanes)
@@ -154,7 +131,7 @@ def bound_event(event: Event, board: ClipBoard, drawn: Drawn, sha256: str) -> Ev
         original += f", lanes {counts}+{opposite}"
     value = event.model_dump(mode="json", by_alias=True)
     value["source"] = {
-        "generator": clip_maker().GENERATOR,
+        "generator": clip.GENERATOR,
         "original": original,
         "sha256": sha256,
         "rate": _at(board.fps, "Hz"),
@@ -183,7 +160,7 @@ def _road(road: Topology, same: int, opposite: int) -> dict[str, Any]:
     return value
 
 
-def _events(board: ClipBoard, drawn: Drawn) -> dict[str, Any]:
+def _events(board: Storyboard, drawn: Drawn) -> dict[str, Any]:
     """Part E: exact starts, and evidence from each phase's first frame to the next phase's."""
     ends = [*(drawn.first_frames[phase] for phase in PHASES), drawn.last_frame]
     part: dict[str, Any] = {"clip": {"start": _at(0.0, "s"), "end": _at(board.duration_s, "s")}}
@@ -213,10 +190,7 @@ def _source(text: str, event: Event, original: str, drawn: Drawn) -> str:
     def of_this_clip(numbers: re.Match[str]) -> str:
         return re.sub(r"\d+", lambda n: str(frames.get(int(n[0]), n[0])), numbers[0])
 
-    return (
-        re.sub(r"frames? [\d, -]+", of_this_clip, before)
-        + f"{clip_maker().GENERATOR} {original}{after}"
-    )
+    return re.sub(r"frames? [\d, -]+", of_this_clip, before) + f"{clip.GENERATOR} {original}{after}"
 
 
 def _at(value: float, unit: str) -> dict[str, Any]:
@@ -276,16 +250,16 @@ def clip_command(event: str, seed: int, lanes: LaneCounts | None, out: Path, for
     make_folder(out)
     with console.progress(f"drawing {video.name}", len(board.times())) as bar:
         task = bar.task_ids[0]
-        clip_maker().write_clip(board, video, lambda: bar.advance(task))
+        clip.write_clip(board, video, lambda: bar.advance(task))
     bound = bound_event(k_star, board, drawn, sha256_file(video))
     write_event(bound_path, bound)
     append_records(log_path(bound_path), [_record(bound, board, version)])
-    click.echo(console.visible(f"{video}\n{clip_maker().truth_path(video)}\n{bound_path}"))
+    click.echo(console.visible(f"{video}\n{clip.truth_path(video)}\n{bound_path}"))
     click.echo(f"K* {event_version(bound)}")
     return 0
 
 
-def _record(bound: Event, board: ClipBoard, version: str) -> Record:
+def _record(bound: Event, board: Storyboard, version: str) -> Record:
     """The entry of L about the source: hash, generator, original and crop (METHOD 1)."""
     return Record(
         kind="source",

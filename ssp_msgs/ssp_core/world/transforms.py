@@ -12,7 +12,15 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ssp_core.cdr.codec import ENCAPSULATION, START, u32_bytes, write
+from ssp_core.cdr.codec import (
+    ENCAPSULATION,
+    START,
+    decoder,
+    read,
+    read_count,
+    u32_bytes,
+    write,
+)
 from ssp_core.clock import NS_PER_S
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import MAP_FRAME, VUT_ID
@@ -27,6 +35,8 @@ OPTICAL_FRAME = f"{CAMERA_FRAME}_optical"
 # Turns x forward, z up into z forward, y down (REP 103): yaw, then roll, by -90 degrees each.
 _OPTICAL: Quaternion = (-0.5, 0.5, -0.5, 0.5)
 _LAYOUT = "sttddddddd"
+# What a transform takes at the least.
+_LEAST_BYTES = 8 + 4 + 4 + 7 * 8
 _LATEST_NS = 2**31 * NS_PER_S
 
 
@@ -148,3 +158,15 @@ def encode_transforms(transforms: Iterable[Transform]) -> bytes:
         parts.append(_write(one, at))
         at += len(parts[-1])
     return b"".join(parts)
+
+
+@decoder
+def decode_transforms(data: bytes, at: int) -> tuple[tuple[Transform, ...], int]:
+    """The transforms of a tf2_msgs/TFMessage."""
+    count, at = read_count(data, at, _LEAST_BYTES)
+    found = []
+    for _ in range(count):
+        (stamp_ns, parent, child, x, y, z, *turn), at = read(_LAYOUT, data, at)
+        quaternion = (turn[0], turn[1], turn[2], turn[3])
+        found.append(Transform(parent, child, stamp_ns, (x, y, z), quaternion))
+    return tuple(found), at

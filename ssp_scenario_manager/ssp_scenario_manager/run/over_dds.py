@@ -146,8 +146,7 @@ def run_session(
             with beside(group, companions, say, remappings):
                 followed = follow(spec, group, run_file, bag, say, interrupt, go)
                 outcome = _shut_down(group, followed.outcome)
-        bodies = live.bodies if live is not None else {}
-        return _conclude(spec, folder, followed, outcome, started, bodies, say)
+        return _conclude(spec, folder, followed, outcome, started, say)
 
 
 def _conclude(
@@ -156,7 +155,6 @@ def _conclude(
     followed: Followed,
     outcome: RunOutcome,
     started: float,
-    bodies: dict[str, str],
     say: Callable[[str], None],
 ) -> RunResult:
     """Checks the bag, gives the verdict, and writes what a run leaves, as far as the disk lets."""
@@ -192,7 +190,6 @@ def _conclude(
     told = {
         **result_keys(spec, happened),
         "in_process": False,
-        "bodies": bodies,
         "verdict": outcome.verdict.name.lower(),
         "reasons": list(outcome.reasons),
         "bag": recording.name,

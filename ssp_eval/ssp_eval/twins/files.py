@@ -1,0 +1,170 @@
+"""What a twin says of itself (``twin.json``), and a recording's twins (``twin_set.json``)."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field
+
+from ssp_core.bag.reader import BagReader
+from ssp_core.errors import InputError
+from ssp_core.files import load_model, write_json
+from ssp_core.run_file.values import Finite, Strict
+from ssp_core.vocabulary import ObjectWord
+from ssp_eval.data.provenance import TWIN_ATTACHMENT, bag_folder, content_sha256
+
+TWIN_SCHEMA: Literal["ssp.twin/1"] = "ssp.twin/1"
+SET_SCHEMA: Literal["ssp.twin_set/1"] = "ssp.twin_set/1"
+FOLDER, SET_FILE, TWIN_FILE = "twins", "twin_set.json", TWIN_ATTACHMENT
+
+Digest = Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")]
+Count = Annotated[int, Field(ge=0)]
+
+
+class TwinIdentity(Strict):
+    """What the bag of a twin holds as an attachment: what it is."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    schema_: Literal["ssp.twin/1"] = Field(TWIN_SCHEMA, alias="schema")
+    name: str = Field(description="of the change; folder and condition have it")
+    kind: str
+    object_id: str = Field(description="whom it is about; empty: nobody")
+    object_class: ObjectWord | None = None
+    value: Finite = Field(description="s of shift and camera, share of history; else 0")
+    words: str = Field(description="the change, for people")
+    of: str = Field(description="name of the factual recording")
+    of_sha256: Digest = Field(description="hash of its bag")
+    seed: int
+    software: str
+
+
+class TwinAudit(Strict):
+    """What differs between a twin and the factual recording, found by comparing both.
+
+    Pixels are those of the pictures before JPEG.
+    """
+
+    holds: bool
+    reasons: list[str] = Field(description="why it doesn't hold; empty where it does")
+    frames: Count
+    frames_redrawn_alike: Count = Field(
+        description="factual frames that give the recorded bytes when they are drawn again"
+    )
+    frames_changed: Count
+    changed_px: Count = Field(description="sum over all frames")
+    most_changed_px: Count = Field(description="in one frame")
+    outside_px: Count | None = Field(
+        description="of these, outside the object's image and shadow; null: no such bound"
+    )
+    outside_judged: bool = Field(
+        description="false: lamps at dusk, wet ground or motion blur reach further, or no object"
+    )
+    messages_alike: Count = Field(description="messages with the same bytes and times")
+    messages_changed: dict[str, Count] = Field(description="by topic")
+    messages_missing: dict[str, Count] = Field(description="by topic; those that the twin lacks")
+
+
+class TwinRecord(Strict):
+    """``twin.json`` beside the twin's bag."""
+
+    identity: TwinIdentity
+    audit: TwinAudit
+    bag_sha256: Digest
+
+
+class TwinSet(Strict):
+    """``twin_set.json``: all twins of a recording."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    schema_: Literal["ssp.twin_set/1"] = Field(SET_SCHEMA, alias="schema")
+    of: str
+    of_sha256: Digest
+    twins: list[TwinRecord]
+
+
+def twins_folder(bag: Path) -> Path:
+    """Where the twins of a recording lie: ``twins/`` beside its bag.
+
+    Args:
+        bag: its folder, or an MCAP file in it.
+    """
+    return bag_folder(bag).parent / FOLDER
+
+
+def read_set(bag: Path) -> TwinSet | None:
+    """The twins beside a recording; None: there are none.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    file = twins_folder(bag) / SET_FILE
+    return load_model(TwinSet, file) if file.is_file() else None
+
+
+def finished_twin(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
+    """A recording's twin; None: it isn't there, isn't whole, or is of another recording.
+
+    Args:
+        of_sha256: hash of the recording.
+    """
+    file = twins_folder(bag) / name / TWIN_FILE
+    try:
+        record = load_model(TwinRecord, file)
+        with BagReader(bag_of(bag, name)) as twin:
+            whole = content_sha256(twin) == record.bag_sha256
+    except InputError:
+        return None
+    return record if whole and record.identity.of_sha256 == of_sha256 else None
+
+
+def write_set(bag: Path, of: str, of_sha256: str) -> TwinSet:
+    """Lists the twins that lie beside a recording, by their names.
+
+    Args:
+        of, of_sha256: name and hash of the recording.
+    """
+    folder = twins_folder(bag)
+    names = sorted(file.parent.name for file in folder.glob(f"*/{TWIN_FILE}"))
+    records = [finished_twin(bag, name, of_sha256) for name in names]
+    found = TwinSet(
+        of=of, of_sha256=of_sha256, twins=[record for record in records if record is not None]
+    )
+    write_json(folder / SET_FILE, found.model_dump(mode="json", by_alias=True))
+    return found
+
+
+def remove_twin(bag: Path, name: str) -> None:
+    """Removes a recording's twin, if there is one."""
+    folder = twins_folder(bag) / name
+    if folder.is_dir():
+        shutil.rmtree(folder)
+
+
+def usable_twins(bag: Path, bag_sha256: str) -> Iterator[TwinRecord]:
+    """The twins that a recording may be asked about.
+
+    Args:
+        bag_sha256: hash of the recording.
+
+    Raises:
+        InputError: they were made of another recording.
+    """
+    found = read_set(bag)
+    if found is None:
+        return
+    if found.of_sha256 != bag_sha256:
+        raise InputError(
+            "is of another recording", file=twins_folder(bag) / SET_FILE, field="of_sha256",
+            value=found.of_sha256, remedy=f"make the twins of {bag} anew with `ssp twins`",
+        )  # fmt: skip
+    yield from (twin for twin in found.twins if twin.audit.holds)
+
+
+def bag_of(bag: Path, name: str) -> Path:
+    """The bag of a recording's twin."""
+    return twins_folder(bag) / name / "bag"

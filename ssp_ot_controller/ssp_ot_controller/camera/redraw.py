@@ -1,0 +1,176 @@
+"""Draws the frames of a recorded session again, from the states that it recorded.
+
+The states go in step by step, as they came to the camera, since limbs and indicators depend on
+what was before. What is given the same gives the same bytes (docs/camera.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.world.camera import View, view_from
+from ssp_ot_controller.camera.frames import Odometer, jpeg, steps_per_frame
+from ssp_ot_controller.camera.kernels.jit import Array
+from ssp_ot_controller.camera.renderer.bodies import Body, bodies_of, to_block
+from ssp_ot_controller.camera.renderer.render import render
+from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
+from ssp_ot_controller.camera.renderer.stage import shadow_on_ground, stage_for
+
+_NEAR_M = 0.05
+# A pixel's samples lie up to half of one from its middle, and edges are softened over one.
+_BESIDE_PX = 2
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a picture shows otherwise than the states say.
+
+    Args:
+        dark_brakes, dark_indicators: ids of those whose lamps don't shine.
+        camera_at: where the VUT carries the camera; None: where it is.
+    """
+
+    dark_brakes: frozenset[str] = frozenset()
+    dark_indicators: frozenset[str] = frozenset()
+    camera_at: ObjectState | None = None
+
+
+AS_IT_IS = Shown()
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One frame.
+
+    Args:
+        pixels: shape (height, width, 3), uint8, blue, green, red, before JPEG.
+        jpeg: as the camera records it.
+    """
+
+    scene: Scene
+    pixels: Array
+    jpeg: bytes
+
+
+class Redrawing:
+    """The camera of a recorded run, taking states and drawing those steps that have a frame.
+
+    Args:
+        run: with a camera.
+    """
+
+    def __init__(self, run: RunSpec) -> None:
+        if run.camera is None:
+            raise ValueError("the run has no camera")
+        self._run, self._camera = run, run.camera
+        self._every = steps_per_frame(run.camera.rate_hz, run.step_s)
+        self._odometer, self._indicators = Odometer(), Indicators(run.road)
+
+    def see(
+        self, step: int, stamp_ns: int, states: Sequence[ObjectState], shown: Shown = AS_IT_IS
+    ) -> Scene | None:
+        """Takes the states of the next step; the scene if the step has a frame."""
+        known = tuple(state for state in states if state.is_finite)
+        self._odometer.update(known)
+        vut = next((state for state in known if state.object_id == self._run.vut.id), None)
+        if step % self._every or vut is None:
+            return None
+        sides = self._indicators.update(known, stamp_ns)
+        return Scene(
+            self._run.road,
+            vut if shown.camera_at is None else shown.camera_at,
+            tuple(_darkened(state) if state.object_id in shown.dark_brakes else state
+                  for state in known),
+            self._odometer.snapshot(),
+            {key: side for key, side in sides.items() if key not in shown.dark_indicators},
+        )  # fmt: skip
+
+    def draw(self, scene: Scene, step: int) -> Picture:
+        """The frame of a scene."""
+        run = self._run
+        pixels = render(scene, run.look, self._camera, step // self._every, run.seed)
+        return Picture(scene, pixels, jpeg(pixels, self._camera.jpeg_quality))
+
+    def touched(self, scene: Scene, object_id: str) -> Array:
+        """The pixels that an object's image or its shadow may reach, shape (height, width), bool.
+
+        It is drawn from the object's triangles alone, without the renderer's rasteriser and
+        whatever stands in front of it. Light that it sends out or mirrors isn't in it.
+        """
+        camera, road = self._camera, self._run.road
+        shape = (camera.height_px, camera.width_px)
+        mask = np.zeros(shape, np.uint8)
+        stage = stage_for(road, self._run.look, self._run.seed)
+        view = view_from(to_block(scene.vut.pose, road.origin.pose), camera)
+        body = _body(scene, object_id, bodies_of(scene, stage))
+        if body is not None:
+            corners = body.mesh.corners
+            _fill(mask, view, corners)
+            _fill(mask, view, shadow_on_ground(corners, stage.sun))
+        kernel = np.ones((2 * _BESIDE_PX + 1,) * 2, np.uint8)
+        return np.asarray(cv2.dilate(mask, kernel) > 0)
+
+    @property
+    def reaches_no_further(self) -> bool:
+        """Whether an object changes no other pixels than ``touched`` has.
+
+        At dusk its lamps light up what is round it, wet ground mirrors it, and motion blur spreads
+        it.
+        """
+        look = self._run.look
+        return look.light == "day" and look.rain == 0.0 and self._camera.exposure_time_s == 0.0
+
+
+def _darkened(state: ObjectState) -> ObjectState:
+    return replace(state, acceleration_mps2=max(0.0, state.acceleration_mps2))
+
+
+def _body(scene: Scene, object_id: str, bodies: Sequence[Body]) -> Body | None:
+    """The body of an object; bodies come in the order of the scene's others."""
+    for state, body in zip(scene.others, bodies, strict=False):
+        if state.object_id == object_id:
+            return body
+    return None
+
+
+def _fill(mask: Array, view: View, triangles: Array) -> None:
+    """Fills what triangles cover, each cut off at the camera's plane.
+
+    Args:
+        triangles: shape (n, 3, 3), in the block's frame.
+    """
+    at = (np.asarray(triangles, np.float64) - view.position_m) @ view.rotation.T
+    inside = at[..., 2] >= _NEAR_M
+    whole = inside.all(axis=1)
+    for outline in _outline(view, at[whole]):
+        cv2.fillConvexPoly(mask, outline, 1)
+    for points, seen in zip(at[~whole], inside[~whole], strict=True):
+        if seen.any():
+            cv2.fillConvexPoly(mask, _outline(view, _cut(points, seen)), 1)
+
+
+def _outline(view: View, points: Array) -> Array:
+    """Pixels of points in the camera's frame, rounded, shape (..., 2)."""
+    lens = view.intrinsics
+    u = lens.fx_px * points[..., 0] / points[..., 2] + lens.cx_px
+    v = lens.fy_px * points[..., 1] / points[..., 2] + lens.cy_px
+    # OpenCV takes coordinates of 16 bits' size; what is so far out lies outside all the same.
+    return np.clip(np.round(np.stack([u, v], axis=-1)), -30000, 30000).astype(np.int32)
+
+
+def _cut(points: Array, inside: Array) -> Array:
+    """The part of a triangle in front of the camera's plane."""
+    kept = []
+    for k in range(3):
+        a, b = points[k], points[(k + 1) % 3]
+        if inside[k]:
+            kept.append(a)
+        if inside[k] != inside[(k + 1) % 3]:
+            kept.append(a + (b - a) * (_NEAR_M - a[2]) / (b[2] - a[2]))
+    return np.array(kept)
