@@ -1,8 +1,8 @@
 """Writes what documents say of tables in the code: ``python docs/generate.py``.
 
 ``state-machines.md``, ``parameters.md`` and the packages' ``config/*.param.yaml`` as a whole, and
-the tables of ``MARKED`` between their marks. A test fails while a document says something else
-than the code.
+the tables of ``MARKED`` between their marks, and the picture of an ISO 22133 object's states. A
+test fails while one of them says something else than the code.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from ssp_core.node_interface import Parameter
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.stopping import stopping_of
-from ssp_core.vocabulary import ObjectClass, Verdict
+from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_eval.ros import parameters as ssp_eval_params
+from ssp_ot_controller.bodies.iso22133 import states as iso
 from ssp_ot_controller.bodies.iso22133.probe_clauses import CLAUSES
 from ssp_ot_controller.objects import state_machine
 from ssp_ot_controller.ros import parameters as ot_controller_params
@@ -106,7 +107,164 @@ too.
 {_diagram(target, lambda event: event.name)}
 
 {_matrix(target, list(state_machine.ObjectEvent), lambda event: event.name)}
+
+## Object that speaks ISO 22133
+`ssp_ot_controller/bodies/iso22133/states.py`. What the heartbeat (HEAB) of a session says, and the
+states of an object that agree with it. Those that may lead there are allowed for a while; any other
+contradicts.
+
+![A session's states beside a test object's](images/iso-22133-states.svg)
+
+{_heartbeats()}
+
+What a conforming object does; a dash changes nothing:
+
+{_matrix(iso.AFTER, list(iso.Stimulus), lambda stimulus: str(stimulus.value))}
 """
+
+
+def _heartbeats() -> str:
+    rows = []
+    for phase, status in iso.STATUS_OF.items():
+        found: dict[iso.Fit, list[str]] = {one: [] for one in iso.Fit}
+        for state in ControlState:
+            found[iso.fit(phase, state)].append(state.name)
+        fits = [", ".join(found[one]) or "–" for one in (iso.Fit.AGREES, iso.Fit.COMES)]
+        rows.append([phase.name, f"{status.value} {status.name}", *fits])
+    return _table(["session", "HEAB says", "agree", "may lead there"], rows)
+
+
+# -- the picture of an ISO 22133 object's states --------------------------------------------------
+
+# Rows of the picture: a session's states beside the object's. Arrows are those of the tables.
+_P, _C = SessionPhase, ControlState
+_ROWS: tuple[tuple[SessionPhase | None, ControlState], ...] = (
+    (_P.LOADED, _C.INIT),
+    (_P.CONNECTED, _C.DISARMED),
+    (None, _C.PRE_ARMING),
+    (_P.ARMED, _C.ARMED),
+    (None, _C.PRE_RUNNING),
+    (_P.RUNNING, _C.RUNNING),
+    (_P.STOPPING, _C.POSTRUN),
+    (_P.FINISHED, _C.DISARMED),
+    (_P.ABORTING, _C.ABORTING),
+)
+_ROW_PX, _TOP_PX, _BOX_PX = 74, 84, (124, 34)
+_LEFT_PX, _RIGHT_PX, _WIDTH_PX = 130, 500, 720
+_INK, _MESSAGE = "#1d2733", "#1f5fa8"
+
+
+def _text(x: float, y: float, words: str, color: str = _INK, more: str = "") -> str:
+    return f"<text x='{x:g}' y='{y:g}' fill='{color}' {more}>{words}</text>"
+
+
+def _arrow(path: str, color: str = _INK, more: str = "") -> str:
+    head = "m" if color == _MESSAGE else "i"
+    return f"<path d='{path}' fill='none' stroke='{color}' marker-end='url(#{head})' {more}/>"
+
+
+def _column(
+    x: float, rows: Sequence[Enum | None], table: Mapping[Enum, Mapping[Enum, Enum]], side: int
+) -> Iterable[str]:
+    """One machine: straight down to the next box, all else around it, one lane each."""
+    width, height = _BOX_PX
+    everywhere, lanes = _everywhere(table, rows), 0
+    for begin, state in enumerate(rows):
+        if state is None or state in rows[:begin]:
+            continue
+        arrows: dict[Enum, list[str]] = {}
+        for event, target in table[state].items():
+            if target in rows and target is not state and event not in everywhere:
+                arrows.setdefault(target, []).append(str(event.value).replace("_", " "))
+        below = next((k for k in range(begin + 1, len(rows)) if rows[k] is not None), 0)
+        for target, events in arrows.items():
+            words, top = ", ".join(events), _y(begin) + height / 2
+            if rows[below] is target:
+                yield _arrow(f"M{x},{top} V{_y(below) - height / 2 - 2}")
+                anchor = "end" if side > 0 else "start"
+                middle = (_y(begin) + _y(below)) / 2 + 4
+                yield _text(x - side * 8, middle, words, more=f"text-anchor='{anchor}'")
+                continue
+            lanes += 1
+            end = rows.index(target)
+            edge, lane = x + side * width / 2, x + side * (width / 2 + 34 * lanes)
+            # Farther lanes come in above nearer ones, so that none crosses another.
+            to = _y(end) + 20 - 14 * lanes
+            yield _arrow(f"M{edge},{_y(begin)} H{lane} V{to} H{edge + side * 2}")
+            at, middle = lane + (12 if side > 0 else -7), (_y(begin) + to) / 2 + 10
+            turn = f"transform='rotate(-90 {at:g} {middle:g})'"
+            yield _text(at, middle, words, more=f"font-size='11' text-anchor='middle' {turn}")
+    for k, state in enumerate(rows):
+        if state is not None:
+            left, top = x - width / 2, _y(k) - height / 2
+            yield (
+                f"<rect x='{left:g}' y='{top:g}' width='{width}' height='{height}' rx='6' "
+                f"fill='#f4f7fa' stroke='{_INK}'/>"
+            )
+            yield _text(x, _y(k) + 4, state.name, more="text-anchor='middle' font-weight='600'")
+
+
+def _y(row: int) -> int:
+    return _TOP_PX + row * _ROW_PX
+
+
+def _everywhere(
+    table: Mapping[Enum, Mapping[Enum, Enum]], rows: Iterable[Enum | None]
+) -> dict[Enum, tuple[Enum, list[str]]]:
+    """Events that lead to one state from three or more: where to, and from which states not."""
+    shown = [state for state in dict.fromkeys(rows) if state is not None]
+    found: dict[Enum, tuple[Enum, list[str]]] = {}
+    for event in {event for state in shown for event in table[state]}:
+        targets = [table[state][event] for state in shown if event in table[state]]
+        if len(targets) > 2 and len(set(targets)) == 1 and targets[0] in shown:
+            found[event] = targets[0], [s.name for s in shown if event not in table[s]]
+    return found
+
+
+def _in_words(x: float, y: float, found: Mapping[Enum, tuple[Enum, list[str]]]) -> Iterable[str]:
+    for k, (event, (target, but)) in enumerate(sorted(found.items(), key=lambda e: e[0].name)):
+        beside = f" but {', '.join(but)}" if but else ""
+        words = f"{event.value}: from every state{beside} to {target.name}"
+        yield _text(x, y + 18 * k, words)
+
+
+def iso_states() -> str:
+    """The whole of images/iso-22133-states.svg."""
+    phases, states = [phase for phase, _ in _ROWS], [state for _, state in _ROWS]
+    under = _y(len(_ROWS)) - 14
+    parts = [
+        _text(_LEFT_PX, 34, "session", more="text-anchor='middle' font-size='15'"),
+        _text(_RIGHT_PX, 34, "test object", more="text-anchor='middle' font-size='15'"),
+        *_column(_LEFT_PX, phases, session_machine.TABLE, -1),
+        *_column(_RIGHT_PX, states, iso.AFTER, 1),
+        *_in_words(30, under, _everywhere(session_machine.TABLE, phases)),
+        *_in_words(_RIGHT_PX - 130, under, _everywhere(iso.AFTER, states)),
+    ]
+    begin, end = _LEFT_PX + _BOX_PX[0] / 2, _RIGHT_PX - _BOX_PX[0] / 2 - 3
+    for k, (phase, state) in enumerate(_ROWS):
+        if phase is None:
+            continue
+        if iso.fit(phase, state) is not iso.Fit.AGREES:
+            raise ValueError(f"{state.name} doesn't agree with {phase.name}")
+        words = f"HEAB {iso.STATUS_OF[phase].name.lower().replace('_', ' ')}"
+        parts.append(_arrow(f"M{begin:g},{_y(k)} H{end:g}", _MESSAGE))
+        parts.append(_text(begin + 10, _y(k) - 6, words, _MESSAGE))
+    heads = "".join(
+        f"<marker id='{name}' viewBox='0 0 8 8' refX='7' refY='4' markerWidth='7' "
+        f"markerHeight='7' orient='auto'><path d='M0,0 L8,4 L0,8 z' fill='{color}'/></marker>"
+        for name, color in (("i", _INK), ("m", _MESSAGE))
+    )
+    size = f"width='{_WIDTH_PX}' height='{under + 40}'"
+    return "\n".join(
+        [
+            f"<svg xmlns='http://www.w3.org/2000/svg' {size} role='img' font-size='12' "
+            "font-family='Inter, Segoe UI, Helvetica, Arial, sans-serif'>",
+            f"<title>States of a session and of a test object</title><defs>{heads}</defs>",
+            "<rect width='100%' height='100%' fill='#ffffff'/>",
+            *parts,
+            "</svg>\n",
+        ]
+    )
 
 
 # -- limits ---------------------------------------------------------------------------------------
@@ -147,7 +305,7 @@ JUDGED: dict[SafetyCode, tuple[str, tuple[str, ...]]] = {
     S.REPLY_MISSING: ("heartbeat_s", (MANAGER,)),
     S.FOREIGN_MANAGER: ("none", (OBJECT, MANAGER)),
     S.NOT_STOPPING: ("stop_reaction_s", (OBJECT,)),
-    S.OBJECT_CONTRADICTS: ("see iso-22133.md", (OBJECT,)),
+    S.OBJECT_CONTRADICTS: ("[contradictions](iso-22133.md)", (OBJECT,)),
     S.CONNECTION_LOST: ("none", (OBJECT,)),
 }
 
@@ -389,6 +547,7 @@ def main() -> None:
     """Writes all of them."""
     (DOCS / "state-machines.md").write_text(state_machines())
     (DOCS / "parameters.md").write_text(parameters())
+    (DOCS / "images" / "iso-22133-states.svg").write_text(iso_states())
     for path, text in parameter_files().items():
         path.write_text(text)
     for name in MARKED:

@@ -38,6 +38,14 @@ def test_the_state_machines_are_those_of_the_tables(generate: ModuleType) -> Non
     assert written == generate.state_machines(), "run `python docs/generate.py`"
 
 
+def test_the_picture_of_a_test_objects_states_is_that_of_the_tables(generate: ModuleType) -> None:
+    written = (ROOT / "docs" / "images" / "iso-22133-states.svg").read_text()
+    assert written == generate.iso_states(), "run `python docs/generate.py`"
+    # What it says in words and not by an arrow.
+    assert "HEAB abort: from every state but INIT to ABORTING" in written
+    assert "connection or heartbeats lost: from every state to INIT" in written
+
+
 def test_the_parameters_are_those_of_the_tables(generate: ModuleType) -> None:
     assert (ROOT / "docs" / "parameters.md").read_text() == generate.parameters()
     files = generate.parameter_files()

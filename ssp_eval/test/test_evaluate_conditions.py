@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import (
-    CellOptions,
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.conditions import (
     blackened,
     derangement,
     other_label_time,

@@ -12,9 +12,10 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.vocabulary import Verdict
 from ssp_eval.evaluate.campaign import Plan, run_campaign
-from ssp_eval.evaluate.cell import CellOptions, other_label_time
+from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.cli import driving_before
+from ssp_eval.evaluate.conditions import other_label_time
 from ssp_eval.evaluate.model_client import InProcessClients, Loss
 from ssp_eval.evaluate.models import ModelSpec, bridge_spec, with_controls
 from ssp_eval.report.page import write_report
@@ -43,6 +44,12 @@ OK = CellResult(Path(), "s", "d", "m", "ok", (), {}, 9, 0, {}, "admitted")
             Plan(27, 3, 27, 0, 18),
             "3 cells, 27 questions; of these 18 for controls: 18 to the models once more, with "
             "spoilt frames (--no-controls leaves them out)",
+        ),
+        (
+            Plan(153, 17, 153, 0, 18, 117),
+            "17 cells, 153 questions; of these 18 for controls: 18 to the models once more, with "
+            "spoilt frames (--no-controls leaves them out); 117 to the models once more, with "
+            "corrupted pictures",
         ),
     ],
 )

@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 
 import ssp_msgs.msg as msg
 from ssp_core.bag.types import definition, store_from
-from ssp_core.cdr import references, states, steps
+from ssp_core.cdr import iso_frames, references, states, steps
 from ssp_core.cdr.messages import object_state as decoded_state
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import LATEST_S
@@ -83,6 +84,10 @@ DONES = st.builds(steps.StepDone, TEXTS, U64, U64, PHASES, U64, U64, U64)
 HEARTBEATS = st.builds(
     steps.Heartbeat, STAMPS, TEXTS, U64, STAMPS, PHASES, st.dictionaries(TEXTS, U64, max_size=4)
 )
+RAW_FRAMES = st.lists(
+    st.builds(iso_frames.RawFrame, st.booleans(), STAMPS, st.binary(max_size=80)), max_size=5
+).map(tuple)
+BATCHES = st.builds(iso_frames.FrameBatch, STAMPS, TEXTS, RAW_FRAMES)
 
 
 def header(message, stamp):
@@ -105,6 +110,17 @@ def ack_to_msg(ack):
         error_msg=ack.error_msg,
     )
     return header(message, ack.stamp_ns)
+
+
+def batch_to_msg(batch):
+    message = msg.IsoFrames(
+        object_id=batch.object_id,
+        sent=[frame.sent for frame in batch.frames],
+        stamps=[stamp_from_ns(frame.stamp_ns) for frame in batch.frames],
+        ends=list(accumulate(len(frame.data) for frame in batch.frames)),
+        data=b"".join(frame.data for frame in batch.frames),
+    )
+    return header(message, batch.stamp_ns)
 
 
 def tick_to_msg(tick):
@@ -168,6 +184,7 @@ CODECS = {
         reference_to_msg,
     ),
     "ack": (ACKS, references.encode_ack, references.decode_ack, ack_to_msg),
+    "frames": (BATCHES, iso_frames.encode_frames, iso_frames.decode_frames, batch_to_msg),
     "tick": (TICKS, steps.encode_tick, steps.decode_tick, tick_to_msg),
     "commands": (COMMANDS, steps.encode_commands, steps.decode_commands, commands_to_msg),
     "done": (DONES, steps.encode_done, steps.decode_done, done_to_msg),
@@ -293,6 +310,22 @@ def test_broken_bytes_give_a_value_or_a_value_error(kind):
             decode(bytes(data))
 
     check()
+
+
+def test_frames_whose_parts_do_not_fit_are_refused():
+    frame = iso_frames.RawFrame(True, 7, b"abc")
+    good = batch_to_msg(iso_frames.FrameBatch(7, "ot1", (frame, frame)))
+    for field, value in (
+        ("sent", [True]),
+        ("stamps", []),
+        ("ends", [3, 2]),
+        ("ends", [3, 7]),
+        ("ends", [3, 6, 6]),
+    ):
+        message = deserialize_message(serialize_message(good), msg.IsoFrames)
+        setattr(message, field, value)
+        with pytest.raises(ValueError, match="frames of ot1"):
+            iso_frames.decode_frames(serialize_message(message))
 
 
 @pytest.mark.parametrize(("offset", "value"), [(0, 7), (1, 4), (2, 10)])

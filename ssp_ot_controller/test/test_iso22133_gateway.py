@@ -28,7 +28,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 )
 from ssp_ot_controller.bodies.iso22133.units import to_gps
 from ssp_ot_controller.bodies.odometry import LeverArm
-from ssp_ot_controller.objects.live import parse_bodies
+from ssp_ot_controller.objects.live import LiveObjects, parse_bodies
 from tests.support.iso22133 import ObjectSockets, monr
 from tests.support.runs import small_run
 from tests.support.waiting import DEADLINE_S, until
@@ -163,9 +163,9 @@ def test_an_object_is_led_and_read(body: IsoBody, sockets: ObjectSockets, told: 
     assert body.check.armed
     # Both directions, byte by byte.
     frames = body.frames()
-    names = [_message(f).__class__.__name__ for _, _, data in frames for f in frames_of(data)]
+    names = [_message(f).__class__.__name__ for one in frames for f in frames_of(one.data)]
     assert names[:4] == ["Osem", "Traj", "Heab", "Monr"]
-    assert [sent for sent, _, _ in frames][:4] == [True, True, True, False]
+    assert [one.sent for one in frames][:4] == [True, True, True, False]
     assert body.frames() == []
     assert "Ada lets ot1 be armed" in told[0]
     peer.close()
@@ -206,3 +206,44 @@ def test_without_a_report_or_a_name_it_cannot_be_armed(sockets: ObjectSockets) -
     assert "probe report" in body.check.cannot_arm
     peer.close()
     body.close()
+
+
+def test_only_objects_that_say_something_new_are_stepped_between_the_steps() -> None:
+    given = small_run(mode="live", datum=DATUM)
+    given["targets"].append(given["targets"][0] | {"id": "ot2"})
+    run = RunSpec.model_validate(given)
+    with ObjectSockets() as one, ObjectSockets() as other:
+        bodies = {
+            spec.id: IsoBody(run, spec, IsoAddress(at.host, at.port, waive="Ada"), 1, print)
+            for spec, at in zip(run.targets, (one, other), strict=True)
+        }
+        peers = [
+            connected(body, at) for body, at in zip(bodies.values(), (one, other), strict=True)
+        ]
+        live = LiveObjects(run, bodies, print)
+        live.beat(time.time_ns())
+        for peer in peers:
+            peer.beat()
+            peer.says(state=ControlState.DISARMED.value)
+
+        def stepped(now_ns: int) -> list[str]:
+            return [state.object_id for state in live.tick(now_ns, only_new=True).objects]
+
+        def came(count: int) -> bool:
+            live.listen(time.time_ns())
+            return sum(body.statistics.count for body in bodies.values()) == count
+
+        until(lambda: came(2), "MONR of both")
+        now_ns = time.time_ns()
+        assert stepped(now_ns) == ["ot1", "ot2"]
+        assert not live.listen(now_ns)
+        step_ns = round(run.step_s * 1e9)
+        assert stepped(now_ns + step_ns) == []
+        peers[1].says(state=ControlState.DISARMED.value)
+        until(lambda: came(3), "another MONR")
+        assert stepped(now_ns + step_ns // 2) == []
+        assert stepped(now_ns + step_ns) == ["ot2"]
+        # With the step itself, everybody is.
+        assert len(live.tick(now_ns + 2 * step_ns).objects) == 2
+        for end in (*peers, live):
+            end.close()

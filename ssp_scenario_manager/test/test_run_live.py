@@ -149,6 +149,9 @@ def test_what_people_are_told(run: RunSpec, tmp_path: Path) -> None:
     text = "\n".join(describe(LiveSetup({}), run, tmp_path / "run.yaml", env))
     for part in ("domain 7", "10.0.0.1:11811", "hosts.xml", "object_target of ot1", "/ssp/vut/sta"):
         assert part in text
+    waived = LiveSetup({"ot1": "iso22133://10.0.0.7?waive=A. Tester&report=r.json"})
+    text = "\n".join(describe(waived, run, tmp_path / "run.yaml", env))
+    assert "A. Tester lets ot1 be armed whatever its probe report lacks" in text
 
 
 def test_places_on_the_earth_need_a_site_that_lies_somewhere(run: RunSpec, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
 from ssp_scenario_manager.session.limits import Violation
+from ssp_scenario_manager.session.state_machine import STANDSTILL_GIVEN_UP
 from ssp_scenario_manager.session.supervision import (
     ABORT_STANDSTILL_S,
     ARM_CONFIRMATION_S,
@@ -226,6 +227,29 @@ def test_an_object_that_is_silent_is_not_waited_for(
 ) -> None:
     """Nobody hears it, and all others stand."""
     assert Aborting(driver).gives_up(100.0, 100.0, 100.0 - silent_s) is given_up
+
+
+def test_a_standstill_that_nobody_reports_is_given_up_once_and_by_name(driver: Any) -> None:
+    """Who follows the session from elsewhere ends by it; the session stays where it is."""
+    session = Aborting(driver).driver.session
+    session.outbox.clear()
+    for _ in range(2):
+        session.give_up_on_standstill(driver.now_ns)
+    (told,) = session.outbox
+    assert (told.state, told.previous) == (SessionPhase.ABORTING, SessionPhase.ABORTING)
+    assert (told.event, told.reason) == (STANDSTILL_GIVEN_UP, "nobody reports that ot1 stands")
+    assert (told.verdict, session.state) == (Verdict.ABORTED, SessionPhase.ABORTING)
+    driver.command("abort")
+    session.outbox.clear()
+    session.give_up_on_standstill(driver.now_ns)
+    assert [one.event for one in session.outbox] == [STANDSTILL_GIVEN_UP]
+
+
+def test_nothing_is_given_up_before_an_abort(driver: Any) -> None:
+    driver.until("RUNNING")
+    driver.session.outbox.clear()
+    driver.session.give_up_on_standstill(driver.now_ns)
+    assert driver.session.outbox == []
 
 
 def test_the_wait_begins_anew_with_each_abort(driver: Any) -> None:

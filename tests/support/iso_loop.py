@@ -211,16 +211,20 @@ class Loop:
             self.link.lose()
 
     def _serve(self, *, only_new: bool) -> None:
+        # Instead of ``listen``: there is no socket.
+        if only_new and not self.body.poll(self.now_ns):
+            return
         tick = self._live.tick(self.now_ns, only_new=only_new)
         if only_new and not tick.objects:
             return
-        self._live.check(self.pool)
+        among = [state.object_id for state in tick.objects] if only_new else None
+        self._live.check(self.pool, among)
         self.pool.take_tick(replace(tick), self.steady_ns)
-        self._take(self.pool.step(self.steady_ns))
+        self._take(self.pool.step(self.steady_ns), among)
 
-    def _take(self, step: PoolStep | None) -> None:
+    def _take(self, step: PoolStep | None, among: list[str] | None) -> None:
         self._live.command(step, self.now_ns)
-        self._live.follow(self.pool, self.now_ns)
+        self._live.follow(self.pool, self.now_ns, among)
         if step is not None:
             self.stops += [event.stop for event in step.events]
             self.acks += step.acks

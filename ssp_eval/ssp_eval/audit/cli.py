@@ -16,6 +16,8 @@ from ssp_eval.audit.judge import check_domains, judge
 from ssp_eval.audit.page import render
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.data.audit import AUDIT_FILE, PAGE_FILE, Audit, RecordingEntry
+from ssp_eval.data.response import PairEntry
+from ssp_eval.response.compare import load_limits
 from ssp_scenario_manager.event_spec.load import load_event
 
 # verb: (module:function, one line of help); imported when it is used.
@@ -67,6 +69,13 @@ _WIDEST = 300
 @click.option(
     "--event", "event_name", metavar="K*", help="K* by name or file. Default: the one in the bags."
 )
+@click.option(
+    "--limits",
+    "limits_file",
+    type=_PATH,
+    metavar="FILE",
+    help="Limits of responses that count as alike. Default: the shipped ones.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the audit as JSON.")
 @click.option("--force", is_flag=True, help="Replace an audit that is in the folder.")
 def audit(
@@ -75,6 +84,7 @@ def audit(
     physical: Path,
     out: Path,
     event_name: str | None,
+    limits_file: Path | None,
     as_json: bool,
     force: bool,
 ) -> int:
@@ -88,6 +98,7 @@ def audit(
         if file.exists() and not force:
             raise InputError("exists already", file=file, remedy="give --force to replace it")
     event = None if event_name is None else load_event(event_name)[0]
+    limits = None if limits_file is None else load_limits(limits_file)
     with console.progress("reading", 6) as bar:
         task = bar.task_ids[0]
         recordings = []
@@ -96,7 +107,7 @@ def audit(
             bar.advance(task)
         check_domains(recordings)
         bar.update(task, description="measuring")
-        judged = judge(recordings, event)
+        judged = judge(recordings, event, limits)
         bar.update(task, description="drawing")
         page = render(judged, lambda done, of: bar.advance(task))
     make_folder(out)
@@ -135,6 +146,8 @@ def show(found: Audit) -> None:
     console.out.print(table)
     if found.labels is not None:
         console.note(f"labels per phase: {found.labels}")
+    for pair in [] if found.response is None else found.response.pairs:
+        console.note(response_line(pair))
     for r in found.recordings:
         for reason in r.reasons:
             console.out.print(f"{r.domain}: {reason.text}: {reason.detail}", markup=False)
@@ -153,6 +166,15 @@ def show(found: Audit) -> None:
                 console.note(
                     f"{r.domain}: {change.field} was changed on site by {change.who}{late}"
                 )
+
+
+def response_line(pair: PairEntry) -> str:
+    """The verdict on one pair of responses in a line."""
+    text = f"response of {pair.comparison} against {pair.reference}: {pair.verdict}"
+    if pair.rating is not None:
+        text += f", ISO/TS 18571 {pair.rating.overall:.2f} ({pair.rating.grade})"
+    notable = [cause.text for cause in pair.causes if cause.notable]
+    return "; ".join([text, *pair.why, *notable])
 
 
 def _number(value: float | None, digits: int) -> str:

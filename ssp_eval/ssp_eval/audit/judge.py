@@ -36,7 +36,10 @@ from ssp_eval.data.audit import (
 )
 from ssp_eval.data.labels import compare_labels, phase_counts
 from ssp_eval.data.provenance import Provenance, bag_folder
+from ssp_eval.data.response import ResponseLimits
 from ssp_eval.recordings.event import rules_of
+from ssp_eval.response.compare import load_limits, respond
+from ssp_eval.response.drive import Drive, drive_of, no_drive
 from ssp_scenario_manager.compile.compiler import LOGGED_AS
 from ssp_scenario_manager.event_spec.load import event_version
 from ssp_scenario_manager.event_spec.log import Record
@@ -186,12 +189,17 @@ def find_event(recordings: Sequence[Recording]) -> Event | None:
     return next((event for event in found if event is not None), None)
 
 
-def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged:
+def judge(
+    recordings: Sequence[Recording],
+    event: Event | None = None,
+    limits: ResponseLimits | None = None,
+) -> Judged:
     """Audits three recordings.
 
     Args:
         recordings: Synthetic, Simulation, Physical.
         event: the K*; None: the one that the recordings carry.
+        limits: of responses that count as alike; None: the shipped ones.
 
     Raises:
         InputError: they aren't of these domains, or states can't be used at all.
@@ -251,8 +259,20 @@ def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged
         thresholds={} if thresholds is None else thresholds.model_dump(),
         labels=compare_labels(labelled).line if labelled else None,
         recordings=entries,
+        response=respond([_drive(one) for one in examined], limits or load_limits()),
     )
     return Judged(audit, examined)
+
+
+def _drive(one: Examined) -> Drive:
+    """What the VUT of a recording did within its clip, against the OT of its event."""
+    who, measured = one.recording.provenance.participants, one.measured
+    if who is None or measured is None:
+        return no_drive()
+    parts = {measured.initiator, measured.affected} - {who.vut}
+    other = next((name for name in who.targets if name in parts), None)
+    trigger_s = None if one.phases is None else one.phases.trigger_s
+    return drive_of(one.recording.series, who.vut, other, trigger_s)
 
 
 def _scenario(recordings: Sequence[Recording], event: Event | None) -> str:

@@ -14,6 +14,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.run_file.values import Finite, NonNegative, Strict
 from ssp_core.vocabulary import DOMAINS, DomainWord, PhaseWord
+from ssp_eval.data.response import ResponseEntry
 
 TOPOLOGY = "topology"
 ROLES = "participant_roles"
@@ -318,6 +319,9 @@ class Audit(Strict):
         None, description="labels per phase, and whether domains compare by them (METHOD 4.5)"
     )
     recordings: Annotated[list[RecordingEntry], Field(min_length=3, max_length=3)]
+    response: ResponseEntry | None = Field(
+        None, description="did the VUT respond alike; null in audits of earlier builds"
+    )
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 

@@ -20,7 +20,7 @@ from ssp_eval.evaluate.admission import NO_AUDIT, Admission, keep_audits
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers
 from ssp_eval.evaluate.model_client import ModelClients
-from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.models import CONDITIONS, PICTURES, ModelSpec
 from ssp_eval.labels.propose import propose_by_plan
 from ssp_eval.labels.review import is_unreviewed, write_proposal
 from ssp_eval.labels.truth import Truth, truth_from_bag
@@ -39,7 +39,8 @@ class Plan:
     Args:
         label_times: of all cells, also of those that are refused and not asked.
         to_answerers: of these, to the harness's own answerers.
-        spoilt: of these, to models that are asked once more under a condition.
+        spoilt: of these, to models that are asked once more with spoilt frames.
+        corrupted: of these, to models that are asked once more with corrupted pictures.
         goes_on: some may have an answer that is stored, and isn't asked for again.
         label_lines: per scenario how many labels each phase has, and whether the domains compare
             (METHOD 5.2b).
@@ -50,6 +51,7 @@ class Plan:
     questions: int
     to_answerers: int
     spoilt: int
+    corrupted: int = 0
     goes_on: bool = False
     label_lines: tuple[str, ...] = field(default=(), compare=False)
 
@@ -59,15 +61,18 @@ class Plan:
         if self.goes_on:
             text += " (those with a stored answer are counted and not asked again)"
         controls = self.to_answerers + self.spoilt
-        if not controls:
-            return text
         parts = []
         if self.spoilt:
             parts.append(f"{self.spoilt} to the models once more, with spoilt frames")
         if self.to_answerers:
             parts.append(f"{self.to_answerers} to answerers of our own")
-        what = ", ".join(parts)
-        return f"{text}; of these {controls} for controls: {what} ({leave_out} leaves them out)"
+        told = []
+        if controls:
+            what = ", ".join(parts)
+            told.append(f"{controls} for controls: {what} ({leave_out} leaves them out)")
+        if self.corrupted:
+            told.append(f"{self.corrupted} to the models once more, with corrupted pictures")
+        return f"{text}; of these {'; '.join(told)}" if told else text
 
 
 def plan_of(
@@ -89,7 +94,8 @@ def plan_of(
         cells=len(asked) * len(models),
         questions=each * len(models),
         to_answerers=each * sum(model.answerer for model in models),
-        spoilt=each * sum(bool(model.condition) for model in models),
+        spoilt=each * sum(model.condition in CONDITIONS for model in models),
+        corrupted=each * sum(model.condition in PICTURES for model in models),
         goes_on=goes_on,
         label_lines=tuple(f"{name}: {found.line}" for name, found in compared.items()),
     )

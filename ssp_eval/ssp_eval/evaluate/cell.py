@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import random
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 
-import cv2
-import numpy as np
-
-from ssp_core.errors import InputError, PeerError
+from ssp_core.errors import PeerError
 from ssp_core.files import make_folder, write_bytes, write_json, write_text
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.data.labels import Labels, labels_to_json
@@ -29,6 +24,7 @@ from ssp_eval.evaluate.cell_file import (
     frame_path,
     write_cell,
 )
+from ssp_eval.evaluate.conditions import question_under
 from ssp_eval.evaluate.model_client import (
     PASSING,
     IgnoredAnswers,
@@ -37,7 +33,7 @@ from ssp_eval.evaluate.model_client import (
     ModelClients,
     loss_of,
 )
-from ssp_eval.evaluate.models import BLACK, CONDITION_SEED, SHUFFLED, ModelSpec
+from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.raw_store import RawStore, check_unchanged
 from ssp_eval.evaluate.requests import AnswerKeys, Asked, new_request_id
 from ssp_eval.extract.language import NOT_READ
@@ -47,106 +43,6 @@ from ssp_eval.score.cell import score_cell
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.messages import Frame, Request, Response
-
-
-def blackened(request: Request) -> Request:
-    """The request with black frames of the same sizes and stamps.
-
-    Raises:
-        InputError: a frame is no picture.
-    """
-    frames = tuple(Frame(frame.stamp_ns, _black(*_size(frame.jpeg))) for frame in request.frames)
-    return replace(request, frames=frames)
-
-
-def shuffled(request: Request, seed: int = CONDITION_SEED) -> Request:
-    """The request with its pictures in another order, so that none keeps its time.
-
-    Args:
-        request: with two frames or more.
-
-    Raises:
-        ValueError: a single frame has no order.
-    """
-    if len(request.frames) < 2:
-        raise ValueError("a single frame can't change its place")
-    order = derangement(len(request.frames), seed, request.stamp_ns)
-    frames = tuple(
-        Frame(frame.stamp_ns, request.frames[other].jpeg)
-        for frame, other in zip(request.frames, order, strict=True)
-    )
-    return replace(request, frames=frames)
-
-
-def shown_another(request: Request, other: Frame) -> Request:
-    """The request with its newest picture replaced by that of another time; its stamp stays."""
-    newest = replace(request.frames[-1], jpeg=other.jpeg)
-    return replace(request, frames=(*request.frames[:-1], newest))
-
-
-def derangement(count: int, seed: int, salt: int = 0) -> list[int]:
-    """A random order in which nothing keeps its place: one cycle (Sattolo's algorithm).
-
-    Args:
-        count: of the things, 2 or more.
-    """
-    rng = random.Random(sha256_json([seed, salt]))
-    order = list(range(count))
-    for k in range(count - 1, 0, -1):
-        j = rng.randrange(k)
-        order[k], order[j] = order[j], order[k]
-    return order
-
-
-def other_label_time(
-    times_s: Sequence[float], index: int, seed: int = CONDITION_SEED
-) -> float | None:
-    """The label time whose picture is shown at another one; None where there is only one."""
-    return None if len(times_s) < 2 else times_s[derangement(len(times_s), seed)[index]]
-
-
-def under(
-    condition: str, question: Question, another: Question | NoQuestion | None
-) -> Question | NoQuestion:
-    """A question under a condition.
-
-    Args:
-        condition: one of models.CONDITIONS; empty: the question itself.
-        another: what would be asked at other_label_time; None where there is none. It is used
-            where a request holds a single frame.
-    """
-    if not condition:
-        return question
-    if condition == BLACK:
-        try:
-            return replace(question, request=blackened(question.request))
-        except InputError as error:  # the model itself is told so; a control must end nothing
-            return NoQuestion(question.label_t_s, f"there is no size to make black: {error}")
-    if len(question.request.frames) > 1:
-        return replace(question, request=shuffled(question.request))
-    if not isinstance(another, Question):
-        why = "there is no frame of another label time to show instead"
-        return NoQuestion(question.label_t_s, why)
-    frame = another.request.frames[-1]
-    return replace(question, request=shown_another(question.request, frame))
-
-
-@lru_cache(maxsize=8)
-def _black(width_px: int, height_px: int) -> bytes:
-    done, jpeg = cv2.imencode(".jpg", np.zeros((height_px, width_px, 3), np.uint8))
-    if not done:
-        raise ValueError(f"OpenCV can't encode a picture of {width_px} × {height_px} px")
-    return jpeg.tobytes()
-
-
-def _size(jpeg: bytes) -> tuple[int, int]:
-    # Of no bytes at all OpenCV raises an error of its own.
-    data = np.frombuffer(jpeg, np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if jpeg else None
-    if image is None:
-        raise InputError("is no picture", field="frame")
-    return image.shape[1], image.shape[0]
-
 
 Progress = Callable[[], None]
 _LONGEST_PAUSE_S = 30.0
@@ -209,7 +105,7 @@ class _Conversation:
 
     def question(self, label_t_s: float) -> Question | NoQuestion:
         """What is asked about a label time, with the model's previous answer if it takes one."""
-        question = self._put(label_t_s)
+        question = question_under(self._place.labelled, self._place.model, label_t_s)
         if isinstance(question, NoQuestion):
             return question
         if any(one.t_s == question.t_s for one in self._asked):
@@ -217,19 +113,6 @@ class _Conversation:
             return NoQuestion(label_t_s, reason)
         previous, _ = self._previous()
         return replace(question, request=replace(question.request, previous=previous))
-
-    def _put(self, label_t_s: float) -> Question | NoQuestion:
-        """What the clip gives to ask, under the model's condition."""
-        clip, model = self._place.labelled.clip, self._place.model
-        question = clip.question(label_t_s, model.rules)
-        if not model.condition or isinstance(question, NoQuestion):
-            return question
-        another = None
-        if model.condition == SHUFFLED and len(question.request.frames) == 1:
-            times = [label.t_s for label in self._place.labelled.labels.labels]
-            other_t_s = other_label_time(times, times.index(label_t_s))
-            another = None if other_t_s is None else clip.question(other_t_s, model.rules)
-        return under(model.condition, question, another)
 
     def _previous(self) -> tuple[Response | None, str]:
         """The last answer, or why there is none although something was asked."""

@@ -20,12 +20,14 @@ from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.model_client import CONNECT_S
 from ssp_eval.evaluate.models import (
     ANSWERERS,
+    PICTURES,
     ModelSpec,
     attached_spec,
     bridge_spec,
     check_bridge,
     load_models,
     with_controls,
+    with_pictures,
 )
 from ssp_eval.evaluate.run import (
     ENGINES,
@@ -164,6 +166,12 @@ _PATH = click.Path(path_type=Path)
     "frames, which asks each model three times as much; none of them enters a mean.",
 )
 @click.option(
+    "--pictures",
+    is_flag=True,
+    help=f"Ask each model once more under {len(PICTURES)} corruptions of its frames: noise, "
+    "blur, fog, low light, glare, lost frames, none to see, and encoded again; none enters a mean.",
+)
+@click.option(
     "--workers",
     type=click.IntRange(1, 1024),
     default=None,
@@ -194,6 +202,7 @@ def evaluate(
     thresholds_file: Path | None,
     fresh: bool,
     controls: bool,
+    pictures: bool,
     workers: int | None,
     engine: str,
     as_json: bool,
@@ -218,6 +227,8 @@ def evaluate(
     models = model_specs(bridges, attached, models_files)
     if controls:
         models = with_controls(models, driving_before(out))
+    if pictures:
+        models = with_pictures(models)
     paired: list[tuple[Path, Path | None]] = [(bag, None) for bag in bags]
     if labels_files:
         paired = list(zip(bags, labels_files, strict=True))

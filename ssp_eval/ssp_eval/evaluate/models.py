@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -43,13 +44,34 @@ ANSWERERS = ("constant_velocity", "copy_history", "perfect", "silent")
 BLACK = "black"
 SHUFFLED = "shuffled"
 CONDITIONS = (BLACK, SHUFFLED)
-# Of the order into which frames are put; one for all campaigns, so that they can be compared.
+# What --pictures adds: kinds of corruption (corruptions.py) in two strengths, frames that show
+# nothing, and the control: frames that were decoded and encoded again, as corrupted ones are.
+DROPPED = "dropped_frames"
+CORRUPTIONS = ("noise", "blur", "fog", "low_light", "glare", DROPPED)
+TEXT_ONLY = "pictures.text_only"
+PICTURES_CONTROL = "pictures.control"
+PICTURES = (
+    *(f"pictures.{kind}.{strength}" for kind in CORRUPTIONS for strength in (1, 2)),
+    TEXT_ONLY,
+    PICTURES_CONTROL,
+)
+# What a condition that isn't one of CONDITIONS begins with.
+_FAMILIES = ("pictures.",)
+# Of the order into which frames are put and of what is drawn in them; one for all campaigns, so
+# that they can be compared.
 CONDITION_SEED = 1
+
+
+def condition_of(model: str) -> tuple[str, str]:
+    """Name of the model and condition under which it was asked; empty where there is none."""
+    name, _, last = model.rpartition("+")
+    known = last in CONDITIONS or last.startswith(_FAMILIES)
+    return (name, last) if name and known else (model, "")
 
 
 def is_control_name(model: str) -> bool:
     """Whether a name alone says that it is no model but a check of the harness."""
-    return model in CONTROLS or model.endswith(tuple(f"+{name}" for name in CONDITIONS))
+    return model in CONTROLS or bool(condition_of(model)[1])
 
 
 @dataclass(frozen=True)
@@ -400,14 +422,35 @@ def with_controls(specs: list[ModelSpec], driving: Collection[str] = ()) -> list
         driving: names under which the campaign has models already; an answerer with one of them is
             asked like the others and stays a model.
     """
-    checks = {*CONTROLS, *ANSWERERS}
-    found = []
-    for spec in specs:
-        conditions = () if spec.backend_name in checks else CONDITIONS
-        found += [spec, *(replace(spec, condition=name, control=True) for name in conditions)]
+    found = once_more(specs, CONDITIONS, {*CONTROLS, *ANSWERERS})
     names = {spec.name for spec in specs}
     added = [bridge_spec(name) for name in ANSWERERS if name not in names]
     return found + [replace(s, control=s.name not in driving, answerer=True) for s in added]
+
+
+def with_pictures(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
+    """The models, each followed by itself under every corruption of the pictures.
+
+    Models that check the harness get none, for the reasons of with_controls.
+    """
+    return once_more(specs, PICTURES, {*CONTROLS, *ANSWERERS})
+
+
+def once_more(
+    specs: Sequence[ModelSpec], conditions: Sequence[str], but: Collection[str]
+) -> list[ModelSpec]:
+    """The models, each followed by itself under conditions, after those that it has already.
+
+    Args:
+        but: names of backends whose models get none.
+    """
+    found = []
+    for spec, following in zip_longest(specs, specs[1:]):
+        found.append(spec)
+        last = following is None or following.name != spec.name
+        if last and spec.backend_name not in but:
+            found += [replace(spec, condition=name, control=True) for name in conditions]
+    return found
 
 
 def check_bridge(model: ModelSpec) -> None:

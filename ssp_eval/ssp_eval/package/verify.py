@@ -19,6 +19,7 @@ from ssp_core.files import parse_model
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.data.audit import Audit, RecordingEntry
+from ssp_eval.data.response import ResponseLimits
 from ssp_eval.package.contents import Contents, Index, Problem, missing_parts, nearest
 from ssp_eval.package.links import Chains, Links
 from ssp_eval.package.log import merged_log
@@ -83,7 +84,8 @@ class Audits:
             told.event_version is not None and event_file is None
         ):
             return
-        found = self._again([p for p in places if p is not None], self._event(event_file))
+        limits = None if told.response is None else told.response.limits
+        found = self._again([p for p in places if p is not None], self._event(event_file), limits)
         if told.software != found.software:
             self.notes.append(
                 f"{entry.path}: made by {told.software}, compared with what ssp {__version__} gives"
@@ -99,7 +101,9 @@ class Audits:
             return None
         return parse_model(Event, self._contents.mapping(entry), entry.path)
 
-    def _again(self, places: Sequence[FileEntry], event: Event | None) -> Audit:
+    def _again(
+        self, places: Sequence[FileEntry], event: Event | None, limits: ResponseLimits | None
+    ) -> Audit:
         """The audit of recordings, each laid out as it lay when it was taken in."""
         with tempfile.TemporaryDirectory(prefix="ssp-package-") as scratch:
             recordings: list[Recording] = []
@@ -108,7 +112,7 @@ class Audits:
                     self._on_step(f"judging {place.path}")
                     root = Path(scratch) / str(number)
                     recordings.append(read_recording(self._contents.lay_out(place, root)))
-                return judge(recordings, event).audit
+                return judge(recordings, event, limits).audit
             except InputError as error:
                 text = str(error)
                 for number in range(len(places)):
@@ -134,7 +138,8 @@ def _compare(told: Audit, found: Audit) -> Iterator[_Difference]:
     for number, (one, other) in enumerate(pairs):
         seen = {"status", "reasons"} | _FREE_OF_RECORDING
         yield from _keys(f"recordings[{number}].", _json(one), _json(other), seen)
-    yield from _keys("", _json(told), _json(found), _FREE_OF_AUDIT)
+    free = _FREE_OF_AUDIT if told.response is not None else _FREE_OF_AUDIT | {"response"}
+    yield from _keys("", _json(told), _json(found), free)
 
 
 def _codes(entry: RecordingEntry) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from array import array
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -293,6 +293,35 @@ class Clip(Closing):
                 self._left_bytes -= size
                 self._kept[label_t_s] = found
         return found
+
+    def last_arrived(
+        self, frames: Sequence[Frame], is_lost: Callable[[int], bool]
+    ) -> tuple[Frame, ...]:
+        """Frames of the clip as they are shown where some of the clip's are lost.
+
+        In place of a lost one the last picture is shown that came before it, at the same stamp;
+        where none came, its own.
+
+        Args:
+            is_lost: whether the frame at a stamp is.
+
+        Raises:
+            InputError: a file of the bag can't be read, or was changed since the clip was opened.
+        """
+        shown = {}
+        for frame in frames:
+            index = bisect_left(self._frame_stamps, frame.stamp_ns)
+            while index >= 0 and is_lost(self._frame_stamps[index]):
+                index -= 1
+            shown[frame.stamp_ns] = self._frames[index] if index >= 0 else None
+        with self._content.watched():
+            came = [entry for entry in shown.values() if entry is not None]
+            found = {f.stamp_ns: f.jpeg for f in self._fetch(came)} if came else {}
+        return tuple(
+            frame if (entry := shown[frame.stamp_ns]) is None
+            else replace(frame, jpeg=found[entry.stamp_ns])
+            for frame in frames
+        )  # fmt: skip
 
     def crop_to(self, crop: Crop | None) -> None:
         """From here on the recording is as if it had been cut to a clip (METHOD 4.1).

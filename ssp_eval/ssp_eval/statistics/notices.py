@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from ssp_core.vocabulary import DOMAINS, PHASES
 from ssp_eval.evaluate.admission import ADMITTED
-from ssp_eval.evaluate.models import ANSWERERS, CONDITIONS
+from ssp_eval.evaluate.models import ANSWERERS, CONDITIONS, condition_of
 from ssp_eval.evaluate.results import CellData, CellFacts
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.statistics.rows import OK, CellRow, compared_labels, entering, one_scale, over_what
 from ssp_eval.statistics.table import Column, Table, some
-from ssp_eval.statistics.tables import condition_of, uneven
+from ssp_eval.statistics.tables import uneven
 
 COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, LANGUAGE, MEASURED, RENDERER, CELL = (
     "comparability", "stand_in", "left_out", "controls", "labels", "language", "measured",
@@ -158,7 +158,7 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
     text = (
         f"{controls[0]} is a control of the harness, not a model; means and ranks leave it out."
         if len(controls) == 1
-        else f"{', '.join(controls)} are controls of the harness, not models; means and ranks "
+        else f"{some(controls)} are controls of the harness, not models; means and ranks "
         "leave them out."
     )
     yield Notice(CONTROLS, text, tuple(controls))

@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import combinations
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.models import CONDITIONS
+from ssp_eval.evaluate.models import CONDITIONS, condition_of
 from ssp_eval.score.aggregate import (
     BY_DOMAIN,
     BY_MODEL,
@@ -192,17 +192,11 @@ AS_MUCH = "scores as much without seeing"
 UNPAIRED = "no recording was scored with both"
 
 
-def condition_of(model: str) -> tuple[str, str]:
-    """Name of the model and condition under which it was asked; empty where there is none."""
-    name, _, last = model.rpartition("+")
-    return (name, last) if name and last in CONDITIONS else (model, "")
-
-
 def control_tables(rows: Sequence[CellRow]) -> list[Table]:
     """The tables of the controls that there are, none where there are none."""
     rows = one_scale(rows)
     scored = merged([row for row in rows if row.status == OK])
-    asked = {row.model for row in rows if row.control and condition_of(row.model)[1]}
+    asked = {row.model for row in rows if row.control and condition_of(row.model)[1] in CONDITIONS}
     blind = [row for row in scored if row.control and not condition_of(row.model)[1]]
     found = []
     if asked:
@@ -370,7 +364,7 @@ def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
         notes.append(f"In {_cells(len(nulls))} a component has no denominator: 0 in IVCS.")
     controls = sorted({row.model for row in rows if row.control})
     if controls:
-        notes.append(f"Controls left out: {', '.join(controls)}.")
+        notes.append(f"Controls left out: {some(controls)}.")
     return tuple(notes)
 
 

@@ -17,6 +17,7 @@ from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.audit import Audit
 from ssp_eval.data.labels import labels_to_json
+from ssp_eval.data.response import ResponseLimits
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
@@ -133,15 +134,21 @@ def judged_once(judged: dict[object, Audit]) -> Iterator[None]:
     """The same recordings are judged once: most tests change what is written of them."""
     again = Audits._again
 
-    def remembered(self: Audits, places: Sequence[FileEntry], event: Event | None) -> Audit:
+    def remembered(
+        self: Audits,
+        places: Sequence[FileEntry],
+        event: Event | None,
+        limits: ResponseLimits | None,
+    ) -> Audit:
         files = [e for e in self._contents.files if e.role not in BESIDE_AUDITS]
         key = (
             tuple(place.path for place in places),
             frozenset((e.path, e.sha256) for e in files),
             None if event is None else event.model_dump_json(),
+            None if limits is None else limits.model_dump_json(),
         )
         if key not in judged:
-            judged[key] = again(self, places, event)
+            judged[key] = again(self, places, event, limits)
         return judged[key]
 
     with pytest.MonkeyPatch.context() as patch:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-import socket
+import select
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
+from ssp_core.cdr.iso_frames import FrameBatch
 from ssp_core.cdr.steps import WorldTick
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
@@ -143,20 +144,24 @@ class LiveObjects:
         """Of the objects whose bodies speak ISO 22133."""
         return tuple(self._test_objects)
 
-    @property
-    def sockets(self) -> list[socket.socket]:
-        """Those on which test objects report, which are dealt with as they come."""
-        return [one for body in self._test_objects.values() for one in body.sockets]
+    def listen(self, now_ns: int) -> bool:
+        """Reads the test objects that have said something; True where there is a new reading."""
+        owners = {one: body for body in self._test_objects.values() for one in body.sockets}
+        readable = {id(owners[one]): owners[one] for one in select.select(owners, (), (), 0)[0]}
+        new = [body.poll(now_ns) for body in readable.values()]
+        return any(new)
 
     def tick(self, now_ns: int, *, only_new: bool = False) -> WorldTick:
         """Reads all bodies; one that says nothing new is where it was, with its old stamp.
 
         Args:
-            only_new: those that say nothing new, or were in a tick just now, are left out.
+            only_new: after ``listen``; those that say nothing new, or were in a tick just now, are
+                left out.
         """
         self._step += 1
-        for test_object in self._test_objects.values():
-            test_object.poll(now_ns)
+        if not only_new:
+            for test_object in self._test_objects.values():
+                test_object.poll(now_ns)
         for object_id, body in self._bodies.items():
             reading = body.read()
             if reading is not None and self._is_believable(object_id, reading, now_ns):
@@ -173,27 +178,33 @@ class LiveObjects:
             truths.append(state_of(reading, self._specs[object_id], number))
         return WorldTick(now_ns, self._step, True, False, 0, 0, tuple(truths))
 
-    def check(self, pool: ObjectPool) -> None:
-        """Tells object targets what their test objects are found to be."""
-        for object_id, body in self._test_objects.items():
-            pool.target_of(object_id).body = body.check
+    def check(self, pool: ObjectPool, among: Iterable[str] | None = None) -> None:
+        """Tells object targets what their test objects are found to be.
 
-    def follow(self, pool: ObjectPool, now_ns: int) -> None:
-        """Tells test objects what their object targets decided."""
-        for object_id, body in self._test_objects.items():
-            body.follow(pool.target_of(object_id).decided, now_ns)
+        Args:
+            among: which of the objects; None: all.
+        """
+        for object_id in self._bodies if among is None else among:
+            if object_id in self._test_objects:
+                pool.target_of(object_id).body = self._test_objects[object_id].check
+
+    def follow(self, pool: ObjectPool, now_ns: int, among: Iterable[str] | None = None) -> None:
+        """Tells test objects what their object targets decided; ``among`` as for ``check``."""
+        for object_id in self._bodies if among is None else among:
+            if object_id in self._test_objects:
+                self._test_objects[object_id].follow(pool.target_of(object_id).decided, now_ns)
 
     def beat(self, now_ns: int) -> None:
         """A heartbeat to each test object."""
         for body in self._test_objects.values():
             body.beat(now_ns)
 
-    def frames(self) -> Iterator[tuple[str, list[tuple[bool, int, bytes]]]]:
-        """Raw frames of each test object since the last call: sent or not, ns, bytes."""
+    def frames(self) -> Iterator[FrameBatch]:
+        """Raw frames of each test object since the last call."""
         for object_id, body in self._test_objects.items():
             frames = body.frames()
             if frames:
-                yield object_id, frames
+                yield FrameBatch(frames[-1].stamp_ns, object_id, tuple(frames))
 
     def _is_believable(self, object_id: str, reading: BodyReading, now_ns: int) -> bool:
         ahead_s = ns_to_seconds(reading.stamp_ns - now_ns)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import select
 import sys
-import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from itertools import accumulate
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -17,6 +14,7 @@ from rclpy.node import Node
 
 from ssp_core import names, ros
 from ssp_core.cdr import steps
+from ssp_core.cdr.iso_frames import encode_frames
 from ssp_core.cdr.references import decode_reference, encode_ack
 from ssp_core.cdr.states import StateArray, decode_state, decode_states, encode_state, encode_states
 from ssp_core.errors import HostError
@@ -57,16 +55,21 @@ class ObjectPublishers:
 
     Args:
         states_in_one: all states in one message instead of one per object.
+        world: there is a simulated world, which hears commands for bodies.
     """
 
-    def __init__(self, node: Node, object_ids: tuple[str, ...], states_in_one: bool) -> None:
+    def __init__(
+        self, node: Node, object_ids: tuple[str, ...], *, states_in_one: bool, world: bool
+    ) -> None:
         self._node = node
         pub = node.create_publisher
-        self._command = pub(ActuatorCommands, names.ACTUATOR_COMMANDS, ros.COMMAND)
         self._done = pub(StepDone, names.STEP_DONE, ros.STATE)
         self._safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
         self._fault = pub(FaultEvent, names.FAULT_EVENT, ros.LATCHED)
         self._reply = pub(HeartbeatReply, names.HEARTBEAT_REPLY, ros.STATE)
+        self._command = None
+        if world:
+            self._command = pub(ActuatorCommands, names.ACTUATOR_COMMANDS, ros.COMMAND)
         self._states = None
         self._state: dict[str, Any] = {}
         if states_in_one:
@@ -97,7 +100,8 @@ class ObjectPublishers:
             )
             self._done.publish(steps.encode_done(done))
         # Last: the manager judges the step meanwhile, and the world waits for it anyway.
-        self._command.publish(steps.encode_commands(self._commands_of(step)))
+        if self._command is not None:
+            self._command.publish(steps.encode_commands(self._commands_of(step)))
 
     def reply(self, reply: HeartbeatAnswer) -> None:
         """An answer to a heartbeat; one that leaves now is stamped here, as late as may be."""
@@ -151,81 +155,39 @@ class TestObjectEndpoints:
     """What test objects need beside the steps: heartbeats, reports as they come, raw frames.
 
     Args:
-        on_report: called in the node's executor when a test object has said something.
+        on_report: called when a test object has said something new.
     """
 
     def __init__(self, node: Node, live: LiveObjects, on_report: Callable[[], None]) -> None:
-        self._node, self._live, self._on_report = node, live, on_report
+        self._live, self._on_report = live, on_report
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timers = [
-            node.create_timer(HEAB_PERIOD_S, self._beat, clock=steady),
-            node.create_timer(FRAMES_PERIOD_S, self._publish_frames, clock=steady),
-        ]
+        node.create_timer(HEAB_PERIOD_S, self._beat, clock=steady)
+        # The executor of events can't wait for sockets.
+        node.create_timer(LISTEN_PERIOD_S, self._listen, clock=steady)
+        node.create_timer(FRAMES_PERIOD_S, self.publish_frames, clock=steady)
         self._publishers = {
             i: node.create_publisher(IsoFrames, names.iso_frames_topic(i), ros.STATE)
             for i in live.test_object_ids
         }
-        self._failure: Exception | None = None
-        self._served = threading.Event()
-        self._closed = False
-        self._thread = threading.Thread(target=self._wait, name="test objects", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Ends the waiting; timers and publishers belong to the node's entities."""
-        self._closed = True
-        self._served.set()
-        self._thread.join()
-        self._publish_frames()
 
     def _beat(self) -> None:
-        if self._failure is not None:
-            raise self._failure
         self._live.beat(time.time_ns())
 
-    def _wait(self) -> None:
-        """In a thread of its own: wakes the executor when there is something to read."""
-        while not self._closed:
-            sockets = self._live.sockets
-            try:
-                readable = select.select(sockets, [], [], WAIT_S)[0]
-            except (OSError, ValueError):
-                # One was closed meanwhile.
-                readable = []
-                self._served.wait(WAIT_S)
-            if readable:
-                self._served.clear()
-                executor = self._node.executor
-                if executor is not None:
-                    # The executor of events has no guard conditions.
-                    executor.create_task(self._serve)
-                self._served.wait(WAIT_S)
-
-    def _serve(self) -> None:
-        """A task that raises would end the process without a word: the next heartbeat does it."""
-        try:
+    def _listen(self) -> None:
+        if self._live.listen(time.time_ns()):
             self._on_report()
-        except Exception as error:
-            self._failure = error
-        self._served.set()
 
-    def _publish_frames(self) -> None:
-        for object_id, frames in self._live.frames():
-            message = IsoFrames(object_id=object_id, sent=[sent for sent, _, _ in frames])
-            message.header.stamp = ros.stamp_from_ns(frames[-1][1])
-            message.header.frame_id = names.MAP_FRAME
-            message.stamps = [ros.stamp_from_ns(stamp_ns) for _, stamp_ns, _ in frames]
-            message.ends = list(accumulate(len(data) for _, _, data in frames))
-            message.data = b"".join(data for _, _, data in frames)
-            self._publishers[object_id].publish(message)
+    def publish_frames(self) -> None:
+        """Those since the last call."""
+        for batch in self._live.frames():
+            self._publishers[batch.object_id].publish(encode_frames(batch))
 
 
 LATE_ANSWER_PERIOD_S = 0.005
-# Test objects: of the heartbeats, of the messages of raw frames, and for how long their sockets are
-# waited for at once.
+# Test objects: of the heartbeats, of looking at their sockets, and of the messages of raw frames.
 HEAB_PERIOD_S = 1.0 / HEAB_RATE_HZ
+LISTEN_PERIOD_S = 0.002
 FRAMES_PERIOD_S = 0.1
-WAIT_S = 0.05
 WATCHDOG_PERIOD_S = 0.05
 
 
@@ -255,7 +217,12 @@ class ObjectProcess:
             self._live = LiveObjects(run, bodies, log.error)
         self._before = {id(entity) for entity, _ in self._entities()}
         self._responder = HeartbeatResponder()
-        self._outgoing = ObjectPublishers(node, self.pool.object_ids, run.states_in_one)
+        self._outgoing = ObjectPublishers(
+            node,
+            self.pool.object_ids,
+            states_in_one=run.states_in_one,
+            world=self._live is None,
+        )
         self._hear(run)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(WATCHDOG_PERIOD_S, self._watch, clock=steady)
@@ -280,7 +247,7 @@ class ObjectProcess:
     def close(self) -> None:
         """Takes the endpoints and timers away, and leaves bodies to their own watchdogs."""
         if self._test_objects is not None:
-            self._test_objects.close()
+            self._test_objects.publish_frames()
             self._test_objects = None
         for entity, destroy in self._entities():
             if id(entity) not in self._before:
@@ -361,9 +328,10 @@ class ObjectProcess:
         tick = live.tick(time.time_ns(), only_new=only_new)
         if only_new and not tick.objects:
             return
-        live.check(self.pool)
+        among = [state.object_id for state in tick.objects] if only_new else None
+        live.check(self.pool, among)
         self.pool.take_tick(tick, time.monotonic_ns())
-        self._send(self.pool.step(time.monotonic_ns()))
+        self._send(self.pool.step(time.monotonic_ns()), among)
 
     def _on_report(self) -> None:
         if self._live is not None:
@@ -374,11 +342,11 @@ class ObjectProcess:
         if self._live is None:
             self._send(self.pool.step(time.monotonic_ns()))
 
-    def _send(self, step: PoolStep | None) -> None:
+    def _send(self, step: PoolStep | None, among: Iterable[str] | None = None) -> None:
         # Bodies first: what is published can wait.
         if self._live is not None:
             self._live.command(step, time.time_ns())
-            self._live.follow(self.pool, time.time_ns())
+            self._live.follow(self.pool, time.time_ns(), among)
         self._outgoing.send(step)
 
     def _watch(self) -> None:

@@ -281,7 +281,7 @@ class ScenarioManager(Node):
                 self._answer_world()
         self._others.look(self._links.references_sent)
         if self._supervisor.look(time.monotonic_ns(), self._now_ns):
-            self._commands.on_standstill_unconfirmed()
+            self._commands.on_standstill_unconfirmed(self._now_ns)
         holding = not self._in_lockstep and self._session.state in _JUDGED_WHILE_HOLDING
         if self._live or holding:
             self._session.step(self._now_ns)

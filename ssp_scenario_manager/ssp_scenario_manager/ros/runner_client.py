@@ -32,7 +32,7 @@ from ssp_msgs.msg import (
 )
 from ssp_msgs.srv import LoadScenario, SessionCommand
 from ssp_scenario_manager.session.run_script import RunOutcome, RunScript
-from ssp_scenario_manager.session.state_machine import Answer, SessionEvent
+from ssp_scenario_manager.session.state_machine import STANDSTILL_GIVEN_UP, Answer, SessionEvent
 
 RunListener = Callable[[str], None]
 # How long the goal's result may come after the session's last word.
@@ -204,7 +204,11 @@ class RunClient:
             self._tell_state(message.state)
         if message.state == SessionState.STATE_RUNNING:
             self._zero_ns = ros.ns_from_stamp(message.header.stamp)
-        if message.state in (SessionState.STATE_FINISHED, SessionState.STATE_ABORTED):
+        over = message.state in (SessionState.STATE_FINISHED, SessionState.STATE_ABORTED)
+        given_up = message.event == STANDSTILL_GIVEN_UP
+        if given_up:
+            self._say(f"{message.reason}; keep clear")
+        if over or given_up:
             self._end = message
             self._ended_at = time.monotonic()
             if not self._begun and self._zero_ns:

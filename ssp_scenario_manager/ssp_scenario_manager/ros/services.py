@@ -85,8 +85,9 @@ class SessionServices:
         if self._script is not None:
             self._script.on_setback(reason)
 
-    def on_standstill_unconfirmed(self) -> None:
-        """The session aborts and nobody is left to report a standstill."""
+    def on_standstill_unconfirmed(self, now_ns: int) -> None:
+        """The session aborts and nobody is left to report a standstill: ends whoever led it."""
+        self._session.give_up_on_standstill(now_ns)
         if self._script is not None:
             self._script.standstill_unconfirmed()
 

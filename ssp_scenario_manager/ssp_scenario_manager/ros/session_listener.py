@@ -15,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage, NavSatFix
 
 from ssp_core import names, ros
+from ssp_core.cdr.iso_frames import FrameBatch, decode_frames
 from ssp_core.cdr.messages import object_state
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import RunSpec
@@ -58,7 +59,8 @@ class SessionListener(Node):
         sub = self.create_subscription
         for object_id in self._ids:
             sub(ObjectState, names.state_topic(object_id), self._on_state, ros.DRIVER)
-            sub(IsoFrames, names.iso_frames_topic(object_id), self._on_frames, ros.DRIVER)
+            topic = names.iso_frames_topic(object_id)
+            ros.subscribe_raw(self, IsoFrames, topic, decode_frames, self._on_frames, ros.DRIVER)
         sub(ObjectStates, names.OBJECT_STATES, self._on_states, ros.DRIVER)
         if odometry is not None:
             sub(Odometry, odometry, partial(self._hear, odometry), ros.DRIVER)
@@ -125,14 +127,13 @@ class SessionListener(Node):
         for state in message.states:
             self._on_state(state)
 
-    def _on_frames(self, message: IsoFrames) -> None:
-        if message.object_id not in self._ids:
+    def _on_frames(self, batch: FrameBatch) -> None:
+        if batch.object_id not in self._ids:
             return
-        stream = self._frames.setdefault(message.object_id, Stream())
-        for sent, stamp in zip(message.sent, message.stamps, strict=False):
-            if not sent:
-                read_ns = ros.ns_from_stamp(stamp)
-                stream.hear(read_ns, read_ns, "")
+        stream = self._frames.setdefault(batch.object_id, Stream())
+        for frame in batch.frames:
+            if not frame.sent:
+                stream.hear(frame.stamp_ns, frame.stamp_ns, "")
 
     def _on_heartbeat(self, message: Heartbeat) -> None:
         self._managers.add(message.sender)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qsl
 
 import click
 
@@ -213,6 +214,10 @@ def describe(setup: LiveSetup, spec: RunSpec, run_file: Path, env: dict[str, str
         lines.append(
             f"{spec.site} is a stand-in site: its fence and limits are nobody's proving ground"
         )
+    for object_id, address in sorted(setup.bodies.items()):
+        who = dict(parse_qsl(address.partition("?")[2])).get("waive", "").strip()
+        if who:
+            lines.append(f"{who} lets {object_id} be armed whatever its probe report lacks")
     elsewhere = [t.id for t in spec.targets if t.id not in setup.bodies]
     if elsewhere:
         lines.append(f"on other hosts: object_target of {', '.join(elsewhere)}, with {run_file}")

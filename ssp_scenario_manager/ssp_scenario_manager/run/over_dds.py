@@ -146,7 +146,8 @@ def run_session(
             with beside(group, companions, say, remappings):
                 followed = follow(spec, group, run_file, bag, say, interrupt, go)
                 outcome = _shut_down(group, followed.outcome)
-        return _conclude(spec, folder, followed, outcome, started, say)
+        bodies = live.bodies if live is not None else {}
+        return _conclude(spec, folder, followed, outcome, started, bodies, say)
 
 
 def _conclude(
@@ -155,6 +156,7 @@ def _conclude(
     followed: Followed,
     outcome: RunOutcome,
     started: float,
+    bodies: dict[str, str],
     say: Callable[[str], None],
 ) -> RunResult:
     """Checks the bag, gives the verdict, and writes what a run leaves, as far as the disk lets."""
@@ -190,6 +192,7 @@ def _conclude(
     told = {
         **result_keys(spec, happened),
         "in_process": False,
+        "bodies": bodies,
         "verdict": outcome.verdict.name.lower(),
         "reasons": list(outcome.reasons),
         "bag": recording.name,

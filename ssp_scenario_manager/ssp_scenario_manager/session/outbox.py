@@ -14,7 +14,7 @@ from ssp_scenario_manager.triggers.conditions import Sample
 
 @dataclass(frozen=True, slots=True)
 class StateChanged:
-    """A transition of the session."""
+    """A transition of the session; one to the same state has no effect and tells something."""
 
     stamp_ns: int
     state: SessionPhase

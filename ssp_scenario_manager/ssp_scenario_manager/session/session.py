@@ -17,6 +17,7 @@ from ssp_scenario_manager.session.run import Run
 from ssp_scenario_manager.session.state_machine import (
     REFUSED_CONDITION,
     REFUSED_TRANSITION,
+    STANDSTILL_GIVEN_UP,
     Answer,
     IllegalTransition,
     SessionEvent,
@@ -46,6 +47,7 @@ class Session:
         self.vut: ObjectState | None = None
         self.targets: dict[str, ObjectState] = {}
         self._heard: set[str] = set()  # who has sent a state since the last abort
+        self._standstill_given_up = False
 
     # -- what others may look at --------------------------------------------------------------
 
@@ -216,6 +218,21 @@ class Session:
         if self.state is not SessionPhase.ABORTING:
             self._move(SessionEvent.ABORT, violation.stamp_ns, violation.text)
 
+    def give_up_on_standstill(self, now_ns: int) -> None:
+        """Says, once an abort, that nobody is left to report the standstill that it ends with.
+
+        The session stays ABORTING, since what isn't known to stand may move.
+        """
+        run = self._run
+        if run is None or self.state is not SessionPhase.ABORTING or self._standstill_given_up:
+            return
+        self._standstill_given_up = True
+        who = preconditions.moving(
+            run.spec, self.vut, self.targets, now_ns, armed=run.armed, aborting=True
+        )
+        text = f"nobody reports that {' and '.join(who) or 'everything'} stands"
+        self._tell(SessionPhase.ABORTING, STANDSTILL_GIVEN_UP, now_ns, text)
+
     def judge_triggers(
         self, now_ns: int, targets: Mapping[str, ObjectState] | None = None
     ) -> list[outbox.Outgoing]:
@@ -328,11 +345,12 @@ class Session:
         if event is SessionEvent.ABORT:
             # What was heard before says nothing of what came of it.
             self._heard.clear()
-        self.outbox.append(
-            outbox.StateChanged(
-                now_ns, self.state, previous, event.value, reason, self.verdict, self.reasons
-            )
-        )
+            self._standstill_given_up = False
+        self._tell(previous, event.value, now_ns, reason)
+
+    def _tell(self, previous: SessionPhase, event: str, now_ns: int, reason: str) -> None:
+        said = now_ns, self.state, previous, event, reason, self.verdict, self.reasons
+        self.outbox.append(outbox.StateChanged(*said))
 
     def _missing_for(self, event: SessionEvent, now_ns: int) -> list[str]:
         """Everything that a command lacks."""

@@ -27,6 +27,9 @@ class SessionEvent(Enum):
     STANDSTILL = "standstill"
 
 
+# Said once in ABORTING, and moves nothing: nobody is left to report the standstill.
+STANDSTILL_GIVEN_UP = "standstill_given_up"
+
 S, E = SessionPhase, SessionEvent
 
 # Abort is legal in every state; ABORTED is left by all_clear alone.

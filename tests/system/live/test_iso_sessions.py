@@ -49,6 +49,7 @@ def ends_validly(stage: Any, run: subprocess.Popen[Any]) -> Path:
     stage.begin(run)
     result = stage.finish(run)
     assert (result["verdict"], result["status"]) == ("valid", 0), (result, stage.said("ssp_run"))
+    assert "waive=A. Tester" in result["bodies"]["ot1"]
     folder = Path(stage.folder / "run")
     with BagReader(folder / "bag") as bag:
         frames = bag.topics[names.absolute(names.iso_frames_topic("ot1"))]

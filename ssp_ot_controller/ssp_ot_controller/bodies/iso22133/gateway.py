@@ -12,6 +12,7 @@ from urllib.parse import parse_qsl
 
 import numpy as np
 
+from ssp_core.cdr.iso_frames import RawFrame
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.geodesy import Datum
@@ -168,7 +169,7 @@ class IsoBody:
         self._report = None if address.report is None else load_report(address.report)
         self._bound_s = run.limits.stop_reaction_s
         self._firmware: str | None = None
-        self._frames: list[tuple[bool, int, bytes]] = []
+        self._frames: list[RawFrame] = []
         self._link = make_link(address.host, address.port, self._tap)
         self._conversation = Conversation(_settings(run, spec, datum, device_id, self._report))
         self._readings = MonrReadings(datum, address.lever, run.limits.position_std_m)
@@ -181,7 +182,7 @@ class IsoBody:
             tell(f"{address.waive} lets {spec.id} be armed whatever its probe report lacks")
 
     def _tap(self, sent: bool, stamp_ns: int, data: bytes) -> None:
-        self._frames.append((sent, stamp_ns, data))
+        self._frames.append(RawFrame(sent, stamp_ns, data))
 
     def _gate(self) -> str:
         lacks = cannot_arm(self._report, self._bound_s, self._firmware, self._address.waive)
@@ -212,8 +213,8 @@ class IsoBody:
     def check(self) -> BodyCheck:
         return self._conversation.check
 
-    def frames(self) -> list[tuple[bool, int, bytes]]:
-        """Raw frames since the last call: sent or not, ns, bytes."""
+    def frames(self) -> list[RawFrame]:
+        """Those since the last call, of both directions."""
         frames, self._frames = self._frames, []
         return frames
 

@@ -1,0 +1,166 @@
+"""What a model is asked under a condition: its question with one thing changed."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_json
+from ssp_eval.evaluate.cell_file import LabelledClip
+from ssp_eval.evaluate.corruptions import (
+    corrupted_jpeg,
+    encoded_again,
+    is_lost,
+    plain_like,
+)
+from ssp_eval.evaluate.models import (
+    BLACK,
+    CONDITION_SEED,
+    DROPPED,
+    PICTURES_CONTROL,
+    SHUFFLED,
+    TEXT_ONLY,
+    ModelSpec,
+)
+from ssp_eval.recordings.clip import Clip, NoQuestion, Question
+from ssp_vla_bridge.messages import Frame, Request
+
+_BLACK, _GREY = 0, 128
+
+
+def repainted(request: Request, painted: Callable[[Frame], bytes]) -> Request:
+    """The request with other pictures at the same stamps.
+
+    Raises:
+        InputError: a frame is no picture.
+    """
+    frames = tuple(Frame(frame.stamp_ns, painted(frame)) for frame in request.frames)
+    return replace(request, frames=frames)
+
+
+def blackened(request: Request) -> Request:
+    """The request with black frames of the same sizes and stamps.
+
+    Raises:
+        InputError: a frame is no picture.
+    """
+    return repainted(request, _painter(BLACK))
+
+
+def shuffled(request: Request, seed: int = CONDITION_SEED) -> Request:
+    """The request with its pictures in another order, so that none keeps its time.
+
+    Args:
+        request: with two frames or more.
+
+    Raises:
+        ValueError: a single frame has no order.
+    """
+    if len(request.frames) < 2:
+        raise ValueError("a single frame can't change its place")
+    order = derangement(len(request.frames), seed, request.stamp_ns)
+    frames = tuple(
+        Frame(frame.stamp_ns, request.frames[other].jpeg)
+        for frame, other in zip(request.frames, order, strict=True)
+    )
+    return replace(request, frames=frames)
+
+
+def shown_another(request: Request, other: Frame) -> Request:
+    """The request with its newest picture replaced by that of another time; its stamp stays."""
+    newest = replace(request.frames[-1], jpeg=other.jpeg)
+    return replace(request, frames=(*request.frames[:-1], newest))
+
+
+def derangement(count: int, seed: int, salt: int = 0) -> list[int]:
+    """A random order in which nothing keeps its place: one cycle (Sattolo's algorithm).
+
+    Args:
+        count: of the things, 2 or more.
+    """
+    rng = random.Random(sha256_json([seed, salt]))
+    order = list(range(count))
+    for k in range(count - 1, 0, -1):
+        j = rng.randrange(k)
+        order[k], order[j] = order[j], order[k]
+    return order
+
+
+def other_label_time(
+    times_s: Sequence[float], index: int, seed: int = CONDITION_SEED
+) -> float | None:
+    """The label time whose picture is shown at another one; None where there is only one."""
+    return None if len(times_s) < 2 else times_s[derangement(len(times_s), seed)[index]]
+
+
+def question_under(
+    labelled: LabelledClip, model: ModelSpec, label_t_s: float
+) -> Question | NoQuestion:
+    """What a model is asked about a label time, under its condition."""
+    clip, condition = labelled.clip, model.condition
+    question = clip.question(label_t_s, model.rules)
+    if not condition or isinstance(question, NoQuestion):
+        return question
+    another = None
+    if condition == SHUFFLED and len(question.request.frames) == 1:
+        times = [label.t_s for label in labelled.labels.labels]
+        other_t_s = other_label_time(times, times.index(label_t_s))
+        another = None if other_t_s is None else clip.question(other_t_s, model.rules)
+    _, kind, strength = (*condition.split("."), "", "")[:3]
+    if kind == DROPPED:
+        return with_lost_frames(question, clip, int(strength))
+    return under(condition, question, another)
+
+
+def with_lost_frames(question: Question, clip: Clip, strength: int) -> Question:
+    """The question after some of the clip's frames were lost (corruptions.is_lost).
+
+    In place of a lost one the last is shown that came; stamps stay, as those of a picture that
+    stands still.
+    """
+
+    def lost(stamp_ns: int) -> bool:
+        return is_lost(stamp_ns - clip.start_ns, strength)
+
+    request = replace(question.request, frames=clip.last_arrived(question.request.frames, lost))
+    return replace(question, request=request)
+
+
+def under(
+    condition: str, question: Question, another: Question | NoQuestion | None
+) -> Question | NoQuestion:
+    """A question under a condition that needs no other frames than those of questions.
+
+    Args:
+        condition: one of models.CONDITIONS or of the pictures; empty: the question itself.
+        another: what would be asked at other_label_time; None where there is none. It is used
+            where a request holds a single frame.
+    """
+    if not condition:
+        return question
+    if condition != SHUFFLED:
+        try:
+            return replace(question, request=repainted(question.request, _painter(condition)))
+        except InputError as error:  # the model itself is told so; a control must end nothing
+            return NoQuestion(question.label_t_s, f"there is no picture to change: {error}")
+    if len(question.request.frames) > 1:
+        return replace(question, request=shuffled(question.request))
+    if not isinstance(another, Question):
+        why = "there is no frame of another label time to show instead"
+        return NoQuestion(question.label_t_s, why)
+    frame = another.request.frames[-1]
+    return replace(question, request=shown_another(question.request, frame))
+
+
+def _painter(condition: str) -> Callable[[Frame], bytes]:
+    """What becomes of a frame under a condition that changes each by itself."""
+    if condition == BLACK:
+        return lambda frame: plain_like(frame.jpeg, _BLACK)
+    if condition == TEXT_ONLY:
+        return lambda frame: plain_like(frame.jpeg, _GREY)
+    if condition == PICTURES_CONTROL:
+        return lambda frame: encoded_again(frame.jpeg)
+    _, kind, strength = condition.split(".")
+    return lambda frame: corrupted_jpeg(frame.jpeg, kind, int(strength), frame.stamp_ns)

@@ -1,0 +1,185 @@
+"""What the VUT did in one recording: its braking, its key figures and the curve that is rated."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ssp_core.geometry import FloatArray, box_distance
+from ssp_core.motion.encounter import encounter
+from ssp_core.motion.event import Corridor, instants_of
+from ssp_eval.data.response import CurveEntry, Figure
+from ssp_eval.recordings.states import Series
+
+# Both curves are sampled anew at this step, linearly between their states; no filter is applied.
+STEP_S = 0.01
+# The VUT brakes where its acceleration falls below the first; from there back to the crossing of
+# the second.
+BRAKES_MPS2 = -3.0
+BEGINS_MPS2 = -1.0
+# A comparison begins so long before the braking and ends at most so long after it.
+BEFORE_S = 0.2
+AFTER_S = 20.0
+# A shorter common stretch after the braking says nothing.
+SHORTEST_S = 0.5
+_EPS = 1e-9
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What the VUT did in one recording, at its states within the clip.
+
+    Args:
+        t_s: clip times, rising, shape (n,).
+        acceleration_mps2: longitudinal, shape (n,).
+        speed_mps: shape (n,).
+        gap_m: bumper gap along the VUT's path to the OT of the event, NaN where it isn't there,
+            isn't ahead, or isn't in the VUT's corridor, shape (n,); 0 where they touch.
+        ttc_s: to it, +inf while not closing, NaN where it isn't there, shape (n,).
+        touching: the outlines of the two overlap, shape (n,).
+        trigger_s: clip time of the trigger; None: there is none.
+        trigger_gap_m: bumper gap at the trigger, wherever the OT is; None: unknown.
+    """
+
+    t_s: FloatArray
+    acceleration_mps2: FloatArray
+    speed_mps: FloatArray
+    gap_m: FloatArray
+    ttc_s: FloatArray
+    touching: FloatArray
+    trigger_s: float | None
+    trigger_gap_m: float | None = None
+
+    @property
+    def step_s(self) -> float:
+        """The usual time between states."""
+        return float(np.median(np.diff(self.t_s))) if len(self.t_s) > 1 else math.inf
+
+    def at(self, values: FloatArray, t_s: float) -> float | None:
+        """A value at a time; None where it isn't finite."""
+        found = float(np.interp(t_s, self.t_s, values))
+        return found if math.isfinite(found) else None
+
+
+def braking_start(drive: Drive) -> float | None:
+    """Clip time at which the braking begins; None: the VUT doesn't brake.
+
+    The first point below −3 m/s², from there back to the crossing of −1 m/s². A recording that
+    begins below −1 m/s² has no such crossing.
+    """
+    a = drive.acceleration_mps2
+    below = np.flatnonzero(a < BRAKES_MPS2)
+    if not len(below):
+        return None
+    above = np.flatnonzero(a[: below[0]] >= BEGINS_MPS2)
+    if not len(above):
+        return None
+    i = int(above[-1])
+    share = (a[i] - BEGINS_MPS2) / (a[i] - a[i + 1])
+    return float(drive.t_s[i] + share * (drive.t_s[i + 1] - drive.t_s[i]))
+
+
+def obstacle(drive: Drive) -> str | None:
+    """Why a response can't be assessed, None where it can or where the VUT just doesn't brake."""
+    if len(drive.t_s) < 2:
+        return "has no states of the VUT"
+    if drive.trigger_s is None:
+        return "has no trigger"
+    start_s = braking_start(drive)
+    if start_s is None:
+        if (drive.acceleration_mps2 < BRAKES_MPS2).any():
+            return "brakes from its beginning on"
+        return None
+    if start_s - BEFORE_S < drive.t_s[0] - _EPS:
+        return f"begins less than {BEFORE_S} s before its braking"
+    if start_s + SHORTEST_S > drive.t_s[-1] + _EPS:
+        return f"ends less than {SHORTEST_S} s after its braking began"
+    return None
+
+
+def sampled(drive: Drive, zero_s: float, first_s: float, last_s: float) -> FloatArray:
+    """The acceleration at the common step, from ``first_s`` to ``last_s`` after a clip time."""
+    steps = np.arange(math.ceil(first_s / STEP_S - 1e-6), math.floor(last_s / STEP_S + 1e-6) + 1)
+    values: FloatArray = np.interp(zero_s + STEP_S * steps, drive.t_s, drive.acceleration_mps2)
+    return values
+
+
+def curve(drive: Drive) -> CurveEntry | None:
+    """The curve that is rated; None where it can't be assessed."""
+    start_s = braking_start(drive)
+    if start_s is None or drive.trigger_s is None or obstacle(drive) is not None:
+        return None
+    values = sampled(drive, start_s, -BEFORE_S, min(AFTER_S, float(drive.t_s[-1]) - start_s))
+    return CurveEntry(
+        trigger_s=drive.trigger_s,
+        braking_s=start_s,
+        from_s=-BEFORE_S,
+        step_s=STEP_S,
+        acceleration_mps2=[float(value) for value in values],
+    )
+
+
+def figure(drive: Drive, name: Figure) -> float | None:
+    """A key figure of one recording; None: it doesn't exist there.
+
+    ``ttc_at_braking`` at the braking's start; ``remaining_distance`` the smallest bumper gap from
+    there on while the OT is ahead in the VUT's corridor; ``impact_speed`` the VUT's speed at the
+    first state in which the outlines touch, 0 where they never do.
+    """
+    start_s = braking_start(drive)
+    if start_s is None:
+        return None
+    if name == "ttc_at_braking":
+        return drive.at(drive.ttc_s, start_s)
+    later = drive.t_s >= start_s
+    if name == "impact_speed":
+        hits = np.flatnonzero(later & (drive.touching > 0.0))
+        return float(drive.speed_mps[hits[0]]) if len(hits) else 0.0
+    gaps = drive.gap_m[later & np.isfinite(drive.gap_m)]
+    return float(gaps.min()) if len(gaps) else None
+
+
+def drive_of(series: Series, vut: str, other: str | None, trigger_s: float | None) -> Drive:
+    """What the VUT of a recording did, against the OT of its event.
+
+    Args:
+        series: states within the clip.
+        other: the OT of the event; None: there is none.
+        trigger_s: clip time of the trigger; None: there is none.
+    """
+    rows = [(t_s, states) for t_s, states in series if vut in states]
+    states = [states[vut] for _, states in rows]
+    gap_m, ttc_s = np.full(len(rows), math.nan), np.full(len(rows), math.nan)
+    touching = np.zeros(len(rows))
+    trigger_gap_m = None
+    if other is not None and rows:
+        corridor = Corridor.of(states)
+        index = {t_s: i for i, (t_s, _) in enumerate(rows)}
+        for instant in instants_of(rows, vut, other):
+            i = index[instant.t_s]
+            meeting = encounter(instant.vut, instant.other, corridor.path)
+            ttc_s[i] = meeting.ttc_s
+            if box_distance(instant.vut.box, instant.other.box) == 0.0:
+                touching[i], gap_m[i] = 1.0, 0.0
+            elif meeting.in_corridor and meeting.gap_m >= 0.0:
+                gap_m[i] = meeting.gap_m
+            if trigger_gap_m is None and trigger_s is not None and instant.t_s >= trigger_s:
+                trigger_gap_m = meeting.gap_m
+    return Drive(
+        t_s=np.array([t_s for t_s, _ in rows]),
+        acceleration_mps2=np.array([state.acceleration_mps2 for state in states]),
+        speed_mps=np.array([state.speed_mps for state in states]),
+        gap_m=gap_m,
+        ttc_s=ttc_s,
+        touching=touching,
+        trigger_s=trigger_s,
+        trigger_gap_m=trigger_gap_m,
+    )
+
+
+def no_drive() -> Drive:
+    """That of a recording without states."""
+    nothing = np.empty(0)
+    return Drive(nothing, nothing, nothing, nothing, nothing, nothing, None)
