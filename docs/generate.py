@@ -111,7 +111,7 @@ too.
 ## Object that speaks ISO 22133
 `ssp_ot_controller/bodies/iso22133/states.py`. What the heartbeat (HEAB) of a session says, and the
 states of an object that agree with it. Those that may lead there are allowed for a while; any other
-contradicts.
+contradicts ([iso-22133.md](iso-22133.md)).
 
 ![A session's states beside a test object's](images/iso-22133-states.svg)
 

@@ -5,6 +5,7 @@ Times are ns since 1970 (UTC). GPS time and UTC agreed when GPS time began, in 1
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from datetime import UTC, datetime
 
 from ssp_core.clock import NS_PER_S
@@ -31,7 +32,7 @@ _GOOD_UNTIL_NS = day_ns(TABLE_GOOD_UNTIL)
 
 def leap_seconds(utc_ns: int) -> int:
     """Seconds by which GPS time is ahead of UTC."""
-    return sum(utc_ns >= since for since in LEAPS_NS)
+    return bisect_right(LEAPS_NS, utc_ns)
 
 
 def leap_seconds_may_be_old(utc_ns: int) -> bool:

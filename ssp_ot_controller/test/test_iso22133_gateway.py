@@ -239,11 +239,13 @@ def test_only_objects_that_say_something_new_are_stepped_between_the_steps() -> 
         assert not live.listen(now_ns)
         step_ns = round(run.step_s * 1e9)
         assert stepped(now_ns + step_ns) == []
+        # Nor with the step itself: their reports are awaited.
+        assert live.tick(now_ns + step_ns).objects == ()
         peers[1].says(state=ControlState.DISARMED.value)
         until(lambda: came(3), "another MONR")
         assert stepped(now_ns + step_ns // 2) == []
         assert stepped(now_ns + step_ns) == ["ot2"]
-        # With the step itself, everybody is.
+        # One that is silent for longer is stepped all the same.
         assert len(live.tick(now_ns + 2 * step_ns).objects) == 2
         for end in (*peers, live):
             end.close()

@@ -24,8 +24,10 @@ MIRROR = "mirror"
 # Until a body is heard for the first time it is told to stand; it sends to whoever commands it.
 _STAND = Command(0.0, 0.0, 0.0, emergency_stop=True)
 # A test object's reports come more often than objects are stepped; each is stepped on the first
-# one after this share of a step.
+# one after this share of a step, and without one when none has come for so many steps: stepped
+# shortly before its report, it would keep that waiting.
 _STEP_SHARE = 0.75
+_SILENT_STEPS = 1.25
 _REMEDY = (
     f"write <object>=udp://<host>:<port>, <object>={SCHEME}://<host>[:<port>][?report=<file>] or "
     "<object>=mirror, separated by commas"
@@ -130,10 +132,11 @@ class LiveObjects:
         self._test_objects = {i: b for i, b in bodies.items() if isinstance(b, IsoBody)}
         self._ahead_s = run.limits.clock_offset_s
         self._apart_s = _STEP_SHARE * run.step_s if self._test_objects else 0.0
+        self._silent_s = _SILENT_STEPS * run.step_s
         self._stepped_ns: dict[str, int] = {}
         self._newest: dict[str, BodyReading] = {}
-        # Readings that were in no tick yet.
-        self._unseen: set[str] = set()
+        # When they were taken.
+        self._taken_ns: dict[str, int] = {}
         self._states: dict[str, int] = {}
         self._warn = warn
         self._warned: set[str] = set()
@@ -166,17 +169,26 @@ class LiveObjects:
             reading = body.read()
             if reading is not None and self._is_believable(object_id, reading, now_ns):
                 self._newest[object_id] = reading
-                self._unseen.add(object_id)
+                self._taken_ns[object_id] = now_ns
         truths = []
         for object_id, reading in sorted(self._newest.items()):
-            apart_s = ns_to_seconds(now_ns - self._stepped_ns.get(object_id, 0))
-            if apart_s < self._apart_s or (only_new and object_id not in self._unseen):
+            if not self._is_due(object_id, now_ns, only_new):
                 continue
             self._stepped_ns[object_id] = now_ns
-            self._unseen.discard(object_id)
             number = self._states[object_id] = self._states.get(object_id, 0) + 1
             truths.append(state_of(reading, self._specs[object_id], number))
         return WorldTick(now_ns, self._step, True, False, 0, 0, tuple(truths))
+
+    def _is_due(self, object_id: str, now_ns: int, only_new: bool) -> bool:
+        """Whether an object is stepped now."""
+        stepped_ns, taken_ns = self._stepped_ns.get(object_id, 0), self._taken_ns[object_id]
+        if ns_to_seconds(now_ns - stepped_ns) < self._apart_s:
+            return False
+        if taken_ns > stepped_ns:
+            return True
+        reports = object_id in self._test_objects
+        is_silent = not reports or ns_to_seconds(now_ns - taken_ns) > self._silent_s
+        return is_silent and not only_new
 
     def check(self, pool: ObjectPool, among: Iterable[str] | None = None) -> None:
         """Tells object targets what their test objects are found to be.

@@ -13,6 +13,7 @@ Vendors' messages and receivers of GNSS state compass headings: from north, cloc
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 
 from ssp_core.clock import NS_PER_S
 from ssp_core.geometry import wrap_angle
@@ -23,6 +24,8 @@ QUARTER_MS_NS = 250_000
 WEEK_NS = 7 * 86_400 * NS_PER_S
 
 _GPS_EPOCH_NS = day_ns("1980-01-06")
+# When leap seconds have passed, counted as if there were none.
+_LEAPS_PLAIN_NS = tuple(since + count * NS_PER_S for count, since in enumerate(LEAPS_NS, start=1))
 
 
 def to_gps(utc_ns: int) -> tuple[int, int]:
@@ -41,10 +44,7 @@ def to_gps(utc_ns: int) -> tuple[int, int]:
 def to_utc_ns(week: int, time_of_week_ns: int) -> int:
     """The inverse of ``to_gps``."""
     plain_ns = _GPS_EPOCH_NS + week * WEEK_NS + time_of_week_ns
-    leaps = sum(
-        plain_ns >= since + count * NS_PER_S for count, since in enumerate(LEAPS_NS, start=1)
-    )
-    return plain_ns - leaps * NS_PER_S
+    return plain_ns - bisect_right(_LEAPS_PLAIN_NS, plain_ns) * NS_PER_S
 
 
 def nearest_utc_ns(time_of_week_ns: int, near_ns: int) -> int:
