@@ -85,6 +85,11 @@ def test_good_runs_are_admitted(event: str, recordings: Recordings, tmp_path: Pa
         for sight in recording.coverage.participants.values():
             assert sight.fraction is not None
             assert sight.fraction >= sight.needed
+    assert found.response is not None
+    assert [(p.reference, p.comparison) for p in found.response.pairs] == [
+        ("physical", "simulation")
+    ]
+    assert found.response.pairs[0].verdict in ("alike", "unlike")
     physical = found.recordings[2]
     assert physical.stand_in
     assert {"stand-in", "communication", "local speed", "tracking error of ot1"} <= set(
@@ -275,6 +280,10 @@ def test_a_video_that_is_not_the_source_clip_is_unverified(
     assert next(iter(codes(physical))) == "unverified"
     assert (physical.kpr, physical.epd, physical.evidence) == (None, None, "unverified")
     assert [q.words for q in physical.properties.values()] == [None] * 5
+    response = load_audit(tmp_path / "audit").response
+    assert response is not None
+    assert [p.verdict for p in response.pairs] == ["not assessable"]
+    assert "physical has no states of the VUT" in response.pairs[0].why
     assert [r.status for r in others] == ["unpaired", "unpaired"]
 
 

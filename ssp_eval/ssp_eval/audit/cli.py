@@ -147,7 +147,8 @@ def show(found: Audit) -> None:
     if found.labels is not None:
         console.note(f"labels per phase: {found.labels}")
     for pair in [] if found.response is None else found.response.pairs:
-        console.note(response_line(pair))
+        for line in response_lines(pair):
+            console.note(line)
     for r in found.recordings:
         for reason in r.reasons:
             console.out.print(f"{r.domain}: {reason.text}: {reason.detail}", markup=False)
@@ -168,13 +169,13 @@ def show(found: Audit) -> None:
                 )
 
 
-def response_line(pair: PairEntry) -> str:
-    """The verdict on one pair of responses in a line."""
+def response_lines(pair: PairEntry) -> list[str]:
+    """The verdict on one pair of responses, why it is so, and what explains a difference."""
     text = f"response of {pair.comparison} against {pair.reference}: {pair.verdict}"
     if pair.rating is not None:
         text += f", ISO/TS 18571 {pair.rating.overall:.2f} ({pair.rating.grade})"
     notable = [cause.text for cause in pair.causes if cause.notable]
-    return "; ".join([text, *pair.why, *notable])
+    return [text, *(f"  {line}" for line in (*pair.why, *notable))]
 
 
 def _number(value: float | None, digits: int) -> str:

@@ -31,6 +31,8 @@ from ssp_eval.audit.judge import Judged
 from ssp_eval.audit.reasons import TABLE
 from ssp_eval.data.audit import FIELDS, TOPOLOGY, Audit, PropertyEntry
 from ssp_eval.pages import jpeg_uri
+from ssp_eval.response.page import STYLE as RESPONSE_STYLE
+from ssp_eval.response.page import section
 
 COLUMNS = ("start", "trigger", "conflict", "in the conflict", "resolution")
 WIDTH_PX = 640
@@ -261,6 +263,7 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done,
     environment.filters["plain"] = _plain
     environment.filters["coordinate"] = pages.number
     styles = [folder / "style.css" for folder in (_HERE.parent / "report", _HERE)]
+    styles.append(RESPONSE_STYLE)
     return environment.get_template("page.html.j2").render(
         audit=audit,
         recordings=audit.recordings,
@@ -271,6 +274,7 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done,
         facts=fact_rows(audit),
         disclosures=_side_by_side([r.disclosures for r in audit.recordings]),
         checks=TABLE,
+        response=None if audit.response is None else section(audit.response),
         style=Markup("".join(style.read_text("utf-8") for style in styles)),
         version=__version__,
     )

@@ -17,6 +17,7 @@ from ssp_eval.figures.write import GROUPS, Written, write_figures
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED
 from ssp_eval.statistics.notices import everywhere, notice_table, notices
+from ssp_eval.statistics.responses import named_audits, response_table
 from ssp_eval.statistics.rows import CellRow, rows_from_cells, rows_from_csv, scale
 from ssp_eval.statistics.statistics import Options, compute, steps_of
 from ssp_eval.statistics.statistics_tables import (
@@ -256,7 +257,8 @@ def report(
             draw_figures(drawn, rows, out_dir, data[: len(cell_files(out_dir))])
         if tables is not None:
             wanted = _Wanted(tables, formats, reference, options)
-            analysis = _analyse(rows, data, wanted, statistics=tables)
+            audits = named_audits((out_dir, *repeats), (cell.facts for cell in data))
+            analysis = _analyse(rows, data, wanted, tables, response_table(audits))
         elif len(data) <= MOST_ANALYSED:
             analysis = _statistics(rows, data, options)
         # A page is made of one cell after the other; it needs its memory more than a second read.
@@ -309,13 +311,19 @@ def _statistics(rows: Sequence[CellRow], data: Sequence[CellData], options: Opti
 
 
 def _analyse(
-    rows: Sequence[CellRow], data: Sequence[CellData], wanted: _Wanted, statistics: Path
+    rows: Sequence[CellRow],
+    data: Sequence[CellData],
+    wanted: _Wanted,
+    statistics: Path,
+    responses: Table | None = None,
 ) -> list[Table]:
     """Computes everything before anything is written."""
     told = notices(rows, data)
     plain = [*all_tables(rows, wanted.reference), notice_table(told)]
     if data:
         plain += [failures_by_cell(data), failures_by_model(data)]
+    if responses is not None:
+        plain.append(responses)
     shown = with_notices(_statistics(rows, data, wanted.options), everywhere(told))
     plain = with_notices(plain, everywhere(told))
     with console.progress("tables", len(plain) + len(shown)) as bar:

@@ -22,6 +22,7 @@ from ssp_eval.evaluate.results import (
 from ssp_eval.pages import data_uri
 from ssp_eval.report.cell_view import record_views
 from ssp_eval.report.render import DetailFiles, Details, environment, load_lightly, render
+from ssp_eval.statistics.responses import named_audits, response_table
 from ssp_eval.statistics.table import Table
 
 PAGE = "index.html"
@@ -74,7 +75,8 @@ def _write_one(
         on_step(done, len(used))
     target = make_folder(out) / PAGE
     audits = audit_pages(out, (cell.facts for cell in cells))
-    write_text(target, render(cells, Details(views, pictures), audits, analysis))
+    responses = response_table(named_audits([out], (cell.facts for cell in cells)))
+    write_text(target, render(cells, Details(views, pictures), audits, analysis, responses))
     return target
 
 
@@ -87,6 +89,7 @@ def _write_large(
 ) -> Path:
     """Details of one cell after the other, so that memory holds one cell's pictures of words."""
     audits = audit_pages(out, (load_facts(file) for file in files))
+    responses = response_table(named_audits([out], (load_facts(file) for file in files)))
     details = DetailFiles(out, environment(), audits)
     done = count(1)
 
@@ -97,7 +100,7 @@ def _write_large(
 
     cells = in_order(load_lightly(files, write))
     target = make_folder(out) / PAGE
-    write_text(target, render(cells, None, audits, analysis))
+    write_text(target, render(cells, None, audits, analysis, responses))
     details.remove_others()
     return target
 

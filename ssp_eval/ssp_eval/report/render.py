@@ -445,6 +445,7 @@ def render(
     details: Details | None,
     audits: Mapping[str, str] = MappingProxyType({}),
     analysis: Sequence[Table] = (),
+    responses: Table | None = None,
 ) -> str:
     """The page as HTML.
 
@@ -465,6 +466,7 @@ def render(
             stages=STAGE_NAMES,
             summary=summary(cells, audits),
             analysis=statistics_parts(analysis),
+            responses=None if responses is None else grid(responses),
             most=MOST_NOTICES,
             version=__version__,
             **_tables(cells),

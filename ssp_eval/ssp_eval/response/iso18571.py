@@ -18,6 +18,8 @@ from ssp_core.geometry import FloatArray
 
 # The slope's mean runs over nine samples, and phase may cut a fifth off both curves.
 MIN_SAMPLES = 12
+# Half widths of the corridors, as shares of the reference's largest absolute value.
+INNER, OUTER = 0.05, 0.5
 # The warping holds a matrix of so many samples squared.
 MAX_SAMPLES = 2500
 

@@ -22,7 +22,7 @@ from ssp_eval.score.metrics import BY_NAME, DIAGNOSTIC, of_role
 
 # text: words; count: a whole number; ratio, seconds, curvature: three, two and five decimals;
 # signed: a difference of ratios, with its sign; change: a relative difference, shown in percent;
-# billions: parameters; p: a p-value; number: as many digits as it has.
+# decimal: two decimals; billions: parameters; p: a p-value; number: as many digits as it has.
 Kind = Literal[
     "text",
     "count",
@@ -31,6 +31,7 @@ Kind = Literal[
     "seconds",
     "curvature",
     "change",
+    "decimal",
     "billions",
     "response",
     "p",
@@ -38,7 +39,7 @@ Kind = Literal[
 ]
 # Of more names than the first number a sentence holds only as many as the second.
 MOST_NAMED, NAMED = 8, 4
-_DIGITS = {"ratio": 3, "seconds": 2, "curvature": 5}
+_DIGITS = {"ratio": 3, "seconds": 2, "decimal": 2, "curvature": 5}
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,137 @@
+"""The responses of an audit as a section of its page: verdicts, curves in corridors, causes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from ssp_core.geometry import FloatArray
+from ssp_core.templates import templates
+from ssp_eval import pages
+from ssp_eval.data.response import CurveEntry, PairEntry, ResponseEntry
+from ssp_eval.response.iso18571 import INNER, OUTER
+
+_HERE = Path(__file__).parent
+STYLE = _HERE / "style.css"
+_WIDTH, _HEIGHT = 560.0, 300.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 12.0, 12.0, 40.0
+_TICKS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+_MOST_TICKS = 12
+# A line of more points can't be told from one of so many.
+_POINTS = 560
+
+
+def section(response: ResponseEntry) -> Markup:
+    """The section as HTML."""
+    environment = templates(_HERE)
+    # Without the sign of a zero.
+    environment.filters["signed"] = lambda value: f"{value:+z.2f}"
+    return Markup(
+        environment.get_template("response.html.j2").render(
+            response=response,
+            pairs=[(pair, Markup(_plot(response, pair))) for pair in response.pairs],
+            limits=_limits(response),
+        )
+    )
+
+
+def _limits(response: ResponseEntry) -> list[tuple[str, str, Any]]:
+    named = [
+        (name.replace("_", " ").replace("ttc", "TTC"), getattr(response.limits, name))
+        for name in ("rating", "ttc_at_braking", "remaining_distance", "impact_speed")
+    ]
+    return [(name, "at least" if name == "rating" else "at most", limit) for name, limit in named]
+
+
+def _plot(response: ResponseEntry, pair: PairEntry) -> str:
+    """The drawing of a rated pair; empty where there is none."""
+    found = [response.curves.get(name) for name in (pair.reference, pair.comparison)]
+    if pair.rating is None or found[0] is None or found[1] is None:
+        return ""
+    return curve_plot((pair.reference, found[0]), (pair.comparison, found[1]))
+
+
+def curve_plot(reference: tuple[str, CurveEntry], comparison: tuple[str, CurveEntry]) -> str:
+    """Both accelerations, aligned at the braking, with the reference's corridors, as SVG.
+
+    Args:
+        reference: domain and curve.
+        comparison: the same; only the stretch that both have is drawn.
+    """
+    named = {name: np.array(curve.acceleration_mps2) for name, curve in (reference, comparison)}
+    n = min(map(len, named.values()))
+    first_s, step_s = reference[1].from_s, reference[1].step_s
+    t_s: FloatArray = first_s + step_s * np.arange(n, dtype=float)
+    chosen = np.unique(np.linspace(0, n - 1, min(n, _POINTS)).round().astype(int))
+    base = named[reference[0]][:n]
+    norm = float(np.abs(base).max())
+    low = min(float((base - OUTER * norm).min()), *(float(c[:n].min()) for c in named.values()))
+    high = max(float((base + OUTER * norm).max()), *(float(c[:n].max()) for c in named.values()))
+
+    def x(time_s: FloatArray | float) -> Any:
+        share = (np.asarray(time_s) - t_s[0]) / (t_s[-1] - t_s[0])
+        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * share
+
+    def y(value: FloatArray | float) -> Any:
+        share = (high - np.asarray(value)) / (high - low)
+        return _TOP + (_HEIGHT - _TOP - _BOTTOM) * share
+
+    def line(values: FloatArray) -> list[tuple[float, float]]:
+        return list(zip(x(t_s[chosen]).tolist(), y(values[:n][chosen]).tolist(), strict=True))
+
+    def band(share: float, class_: str, words: str) -> str:
+        outline = [*line(base + share * norm), *line(base - share * norm)[::-1]]
+        told = pages.title(f"{words} corridor, ±{share * norm:.2f} m/s²")
+        return pages.element("polygon", told, points=pages.points(outline), class_=class_)
+
+    parts = [
+        *_axes(t_s, (low, high), x, y),
+        band(OUTER, "outer", "outer"),
+        band(INNER, "inner", "inner"),
+        pages.element("line", x1=x(0.0), x2=x(0.0), y1=_TOP, y2=_HEIGHT - _BOTTOM, class_="zero"),
+    ]
+    for (name, values), role in zip(named.items(), ("reference", "comparison"), strict=True):
+        told = pages.title(f"{name}, {role}")
+        parts.append(
+            pages.element("polyline", told, points=pages.points(line(values)), class_=role)
+        )
+    return pages.element(
+        "svg", "".join(parts), class_="response", viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}", role="img",
+        aria_label=f"Acceleration of {comparison[0]} against {reference[0]}",
+    )  # fmt: skip
+
+
+def _axes(
+    t_s: FloatArray,
+    span_mps2: tuple[float, float],
+    x: Callable[[float], Any],
+    y: Callable[[float], Any],
+) -> list[str]:
+    right, bottom = _WIDTH - _RIGHT, _HEIGHT - _BOTTOM
+    parts = []
+    for value in range(int(np.ceil(span_mps2[0] / 2.0)) * 2, int(span_mps2[1]) + 1, 2):
+        parts += [
+            pages.element("line", x1=_LEFT, x2=right, y1=y(value), y2=y(value), class_="grid"),
+            pages.text(_LEFT - 8, float(y(value)) + 4, f"{value:g}", text_anchor="end"),
+        ]
+    length_s = float(t_s[-1] - t_s[0])
+    step_s = next((s for s in _TICKS_S if length_s / s <= _MOST_TICKS), _TICKS_S[-1])
+    for k in range(int(np.ceil(t_s[0] / step_s)), int(np.floor(t_s[-1] / step_s)) + 1):
+        at = float(x(k * step_s))
+        parts += [
+            pages.element("line", x1=at, x2=at, y1=bottom, y2=bottom + 5, class_="tick"),
+            pages.text(at, bottom + 18, f"{k * step_s:g}", text_anchor="middle"),
+        ]
+    parts.append(
+        pages.text((_LEFT + right) / 2, _HEIGHT - 4, "s from the start of the braking",
+                   text_anchor="middle")
+    )  # fmt: skip
+    middle = (_TOP + bottom) / 2
+    parts.append(
+        pages.text(12, middle, "m/s²", text_anchor="middle", transform=f"rotate(-90 12 {middle:g})")
+    )
+    return parts
