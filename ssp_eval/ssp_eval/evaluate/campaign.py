@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -20,7 +21,8 @@ from ssp_eval.evaluate.admission import NO_AUDIT, Admission, keep_audits
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers
 from ssp_eval.evaluate.model_client import ModelClients
-from ssp_eval.evaluate.models import CONDITIONS, PICTURES, ModelSpec
+from ssp_eval.evaluate.models import CONDITIONS, TWIN, ModelSpec, with_twin_conditions
+from ssp_eval.evaluate.twin_clips import with_twins
 from ssp_eval.labels.propose import propose_by_plan
 from ssp_eval.labels.review import is_unreviewed, write_proposal
 from ssp_eval.labels.truth import Truth, truth_from_bag
@@ -41,6 +43,7 @@ class Plan:
         to_answerers: of these, to the harness's own answerers.
         spoilt: of these, to models that are asked once more with spoilt frames.
         corrupted: of these, to models that are asked once more with corrupted pictures.
+        about_twins: of these, to whoever is asked about twins in the place of recordings.
         goes_on: some may have an answer that is stored, and isn't asked for again.
         label_lines: per scenario how many labels each phase has, and whether the domains compare
             (METHOD 5.2b).
@@ -52,6 +55,7 @@ class Plan:
     to_answerers: int
     spoilt: int
     corrupted: int = 0
+    about_twins: int = 0
     goes_on: bool = False
     label_lines: tuple[str, ...] = field(default=(), compare=False)
 
@@ -72,6 +76,8 @@ class Plan:
             told.append(f"{controls} for controls: {what} ({leave_out} leaves them out)")
         if self.corrupted:
             told.append(f"{self.corrupted} to the models once more, with corrupted pictures")
+        if self.about_twins:
+            told.append(f"{self.about_twins} once more about twins")
         return f"{text}; of these {'; '.join(told)}" if told else text
 
 
@@ -86,19 +92,41 @@ def plan_of(
     compared = compare_by_scenario(
         (clip.labels.scenario, clip.labels.domain, clip.labels) for clip in clips
     )
-    label_times = sum(len(clip.labels.labels) for clip in clips)
-    asked = [clip for clip in clips if clip.refusal is None]
-    each = sum(len(clip.labels.labels) for clip in asked)
+    found = Counter[str]()
+    for clip in clips:
+        each = len(clip.labels.labels)
+        for model in models_of(clip, models):
+            found["label_times"] += each
+            if clip.refusal is not None:
+                continue
+            found["cells"] += 1
+            found["questions"] += each
+            found[_asked_for(model)] += each
     return Plan(
-        label_times=label_times * len(models),
-        cells=len(asked) * len(models),
-        questions=each * len(models),
-        to_answerers=each * sum(model.answerer for model in models),
-        spoilt=each * sum(model.condition in CONDITIONS for model in models),
-        corrupted=each * sum(model.condition in PICTURES for model in models),
+        label_times=found["label_times"],
+        cells=found["cells"],
+        questions=found["questions"],
+        to_answerers=found["answerers"],
+        spoilt=found["spoilt"],
+        corrupted=found["corrupted"],
+        about_twins=found["twins"],
         goes_on=goes_on,
-        label_lines=tuple(f"{name}: {found.line}" for name, found in compared.items()),
+        label_lines=tuple(f"{name}: {told.line}" for name, told in compared.items()),
     )
+
+
+def _asked_for(model: ModelSpec) -> str:
+    """For what a model is asked, in the words of plan_of."""
+    if model.condition.startswith(TWIN):
+        return "twins"
+    if model.condition:
+        return "spoilt" if model.condition in CONDITIONS else "corrupted"
+    return "answerers" if model.answerer else "models"
+
+
+def models_of(labelled: LabelledClip, models: Sequence[ModelSpec]) -> list[ModelSpec]:
+    """Who is asked about a recording: the models, and these under its twins as well."""
+    return with_twin_conditions(models, list(labelled.twins))
 
 
 def _count(number: int, noun: str) -> str:
@@ -259,11 +287,13 @@ def open_clips(
     propose_labels: bool = False,
     admissions: Mapping[str, Admission] | None = None,
     rules: Preprocessing | None = None,
+    twins: bool = False,
 ) -> list[LabelledClip]:
     """The clips of a campaign with their labels, checked all together.
 
     Args:
         rules: of what is asked first; the time that hashing takes is used for it.
+        twins: open those beside the recordings as well.
 
     Raises:
         InputError: a bag or its labels are wrong.
@@ -284,7 +314,27 @@ def open_clips(
         admission = (admissions or {}).get(clip.provenance.bag_sha256, NO_AUDIT)
         clips.append(labelled_clip(clip, labels, admission))
     check_distinct(clips)
-    return clips
+    return _with_all_twins(stack, clips) if twins else clips
+
+
+def _with_all_twins(stack: ExitStack, clips: Sequence[LabelledClip]) -> list[LabelledClip]:
+    """The clips with the twins beside them.
+
+    Raises:
+        InputError: none has any, or they are of other recordings.
+    """
+    found = [with_twins(stack, labelled) for labelled in clips]
+    without = [str(labelled.clip.path) for labelled in found if not labelled.twins]
+    if len(without) == len(found):
+        raise InputError(
+            "there are no twins beside the recordings that could be asked about",
+            field="--twins",
+            value=", ".join(without),
+            remedy="make them with `ssp twins RUN --change WHAT`",
+        )
+    for path in without:
+        console.note(f"note: {path} has no twins beside it")
+    return found
 
 
 @contextmanager
@@ -322,12 +372,14 @@ def run_campaign(
     admissions: Mapping[str, Admission] | None = None,
     on_plan: Callable[[Plan], None] = lambda _: None,
     on_record: Callable[[], None] = lambda: None,
+    twins: bool = False,
 ) -> list[CellResult]:
     """Evaluates every bag with every model.
 
     Args:
         bags: bag and its labels file (None: look beside it).
         admissions: what audits say, by hash of the bag; a bag that isn't there is unaudited.
+        twins: ask about the twins beside the recordings as well.
         on_plan: told once how much there is to ask, before anything is asked.
 
     Raises:
@@ -338,13 +390,14 @@ def run_campaign(
     results = []
     with ExitStack() as stack:
         rules = models[0].rules if models else None
-        clips = open_clips(stack, bags, propose_labels, admissions, rules)
+        clips = open_clips(stack, bags, propose_labels, admissions, rules, twins)
         stack.enter_context(campaign_folder(out))
         keep_audits(out, (labelled.admission for labelled in clips))
         on_plan(plan_of(clips, models, not options.fresh and holds_answers(out)))
         for labelled in clips:
-            for model in models:
+            for model in models_of(labelled, models):
                 result = evaluate_cell(labelled, model, clients, out, options, on_record)
                 results.append(result)
+                labelled.forget_twin(model)
             labelled.clip.forget_questions()
     return results

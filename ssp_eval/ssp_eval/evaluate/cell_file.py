@@ -48,12 +48,28 @@ def decodings(answers: Sequence[Response]) -> list[dict[str, Any]]:
 
 
 @dataclass(frozen=True)
+class TwinClip:
+    """A twin of a recording (docs/twins.md), whose questions are put in the place of its own.
+
+    Args:
+        words: what differs, for people.
+        sha256: content hash of its bag.
+    """
+
+    name: str
+    words: str
+    sha256: str
+    clip: Clip
+
+
+@dataclass(frozen=True)
 class LabelledClip:
     """A clip with its labels, ready to be asked about.
 
     Args:
         labels_source: where they come from, for people.
         proposed: made from privileged states and not reviewed since.
+        twins: by the condition under which a model is asked about them.
     """
 
     clip: Clip
@@ -61,6 +77,7 @@ class LabelledClip:
     labels_source: str
     proposed: bool
     admission: Admission = NO_AUDIT
+    twins: Mapping[str, TwinClip] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -88,6 +105,12 @@ class LabelledClip:
                 f"{crop.start_s:.3f} to {crop.end_s:.3f} s; `ssp labels new` plans labels inside it"
             )
         return None
+
+    def forget_twin(self, model: ModelSpec) -> None:
+        """Gives free what is kept of the twin's questions: nobody asks about it for a while."""
+        twin = self.twins.get(model.condition)
+        if twin is not None:
+            twin.clip.forget_questions()
 
 
 CELL_SCHEMA = "ssp.cell/1"
@@ -290,6 +313,7 @@ def _facts(
         "condition": model.condition,
         "condition_seed": CONDITION_SEED if model.condition else None,
         "control": model.control,
+        "twin": _twin_facts(labelled.twins.get(model.condition), place.folder.parent.parent),
         "model_ids": sorted({answer.model_id for answer in answers if answer.model_id}),
         "model_facts": asdict(model.facts),
         "status": status,
@@ -325,6 +349,7 @@ def _facts(
         "hashes": {
             **_file_hashes(place.folder),
             "bag": facts.bag_sha256,
+            **({"twin": twin.sha256} if (twin := labelled.twins.get(model.condition)) else {}),
             "verdict": facts.verdict_sha256,
             "question": sha256_json(asdict(labelled.clip.task)),
             "preprocessing": model.rules.sha256,
@@ -335,6 +360,13 @@ def _facts(
         "thresholds": asdict(place.thresholds),
         "software": f"ssp {__version__}",
     }
+
+
+def _twin_facts(twin: TwinClip | None, out: Path) -> dict[str, Any] | None:
+    if twin is None:
+        return None
+    path = os.path.relpath(twin.clip.path.resolve(), out.resolve())
+    return {"name": twin.name, "words": twin.words, "path": path}
 
 
 def _clip_facts(labelled: LabelledClip, out: Path) -> dict[str, Any]:

@@ -172,6 +172,12 @@ _PATH = click.Path(path_type=Path)
     "blur, fog, low light, glare, lost frames, none to see, and encoded again; none enters a mean.",
 )
 @click.option(
+    "--twins",
+    is_flag=True,
+    help="Ask each model and answerer once more about each twin that `ssp twins` made beside a "
+    "BAG, at the times of the BAG's labels; none enters a mean.",
+)
+@click.option(
     "--workers",
     type=click.IntRange(1, 1024),
     default=None,
@@ -203,6 +209,7 @@ def evaluate(
     fresh: bool,
     controls: bool,
     pictures: bool,
+    twins: bool,
     workers: int | None,
     engine: str,
     as_json: bool,
@@ -240,7 +247,7 @@ def evaluate(
         if workers is None and engine == "processes":
             settings = Settings(out, make_extractor, options, timeout_s, start_timeout_s)
             results = evaluate_bags(
-                paired, models, settings, propose_labels, load_admissions(audits)
+                paired, models, settings, propose_labels, load_admissions(audits), twins=twins
             )
         else:
             place = out.absolute()
@@ -256,6 +263,7 @@ def evaluate(
                     load_admissions(audits),
                     on_plan=on_plan,
                     on_record=on_record,
+                    twins=twins,
                 )
     if changed := changes(thresholds):
         console.note(f"{OTHER_THRESHOLDS}: {changed}")

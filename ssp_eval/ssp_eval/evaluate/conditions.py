@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_json
-from ssp_eval.evaluate.cell_file import LabelledClip
+from ssp_eval.evaluate.cell_file import LabelledClip, TwinClip
 from ssp_eval.evaluate.corruptions import (
     corrupted_jpeg,
     encoded_again,
@@ -26,6 +26,7 @@ from ssp_eval.evaluate.models import (
 )
 from ssp_eval.recordings.clip import Clip, NoQuestion, Question
 from ssp_vla_bridge.messages import Frame, Request
+from ssp_vla_bridge.window import Preprocessing
 
 _BLACK, _GREY = 0, 128
 
@@ -103,6 +104,8 @@ def question_under(
     question = clip.question(label_t_s, model.rules)
     if not condition or isinstance(question, NoQuestion):
         return question
+    if condition in labelled.twins:
+        return _about_twin(question, labelled.twins[condition], model.rules)
     another = None
     if condition == SHUFFLED and len(question.request.frames) == 1:
         times = [label.t_s for label in labelled.labels.labels]
@@ -112,6 +115,15 @@ def question_under(
     if kind == DROPPED:
         return with_lost_frames(question, clip, int(strength))
     return under(condition, question, another)
+
+
+def _about_twin(question: Question, twin: TwinClip, rules: Preprocessing) -> Question | NoQuestion:
+    """What is asked about a twin in the place of the recording's own question."""
+    found = twin.clip.question(question.label_t_s, rules)
+    if isinstance(found, Question) and found.t_s != question.t_s:
+        why = f"the newest frame of the twin is that at {found.t_s:.3f} s, not {question.t_s:.3f} s"
+        return NoQuestion(question.label_t_s, why)
+    return found
 
 
 def with_lost_frames(question: Question, clip: Clip, strength: int) -> Question:

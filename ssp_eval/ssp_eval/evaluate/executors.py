@@ -34,8 +34,10 @@ from ssp_eval.evaluate.model_client import (
     TopicClients,
 )
 from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.twin_clips import with_twins
 from ssp_eval.extract.llm import Extractor
 from ssp_eval.recordings.clip import Clip
+from ssp_eval.twins.files import SET_FILE, twins_folder
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class Job:
 
     Args:
         bag_sha256, labels_sha256: of the recording, and of what its labels say (labels_version).
+        twin_sha256: of the twin that the model's condition is about; empty where it is about none.
     """
 
     number: int
@@ -81,6 +84,7 @@ class Job:
     bag_sha256: str
     labels_sha256: str
     admission: Admission = NO_AUDIT
+    twin_sha256: str = ""
 
 
 class JobRunner(Closing):
@@ -113,8 +117,11 @@ class JobRunner(Closing):
         Raises:
             InputError: the recording or its labels aren't those that the campaign began with.
         """
-        with Clip(job.bag) as clip:
+        with ExitStack() as stack:
+            clip = stack.enter_context(Clip(job.bag))
             labelled = labelled_clip(clip, job.labels, job.admission)
+            if job.twin_sha256:
+                labelled = with_twins(stack, labelled, job.model.condition)
             _check_same(job, labelled)
             return evaluate_cell(
                 labelled, job.model, self._clients, self._settings.out, self._options, on_record
@@ -128,8 +135,10 @@ class JobRunner(Closing):
 def _check_same(job: Job, labelled: LabelledClip) -> None:
     """Another machine may hold another file at the same path, and a file may change meanwhile."""
     bag_sha256 = labelled.clip.provenance.bag_sha256
+    twin = labelled.twins.get(job.model.condition)
     for file, before, now in (
         (job.bag, job.bag_sha256, bag_sha256),
+        (twins_folder(job.bag) / SET_FILE, job.twin_sha256, twin.sha256 if twin else ""),
         (job.labels, job.labels_sha256, labels_version(labelled.labels)),
     ):
         if before != now:

@@ -55,8 +55,10 @@ PICTURES = (
     TEXT_ONLY,
     PICTURES_CONTROL,
 )
-# What a condition that isn't one of CONDITIONS begins with.
-_FAMILIES = ("pictures.",)
+# What --twins adds begins so, and the twin's name follows.
+TWIN = "twin."
+# What a condition begins with that isn't one of CONDITIONS.
+_FAMILIES = ("pictures.", TWIN)
 # Of the order into which frames are put and of what is drawn in them; one for all campaigns, so
 # that they can be compared.
 CONDITION_SEED = 1
@@ -434,6 +436,18 @@ def with_pictures(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
     Models that check the harness get none, for the reasons of with_controls.
     """
     return once_more(specs, PICTURES, {*CONTROLS, *ANSWERERS})
+
+
+def with_twin_conditions(specs: Sequence[ModelSpec], twins: Sequence[str]) -> list[ModelSpec]:
+    """The models, each followed by itself under the twins of one recording.
+
+    Answerers of ours that see no frame are asked too: what they say must not move but with the ego
+    history. One that answers from labels, from a file or not at all isn't.
+
+    Args:
+        twins: their conditions.
+    """
+    return once_more(specs, twins, CONTROLS)
 
 
 def once_more(

@@ -119,6 +119,13 @@ class ModelFactsRead(_Part):
     architecture: str = ""
 
 
+class TwinFacts(_Part):
+    """The twin that a model was asked about in the recording's place."""
+
+    name: str
+    words: str
+
+
 class CellFacts(_Part):
     """cell.json (``ssp.cell/1``): scenario × domain × model."""
 
@@ -145,6 +152,7 @@ class CellFacts(_Part):
     # A blinded or disordered ask of a model, and a bridge that checks the harness.
     condition: str = ""
     control: bool = False
+    twin: TwinFacts | None = None
     task_version: str | None = None
     model_facts: ModelFactsRead = ModelFactsRead()
     adapter: str

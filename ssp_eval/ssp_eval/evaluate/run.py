@@ -19,6 +19,7 @@ from ssp_eval.evaluate.campaign import (
     NO_CONTROLS,
     Plan,
     campaign_folder,
+    models_of,
     open_clips,
     plan_of,
     run_campaign,
@@ -146,6 +147,7 @@ def evaluate_bags(
     propose_labels: bool = False,
     admissions: Mapping[str, Admission] | None = None,
     no_controls: str = NO_CONTROLS,
+    twins: bool = False,
 ) -> list[CellResult]:
     """Evaluates every bag with every model, one cell after the other.
 
@@ -153,6 +155,7 @@ def evaluate_bags(
         bags: bag and its labels file (None: look beside it).
         admissions: what audits say, by hash of the bag.
         no_controls: what leaves the controls out, for the line that tells what is asked.
+        twins: ask about the twins beside the recordings as well.
 
     Raises:
         InputError: a bag, its labels or an option is wrong.
@@ -173,6 +176,7 @@ def evaluate_bags(
             admissions,
             on_plan=on_plan,
             on_record=on_record,
+            twins=twins,
         )
 
 
@@ -202,6 +206,7 @@ def run_parallel(
     admissions: Mapping[str, Admission] | None = None,
     on_plan: Callable[[Plan], None] = lambda _: None,
     on_record: Callable[[], None] = lambda: None,
+    twins: bool = False,
 ) -> list[CellResult]:
     """Evaluates every bag with every model, several cells at a time.
 
@@ -221,7 +226,7 @@ def run_parallel(
     if engine == "ray":
         import_ray()
     with ExitStack() as stack:
-        clips = open_clips(stack, bags, propose_labels, admissions)
+        clips = open_clips(stack, bags, propose_labels, admissions, twins=twins)
         stack.enter_context(campaign_folder(settings.out))
         keep_audits(settings.out, (labelled.admission for labelled in clips))
         on_plan(plan_of(clips, models, not settings.options.fresh and holds_answers(settings.out)))
@@ -233,8 +238,10 @@ def run_parallel(
                 raise InputError("has lost its labels file", file=bag)
             hashes = labelled.clip.provenance.bag_sha256, labels_version(labelled.labels)
             places, admission = (bag.absolute(), path.absolute()), labelled.admission
-            for model in models:
-                jobs.append(Job(len(jobs), *places, model, *hashes, admission))
+            for model in models_of(labelled, models):
+                twin = labelled.twins.get(model.condition)
+                twin_sha256 = twin.sha256 if twin else ""
+                jobs.append(Job(len(jobs), *places, model, *hashes, admission, twin_sha256))
                 clip_of.append(labelled)
 
         def on_dead(job: Job, reason: str) -> CellResult:

@@ -146,6 +146,8 @@ class Links:
             else:
                 self._add(kind, entry.path, at, file, named, f"file {name}")
         self._bag(entry.path, "hashes.bag", hashes.get("bag"))
+        if "twin" in hashes:
+            self._bag(entry.path, "hashes.twin", hashes["twin"])
         self._version(
             "event_version", entry.path, "event_version", facts.get("event_version"), "K*"
         )
@@ -470,8 +472,9 @@ class Chains:
         self, entry: FileEntry, requests: Lines, facts: Mapping[str, Any]
     ) -> dict[int, list[SentFrame]]:
         """The frames of each request, by its line, each found in the recording."""
-        recording = self._index.recordings.get(str(facts["hashes"].get("bag")))
-        if facts.get("condition"):
+        hashes = facts["hashes"]
+        recording = self._index.recordings.get(str(hashes.get("twin", hashes.get("bag"))))
+        if facts.get("condition") and "twin" not in hashes:
             # Blackened frames are in no recording, and shuffled ones stand at other stamps.
             self.notes.append(f"{entry.path}: a control, its frames are {facts['condition']}")
             recording = None
