@@ -43,7 +43,8 @@ def test_the_braking_starts_at_the_crossing_before_its_first_strong_point() -> N
     # A tap on the brake comes first; it isn't the braking, and neither is a crossing before it.
     a = np.interp(T_S, [0.5, 0.6, 0.7, 2.0, 2.5], [0.0, -2.0, 0.0, 0.0, -5.0])
     assert braking_start(drive(T_S, a)) == pytest.approx(2.1, abs=0.001)
-    assert braking_start(drive(T_S, np.maximum(a, -2.9))) is None
+    assert braking_start(drive(T_S, np.maximum(a, -3.0))) is None
+    assert braking_start(drive(T_S, np.maximum(a, -3.001))) == pytest.approx(2.1, abs=0.001)
     assert braking_start(drive(T_S, np.full(len(T_S), -5.0))) is None
 
 
@@ -82,12 +83,35 @@ def test_another_speed_and_another_gap_at_the_trigger_are_told() -> None:
     assert found.verdict == "alike"
 
 
+def test_a_limit_is_still_alike() -> None:
+    # 0.25 m and m/s are exact in binary.
+    further = replace(BRAKES, gap_m=BRAKES.gap_m + 0.25)
+    weaker = drive(T_S, 0.9 * BRAKES.acceleration_mps2, gap_m=50.0)
+    rated = pair(BRAKES, weaker).rating
+    assert rated is not None
+
+    def verdict(other: Drive, **limits: float) -> str:
+        wide = {"ttc_at_braking": 9.0, "remaining_distance": 9.0, "impact_speed": 9.0}
+        given = {
+            name: getattr(LIMITS, name).model_copy(update={"limit": value})
+            for name, value in {**wide, **limits}.items()
+        }
+        bounds = LIMITS.model_copy(update=given)
+        return compare(("physical", "simulation"), BRAKES, other, bounds).verdict
+
+    assert verdict(further, remaining_distance=0.25) == "alike"
+    assert verdict(further, remaining_distance=0.249) == "unlike"
+    assert verdict(weaker, rating=rated.overall) == "alike"
+    assert verdict(weaker, rating=rated.overall + 1e-6) == "unlike"
+
+
 @pytest.mark.parametrize(
     ("drives", "text"),
     [
         ((drive(T_S, 0.0 * T_S), drive(T_S, 0.0 * T_S)), "nobody braked"),
         ((BRAKES, no_drive()), "simulation has no states"),
         ((replace(BRAKES, trigger_s=None), BRAKES), "physical has no trigger"),
+        ((BRAKES, drive(T_S, np.where(T_S < 4.0, 0.0, -1001.0))), "more than 1000 m/s²"),
         ((BRAKES, drive(T_S, pulse(T_S, start_s=-0.5))), "from its beginning on"),
         ((BRAKES, drive(T_S, pulse(T_S, start_s=0.0))), "less than 0.2 s before"),
         ((BRAKES, drive(T_S, pulse(T_S, start_s=4.7))), "less than 0.5 s after"),

@@ -31,6 +31,7 @@ from ssp_eval.response.drive import (
     AFTER_S,
     BEFORE_S,
     BRAKES_MPS2,
+    SHORTEST_S,
     STEP_S,
     Drive,
     braking_start,
@@ -205,7 +206,8 @@ def _on_common_clock(drives: tuple[Drive, Drive]) -> tuple[FloatArray, FloatArra
         spans.append((drive.t_s[0] - zero_s, start_s - zero_s, drive.t_s[-1] - zero_s, zero_s))
     first_s = min(span[1] for span in spans) - BEFORE_S
     last_s = min(first_s + BEFORE_S + AFTER_S, *(span[2] for span in spans))
-    if max(span[0] for span in spans) > first_s + _EPS or last_s < max(span[1] for span in spans):
+    braked_s = max(span[1] for span in spans) + SHORTEST_S
+    if max(span[0] for span in spans) > first_s + _EPS or last_s < braked_s:
         return None
     first, second = (
         sampled(drive, span[3], first_s, last_s) for drive, span in zip(drives, spans, strict=True)

@@ -22,6 +22,8 @@ BEGINS_MPS2 = -1.0
 # A comparison begins so long before the braking and ends at most so long after it.
 BEFORE_S = 0.2
 AFTER_S = 20.0
+# No vehicle has more, even in an impact.
+POSSIBLE_MPS2 = 1000.0
 # A shorter common stretch after the braking says nothing.
 SHORTEST_S = 0.5
 _EPS = 1e-9
@@ -87,6 +89,8 @@ def obstacle(drive: Drive) -> str | None:
         return "has no states of the VUT"
     if drive.trigger_s is None:
         return "has no trigger"
+    if (np.abs(drive.acceleration_mps2) > POSSIBLE_MPS2).any():
+        return f"has states with more than {POSSIBLE_MPS2:g} m/s²"
     start_s = braking_start(drive)
     if start_s is None:
         if (drive.acceleration_mps2 < BRAKES_MPS2).any():
