@@ -12,6 +12,8 @@ from click.core import ParameterSource
 
 from ssp_core import console
 from ssp_core.errors import InputError
+from ssp_eval.causes.findings import moved_by
+from ssp_eval.causes.tables import moved_tables
 from ssp_eval.evaluate.results import CellData, cell_files, load_cells
 from ssp_eval.figures.write import GROUPS, Written, write_figures
 from ssp_eval.report.page import write_report
@@ -324,6 +326,8 @@ def _analyse(
         plain += [failures_by_cell(data), failures_by_model(data)]
     if responses is not None:
         plain.append(responses)
+    moved = moved_by(data)
+    plain += [] if moved is None else moved_tables(moved)
     shown = with_notices(_statistics(rows, data, wanted.options), everywhere(told))
     plain = with_notices(plain, everywhere(told))
     with console.progress("tables", len(plain) + len(shown)) as bar:

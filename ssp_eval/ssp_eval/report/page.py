@@ -8,6 +8,8 @@ from pathlib import Path
 
 from ssp_core.files import make_folder, write_text
 from ssp_core.hashing import sha256_file
+from ssp_eval.causes.answers import Asked, asked, wanted_cells
+from ssp_eval.causes.findings import compared, moved_by
 from ssp_eval.data.audit import PAGE_FILE as AUDIT_PAGE
 from ssp_eval.evaluate.admission import kept_audits
 from ssp_eval.evaluate.cell_file import frame_path
@@ -76,7 +78,8 @@ def _write_one(
     target = make_folder(out) / PAGE
     audits = audit_pages(out, (cell.facts for cell in cells))
     responses = response_table(named_audits([out], (cell.facts for cell in cells)))
-    write_text(target, render(cells, Details(views, pictures), audits, analysis, responses))
+    details, moved = Details(views, pictures), moved_by(cells)
+    write_text(target, render(cells, details, audits, analysis, responses, moved))
     return target
 
 
@@ -92,15 +95,20 @@ def _write_large(
     responses = response_table(named_audits([out], (load_facts(file) for file in files)))
     details = DetailFiles(out, environment(), audits)
     done = count(1)
+    wanted = wanted_cells(file.parent.name for file in files)
+    changed: list[Asked] = []
 
     def write(cell: CellData) -> None:
         details.write(cell)
         on_cell(cell)
+        if cell.id in wanted and (one := asked(cell)) is not None:
+            changed.append(one)
         on_step(next(done), len(files))
 
     cells = in_order(load_lightly(files, write))
     target = make_folder(out) / PAGE
-    write_text(target, render(cells, None, audits, analysis, responses))
+    moved = compared(changed)
+    write_text(target, render(cells, None, audits, analysis, responses, moved))
     details.remove_others()
     return target
 

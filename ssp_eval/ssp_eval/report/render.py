@@ -17,6 +17,9 @@ from markupsafe import Markup
 from ssp_core import __version__
 from ssp_core.files import make_folder, write_text
 from ssp_core.templates import templates
+from ssp_eval.causes.findings import Moved
+from ssp_eval.causes.forest import forests
+from ssp_eval.causes.tables import ANSWERS, FINDINGS, moved_tables
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
 from ssp_eval.evaluate.results import CellData, KeptAudits, read_cells
@@ -48,9 +51,7 @@ _HERE = Path(__file__).parent
 
 
 def _template(name: str) -> Template:
-    environment = templates(_HERE)
-    environment.filters["px"] = number
-    return environment.get_template(name)
+    return environment().get_template(name)
 
 
 def shade(value: float) -> str:
@@ -258,6 +259,17 @@ def statistics_parts(tables: Sequence[Table]) -> dict[str, list[Grid]]:
     return found
 
 
+def moved_part(moved: Moved | None) -> dict[str, Any] | None:
+    """What the section "What moved the answer" shows; None where nothing was changed."""
+    if moved is None:
+        return None
+    shown = [one for one in moved_tables(moved) if one.name not in (FINDINGS, ANSWERS)]
+    return {
+        "models": [*zip(moved.findings, forests(moved.effects), strict=True)],
+        "tables": [grid(_begun(table)) for table in shown],
+    }
+
+
 def _begun(table: Table) -> Table:
     """The first rows of a long table, with a note that says so, and all that stands under it."""
     if len(table.rows) <= MOST_ROWS:
@@ -446,6 +458,7 @@ def render(
     audits: Mapping[str, str] = MappingProxyType({}),
     analysis: Sequence[Table] = (),
     responses: Table | None = None,
+    moved: Moved | None = None,
 ) -> str:
     """The page as HTML.
 
@@ -453,6 +466,7 @@ def render(
         cells: in the order in which they are shown; of a large campaign without records and
             questions.
         details: None: they lie in files beside the page, and its cells are browsed.
+        moved: what moved the answers; None: nothing was asked with a cause changed.
     """
     drawn = _browsed(cells) if details is None else _whole(cells, details)
     return (
@@ -467,6 +481,7 @@ def render(
             summary=summary(cells, audits),
             analysis=statistics_parts(analysis),
             responses=None if responses is None else grid(responses),
+            moved=moved_part(moved),
             most=MOST_NOTICES,
             version=__version__,
             **_tables(cells),
@@ -548,7 +563,9 @@ def _browsed(cells: list[CellData]) -> dict[str, Any]:
 
 def environment() -> jinja2.Environment:
     """The templates, with their filters."""
-    return templates(_HERE)
+    found = templates(_HERE)
+    found.filters["px"] = number
+    return found
 
 
 def source(name: str) -> Markup:

@@ -179,8 +179,8 @@ def sign_flip_p(differences: Numbers, rng: np.random.Generator | None = None) ->
 
 def holm(comparisons: Sequence[Comparison]) -> list[Comparison]:
     """Adds Holm's step-down correction over all comparisons that have a p, and a p_scenarios."""
-    corrected = _step_down([one.p for one in comparisons])
-    of_scenarios = _step_down([one.p_scenarios for one in comparisons])
+    corrected = step_down([one.p for one in comparisons])
+    of_scenarios = step_down([one.p_scenarios for one in comparisons])
     family = sum(one.p is not None for one in comparisons)
     return [
         replace(one, p_holm=p, p_scenarios_holm=q, family=family if one.p is not None else 0)
@@ -188,7 +188,7 @@ def holm(comparisons: Sequence[Comparison]) -> list[Comparison]:
     ]
 
 
-def _step_down(values: Sequence[float | None]) -> list[float | None]:
+def step_down(values: Sequence[float | None]) -> list[float | None]:
     """Holm's correction: the k-th least p times m − k + 1, none less than one before it."""
     present = sorted((p, i) for i, p in enumerate(values) if p is not None)
     found: list[float | None] = [None] * len(values)

@@ -1,0 +1,249 @@
+"""What a model answered to a question, and to the same one with one cause changed."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ssp_core.errors import InputError
+from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord
+from ssp_eval.evaluate.models import CONDITIONS
+from ssp_eval.evaluate.requests import asked_again
+from ssp_eval.evaluate.results import CellData
+from ssp_eval.score.cell import Judgement
+from ssp_vla_bridge.messages import TASK
+from ssp_vla_bridge.prompts import PROMPTS
+from ssp_vla_bridge.trajectory import Trajectory
+
+TWIN, PICTURES, REASONING = "twin", "pictures", "reasoning"
+FAMILIES = (TWIN, PICTURES, REASONING)
+CONTROL = "control"
+# Kinds of twins, as ``ssp twins --change`` names them; the rest of a condition's name is who is
+# changed and, of these, by how much.
+OBJECT_KINDS = frozenset({"without", "class", "mirror", "shift", "brake_lamps", "indicators"})
+HISTORY = "history"
+_BY_AMOUNT = frozenset({"shift", "camera", HISTORY})
+_STRENGTHS = {"1": ", weak", "2": ", strong"}
+# So many words in a row that the prompt has too are an echo of it; fewer may be chance.
+ECHO_WORDS = 4
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What is changed, whichever object it is about and whatever class comes in its place.
+
+    Args:
+        family: of its condition; black and shuffled are of the pictures.
+        amount: of a shift, a delay, a share or a strength, as the condition's name has it.
+    """
+
+    family: str
+    kind: str
+    amount: str = ""
+
+    @property
+    def key(self) -> str:
+        """Such as ``twin.shift.m0500``."""
+        return ".".join(part for part in (self.family, self.kind, self.amount) if part)
+
+    @property
+    def is_control(self) -> bool:
+        """A change that must not matter."""
+        return self.kind == CONTROL
+
+    @property
+    def of_object(self) -> bool:
+        """It changes one object of the scene that matters."""
+        return self.family == TWIN and self.kind in OBJECT_KINDS
+
+    @property
+    def order(self) -> tuple[int, int, str]:
+        """The object first, then the pictures, the own history, the own text."""
+        family = FAMILIES.index(self.family)
+        return family, 0 if self.of_object else 2 if self.kind == HISTORY else 1, self.key
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        amount = float(re.sub(r"\D", "", self.amount) or 0) / 1000
+        if self.family == PICTURES:
+            name = "frames decoded and encoded again" if self.is_control else self.kind
+            return name.replace("_", " ") + _STRENGTHS.get(self.amount, "")
+        if self.family == REASONING:
+            return f"own text given back, {self.kind.replace('_', ' ')} turned"
+        return {
+            "without": "without the object",
+            "class": "another class in its place",
+            "mirror": "object on the other side",
+            "shift": f"object {amount:g} s {'earlier' if self.amount[:1] == 'm' else 'later'}",
+            "brake_lamps": "brake lamps dark",
+            "indicators": "indicators dark",
+            "camera": f"frames from {amount:g} s earlier",
+            HISTORY: f"own history at {amount:g} of the speed",
+            CONTROL: "a distant, irrelevant object",
+        }.get(self.kind, self.key)
+
+
+def cause_of(condition: str) -> Cause | None:
+    """The cause of a condition's name; None: it is none that is compared here."""
+    if condition in CONDITIONS:
+        return Cause(PICTURES, condition)
+    family, _, rest = condition.partition(".")
+    kind, *more = rest.split(".")
+    if family not in FAMILIES or not kind:
+        return None
+    by_amount = family != TWIN or kind in _BY_AMOUNT
+    return Cause(family, kind, more[-1] if more and by_amount else "")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One answer.
+
+    Args:
+        slots: in the order of SLOT_NAMES, given with evidence; None where the text says nothing.
+        trajectory: None unless it is valid (METHOD 5.4).
+        driven: longitudinal and lateral action of the trajectory (METHOD 6.6).
+        echo: share of the text's runs of ECHO_WORDS words that the prompt has too; None: it is
+            too short, or nobody looked.
+    """
+
+    slots: tuple[str | frozenset[str] | None, ...]
+    trajectory: Trajectory | None
+    driven: tuple[str | None, str | None]
+    echo: float | None = None
+
+    @property
+    def objects(self) -> frozenset[str] | None:
+        """The classes that are named, None where the text says nothing of them."""
+        found = self.slots[0]
+        return found if isinstance(found, frozenset) else None
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether text and trajectory say the same actions; None where one says none.
+
+        The share of True among all label times is ATC_eff (METHOD 6.8).
+        """
+        said = self.slots[-2:]
+        if None in said or self.trajectory is None:
+            return None
+        return said == self.driven
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One cell: a recording's answers under one condition.
+
+    Args:
+        campaign: folder that it lies in; runs of different campaigns are compared each by itself.
+        recording: which one it is, whatever the campaign.
+        bag: of the recording that was shown, None where it isn't known.
+        answers: by label time, s; None: there is none.
+    """
+
+    campaign: str
+    recording: str
+    scenario: str
+    domain: str
+    model: str
+    condition: str
+    bag: Path | None
+    answers: Mapping[float, Answer | None]
+
+    @property
+    def place(self) -> tuple[str, str, str, str]:
+        """What its factual cell, twins and controls have in common."""
+        return self.campaign, self.scenario, self.domain, self.model
+
+
+def wanted_cells(folders: Iterable[str]) -> frozenset[str]:
+    """Names of those cells that are compared: changed questions, and the factual ones beside.
+
+    Args:
+        folders: names of all cells' folders.
+    """
+    pairs = [(name.rpartition("+")[0], name) for name in folders]
+    bases = {
+        base for base, name in pairs
+        if base and name.rpartition("+")[2].partition(".")[0] in FAMILIES
+    }  # fmt: skip
+    return frozenset(name for base, name in pairs if base in bases or name in bases)
+
+
+def asked(cell: CellData) -> Asked | None:
+    """What is kept of a cell; None: it has no answers, or is none that is compared."""
+    facts, condition = cell.facts, cell.facts.condition
+    if cell.score is None or (condition and cause_of(condition) is None):
+        return None
+    out = cell.folder.parent.parent
+    lines = () if condition else cell.asked
+    prompts = {} if condition else _prompts(facts.interface, lines)
+    answers = {
+        judgement.label_t_s: _answer(judgement, cell.records, prompts)
+        for judgement in cell.score.details.judgements
+    }
+    return Asked(
+        campaign=str(out),
+        recording=facts.hashes.get("bag") or f"{cell.scenario} {cell.domain}",
+        scenario=cell.scenario,
+        domain=cell.domain,
+        model=cell.model.removesuffix(f"+{condition}") if condition else cell.model,
+        condition=condition,
+        bag=None if facts.clip.path is None else out / facts.clip.path,
+        answers=answers,
+    )
+
+
+def _answer(
+    judgement: Judgement, records: Sequence[BehaviourRecord], prompts: Mapping[float, str]
+) -> Answer | None:
+    if judgement.record is None:
+        return None
+    record, said = records[judgement.record], judgement.slots
+    semantic = [said[name].answer for name in SLOT_NAMES[:4]]
+    slots = [frozenset(v) if isinstance(v, tuple) else v for v in semantic]
+    prompt = prompts.get(judgement.label_t_s)
+    return Answer(
+        slots=(*slots, judgement.text_lon, judgement.text_lat),
+        trajectory=record.trajectory if judgement.trajectory_valid else None,
+        driven=(judgement.trajectory_lon, judgement.trajectory_lat),
+        echo=None if prompt is None else echo(record.text, prompt),
+    )
+
+
+def _prompts(interface: str, lines: Sequence[bytes]) -> dict[float, str]:
+    """By label time the words that a question was asked in, as far as they are known here."""
+    stages, found = PROMPTS.get(interface, ()), {}
+    for line in lines:
+        value = json.loads(line)
+        if value.get("missing"):
+            continue
+        words = [TASK.instruction]
+        try:
+            request = asked_again(value, None)
+            # What the model itself said in a step before is left out.
+            own = {stage.name: "" for stage in stages}
+            prompts = [stage.build(request, own) for stage in stages]
+            words += [f"{prompt.system} {prompt.text}" for prompt in prompts]
+        except InputError:  # it was asked for what it can't give, and in no words
+            pass
+        found[float(value["label_t_s"])] = " ".join(words)
+    return found
+
+
+def echo(text: str, prompt: str) -> float | None:
+    """Share of a text's runs of ECHO_WORDS words that the prompt has too; None: it is shorter."""
+    own, theirs = _runs(text), _runs(prompt)
+    if not own:
+        return None
+    known: Collection[tuple[str, ...]] = frozenset(theirs)
+    return sum(run in known for run in own) / len(own)
+
+
+def _runs(text: str) -> list[tuple[str, ...]]:
+    words = re.findall(r"\w+", text.casefold())
+    return [tuple(words[k : k + ECHO_WORDS]) for k in range(len(words) - ECHO_WORDS + 1)]

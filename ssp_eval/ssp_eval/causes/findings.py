@@ -1,0 +1,275 @@
+"""Which cause moved a model's answers, in words, and what its answers can't tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from statistics import fmean
+
+from ssp_eval.causes.answers import (
+    HISTORY,
+    PICTURES,
+    REASONING,
+    TWIN,
+    Asked,
+    asked,
+    wanted_cells,
+)
+from ssp_eval.causes.effects import (
+    TRAJECTORY,
+    Effect,
+    Verdict,
+    effects_of,
+    largest,
+)
+from ssp_eval.evaluate.results import CellData
+from ssp_eval.statistics.table import counted, some
+
+# From so much on a text is an echo of its prompt.
+ECHO = 0.5
+# A turned text that moves the trajectory by less than this share of what the object does isn't the
+# reason of it.
+MINOR = 0.25
+# An irrelevant change that alters so many answers leaves nothing that could be attributed.
+UNSTEADY = 0.5
+
+
+class Word(Enum):
+    """What a model's answers come from, as far as it is known."""
+
+    OBJECT = "uses the object"
+    EXPLAINS_LATER = "decides first, explains later"
+    HISTORY = "copies its history"
+    PROMPT = "parrots the prompt"
+    PICTURES = "uses the pictures, not the object"
+    IGNORES = "ignores the object"
+    UNSTEADY = "moved by anything"
+    OPEN = "not told"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is said of one model.
+
+    Args:
+        tested: False: it rests on recordings too few for any test.
+        sentences: the evidence, and what can't be told.
+    """
+
+    model: str
+    word: Word
+    tested: bool
+    sentences: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """All of it."""
+        return " ".join(self.sentences)
+
+
+_MOVED = frozenset({Verdict.MOVED, Verdict.SEEN})
+_SAID = frozenset({*Verdict} - {Verdict.NOT_GIVEN})
+
+
+@dataclass(frozen=True)
+class Moved:
+    """All that a report says of what moved the answers."""
+
+    cells: tuple[Asked, ...]
+    effects: tuple[Effect, ...]
+    findings: tuple[Finding, ...]
+
+
+def moved_by(cells: Iterable[CellData]) -> Moved | None:
+    """What moved the answers in these cells; None where nothing was asked with a cause changed.
+
+    Args:
+        cells: with their records, in any order; of several campaigns too.
+    """
+    listed = [*cells]
+    wanted = wanted_cells(cell.id for cell in listed)
+    return compared(kept for cell in listed if cell.id in wanted and (kept := asked(cell)))
+
+
+def compared(answers: Iterable[Asked]) -> Moved | None:
+    """As moved_by, of what was kept of cells."""
+    cells = tuple(answers)
+    by_model: dict[str, list[Effect]] = {}
+    for effect in effects_of(cells):
+        by_model.setdefault(effect.model, []).append(effect)
+    if not by_model:
+        return None
+    return Moved(
+        cells,
+        tuple(effect for of in by_model.values() for effect in of),
+        tuple(finding(model, of, echo_of(model, cells)) for model, of in by_model.items()),
+    )
+
+
+def echo_of(model: str, cells: Iterable[Asked]) -> float | None:
+    """Mean share of its factual texts that its prompt has too; None: nobody knows."""
+    found = [
+        answer.echo
+        for cell in cells if cell.model == model and not cell.condition
+        for answer in cell.answers.values() if answer is not None and answer.echo is not None
+    ]  # fmt: skip
+    return fmean(found) if found else None
+
+
+def finding(model: str, effects: Sequence[Effect], echo: float | None = None) -> Finding:
+    """The finding of one model.
+
+    What distinguishes one from the others stands in ``docs/twins.md``.
+
+    Args:
+        effects: of all causes.
+        echo: see echo_of.
+    """
+    of_object = [e for e in effects if e.cause.of_object]
+    of_history = [e for e in effects if e.cause.family == TWIN and e.cause.kind == HISTORY]
+    of_pictures = [
+        e for e in effects if e.cause.family == PICTURES or (e.cause.family, e.cause.kind) ==
+        (TWIN, "camera")
+    ]  # fmt: skip
+    by_text = [e for e in effects if e.cause.family == REASONING and e.output == TRAJECTORY]
+    told = [
+        ("the object", of_object), ("its own history", of_history), ("the pictures", of_pictures),
+    ]  # fmt: skip
+    sentences = [text for name, group in told if (text := _sentence(name, group))]
+    if any(e.verdict is Verdict.UNCONTROLLED for e in effects):
+        sentences.append("Causes without a control are described and not tested.")
+
+    word, why = _word(of_object, of_history, of_pictures, by_text, echo)
+    if any(_is(e, Verdict.SEEN) for e in effects):
+        n = max(e.recordings for e in effects)
+        sentences.append(
+            f"{counted(n, 'recording')} can't carry a test: what differs was seen in these, and "
+            "may be otherwise in others."
+        )
+    tested = any(_is(e, Verdict.MOVED) for e in effects) or any(e.decidable for e in effects)
+    return Finding(model, word, tested, (*sentences, *why))
+
+
+def _is(effect: Effect, verdict: Verdict) -> bool:
+    return effect.verdict is verdict
+
+
+def _moved(effects: Iterable[Effect]) -> list[Effect]:
+    return [e for e in effects if e.verdict in _MOVED]
+
+
+def _unmoved(effects: Iterable[Effect]) -> bool:
+    """Something is given, and no part of it moved, by as much as could be shown."""
+    given = [e for e in effects if e.verdict in _SAID]
+    return bool(given) and all(e.verdict is Verdict.NONE for e in given)
+
+
+def _is_minor(by_text: Sequence[Effect], of_object: Sequence[Effect]) -> bool:
+    """By its interval the turned text moves the trajectory far less than the object does."""
+    most = max((e.size or 0.0 for e in _moved(_of(of_object, True))), default=0.0)
+    highs = [e.interval.high for e in by_text if e.verdict in _SAID]
+    return bool(highs) and all(high is not None and high <= MINOR * most for high in highs)
+
+
+def _of(effects: Iterable[Effect], is_trajectory: bool) -> list[Effect]:
+    return [e for e in effects if (e.output == TRAJECTORY) == is_trajectory]
+
+
+def _word(
+    of_object: Sequence[Effect],
+    of_history: Sequence[Effect],
+    of_pictures: Sequence[Effect],
+    by_text: Sequence[Effect],
+    echo: float | None,
+) -> tuple[Word, tuple[str, ...]]:
+    if _moved(of_object):
+        return _by_the_object(of_object, by_text)
+    if _moved(of_history):
+        return Word.HISTORY, ()
+    parrots = echo is not None and echo >= ECHO
+    if not of_object:
+        return Word.OPEN, ("No twin with a changed object was asked about.",)
+    if _is_unsteady(of_object):
+        return Word.UNSTEADY, (
+            "The irrelevant change alters these answers as well: none of it can be put down to "
+            "the object.",
+        )
+    if not _unmoved(of_object):
+        text = "An effect of the object is neither shown nor excluded: more recordings would tell."
+        return Word.OPEN, (text,)
+    if parrots:
+        return Word.PROMPT, (
+            f"{echo:.0%} of its text are runs of words that stand in its prompt, and the object "
+            "doesn't move it.",
+        )
+    if _moved(of_pictures):
+        return Word.PICTURES, ()
+    text = "What it says may come from habit, or from what no twin changed."
+    return Word.IGNORES, (text,)
+
+
+def _is_unsteady(effects: Iterable[Effect]) -> bool:
+    slots = [e.changed_by_control for e in effects if e.output != TRAJECTORY and e.given]
+    known = [share for share in slots if share is not None]
+    return bool(known) and max(known) >= UNSTEADY
+
+
+def _by_the_object(
+    of_object: Sequence[Effect], by_text: Sequence[Effect]
+) -> tuple[Word, tuple[str, ...]]:
+    """Moved by the object: whether its text is the reason of its trajectory."""
+    if _moved(by_text):
+        text = "Its own text with a fact turned moves its trajectory: the text is a reason of it."
+        return Word.OBJECT, (text,)
+    if _unmoved(by_text) or _is_minor(by_text, of_object):
+        return Word.EXPLAINS_LATER, (
+            "Its own text with a fact turned doesn't move its trajectory: the text isn't the "
+            "reason of it.",
+        )
+    text_part, path_part = _of(of_object, False), _of(of_object, True)
+    for moved, other, first, second in (
+        (text_part, path_part, "text", "trajectory"),
+        (path_part, text_part, "trajectory", "text"),
+    ):
+        if _moved(moved) and _unmoved(other):
+            return Word.EXPLAINS_LATER, (
+                f"The object moves its {first} and not its {second}: the text isn't the reason of "
+                "the trajectory.",
+            )
+    return Word.OBJECT, (
+        "Whether its text is the reason of its trajectory can't be told: nobody gave it its own "
+        "text with a fact turned.",
+    )
+
+
+def _sentence(name: str, group: Sequence[Effect]) -> str:
+    """What a group of causes moved; empty where none of it was asked."""
+    given = [e for e in group if e.verdict in _SAID]
+    if not given:
+        return ""
+    moved = _moved(given)
+    if not moved:
+        if _unmoved(given):
+            return f"Not moved by {name}."
+        return f"An effect of {name} is not shown."
+    parts = []
+    for is_trajectory in (True, False):
+        clearest = largest(_of(moved, is_trajectory))
+        if clearest is not None:
+            parts.append(_said(clearest))
+    causes = dict.fromkeys(e.cause.words for e in moved)
+    return f"Moved by {name} ({some([*causes])}): {'; '.join(parts)}."
+
+
+def _said(effect: Effect) -> str:
+    low, high = effect.interval.low, effect.interval.high
+    size = effect.size or 0.0
+    show: Callable[[float], str] = (
+        "{:.2f} m".format if effect.output == TRAJECTORY else "{:.0%}".format
+    )
+    span = "" if low is None or high is None else f" [{show(low)}, {show(high)}]"
+    name = effect.output.replace("_", " ")
+    where = "of label times more" if effect.output != TRAJECTORY else "further"
+    p = "untested" if effect.verdict is Verdict.SEEN else f"Holm p {effect.p_holm:.2g}"
+    return f"{name} {show(size)}{span} {where} than by the control ({effect.cause.words}, {p})"

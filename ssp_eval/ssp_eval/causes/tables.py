@@ -1,0 +1,223 @@
+"""The tables of "What moved the answer"."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from statistics import fmean
+
+from ssp_eval.causes.answers import Answer, Asked, cause_of
+from ssp_eval.causes.effects import TRAJECTORY, Effect
+from ssp_eval.causes.findings import Finding, Moved
+from ssp_eval.data.records import SLOT_NAMES
+from ssp_eval.statistics.table import Column, Table, Value
+
+FINDINGS, SLOTS, PATHS, AGREEMENT, ANSWERS = (
+    "moved_findings", "moved_slots", "moved_trajectories", "moved_agreement", "moved_answers",
+)  # fmt: skip
+_LEFT_OUT = (
+    "The unit is the recording: label times of one are averaged, since neighbouring answers are "
+    "alike. Label times with a missing answer are left out."
+)
+_TESTED = (
+    "more, fewer: recordings in which the cause does more than the control, and less. Holm: over "
+    "all tests of a model in which anything differs. A test can reject from some ten recordings "
+    "on; of fewer, what differs is shown and not tested."
+)
+_MEANING = (
+    "What such an effect may be taken for, and what not, stands in docs/twins.md.",
+)  # fmt: skip
+
+
+def moved_tables(moved: Moved) -> list[Table]:
+    """All of them."""
+    return [
+        findings_table(moved.findings), slots_table(moved.effects), paths_table(moved.effects),
+        agreement_table(moved.cells), answers_table(moved.cells),
+    ]  # fmt: skip
+
+
+def findings_table(found: Sequence[Finding]) -> Table:
+    """One row per model."""
+    rows = [(one.model, one.word.value, "yes" if one.tested else "no", one.text) for one in found]
+    columns = (
+        Column("model", "model", "text"),
+        Column("finding", "finding", "text"),
+        Column("tested", "tested", "text"),
+        Column("evidence", "evidence", "text"),
+    )
+    return Table(FINDINGS, "What moved the answers of each model", columns, tuple(rows), _MEANING)
+
+
+_KEYS = (
+    Column("model", "model", "text"),
+    Column("cause", "changed", "text"),
+    Column("condition", "cause", "text", printed=False),
+)
+_UNITS = (
+    Column("n", "recordings", "count"),
+    Column("labels", "label times", "count"),
+)
+_TESTS = (
+    Column("more", "more", "count"),
+    Column("fewer", "fewer", "count"),
+    Column("p", "p", "p"),
+)
+_LAST = (
+    Column("p_holm", "p Holm", "p"),
+    Column("verdict", "verdict", "text"),
+    Column("control", "control", "text", printed=False),
+    Column("p_least", "least p", "p", printed=False),
+)
+
+
+def slots_table(effects: Iterable[Effect]) -> Table:
+    """What each cause did to each slot of the text."""
+    columns = (
+        *_KEYS, Column("slot", "slot", "text"), *_UNITS,
+        Column("given", "given"), Column("changed", "differs"),
+        Column("by_control", "by the control"), Column("effect", "effect", "signed"),
+        Column("low", "95 % from", "signed"), Column("high", "to", "signed"),
+        *_TESTS, Column("p_mid", "mid-p", "p"), *_LAST,
+    )  # fmt: skip
+    rows: list[tuple[Value, ...]] = [
+        (
+            *_begin(e)[:3], e.output, *_begin(e)[3:], e.given, e.changed, e.changed_by_control,
+            e.size, e.interval.low, e.interval.high, *_test(e),
+            None if e.test is None else e.test.p_mid, *_end(e),
+        )
+        for e in effects if e.output != TRAJECTORY
+    ]  # fmt: skip
+    notes = (
+        "differs: share of label times at which the slot is another one than in the factual "
+        "answer; by the control: the same under an irrelevant change. The effect is the first "
+        "less the second, with Newcombe's interval of paired shares; without a control it is the "
+        "share itself, with Wilson's.",
+        _LEFT_OUT, "p: McNemar's exact test.", _TESTED, *_MEANING,
+    )  # fmt: skip
+    return Table(SLOTS, "What moved the text, by slot", columns, tuple(rows), notes)
+
+
+def paths_table(effects: Iterable[Effect]) -> Table:
+    """What each cause did to the trajectory."""
+    columns = (
+        *_KEYS, *_UNITS, Column("given", "given"),
+        Column("moved_m", "moved (m)", "seconds"),
+        Column("by_control_m", "by the control (m)", "seconds"),
+        Column("effect_m", "effect (m)", "seconds"),
+        Column("low_m", "95 % from (m)", "seconds"), Column("high_m", "to (m)", "seconds"),
+        Column("per_metre", "per metre", "signed"),
+        Column("per_metre_low", "95 % from", "signed"),
+        Column("per_metre_high", "to", "signed"), *_TESTS, *_LAST,
+    )  # fmt: skip
+    rows: list[tuple[Value, ...]] = [
+        (
+            *_begin(e), e.given, e.changed, e.changed_by_control, e.size, e.interval.low,
+            e.interval.high, e.per_metre, e.per_metre_interval.low, e.per_metre_interval.high,
+            *_test(e), *_end(e),
+        )
+        for e in effects if e.output == TRAJECTORY
+    ]  # fmt: skip
+    notes = (
+        "moved: mean distance between the trajectory and the factual one, over its first 3 s or "
+        "as long as all of them last. The effect is Hodges and Lehmann's estimate of how much "
+        "further the cause moves it than the control does; per metre: over the length of the "
+        "factual trajectory.",
+        _LEFT_OUT, "p: Wilcoxon's signed rank.", _TESTED, *_MEANING,
+    )  # fmt: skip
+    return Table(PATHS, "What moved the trajectory", columns, tuple(rows), notes)
+
+
+def _begin(effect: Effect) -> tuple[Value, ...]:
+    cause = effect.cause
+    return effect.model, cause.words, cause.key, effect.recordings, effect.labels
+
+
+def _test(effect: Effect) -> tuple[Value, ...]:
+    test = effect.test
+    return (None, None, None) if test is None else (test.more, test.fewer, test.p)
+
+
+def _end(effect: Effect) -> tuple[Value, ...]:
+    least = None if effect.test is None else effect.test.p_least
+    return effect.p_holm, effect.verdict.value, effect.control or "no control", least
+
+
+def agreement_table(cells: Iterable[Asked]) -> Table:
+    """How often text and trajectory say the same actions, factual and under each cause."""
+    groups: dict[tuple[str, str], list[Answer | None]] = {}
+    words: dict[str, str] = {}
+    for cell in cells:
+        cause = cause_of(cell.condition)
+        key = "" if cause is None else cause.key
+        words[key] = "nothing" if cause is None else cause.words
+        groups.setdefault((cell.model, key), []).extend(cell.answers.values())
+    rows = []
+    for (model, key), answers in sorted(groups.items()):
+        told = [a.agrees for a in answers if a is not None and a.agrees is not None]
+        rows.append(
+            (
+                model, words[key], key, len(answers), len(told),
+                sum(told) / len(answers) if answers else None, fmean(told) if told else None,
+            )
+        )  # fmt: skip
+    columns = (
+        *_KEYS,
+        Column("n", "label times", "count"),
+        Column("both", "with both", "count"),
+        Column("atc_eff", "ATC_eff"),
+        Column("agreement", "of those with both"),
+    )
+    notes = (
+        "ATC_eff: share of all label times at which the text's actions are those of the "
+        "trajectory (METHOD 6.8); the last column leaves out those at which one of them says "
+        "none. No label is used.",
+    )
+    return Table(AGREEMENT, "Do text and trajectory agree?", columns, tuple(rows), notes)
+
+
+def answers_table(cells: Iterable[Asked]) -> Table:
+    """Each answer with what differs from the factual one, for programs and for looking up."""
+    listed = sorted(cells, key=lambda c: (c.campaign, c.scenario, c.domain, c.model, c.condition))
+    factual = {cell.place: cell for cell in listed if not cell.condition}
+    rows: list[tuple[Value, ...]] = []
+    for cell in listed:
+        own = factual.get(cell.place)
+        for t_s, answer in sorted(cell.answers.items()):
+            before = None if own is None else own.answers.get(t_s)
+            rows.append(_answer_row(cell, t_s, answer, before))
+    columns = (
+        Column("scenario", "scenario", "text"), Column("domain", "domain", "text"),
+        Column("model", "model", "text"), Column("condition", "condition", "text"),
+        Column("label_t_s", "label time (s)", "seconds"),
+        Column("differs", "differs in", "text"),
+        Column("text_actions", "text", "text"), Column("path_actions", "trajectory", "text"),
+        Column("agree", "agree", "text"),
+        Column("objects", "objects named", "text", printed=False),
+        Column("echo", "echo of the prompt", "ratio", printed=False),
+    )  # fmt: skip
+    notes = ("differs in: slots that are others than in the factual answer at that label time.",)
+    return Table(ANSWERS, "Each answer beside the factual one", columns, tuple(rows), notes)
+
+
+def _answer_row(
+    cell: Asked, t_s: float, answer: Answer | None, before: Answer | None
+) -> tuple[Value, ...]:
+    place = (cell.scenario, cell.domain, cell.model, cell.condition, t_s)
+    if answer is None:
+        return (*place, "no answer", "", "", "", "", None)
+    pairs = zip(
+        SLOT_NAMES, answer.slots, answer.slots if before is None else before.slots, strict=True
+    )
+    differing = [name for name, now, then in pairs if now != then]
+    if before is not None and answer.trajectory != before.trajectory:
+        differing.append(TRAJECTORY)
+    lon, lat = answer.slots[-2:]
+    agrees = {None: "", True: "yes", False: "no"}[answer.agrees]
+    return (
+        *place, ", ".join(differing), _actions(lon, lat), _actions(*answer.driven), agrees,
+        ", ".join(sorted(answer.objects or ())), answer.echo,
+    )  # fmt: skip
+
+
+def _actions(lon: object, lat: object) -> str:
+    return "" if lon is None and lat is None else f"{lon or '–'}, {lat or '–'}"
