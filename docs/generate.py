@@ -24,7 +24,7 @@ from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_eval.ros import parameters as ssp_eval_params
 from ssp_ot_controller.bodies.iso22133 import states as iso
-from ssp_ot_controller.bodies.iso22133.probe_clauses import CLAUSES
+from ssp_ot_controller.bodies.iso22133.probe.clauses import CLAUSES
 from ssp_ot_controller.objects import state_machine
 from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.session import limits as supervisor

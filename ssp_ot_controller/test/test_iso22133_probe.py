@@ -35,9 +35,9 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     decode,
     encode,
 )
-from ssp_ot_controller.bodies.iso22133.probe import Clock, Probe, Wire, report_of
-from ssp_ot_controller.bodies.iso22133.probe_clauses import CLAUSES
-from ssp_ot_controller.bodies.iso22133.probe_course import Course
+from ssp_ot_controller.bodies.iso22133.probe.clauses import CLAUSES
+from ssp_ot_controller.bodies.iso22133.probe.course import Course
+from ssp_ot_controller.bodies.iso22133.probe.stages import Clock, Probe, Wire, report_of
 from ssp_ot_controller.bodies.iso22133.probe_report import (
     Outcome,
     ProbeReport,

@@ -23,8 +23,8 @@ from ssp_core.run_file.participants import Motion
 from ssp_core.run_file.values import SiteDatum, Strict
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Rejected
 from ssp_ot_controller.bodies.iso22133.link import Link
-from ssp_ot_controller.bodies.iso22133.probe import Probe, report_of
-from ssp_ot_controller.bodies.iso22133.probe_course import Course, motion_of
+from ssp_ot_controller.bodies.iso22133.probe.course import Course, motion_of
+from ssp_ot_controller.bodies.iso22133.probe.stages import Probe, report_of
 from ssp_ot_controller.bodies.iso22133.probe_report import (
     Outcome,
     ProbeReport,

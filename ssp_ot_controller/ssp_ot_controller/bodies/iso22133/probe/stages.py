@@ -43,11 +43,11 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     TrajectoryInfo,
     TrajPoint,
 )
-from ssp_ot_controller.bodies.iso22133.probe_clauses import rows_of
-from ssp_ot_controller.bodies.iso22133.probe_course import Course
-from ssp_ot_controller.bodies.iso22133.probe_motion import STANDS_M
+from ssp_ot_controller.bodies.iso22133.probe.clauses import rows_of
+from ssp_ot_controller.bodies.iso22133.probe.course import Course
+from ssp_ot_controller.bodies.iso22133.probe.motion import STANDS_M
+from ssp_ot_controller.bodies.iso22133.probe.steps import Sent, Step
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome, ProbeReport, Stage
-from ssp_ot_controller.bodies.iso22133.probe_steps import Sent, Step
 from ssp_ot_controller.bodies.iso22133.states import state_of
 from ssp_ot_controller.bodies.iso22133.trajectories import trajectory_of
 from ssp_ot_controller.bodies.iso22133.units import to_gps

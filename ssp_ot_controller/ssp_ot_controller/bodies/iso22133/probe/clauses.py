@@ -19,12 +19,20 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     ReadyToArm,
     ResponseCode,
 )
-from ssp_ot_controller.bodies.iso22133.probe_motion import (
+from ssp_ot_controller.bodies.iso22133.probe.motion import (
     heads_along,
     keeps_to_way,
     starts,
     stops,
     unheard,
+)
+from ssp_ot_controller.bodies.iso22133.probe.steps import (
+    Clause,
+    Finding,
+    Judge,
+    Step,
+    silent,
+    within,
 )
 from ssp_ot_controller.bodies.iso22133.probe_report import (
     START_TIME,
@@ -33,14 +41,6 @@ from ssp_ot_controller.bodies.iso22133.probe_report import (
     Outcome,
     Row,
     Stage,
-)
-from ssp_ot_controller.bodies.iso22133.probe_steps import (
-    Clause,
-    Finding,
-    Judge,
-    Step,
-    silent,
-    within,
 )
 from ssp_ot_controller.bodies.iso22133.states import state_of
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns

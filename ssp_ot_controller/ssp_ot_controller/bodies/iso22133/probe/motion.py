@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.geometry import FloatArray, Polyline, wrap_angle
 from ssp_ot_controller.bodies.iso22133.messages import Heab, Strt, Traj
+from ssp_ot_controller.bodies.iso22133.probe.steps import Clause, Finding, Step, within
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome
-from ssp_ot_controller.bodies.iso22133.probe_steps import Clause, Finding, Step, within
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
 
 IntArray = NDArray[np.int64]
