@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from ssp_core.hashing import sha256_file
 from ssp_core.motion.state import ObjectState
 from ssp_eval.data.provenance import read_provenance
 from ssp_eval.recordings.clip import Clip, Question
+from ssp_eval.twins.audit import Pixels, audit_of
+from ssp_eval.twins.changes import parse_change
 from ssp_eval.twins.files import TwinRecord, bag_of, read_set, usable_twins
 from tests.support.worlds import IMAGE, TICK, cutting_in, record_world, small_world
 
@@ -134,6 +137,39 @@ def test_a_twin_is_asked_about_at_the_factual_times_and_never_scored(made: Path)
         assert one.request.frames != two.request.frames
         assert factual.provenance.refusal is None
         assert "is a twin" in str(twin.provenance.refusal)
+
+
+def test_where_light_reaches_further_the_pixels_outside_are_counted_and_not_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dusk = small_world(look={"light": "dusk"})
+    run = record_world(tmp_path / "run", steps=20, run=dusk)
+    assert main(["twins", str(run), "--change", "without=ot1"]) == 0
+    found = record(run, "without.ot1").audit
+    assert (found.holds, found.outside_judged) == (True, False)
+    assert found.outside_px is not None
+    assert found.outside_px > 0
+    assert f"({found.outside_px})" in capsys.readouterr().out
+
+
+def test_a_twin_that_differs_in_more_than_its_cause_does_not_hold(made: Path) -> None:
+    change = parse_change("without=ot1")
+    with (
+        BagReader(made / "bag") as factual,
+        BagReader(bag_of(made / "bag", "without.ot1")) as twin,
+        BagReader(bag_of(made / "bag", "mirror.ot1")) as other,
+    ):
+        pixels = Pixels("ot1", frames=15, changed_frames=15, bounded=True)
+        assert audit_of(change, factual, twin, pixels).holds
+        outside = replace(pixels, outside_px=3)
+        assert audit_of(change, factual, twin, outside).reasons == [
+            "3 changed pixels lie outside the object's image and shadow"
+        ]
+        # As a twin of its control: the states of ot1 are nobody's business there.
+        told = audit_of(parse_change("control"), factual, twin, replace(pixels, object_id="x"))
+        assert "/ssp/world/tick differs in more than the change" in told.reasons
+        assert "/ssp/ot1/state lacks a message" in told.reasons
+        assert not audit_of(change, twin, other, pixels).holds
 
 
 def test_the_same_inputs_give_the_same_bytes_and_a_finished_twin_is_kept(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from ssp_core.world.transforms import (
     TF_TYPE,
     Transform,
     TransformFilter,
+    decode_transforms,
     encode_transform,
     encode_transforms,
     mount,
@@ -135,6 +136,12 @@ def test_others_read_the_messages(transforms: list[Transform]) -> None:
             v, q = moved.translation, moved.rotation
             assert (v.x, v.y, v.z) == one.translation_m
             assert (q.x, q.y, q.z, q.w) == one.quaternion_xyzw
+
+
+# Later stamps, near the end of 32 bits of seconds, are no time of a session.
+@given(st.lists(TRANSFORMS.map(lambda one: replace(one, stamp_ns=one.stamp_ns // 2)), max_size=5))
+def test_what_is_written_is_read_again(transforms: list[Transform]) -> None:
+    assert decode_transforms(encode_transforms(transforms)) == tuple(transforms)
 
 
 @pytest.mark.ros

@@ -140,15 +140,19 @@ def _make(factual: Factual, bag: BagReader, changes: Sequence[Change]) -> None:
 
 
 def show(found: Sequence[TwinRecord]) -> None:
-    """What differs, a twin a row, and every reason why one doesn't hold."""
+    """What differs, a twin a row, and every reason why one doesn't hold.
+
+    Frames that differ and pixels in each of these, pixels outside object and shadow, messages that
+    differ or are gone.
+    """
     table = Table(box=None, pad_edge=False)
-    for name in ("twin", "frames changed", "px per frame", "outside", "messages changed", "holds"):
+    for name in ("twin", "frames", "px each", "outside", "messages", "holds"):
         table.add_column(name, no_wrap=True, justify="left" if name == "twin" else "right")
     for twin in found:
         audit = twin.audit
         outside = "–" if audit.outside_px is None else str(audit.outside_px)
         if audit.outside_px and not audit.outside_judged:
-            outside += " (not judged)"
+            outside = f"({outside})"
         table.add_row(
             twin.identity.name,
             f"{audit.frames_changed} of {audit.frames}",

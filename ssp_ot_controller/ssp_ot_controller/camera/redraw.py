@@ -140,19 +140,41 @@ def _body(scene: Scene, object_id: str, bodies: Sequence[Body]) -> Body | None:
 
 
 def _fill(mask: Array, view: View, triangles: Array) -> None:
-    """Fills what triangles cover, each cut off at the camera's plane.
+    """Fills what triangles cover, each cut off where the camera can't see.
 
     Args:
         triangles: shape (n, 3, 3), in the block's frame.
     """
     at = (np.asarray(triangles, np.float64) - view.position_m) @ view.rotation.T
-    inside = at[..., 2] >= _NEAR_M
-    whole = inside.all(axis=1)
+    planes = _planes(view)
+    # Shape (n, 3 corners, 5 planes): where it isn't negative, the corner is on the right side.
+    sides = at @ planes[:, :3].T + planes[:, 3]
+    seen = (sides.max(axis=1) >= 0.0).all(axis=1)
+    whole = sides.min(axis=(1, 2)) >= 0.0
     for outline in _outline(view, at[whole]):
         cv2.fillConvexPoly(mask, outline, 1)
-    for points, seen in zip(at[~whole], inside[~whole], strict=True):
-        if seen.any():
-            cv2.fillConvexPoly(mask, _outline(view, _cut(points, seen)), 1)
+    for points in at[seen & ~whole]:
+        for plane in planes:
+            points = _cut(points, points @ plane[:3] + plane[3])
+        if len(points):
+            cv2.fillConvexPoly(mask, _outline(view, points), 1)
+
+
+def _planes(view: View) -> Array:
+    """What bounds a picture and as much again on each side, in the camera's frame.
+
+    Shape (5, 4): a point (x, y, z) is inside where its product with each row's first three numbers
+    plus the fourth isn't negative. Farther out OpenCV's coordinates would not suffice.
+    """
+    lens = view.intrinsics
+    right, down = 2.0 * lens.width_px, 2.0 * lens.height_px
+    return np.array([
+        [0.0, 0.0, 1.0, -_NEAR_M],
+        [lens.fx_px, 0.0, lens.cx_px + lens.width_px, 0.0],
+        [-lens.fx_px, 0.0, right - lens.cx_px, 0.0],
+        [0.0, lens.fy_px, lens.cy_px + lens.height_px, 0.0],
+        [0.0, -lens.fy_px, down - lens.cy_px, 0.0],
+    ])  # fmt: skip
 
 
 def _outline(view: View, points: Array) -> Array:
@@ -160,17 +182,21 @@ def _outline(view: View, points: Array) -> Array:
     lens = view.intrinsics
     u = lens.fx_px * points[..., 0] / points[..., 2] + lens.cx_px
     v = lens.fy_px * points[..., 1] / points[..., 2] + lens.cy_px
-    # OpenCV takes coordinates of 16 bits' size; what is so far out lies outside all the same.
-    return np.clip(np.round(np.stack([u, v], axis=-1)), -30000, 30000).astype(np.int32)
+    return np.round(np.stack([u, v], axis=-1)).astype(np.int32)
 
 
-def _cut(points: Array, inside: Array) -> Array:
-    """The part of a triangle in front of the camera's plane."""
+def _cut(points: Array, side: Array) -> Array:
+    """The part of a convex polygon on the right side of a plane, shape (m, 3), m may be 0.
+
+    Args:
+        side: of each corner, how far it is on the right side.
+    """
     kept = []
-    for k in range(3):
-        a, b = points[k], points[(k + 1) % 3]
-        if inside[k]:
-            kept.append(a)
-        if inside[k] != inside[(k + 1) % 3]:
-            kept.append(a + (b - a) * (_NEAR_M - a[2]) / (b[2] - a[2]))
-    return np.array(kept)
+    for k in range(len(points)):
+        following = (k + 1) % len(points)
+        if side[k] >= 0.0:
+            kept.append(points[k])
+        if (side[k] >= 0.0) != (side[following] >= 0.0):
+            share = side[k] / (side[k] - side[following])
+            kept.append(points[k] + share * (points[following] - points[k]))
+    return np.array(kept).reshape(-1, 3)
