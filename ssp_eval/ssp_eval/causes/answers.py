@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord
 from ssp_eval.evaluate.models import CONDITIONS
 from ssp_eval.evaluate.requests import asked_again
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.results import CellData, CellFacts
 from ssp_eval.score.cell import Judgement
 from ssp_vla_bridge.messages import TASK
 from ssp_vla_bridge.prompts import PROMPTS
@@ -25,7 +26,8 @@ CONTROL = "control"
 # changed and, of these, by how much.
 OBJECT_KINDS = frozenset({"without", "class", "mirror", "shift", "brake_lamps", "indicators"})
 HISTORY = "history"
-_BY_AMOUNT = frozenset({"shift", "camera", HISTORY})
+CAMERA = "camera"
+_BY_AMOUNT = frozenset({"shift", CAMERA, HISTORY})
 _STRENGTHS = {"1": ", weak", "2": ", strong"}
 # So many words in a row that the prompt has too are an echo of it; fewer may be chance.
 ECHO_WORDS = 4
@@ -141,8 +143,11 @@ class Asked:
     Args:
         campaign: folder that it lies in; runs of different campaigns are compared each by itself.
         recording: which one it is, whatever the campaign.
-        bag: of the recording that was shown, None where it isn't known.
         answers: by label time, s; None: there is none.
+        bag: whose frames were shown as they are; None: it isn't known, or others were.
+        bag_sha256: that this bag must have.
+        frames_ns: stamps of the frames that were shown, rising, by label time.
+        phases: by label time.
     """
 
     campaign: str
@@ -151,8 +156,11 @@ class Asked:
     domain: str
     model: str
     condition: str
-    bag: Path | None
     answers: Mapping[float, Answer | None]
+    bag: Path | None = None
+    bag_sha256: str | None = None
+    frames_ns: Mapping[float, tuple[int, ...]] = field(default_factory=dict)
+    phases: Mapping[float, str] = field(default_factory=dict)
 
     @property
     def place(self) -> tuple[str, str, str, str]:
@@ -180,12 +188,13 @@ def asked(cell: CellData) -> Asked | None:
     if cell.score is None or (condition and cause_of(condition) is None):
         return None
     out = cell.folder.parent.parent
-    lines = () if condition else cell.asked
-    prompts = {} if condition else _prompts(facts.interface, lines)
+    questions = [value for line in cell.asked if not (value := json.loads(line)).get("missing")]
+    prompts = {} if condition else _prompts(facts.interface, questions)
     answers = {
         judgement.label_t_s: _answer(judgement, cell.records, prompts)
         for judgement in cell.score.details.judgements
     }
+    path, digest = _shown(facts)
     return Asked(
         campaign=str(out),
         recording=facts.hashes.get("bag") or f"{cell.scenario} {cell.domain}",
@@ -193,9 +202,25 @@ def asked(cell: CellData) -> Asked | None:
         domain=cell.domain,
         model=cell.model.removesuffix(f"+{condition}") if condition else cell.model,
         condition=condition,
-        bag=None if facts.clip.path is None else out / facts.clip.path,
         answers=answers,
+        bag=None if path is None else out / path,
+        bag_sha256=digest,
+        frames_ns={
+            float(one["label_t_s"]): tuple(frame["stamp_ns"] for frame in one["frames"])
+            for one in questions
+        },
+        phases={label.t_s: label.phase for label in cell.labels.labels},
     )
+
+
+def _shown(facts: CellFacts) -> tuple[str | None, str | None]:
+    """Path and hash of the bag whose states say what the frames show; None: no bag's do."""
+    if not facts.condition:
+        return facts.clip.path, facts.hashes.get("bag")
+    cause = cause_of(facts.condition)
+    if facts.twin is None or cause is None or cause.kind == CAMERA:
+        return None, None
+    return facts.twin.path, facts.hashes.get("twin")
 
 
 def _answer(
@@ -215,13 +240,10 @@ def _answer(
     )
 
 
-def _prompts(interface: str, lines: Sequence[bytes]) -> dict[float, str]:
+def _prompts(interface: str, questions: Iterable[Mapping[str, Any]]) -> dict[float, str]:
     """By label time the words that a question was asked in, as far as they are known here."""
     stages, found = PROMPTS.get(interface, ()), {}
-    for line in lines:
-        value = json.loads(line)
-        if value.get("missing"):
-            continue
+    for value in questions:
         words = [TASK.instruction]
         try:
             request = asked_again(value, None)

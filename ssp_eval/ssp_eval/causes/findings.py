@@ -23,6 +23,7 @@ from ssp_eval.causes.effects import (
     effects_of,
     largest,
 )
+from ssp_eval.causes.naming import Naming, namings
 from ssp_eval.evaluate.results import CellData
 from ssp_eval.statistics.table import counted, some
 
@@ -79,6 +80,7 @@ class Moved:
     cells: tuple[Asked, ...]
     effects: tuple[Effect, ...]
     findings: tuple[Finding, ...]
+    namings: tuple[Naming, ...]
 
 
 def moved_by(cells: Iterable[CellData]) -> Moved | None:
@@ -104,6 +106,7 @@ def compared(answers: Iterable[Asked]) -> Moved | None:
         cells,
         tuple(effect for of in by_model.values() for effect in of),
         tuple(finding(model, of, echo_of(model, cells)) for model, of in by_model.items()),
+        tuple(namings(cells)),
     )
 
 
@@ -268,7 +271,8 @@ def _said(effect: Effect) -> str:
     show: Callable[[float], str] = (
         "{:.2f} m".format if effect.output == TRAJECTORY else "{:.0%}".format
     )
-    span = "" if low is None or high is None else f" [{show(low)}, {show(high)}]"
+    is_tested = effect.verdict is Verdict.MOVED and low is not None and high is not None
+    span = f" [{show(low or 0.0)}, {show(high or 0.0)}]" if is_tested else ""
     name = effect.output.replace("_", " ")
     where = "of label times more" if effect.output != TRAJECTORY else "further"
     p = "untested" if effect.verdict is Verdict.SEEN else f"Holm p {effect.p_holm:.2g}"

@@ -6,13 +6,15 @@ from collections.abc import Iterable, Sequence
 from statistics import fmean
 
 from ssp_eval.causes.answers import Answer, Asked, cause_of
-from ssp_eval.causes.effects import TRAJECTORY, Effect
+from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict
 from ssp_eval.causes.findings import Finding, Moved
+from ssp_eval.causes.naming import Naming
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.statistics.table import Column, Table, Value
 
-FINDINGS, SLOTS, PATHS, AGREEMENT, ANSWERS = (
-    "moved_findings", "moved_slots", "moved_trajectories", "moved_agreement", "moved_answers",
+FINDINGS, SLOTS, PATHS, NAMING, AGREEMENT, ANSWERS = (
+    "moved_findings", "moved_slots", "moved_trajectories", "moved_naming",
+    "moved_agreement", "moved_answers",
 )  # fmt: skip
 _LEFT_OUT = (
     "The unit is the recording: label times of one are averaged, since neighbouring answers are "
@@ -32,7 +34,7 @@ def moved_tables(moved: Moved) -> list[Table]:
     """All of them."""
     return [
         findings_table(moved.findings), slots_table(moved.effects), paths_table(moved.effects),
-        agreement_table(moved.cells), answers_table(moved.cells),
+        naming_table(moved.namings), agreement_table(moved.cells), answers_table(moved.cells),
     ]  # fmt: skip
 
 
@@ -85,13 +87,14 @@ def slots_table(effects: Iterable[Effect]) -> Table:
             e.size, e.interval.low, e.interval.high, *_test(e),
             None if e.test is None else e.test.p_mid, *_end(e),
         )
-        for e in effects if e.output != TRAJECTORY
+        for e in effects
+        if e.output != TRAJECTORY and e.verdict is not Verdict.NOT_GIVEN
     ]  # fmt: skip
     notes = (
         "differs: share of label times at which the slot is another one than in the factual "
         "answer; by the control: the same under an irrelevant change. The effect is the first "
         "less the second, with Newcombe's interval of paired shares; without a control it is the "
-        "share itself, with Wilson's.",
+        "share itself, with Wilson's. Slots that a model never gives are left out.",
         _LEFT_OUT, "p: McNemar's exact test.", _TESTED, *_MEANING,
     )  # fmt: skip
     return Table(SLOTS, "What moved the text, by slot", columns, tuple(rows), notes)
@@ -140,6 +143,35 @@ def _test(effect: Effect) -> tuple[Value, ...]:
 def _end(effect: Effect) -> tuple[Value, ...]:
     least = None if effect.test is None else effect.test.p_least
     return effect.p_holm, effect.verdict.value, effect.control or "no control", least
+
+
+def naming_table(found: Iterable[Naming]) -> Table:
+    """How often a model names what isn't there, and doesn't name what is."""
+    rows: list[tuple[Value, ...]] = []
+    for one in found:
+        cause = cause_of(one.condition)
+        false, missed = one.hallucinated_interval, one.omitted_interval
+        rows.append(
+            (
+                one.model, "nothing" if cause is None else cause.words, one.condition,
+                one.recordings, one.named, one.hallucinated, false.low, false.high, one.critical,
+                one.omitted, missed.low, missed.high,
+            )
+        )  # fmt: skip
+    columns = (
+        *_KEYS, Column("n", "recordings", "count"), Column("named", "named", "count"),
+        Column("hallucinated", "of these not there"), Column("hallucinated_low", "95 % from"),
+        Column("hallucinated_high", "to"), Column("critical", "visible and critical", "count"),
+        Column("omitted", "of these not named"), Column("omitted_low", "95 % from"),
+        Column("omitted_high", "to"),
+    )  # fmt: skip
+    notes = (
+        "By the recording's true states, class by class. Not there: no frame that the model was "
+        "given shows anything of that class. Visible and critical: an object target of which the "
+        "newest frame shows a quarter or more, in trigger and conflict. Shares are means over "
+        "recordings, with Wilson's interval over them; n/a without true states.",
+    )
+    return Table(NAMING, "Named and not there, there and not named", columns, tuple(rows), notes)
 
 
 def agreement_table(cells: Iterable[Asked]) -> Table:

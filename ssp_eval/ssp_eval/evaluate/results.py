@@ -124,6 +124,8 @@ class TwinFacts(_Part):
 
     name: str
     words: str
+    # From the campaign's folder.
+    path: str | None = None
 
 
 class CellFacts(_Part):

@@ -171,7 +171,9 @@ class Shares:
 
 
 def rate_interval(rate: float, n: int) -> Interval:
-    """Wilson's interval of a share of n units, 95 %."""
+    """Wilson's interval of a share of n units, 95 %; a single unit has none."""
+    if n < 2:
+        return NO_INTERVAL
     from statsmodels.stats.proportion import (  # type: ignore[import-untyped]  # no types
         proportion_confint,
     )
