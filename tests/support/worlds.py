@@ -27,6 +27,7 @@ from tests.support.states import object_state
 
 STEP_NS = 20_000_000
 STEPS_PER_FRAME = 10
+HELD = 2
 TICK, IMAGE = "/ssp/world/tick", "/ssp/vut/front_camera/image/compressed"
 CAMERA = {"width_px": 192, "height_px": 108, "rate_hz": 5.0}
 
@@ -93,16 +94,17 @@ def record_world(
         for name in reported:
             writer.add_topic(f"/ssp/{name}/state", "ssp_msgs/msg/ObjectState", offered_qos(50))
         _session(writer, run, 5, 0, 0)
-        for step in range(steps):
+        # The world holds at its first step for a while, which has a frame each time.
+        for count, step in enumerate([*[0] * HELD, *range(steps)]):
             at_ns, present = step * STEP_NS, states(step)
             odometer.update(present)
-            tick = WorldTick(at_ns, step, True, True, step, step, present)
-            writer.write(TICK, encode_tick(tick), at_ns, at_ns, step)
+            tick = WorldTick(at_ns, step, count >= HELD, True, count, count, present)
+            writer.write(TICK, encode_tick(tick), at_ns, at_ns, count)
             sending = [state for state in present if state.object_id in reported]
             for state in sending:
                 data = encode_state(state)
-                writer.write(f"/ssp/{state.object_id}/state", data, at_ns, at_ns, step)
-            writer.write("/tf", encode_transforms(map(of_state, sending)), at_ns, at_ns, step)
+                writer.write(f"/ssp/{state.object_id}/state", data, at_ns, at_ns, count)
+            writer.write("/tf", encode_transforms(map(of_state, sending)), at_ns, at_ns, count)
             if step % STEPS_PER_FRAME:
                 continue
             vut = next(state for state in present if state.object_id == run.vut.id)
@@ -110,7 +112,7 @@ def record_world(
             scene = Scene(run.road, vut, present, odometer.snapshot(), blinking)
             pixels = render(scene, run.look, run.camera, step // STEPS_PER_FRAME, run.seed)
             taken = picture(frame(jpeg(pixels, run.camera.jpeg_quality)), at_ns)
-            writer.write(IMAGE, taken, at_ns, at_ns, step)
+            writer.write(IMAGE, taken, at_ns, at_ns, count)
         _session(writer, run, 7, 1, steps * STEP_NS)
     verdict = {"schema": "ssp.verdict/1", "verdict": "valid", "reasons": [], "told_by": "runner"}
     (folder / "bag" / "verdict.json").write_text(json.dumps(verdict))

@@ -49,7 +49,7 @@ _CONTROL_AHEAD_M = 40.0  # of the VUT's last place
 _CONTROL_ASIDE_M = 4.0  # of the outermost lane's edge
 _LONGEST_S = 10.0
 _ID = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
-FORMS = {
+_FORMS = {
     Kind.WITHOUT: "without=ID",
     Kind.CLASS: "class=ID:CLASS",
     Kind.MIRROR: "mirror=ID",
@@ -118,10 +118,10 @@ def parse_change(text: str) -> Change:
         kind = Kind(word)
         return _parsed(kind, *rest.partition(":")[::2])
     except ValueError as error:
-        known = next((form for one, form in FORMS.items() if one.value == word), None)
+        known = next((form for one, form in _FORMS.items() if one.value == word), None)
         raise InputError(
             f"is no change{'' if known is None else f': {error}'}", field="--change", value=text,
-            remedy=f"write {known or ', '.join(FORMS.values())}",
+            remedy=f"write {known or ', '.join(_FORMS.values())}",
         ) from error  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from ssp_core.options import usage_errors
 from ssp_core.vocabulary import ObjectClass
 from ssp_eval.data.provenance import find_bag
 from ssp_eval.twins.bag import TOGETHER, make_twins
-from ssp_eval.twins.changes import FORMS, Change, parse_change, usual_changes
+from ssp_eval.twins.changes import Change, parse_change, usual_changes
 from ssp_eval.twins.files import (
     SET_FILE,
     TwinRecord,
@@ -40,7 +40,7 @@ ALL = "all"
     multiple=True,
     required=True,
     metavar="WHAT",
-    help=f"{', '.join(FORMS.values())}, or {ALL}; may be repeated.",
+    help="What differs, in one of the forms above; may be repeated.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the twins as JSON (ssp.twin_set/1).")
 @click.option("--force", is_flag=True, help="Make twins again that are there.")

@@ -112,14 +112,23 @@ def finished_twin(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
     Args:
         of_sha256: hash of the recording.
     """
-    file = twins_folder(bag) / name / TWIN_FILE
+    record = _told_twin(bag, name, of_sha256)
+    if record is None:
+        return None
     try:
-        record = load_model(TwinRecord, file)
         with BagReader(bag_of(bag, name)) as twin:
-            whole = content_sha256(twin) == record.bag_sha256
+            return record if content_sha256(twin) == record.bag_sha256 else None
     except InputError:
         return None
-    return record if whole and record.identity.of_sha256 == of_sha256 else None
+
+
+def _told_twin(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
+    """What ``twin.json`` of a recording's twin says, whatever its bag holds by now."""
+    try:
+        record = load_model(TwinRecord, twins_folder(bag) / name / TWIN_FILE)
+    except InputError:
+        return None
+    return record if record.identity.of_sha256 == of_sha256 else None
 
 
 def write_set(bag: Path, of: str, of_sha256: str) -> TwinSet:
@@ -130,7 +139,7 @@ def write_set(bag: Path, of: str, of_sha256: str) -> TwinSet:
     """
     folder = twins_folder(bag)
     names = sorted(file.parent.name for file in folder.glob(f"*/{TWIN_FILE}"))
-    records = [finished_twin(bag, name, of_sha256) for name in names]
+    records = [_told_twin(bag, name, of_sha256) for name in names]
     found = TwinSet(
         of=of, of_sha256=of_sha256, twins=[record for record in records if record is not None]
     )
