@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from ssp_eval.causes.answers import Cause, asked, cause_of, echo, wanted_cells
+from ssp_eval.causes.answers import Answer, Asked, Cause, asked, cause_of, echo, wanted_cells
 from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict, effects_of
 from ssp_eval.causes.findings import Moved, Word, compared, moved_by
 from ssp_eval.causes.forest import forests
@@ -18,6 +19,7 @@ from ssp_eval.causes.tables import PATHS, SLOTS, moved_tables
 from ssp_eval.evaluate.results import CellData
 from ssp_eval.report.render import render
 from ssp_eval.statistics.table import to_csv
+from ssp_vla_bridge.trajectory import Trajectory
 from support.answerers import (
     ANSWERERS,
     CONDITIONS,
@@ -90,6 +92,37 @@ def test_the_effect_of_an_object_has_the_size_that_it_was_given() -> None:
 
 def count_of_tests(found: Moved) -> int:
     return sum(e.test is not None and e.test.p_least < 1.0 for e in found.effects)
+
+
+def null_campaign(numbers: np.random.Generator) -> Iterator[Asked]:
+    """A model that everything is alike to: its answers differ by chance, more so between cells."""
+    for number in range(20):
+        for condition in ("", *CONDITIONS):
+            whole, far_m = numbers.integers(0, 2, 6), 10 + numbers.normal()
+            answers: dict[float, Answer | None] = {}
+            for label in range(LABELS):
+                words = np.where(numbers.random(6) < 0.7, whole, numbers.integers(0, 2, 6))
+                ahead_m = far_m + numbers.normal(0.0, 0.3)
+                path = Trajectory((0.0, 1.0, 3.0), (0.0, ahead_m, 3 * ahead_m), (0.0, 0.0, 0.0))
+                answers[label * 0.5] = Answer(tuple("ab"[w] for w in words), path, (None, None))
+            name = f"event_{number}"
+            yield Asked("c", name, name, "simulation", "m", condition, answers)
+
+
+def test_of_a_model_that_all_is_alike_to_hardly_any_campaign_finds_something() -> None:
+    numbers = np.random.default_rng(1)
+    found = [effects_of(null_campaign(numbers)) for _ in range(30)]
+    by_chance = [any(e.p_holm is not None and e.p_holm <= 0.05 for e in of) for of in found]
+    assert sum(by_chance) <= 3
+    # Each test by itself finds something now and then, so that without the correction most would.
+    assert sum(any(e.test.p <= 0.05 for e in of if e.test) for of in found) >= 10
+
+
+def test_a_text_that_was_given_back_is_no_answer() -> None:
+    found = moved(ANSWERERS["decides_first"], 2, REASONED)
+    assert [e.output for e in found.effects if e.cause.family == "reasoning"] == [TRAJECTORY]
+    (forest,) = forests(found.effects)
+    assert (forest.rows[-1].text, forest.rows[-1].said) == (None, "given back")
 
 
 def test_an_answer_that_changes_at_anything_is_put_down_to_nothing() -> None:

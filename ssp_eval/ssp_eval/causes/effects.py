@@ -10,7 +10,7 @@ from statistics import fmean
 
 import numpy as np
 
-from ssp_eval.causes.answers import Answer, Asked, Cause, cause_of
+from ssp_eval.causes.answers import REASONING, Answer, Asked, Cause, cause_of
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.statistics.comparisons import step_down
 from ssp_eval.statistics.paired import (
@@ -140,7 +140,9 @@ def _of_model(model: str, cells: Sequence[Asked]) -> list[Effect]:
     for cause in sorted(causes, key=lambda c: c.order):
         if not cause.is_control:
             control, units = triplets(cause, cells)
-            found += [_effect(model, cause, output, control, units) for output in OUTPUTS]
+            # A text that was given back is no answer.
+            outputs = (TRAJECTORY,) if cause.family == REASONING else OUTPUTS
+            found += [_effect(model, cause, output, control, units) for output in outputs]
     return _corrected(found)
 
 

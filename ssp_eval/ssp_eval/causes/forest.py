@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
+from ssp_eval.causes.answers import REASONING, Cause
 from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict, largest
 
 # Effects of shares lie within −1 and 1; most of the room is for those above 0.
@@ -33,12 +34,16 @@ class Mark:
 
 @dataclass(frozen=True)
 class Row:
-    """One cause: of the text the slot that it moves most."""
+    """One cause: of the text the slot that it moves most.
+
+    Args:
+        said: that slot, or why there is none.
+    """
 
     name: str
     path: Mark | None
     text: Mark | None
-    slot: str
+    said: str
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,7 @@ def _forest(model: str, effects: Sequence[Effect]) -> Forest:
                 those[0].cause.words,
                 None if path is None else _mark(path, of_path),
                 None if text is None else _mark(text, of_text),
-                text.output.replace("_", " ") if text is not None and text.changed else "",
+                _said(those[0].cause, text),
             )
         )
     ticks_m = tuple(
@@ -105,6 +110,12 @@ def _forest(model: str, effects: Sequence[Effect]) -> Forest:
     )
     ticks = tuple((of_text(v), f"{v:g}") for v in (0.0, 0.25, 0.5, 0.75, 1.0))
     return Forest(model, tuple(rows), Panel(of_path(0.0), ticks_m), Panel(of_text(0.0), ticks))
+
+
+def _said(cause: Cause, text: Effect | None) -> str:
+    if text is not None:
+        return text.output.replace("_", " ") if text.changed else ""
+    return "given back" if cause.family == REASONING else "says nothing"
 
 
 def _step(span: float) -> float:
