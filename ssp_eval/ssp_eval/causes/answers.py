@@ -75,7 +75,8 @@ class Cause:
             name = "frames decoded and encoded again" if self.is_control else self.kind
             return name.replace("_", " ") + _STRENGTHS.get(self.amount, "")
         if self.family == REASONING:
-            return f"own text given back, {self.kind.replace('_', ' ')} turned"
+            how = "as it was" if self.is_control else f"{self.kind.replace('_', ' ')} turned"
+            return f"own text given back, {how}"
         return {
             "without": "without the object",
             "class": "another class in its place",

@@ -21,7 +21,7 @@ from ssp_eval.evaluate.admission import NO_AUDIT, Admission, keep_audits
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers
 from ssp_eval.evaluate.model_client import ModelClients
-from ssp_eval.evaluate.models import CONDITIONS, TWIN, ModelSpec, with_twin_conditions
+from ssp_eval.evaluate.models import CONDITIONS, REASONING, TWIN, ModelSpec, with_twin_conditions
 from ssp_eval.evaluate.twin_clips import with_twins
 from ssp_eval.labels.propose import propose_by_plan
 from ssp_eval.labels.review import is_unreviewed, write_proposal
@@ -43,6 +43,7 @@ class Plan:
         to_answerers: of these, to the harness's own answerers.
         spoilt: of these, to models that are asked once more with spoilt frames.
         corrupted: of these, to models that are asked once more with corrupted pictures.
+        given_back: of these, to models that are given their own text back.
         about_twins: of these, to whoever is asked about twins in the place of recordings.
         goes_on: some may have an answer that is stored, and isn't asked for again.
         label_lines: per scenario how many labels each phase has, and whether the domains compare
@@ -56,6 +57,7 @@ class Plan:
     spoilt: int
     corrupted: int = 0
     about_twins: int = 0
+    given_back: int = 0
     goes_on: bool = False
     label_lines: tuple[str, ...] = field(default=(), compare=False)
 
@@ -78,6 +80,8 @@ class Plan:
             told.append(f"{self.corrupted} to the models once more, with corrupted pictures")
         if self.about_twins:
             told.append(f"{self.about_twins} once more about twins")
+        if self.given_back:
+            told.append(f"{self.given_back} with the model's own text given back")
         return f"{text}; of these {'; '.join(told)}" if told else text
 
 
@@ -110,6 +114,7 @@ def plan_of(
         spoilt=found["spoilt"],
         corrupted=found["corrupted"],
         about_twins=found["twins"],
+        given_back=found["given back"],
         goes_on=goes_on,
         label_lines=tuple(f"{name}: {told.line}" for name, told in compared.items()),
     )
@@ -119,6 +124,8 @@ def _asked_for(model: ModelSpec) -> str:
     """For what a model is asked, in the words of plan_of."""
     if model.condition.startswith(TWIN):
         return "twins"
+    if model.condition.startswith(REASONING):
+        return "given back"
     if model.condition:
         return "spoilt" if model.condition in CONDITIONS else "corrupted"
     return "answerers" if model.answerer else "models"

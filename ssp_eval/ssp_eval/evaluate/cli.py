@@ -25,9 +25,11 @@ from ssp_eval.evaluate.models import (
     attached_spec,
     bridge_spec,
     check_bridge,
+    gives_back,
     load_models,
     with_controls,
     with_pictures,
+    with_reasoning,
 )
 from ssp_eval.evaluate.run import (
     ENGINES,
@@ -68,6 +70,23 @@ def model_specs(
         if not model.attached:
             check_bridge(model)
     return models
+
+
+def reasoned(models: Sequence[ModelSpec]) -> list[ModelSpec]:
+    """The models, and those that can be given their own text back as often again; others are told.
+
+    Raises:
+        click.UsageError: none can.
+    """
+    asked = [model for model in models if not model.condition and not model.answerer]
+    if not any(map(gives_back, asked)):
+        raise click.UsageError(
+            "--reasoning: no model can be given its own text back; that needs the backend openai"
+        )
+    for model in asked:
+        if not gives_back(model):
+            console.note(f"reasoning of {model.name}: n/a, its bridge gives no text back")
+    return with_reasoning(models)
 
 
 def driving_before(out: Path) -> set[str]:
@@ -178,6 +197,12 @@ _PATH = click.Path(path_type=Path)
     "BAG, at the times of the BAG's labels; none enters a mean.",
 )
 @click.option(
+    "--reasoning",
+    is_flag=True,
+    help="Give each model of the backend openai its own text back, with its object, side or action "
+    "turned and as it was, and ask for the trajectory; none enters a mean.",
+)
+@click.option(
     "--workers",
     type=click.IntRange(1, 1024),
     default=None,
@@ -210,6 +235,7 @@ def evaluate(
     controls: bool,
     pictures: bool,
     twins: bool,
+    reasoning: bool,
     workers: int | None,
     engine: str,
     as_json: bool,
@@ -236,6 +262,8 @@ def evaluate(
         models = with_controls(models, driving_before(out))
     if pictures:
         models = with_pictures(models)
+    if reasoning:
+        models = reasoned(models)
     paired: list[tuple[Path, Path | None]] = [(bag, None) for bag in bags]
     if labels_files:
         paired = list(zip(bags, labels_files, strict=True))

@@ -20,6 +20,7 @@ from ssp_eval.evaluate.models import (
     CONDITION_SEED,
     DROPPED,
     PICTURES_CONTROL,
+    REASONING,
     SHUFFLED,
     TEXT_ONLY,
     ModelSpec,
@@ -102,8 +103,8 @@ def question_under(
     """What a model is asked about a label time, under its condition."""
     clip, condition = labelled.clip, model.condition
     question = clip.question(label_t_s, model.rules)
-    if not condition or isinstance(question, NoQuestion):
-        return question
+    if not condition or condition.startswith(REASONING) or isinstance(question, NoQuestion):
+        return question  # what is turned is the model's own answer, in its backend
     if condition in labelled.twins:
         return _about_twin(question, labelled.twins[condition], model.rules)
     another = None

@@ -25,6 +25,7 @@ from ssp_vla_bridge.backend import (
     parse_options,
 )
 from ssp_vla_bridge.backends import python
+from ssp_vla_bridge.backends.given_back import FACTS
 from ssp_vla_bridge.window import Interface, Preprocessing, find_interface
 
 # In the options of a bridge these words stand for what only the cell knows.
@@ -55,10 +56,14 @@ PICTURES = (
     TEXT_ONLY,
     PICTURES_CONTROL,
 )
+# What --reasoning adds: the model is given its own text back with one fact turned, or, as the
+# control, as it was, and asked for the trajectory.
+REASONING = "reasoning."
+_GIVES_BACK = "openai"  # the backend that can
 # What --twins adds begins so, and the twin's name follows.
 TWIN = "twin."
 # What a condition begins with that isn't one of CONDITIONS.
-_FAMILIES = ("pictures.", TWIN)
+_FAMILIES = ("pictures.", TWIN, REASONING)
 # Of the order into which frames are put and of what is drawn in them; one for all campaigns, so
 # that they can be compared.
 CONDITION_SEED = 1
@@ -438,6 +443,22 @@ def with_pictures(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
     return once_more(specs, PICTURES, {*CONTROLS, *ANSWERERS})
 
 
+def gives_back(spec: ModelSpec) -> bool:
+    """Whether a model can be given its own text back: over a chat, from a bridge of ours."""
+    return spec.backend_name == _GIVES_BACK and not spec.attached
+
+
+def with_reasoning(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
+    """The models, each that can be given its own text back followed by itself with each fact."""
+    names = [REASONING + fact for fact in FACTS]
+    found = once_more(specs, names, {s.backend_name for s in specs if not gives_back(s)})
+    return [
+        replace(s, options={**s.options, "give_back": s.condition.removeprefix(REASONING)})
+        if s.condition in names else s
+        for s in found
+    ]  # fmt: skip
+
+
 def with_twin_conditions(specs: Sequence[ModelSpec], twins: Sequence[str]) -> list[ModelSpec]:
     """The models, each followed by itself under the twins of one recording.
 
@@ -459,11 +480,13 @@ def once_more(
         but: names of backends whose models get none.
     """
     found = []
+    own = None
     for spec, following in zip_longest(specs, specs[1:]):
         found.append(spec)
+        own = spec if own is None or own.name != spec.name else own
         last = following is None or following.name != spec.name
         if last and spec.backend_name not in but:
-            found += [replace(spec, condition=name, control=True) for name in conditions]
+            found += [replace(own, condition=name, control=True) for name in conditions]
     return found
 
 

@@ -24,6 +24,7 @@ from ssp_eval.evaluate.cell_file import (
     SEAL,
     sealed,
 )
+from ssp_eval.evaluate.models import REASONING
 from ssp_eval.evaluate.requests import RAW_FILE, REQUESTS_FILE, asked_again
 from ssp_eval.extract import extractor_hash
 from ssp_eval.observations.files import check_seal
@@ -474,9 +475,10 @@ class Chains:
         """The frames of each request, by its line, each found in the recording."""
         hashes = facts["hashes"]
         recording = self._index.recordings.get(str(hashes.get("twin", hashes.get("bag"))))
-        if facts.get("condition") and "twin" not in hashes:
+        condition = str(facts.get("condition", ""))
+        if condition and "twin" not in hashes and not condition.startswith(REASONING):
             # Blackened frames are in no recording, and shuffled ones stand at other stamps.
-            self.notes.append(f"{entry.path}: a control, its frames are {facts['condition']}")
+            self.notes.append(f"{entry.path}: a control, its frames are {condition}")
             recording = None
         found: dict[int, list[SentFrame]] = {}
         for ref, request in requests:

@@ -6,7 +6,7 @@ import base64
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -33,6 +33,13 @@ from ssp_vla_bridge.backend import (
     key_option,
     number_option,
 )
+from ssp_vla_bridge.backends.given_back import (
+    CONTROL,
+    FACTS,
+    before_trajectory,
+    check_continued,
+    turned,
+)
 from ssp_vla_bridge.messages import Answer, Frame, Request
 from ssp_vla_bridge.native_history import previous_stage
 from ssp_vla_bridge.prompts import Prompt, find_stages
@@ -41,6 +48,7 @@ _TYPES: dict[str, type] = {
     "base_url": str, "model": str, "api_key_env": str, "interface": str, "temperature": float,
     "seed": int, "top_p": float, "presence_penalty": float, "frequency_penalty": float,
     "max_tokens": int, "timeout_s": float, "tries": int, "image_width": int, "extra": dict,
+    "give_back": str,
 }  # fmt: skip
 # Default, least and most.
 _DECODING: dict[str, tuple[float, float, float]] = {
@@ -65,6 +73,8 @@ class Options:
             are not sent.
         timeout_s: for a whole answer with all its stages and tries.
         tries: of one stage.
+        give_back: which fact of its own text is turned before it plans (given_back.FACTS); empty:
+            it isn't given its text back.
         image_width_px: wider frames are scaled down to this; None: frames are sent as they are.
         api_key_env: name of the variable with the key, empty: the server wants none.
     """
@@ -76,6 +86,7 @@ class Options:
     timeout_s: float = 60.0
     tries: int = 3
     image_width_px: int | None = None
+    give_back: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)
     api_key_env: str = ""
     key: str | None = field(default=None, repr=False)
@@ -118,6 +129,12 @@ def read_options(given: Mapping[str, Any]) -> Options:
             remedy = "it is an option of its own"
         raise InputError("is no extra parameter", field=f"backend_options.extra.{name}",
                          remedy=remedy)  # fmt: skip
+    give_back = given.get("give_back") or ""
+    if give_back and give_back not in FACTS:
+        raise InputError(
+            "is nothing that can be turned", field="backend_options.give_back", value=give_back,
+            remedy=f"known are {', '.join(FACTS)}",
+        )  # fmt: skip
     key = key_option(given)
     if gives_away(shown, key):
         raise InputError(
@@ -136,6 +153,7 @@ def read_options(given: Mapping[str, Any]) -> Options:
         image_width_px=None
         if width is None
         else int(number_option(given, "image_width", 0, 16, 8192)),
+        give_back=give_back,
         extra=dict(extra),
         api_key_env=given.get("api_key_env") or "",
         key=key,
@@ -149,6 +167,8 @@ def _decoding(given: Mapping[str, Any], name: str) -> float | None:
     return number_option(given, name, *_DECODING[name])
 
 
+# What continues a text that is given, for vLLM and SGLang; others refuse what they don't know.
+_GOES_ON = {"continue_final_message": True, "add_generation_prompt": False}
 STAGE_GAP = "\n\n"
 _JPEG_QUALITY = 95
 _SHOWN = 200
@@ -165,6 +185,7 @@ class _Said:
     completion: Completion
     tries: int
     latency_s: float
+    given: Mapping[str, str] = field(default_factory=dict)
 
 
 class OpenAIBackend:
@@ -207,23 +228,70 @@ class OpenAIBackend:
         before: dict[str, str] = {}
         said = []
         for stage in self._stages:
-            prompt = stage.build(request, before)
-            one = self._ask(stage.name, prompt, pictures, end_s)
+            given = self._given(before) if before and stage is self._stages[-1] else {}
+            prompt = stage.build(request, given or before)
+            one = replace(self._ask(stage.name, prompt, pictures, end_s), given=given)
+            if self._options.give_back and len(self._stages) == 1:
+                one = self._asked_on(one, pictures, end_s)
             before[stage.name] = one.text
             said.append(one)
         return Answer(STAGE_GAP.join(one.text for one in said), decoding=self._facts(request, said))
 
+    def _given(self, before: Mapping[str, str]) -> dict[str, str]:
+        """The texts of the stages before as they are given back; empty: as they are.
+
+        Raises:
+            PeerError: they don't say the fact that is to be turned.
+        """
+        fact = self._options.give_back
+        found = {
+            name: turned(text, fact, is_plan=name == "intent") for name, text in before.items()
+        }
+        self._check_turned(found != before)
+        return found if fact else {}
+
+    def _check_turned(self, is_turned: bool) -> None:
+        fact = self._options.give_back
+        if fact not in ("", CONTROL) and not is_turned:
+            raise PeerError(f"n/a: its text says no {fact} that could be turned")
+
+    def _asked_on(self, own: _Said, pictures: Sequence[Mapping[str, Any]], end_s: float) -> _Said:
+        """The text of one stage with the trajectory that follows on it as it is given back.
+
+        Raises:
+            PeerError: there is nothing to give back, or the server doesn't go on with it.
+        """
+        said = before_trajectory(own.text)
+        given = turned(said, self._options.give_back)
+        self._check_turned(given != said)
+        on = self._ask(own.name, own.prompt, pictures, end_s, given)
+        check_continued(on.text)
+        return replace(
+            on, text=f"{said} {on.text.lstrip()}", tries=own.tries + on.tries,
+            latency_s=own.latency_s + on.latency_s, given={own.name: given},
+        )  # fmt: skip
+
     def _ask(
-        self, name: str, prompt: Prompt, pictures: Sequence[Mapping[str, Any]], end_s: float
-    ) -> _Said:
+        self, name: str, prompt: Prompt, pictures: Sequence[Mapping[str, Any]], end_s: float,
+        begun: str = "",
+    ) -> _Said:  # fmt: skip
+        """One stage.
+
+        Args:
+            begun: the beginning of the answer, with which the server goes on.
+        """
         begun_s = time.monotonic()
         messages: list[dict[str, Any]] = []
         if prompt.system:
             messages.append({"role": "system", "content": prompt.system})
         content = [*pictures, {"type": "text", "text": prompt.text}]
         messages.append({"role": "user", "content": content})
+        parameters = self._options.parameters
+        if begun:
+            messages.append({"role": "assistant", "content": begun})
+            parameters = {**parameters, **_GOES_ON}
         try:
-            reply = self._chat.request(messages, self._options.parameters, end_s - begun_s)
+            reply = self._chat.request(messages, parameters, end_s - begun_s)
             completion, text = _read(reply)
         except PeerError as error:
             raise _kind_of(error)(f"stage {name}: {error}") from None
@@ -252,6 +320,7 @@ class OpenAIBackend:
             "image_width_px": options.image_width_px,
             "timeout_s": options.timeout_s,
             "tries": options.tries,
+            **({"give_back": options.give_back} if options.give_back else {}),
             "prompt_sha256": sha256_json([one.prompt.sha256 for one in said]),
             "previous_intent_sha256": sha256_bytes(previous.text.encode()) if previous else None,
             "stages": stages,
@@ -303,6 +372,9 @@ def _stage_facts(one: _Said) -> dict[str, Any]:
         "finish_reason": said.finish_reason,
         "usage": dict(said.usage) if said.usage else None,
     }
+    if one.given:
+        shown = {name: text[:_CHARACTERS_OF_REASONING] for name, text in one.given.items()}
+        facts["given_back"] = shown
     if said.reasoning:
         facts["reasoning"] = said.reasoning[:_CHARACTERS_OF_REASONING]
     return facts
