@@ -112,3 +112,17 @@ def test_report_shows_what_moved_the_answers(campaign: Path, tmp_path: Path) -> 
     assert len(json.loads((tables / "moved_naming.json").read_text())["data"]) == len(
         moved.namings
     )  # fmt: skip
+
+
+def test_campaigns_given_with_repeat_are_taken_together(campaign: Path, tmp_path: Path) -> None:
+    again, tables = tmp_path / "again", tmp_path / "tables"
+    shutil.copytree(campaign, again)
+    options = ["--repeat", str(again), "--tables", str(tables), "--format", "json"]
+    assert main(["report", str(campaign), *options]) == 0
+    rows = json.loads((tables / "moved_slots.json").read_text())["data"]
+    # The same recording, asked twice, is one unit with twice the label times.
+    assert {(row["n"], row["labels"]) for row in rows} == {(1, 18)}
+    naming = json.loads((tables / "moved_naming.json").read_text())["data"]
+    assert {row["n"] for row in naming} == {1}
+    page = (campaign / "index.html").read_text()
+    assert page.split('data-table="moved_slots"')[1].split("</tr>")[1].count(">18</td>") == 1

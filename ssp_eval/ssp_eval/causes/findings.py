@@ -89,9 +89,14 @@ def moved_by(cells: Iterable[CellData]) -> Moved | None:
     Args:
         cells: with their records, in any order; of several campaigns too.
     """
+    return compared(answers_in(cells))
+
+
+def answers_in(cells: Iterable[CellData]) -> list[Asked]:
+    """What is kept of cells, of those that are compared."""
     listed = [*cells]
     wanted = wanted_cells(cell.id for cell in listed)
-    return compared(kept for cell in listed if cell.id in wanted and (kept := asked(cell)))
+    return [kept for cell in listed if cell.id in wanted and (kept := asked(cell))]
 
 
 def compared(answers: Iterable[Asked]) -> Moved | None:

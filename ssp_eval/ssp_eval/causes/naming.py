@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 
+import numpy as np
+
 from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.messages import object_state, peek_stamp_ns
 from ssp_core.errors import InputError
@@ -109,16 +111,17 @@ def _bag(cell: Asked) -> Path:
 def _naming(
     model: str, condition: str, cells: Sequence[tuple[Asked, Mapping[int, Seen]]]
 ) -> Naming:
-    false, missed = list[float](), list[float]()
-    named = critical = 0
+    sums: dict[str, np.ndarray] = {}
     for cell, seen in cells:
-        wrong, of_named, lacking, of_critical = _counts(cell, seen)
-        named, critical = named + of_named, critical + of_critical
-        false += [wrong / of_named] if of_named else []
-        missed += [lacking / of_critical] if of_critical else []
+        counts = np.array(_counts(cell, seen))
+        sums[cell.recording] = sums.get(cell.recording, np.zeros(4, dtype=np.int64)) + counts
+    each = [of.tolist() for of in sums.values()]
+    false = [wrong / named for wrong, named, _, _ in each if named]
+    missed = [lacking / critical for _, _, lacking, critical in each if critical]
     return Naming(
-        model, condition, len(cells), named, len(false), fmean(false) if false else None,
-        critical, len(missed), fmean(missed) if missed else None,
+        model, condition, len(sums), sum(of[1] for of in each), len(false),
+        fmean(false) if false else None, sum(of[3] for of in each), len(missed),
+        fmean(missed) if missed else None,
     )  # fmt: skip
 
 

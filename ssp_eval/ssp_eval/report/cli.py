@@ -12,7 +12,8 @@ from click.core import ParameterSource
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_eval.causes.findings import moved_by
+from ssp_eval.causes.answers import Asked
+from ssp_eval.causes.findings import answers_in, moved_by
 from ssp_eval.causes.tables import moved_tables
 from ssp_eval.evaluate.results import CellData, cell_files, load_cells
 from ssp_eval.figures.write import GROUPS, Written, write_figures
@@ -250,6 +251,7 @@ def report(
             changed[cell.folder] = cell.changed
 
     analysis: Sequence[Table] = ()
+    repeated: Sequence[Asked] = ()
     is_wanted = tables is not None or drawn is not None
     if is_wanted or len(cell_files(out_dir)) <= MOST_ANALYSED:
         data, rows = _runs((out_dir, *repeats))
@@ -257,6 +259,7 @@ def report(
             check(cell)
         if drawn is not None:
             draw_figures(drawn, rows, out_dir, data[: len(cell_files(out_dir))])
+        repeated = answers_in(data[len(cell_files(out_dir)) :])
         if tables is not None:
             wanted = _Wanted(tables, formats, reference, options)
             audits = named_audits((out_dir, *repeats), (cell.facts for cell in data))
@@ -272,6 +275,7 @@ def report(
             lambda done, of: bar.update(task, completed=done, total=of),
             analysis=analysis,
             on_cell=check,
+            repeated=repeated,
         )
     for folder, why in changed.items():
         console.report_error(f"{folder}: refused: {why}")

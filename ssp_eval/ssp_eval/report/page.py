@@ -9,7 +9,7 @@ from pathlib import Path
 from ssp_core.files import make_folder, write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.causes.answers import Asked, asked, wanted_cells
-from ssp_eval.causes.findings import compared, moved_by
+from ssp_eval.causes.findings import answers_in, compared
 from ssp_eval.data.audit import PAGE_FILE as AUDIT_PAGE
 from ssp_eval.evaluate.admission import kept_audits
 from ssp_eval.evaluate.cell_file import frame_path
@@ -39,12 +39,14 @@ def write_report(
     most: int | None = None,
     analysis: Sequence[Table] = (),
     on_cell: Callable[[CellData], None] = lambda cell: None,
+    repeated: Sequence[Asked] = (),
 ) -> Path:
     """Writes ``index.html`` into a campaign folder, and for a large one files beside it.
 
     Args:
         on_step: told how many pictures or cells are done, and of how many.
         most: cells up to which everything goes into the one file; None: MOST_IN_ONE_FILE.
+        repeated: answers of other campaigns, which count for what moved those of this one.
 
     Returns:
         The page.
@@ -57,8 +59,8 @@ def write_report(
         cells = load_cells(out)
         for cell in cells:
             on_cell(cell)
-        return _write_one(out, cells, on_step, analysis)
-    return _write_large(out, files, on_step, analysis, on_cell)
+        return _write_one(out, cells, on_step, analysis, repeated)
+    return _write_large(out, files, on_step, analysis, on_cell, repeated)
 
 
 def _write_one(
@@ -66,6 +68,7 @@ def _write_one(
     cells: list[CellData],
     on_step: Callable[[int, int], None],
     analysis: Sequence[Table],
+    repeated: Sequence[Asked],
 ) -> Path:
     views = {cell.id: record_views(cell) for cell in cells}
     used = sorted({v.frame for of_cell in views.values() for v in of_cell if v.frame is not None})
@@ -78,7 +81,8 @@ def _write_one(
     target = make_folder(out) / PAGE
     audits = audit_pages(out, (cell.facts for cell in cells))
     responses = response_table(named_audits([out], (cell.facts for cell in cells)))
-    details, moved = Details(views, pictures), moved_by(cells)
+    moved = compared([*answers_in(cells), *repeated])
+    details = Details(views, pictures)
     write_text(target, render(cells, details, audits, analysis, responses, moved))
     return target
 
@@ -89,6 +93,7 @@ def _write_large(
     on_step: Callable[[int, int], None],
     analysis: Sequence[Table],
     on_cell: Callable[[CellData], None],
+    repeated: Sequence[Asked],
 ) -> Path:
     """Details of one cell after the other, so that memory holds one cell's pictures of words."""
     audits = audit_pages(out, (load_facts(file) for file in files))
@@ -107,7 +112,7 @@ def _write_large(
 
     cells = in_order(load_lightly(files, write))
     target = make_folder(out) / PAGE
-    moved = compared(changed)
+    moved = compared([*changed, *repeated])
     write_text(target, render(cells, None, audits, analysis, responses, moved))
     details.remove_others()
     return target
