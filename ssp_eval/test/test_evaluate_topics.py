@@ -32,7 +32,7 @@ from ssp_eval.evaluate.model_client import (
     TopicClients,
     _in_time,
 )
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.models import PICTURES, bridge_spec
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.review import write_proposal
 from ssp_eval.labels.truth import truth_from_bag
@@ -197,13 +197,15 @@ def test_the_evaluator_s_node_takes_a_models_file(make_bag: BagMaker, tmp_path: 
                 [
                     sys.executable, "-m", "ssp_eval.ros.evaluator_node", "--ros-args", "-p",
                     f"bags:=[{bag}]", "-p", f"models_file:={models}", "-p", f"out:={out}",
+                    "-p", "pictures:=true",
                 ],
                 env=environment, capture_output=True, text=True, timeout=600, check=False,
             )  # fmt: skip
     assert run.returncode == 0, run.stderr
     told = [line.removeprefix("cut_in__simulation__") for line in run.stdout.splitlines()]
     assert told == [
-        "mine: ok", "mine+black: ok", "mine+shuffled: ok", "constant_velocity: ok",
+        "mine: ok", "mine+black: ok", "mine+shuffled: ok",
+        *(f"mine+{name}: ok" for name in PICTURES), "constant_velocity: ok",
         "copy_history: ok", "perfect: ok", "silent: ok",
     ]  # fmt: skip
     assert "of these 54 for controls" in run.stderr

@@ -15,7 +15,13 @@ from ssp_core.ros import declare, make_node
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import driving_before
 from ssp_eval.evaluate.executors import Settings
-from ssp_eval.evaluate.models import as_attached, attached_spec, load_models, with_controls
+from ssp_eval.evaluate.models import (
+    as_attached,
+    attached_spec,
+    load_models,
+    with_controls,
+    with_pictures,
+)
 from ssp_eval.evaluate.run import evaluate_bags
 from ssp_eval.ros.model_node import NAME
 from ssp_eval.ros.parameters import EVALUATOR
@@ -43,9 +49,11 @@ def _evaluate() -> int:
     out, models_file = Path(given["out"]), given["models_file"]
     specs = as_attached(load_models(Path(models_file))) if models_file else []
     specs += [attached_spec(name) for name in given["models"] if name]
+    if specs and given["controls"]:
+        specs = with_controls(specs, driving_before(out))
     results = evaluate_bags(
         [(Path(bag), None) for bag in given["bags"] if bag],
-        with_controls(specs, driving_before(out)) if specs and given["controls"] else specs,
+        with_pictures(specs) if given["pictures"] else specs,
         Settings(
             out,
             options=CellOptions(adapter=given["adapter"], retry_errors=given["retry_errors"]),
@@ -53,6 +61,7 @@ def _evaluate() -> int:
             start_timeout_s=given["start_timeout_s"],
         ),
         no_controls="-p controls:=false",
+        twins=given["twins"],
     )
     for result in results:
         print(f"{result.folder.name}: {result.status} {'; '.join(result.reasons)}".rstrip())

@@ -33,5 +33,7 @@ EVALUATOR = (
         True,
         "each model once more with spoilt frames, and the harness's own answerers, in this process",
     ),
+    Parameter("pictures", False, "each model once more with corrupted pictures"),
+    Parameter("twins", False, "each model once more about the twins beside the recordings"),
 )
 NODES = {"evaluator_settings": EVALUATOR}
