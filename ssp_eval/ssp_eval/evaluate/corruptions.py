@@ -26,6 +26,7 @@ Light = NDArray[np.float32]  # the same with 0 to 1
 _JPEG_QUALITY = 90
 _PLAIN_QUALITY = 95
 _GAMMA = 2.2
+_LOST_SPAN_S = 0.3
 
 
 def _rng(stamp_ns: int, kind: str) -> np.random.Generator:
@@ -164,14 +165,13 @@ def _plain(width_px: int, height_px: int, grey: int) -> bytes:
 def is_lost(since_start_ns: int, strength: int) -> bool:
     """Whether a frame is lost: links fail in bursts, so that whole spans of time are.
 
+    What is lost at strength 1 is lost at 2 as well.
+
     Args:
         since_start_ns: time of the frame on the clip's clock.
     """
-    span_s, share = ((0.3, 0.5), (0.6, 0.75))[strength - 1]
-    drawn = sha256_json(
-        [CONDITION_SEED, DROPPED, strength, since_start_ns // seconds_to_ns(span_s)]
-    )
-    return int(drawn.removeprefix("sha256:")[:8], 16) < share * 2**32
+    drawn = sha256_json([CONDITION_SEED, DROPPED, since_start_ns // seconds_to_ns(_LOST_SPAN_S)])
+    return int(drawn.removeprefix("sha256:")[:8], 16) < (0.4, 0.75)[strength - 1] * 2**32
 
 
 def _decoded(jpeg: bytes) -> Picture:
