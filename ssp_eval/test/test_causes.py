@@ -36,6 +36,7 @@ WORDS = {
     "uses_the_object": Word.OBJECT, "decides_first": Word.EXPLAINS_LATER,
     "only_talks": Word.EXPLAINS_LATER, "ignores_it": Word.IGNORES,
     "copies_its_history": Word.HISTORY, "parrots_the_prompt": Word.PROMPT,
+    "looks_at_the_weather": Word.PICTURES,
 }  # fmt: skip
 
 

@@ -31,12 +31,14 @@ class Scene:
     Args:
         side: where the object is; None: nobody is there, or nothing shows him.
         speed_mps: by the own history.
+        is_clear: no fog lies on it.
         reason: the side that a text given back tells of; None: no text was given back.
     """
 
     side: str | None
     speed_mps: float
     label: int
+    is_clear: bool = True
     reason: str | None = None
     has_reason: bool = False
 
@@ -101,6 +103,13 @@ def copies_its_history(scene: Scene) -> Said:
     return text, said(text, None, "maintain"), path(scene.speed_mps)
 
 
+def looks_at_the_weather(scene: Scene) -> Said:
+    """Slows down in fog, whoever is there."""
+    text = "I can see far." if scene.is_clear else "I see little, so I slow down."
+    lon = "maintain" if scene.is_clear else "decelerate"
+    return text, said(text, None, lon), path(10.0, 0.0 if scene.is_clear else -2.0)
+
+
 def parrots_the_prompt(scene: Scene) -> Said:
     """Repeats what it was told to do."""
     return TASK.instruction, said(TASK.instruction, None, "maintain"), path(10.0)
@@ -110,7 +119,7 @@ ANSWERERS: dict[str, Answerer] = {
     one.__name__: one
     for one in (
         uses_the_object, decides_first, only_talks, ignores_it, copies_its_history,
-        parrots_the_prompt,
+        parrots_the_prompt, looks_at_the_weather,
     )
 }  # fmt: skip
 
@@ -132,8 +141,10 @@ def unsteady(answerer: Answerer, share: float, jitter_m: float, seed: int) -> An
 def scene_under(scene: Scene, condition: str) -> Scene:
     """The scene with one cause changed."""
     match condition.split("."):
-        case ["twin", "without", *_] | ["pictures", "fog", *_]:
+        case ["twin", "without", *_]:
             return replace(scene, side=None)
+        case ["pictures", "fog", *_]:
+            return replace(scene, side=None, is_clear=False)
         case ["twin", "mirror", *_]:
             other = {"left": "right", "right": "left", None: None}[scene.side]
             return replace(scene, side=other)

@@ -246,8 +246,8 @@ def _by_the_object(
                 "the trajectory.",
             )
     return Word.OBJECT, (
-        "Whether its text is the reason of its trajectory can't be told: nobody gave it its own "
-        "text with a fact turned.",
+        "Whether its text is the reason of its trajectory can't be told: its own text wasn't, "
+        "or couldn't be, given back with a fact turned.",
     )
 
 
