@@ -113,6 +113,7 @@ SIMULATION_SITE, TRACK_SITE = "boulevard", "north_track"
 SIMULATION_SEED, TRACK_SEED = 11, 12
 CLIP_SEED = 1
 GENERATOR = "ssp-clip/1"
+TWINS = ("--change", "without=ot1", "--change", "control")
 
 
 def _nothing() -> tuple[str, ...]:
@@ -237,6 +238,10 @@ def _of_scenario(out: Path, scenario: str) -> list[Step]:
             "physical", "run the compiled task on the track",
             "run", task, "--out", physical, needs=("task",), session=True,
         ),
+        step(
+            "twins", "make the simulation's twins: without its object, with an irrelevant one",
+            "twins", simulation, *TWINS, needs=("simulation",),
+        ),
         # One plan for the three recordings, so that each has as many labels in every phase.
         step(
             "labels", "label the three recordings by one plan",
@@ -260,8 +265,10 @@ def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
         Step(
             "evaluate",
             "ask the bridges and score",
-            ("evaluate", *bags, *audits, *bridges, "--out", str(out)),
-            needs=tuple(f"{scenario}/audit" for scenario in scenarios),
+            ("evaluate", *bags, *audits, *bridges, "--twins", "--out", str(out)),
+            needs=tuple(
+                f"{scenario}/{one}" for scenario in scenarios for one in ("audit", "twins")
+            ),
         ),
         Step("report", "write the report", ("report", str(out)), needs=("evaluate",)),
         Step(

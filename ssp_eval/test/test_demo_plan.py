@@ -47,6 +47,12 @@ def test_every_step_is_a_command_that_exists(scenarios: tuple[str, ...]) -> None
     ]
 
 
+def test_the_models_are_asked_about_twins_of_every_simulation() -> None:
+    (evaluate,) = (s for s in demo.plan_steps(OUT, demo.SCENARIOS) if s.name == "evaluate")
+    assert parse(evaluate.arguments).params["twins"] is True
+    assert {f"{scenario}/twins" for scenario in demo.SCENARIOS} <= set(evaluate.needs)
+
+
 def test_what_a_clip_declares_is_taken_from_its_truth(tmp_path: Path) -> None:
     (step,) = (s for s in demo.plan_steps(tmp_path, ["cut_in"]) if s.arguments[0] == "import-video")
     camera = {"hfov_deg": 66.0, "height_m": 1.35, "pitch_down_rad": 0.02}
