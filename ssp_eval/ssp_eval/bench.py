@@ -19,8 +19,9 @@ from ssp_core.errors import HostError, PeerError
 
 # In the order in which the data flow.
 BENCHMARKS = (
-    "topology", "wire", "dispatch", "sil", "sil_in_process", "adaptation", "recorder", "recording",
-    "seek", "replay", "memory", "scoring", "analysis", "extraction", "page", "report_page",
+    "topology", "wire", "dispatch", "iso", "sil", "sil_in_process", "adaptation", "recorder",
+    "recording", "seek", "replay", "memory", "scoring", "analysis", "extraction", "page",
+    "report_page",
 )  # fmt: skip
 # A benchmark that missed a limit is measured this often in all.
 MOST_RUNS = 3
