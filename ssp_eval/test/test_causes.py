@@ -150,6 +150,7 @@ def test_without_a_control_an_effect_is_described_and_not_tested() -> None:
     assert (one.control, one.test, one.verdict) == ("", None, Verdict.UNCONTROLLED)
     assert one.size == one.changed
     assert found.findings[0].word is Word.OPEN
+    assert "Differs with a change of the object (" in found.findings[0].text
 
 
 def test_a_label_time_without_an_answer_is_left_out() -> None:

@@ -145,9 +145,6 @@ def finding(model: str, effects: Sequence[Effect], echo: float | None = None) ->
         ("the object", of_object), ("its own history", of_history), ("the pictures", of_pictures),
     ]  # fmt: skip
     sentences = [text for name, group in told if (text := _sentence(name, group))]
-    if any(e.verdict is Verdict.UNCONTROLLED for e in effects):
-        sentences.append("Causes without a control are described and not tested.")
-
     word, why = _word(of_object, of_history, of_pictures, by_text, echo)
     if any(_is(e, Verdict.SEEN) for e in effects):
         n = max(e.recordings for e in effects)
@@ -260,6 +257,9 @@ def _sentence(name: str, group: Sequence[Effect]) -> str:
     if not moved:
         if _unmoved(given):
             return f"Not moved by {name}."
+        bare = dict.fromkeys(e.cause.words for e in given if _is(e, Verdict.UNCONTROLLED))
+        if bare:
+            return f"Differs with a change of {name} ({some([*bare])}), without a control."
         return f"An effect of {name} is not shown."
     parts = []
     for is_trajectory in (True, False):
