@@ -144,7 +144,7 @@ def test_who_interrupts_is_told_what_is_kept(
         )
 
     def over(clients: ModelClients) -> None:
-        def direct(bags: Any, models: Any, settings: Settings, *_: Any) -> Any:
+        def direct(bags: Any, models: Any, settings: Settings, *_: Any, **__: Any) -> Any:
             with asking() as (on_plan, on_record):
                 return run_campaign(
                     bags, models, clients, settings.out, settings.options, True,

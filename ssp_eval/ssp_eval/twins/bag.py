@@ -130,15 +130,12 @@ class _Frames:
                 raise self._unlike(stamp_ns, "there is no step of the world for it")
             # What was drawn and not asked for isn't asked for later: frames come in order.
             self._kept = {found[0]: found[1]}
-            self._take(message, stamp_ns, *found)
+        # Each message: while the world holds, the same frame comes repeatedly.
+        self._take(message, stamp_ns, self._kept[stamp_ns])
         drawn = iter(self._kept[stamp_ns][1:])
         return [next(drawn) if edit.draws else None for edit in self._edits]
 
-    def _take(
-        self, message: BagMessage, stamp_ns: int, drawn_ns: int, pictures: list[Picture]
-    ) -> None:
-        if drawn_ns != stamp_ns:
-            return
+    def _take(self, message: BagMessage, stamp_ns: int, pictures: list[Picture]) -> None:
         recorded = read_image(COMPRESSED_TYPE, message.data).data
         if recorded != pictures[0].jpeg:
             raise self._unlike(stamp_ns, "drawn anew it doesn't have the recorded bytes")

@@ -230,7 +230,7 @@ class Session:
         who = preconditions.moving(
             run.spec, self.vut, self.targets, now_ns, armed=run.armed, aborting=True
         )
-        text = f"nobody reports that {' and '.join(who) or 'everything'} stands"
+        text = f"nobody reports a standstill of {' and '.join(who) or 'everything'}"
         self._tell(SessionPhase.ABORTING, STANDSTILL_GIVEN_UP, now_ns, text)
 
     def judge_triggers(
