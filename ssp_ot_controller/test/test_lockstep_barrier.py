@@ -28,12 +28,18 @@ def answer(b: StepBarrier, step: int) -> None:
 
 def test_a_run_may_start_when_everybody_but_its_leader_is_heard() -> None:
     b = StepBarrier((OT, MANAGER), ("ot1",), OT, CAMERA, 5, MANAGER, "monitor")
-    assert b.unheard() == [OT, "monitor"]
+    assert b.unheard() == [OT, "monitor", CAMERA]
     b.on_done(OT, 0)
     b.on_done("monitor", 0)
-    assert b.unheard() == [OT]
+    assert b.unheard() == [OT, CAMERA]
     b.on_command("ot1", 0)
+    assert b.unheard() == [CAMERA]
+    b.on_done(CAMERA, 0)
     assert b.unheard() == []
+
+
+def test_a_camera_that_draws_every_step_is_missed_once() -> None:
+    assert barrier(camera=CAMERA, frame_steps=1).unheard() == [OT, CAMERA]
 
 
 def test_each_participant_and_each_command_is_waited_for() -> None:

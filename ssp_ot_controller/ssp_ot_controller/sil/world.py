@@ -216,6 +216,10 @@ class StepBarrier:
         missing = [name for name in self.waiting_for(0) if name != self._leader]
         if self._recorder is not None and self._recorded is None:
             missing.append(self._recorder)
+        # Its answer to step 0 isn't waited for before the next frame is due; lost, it would be
+        # waited for in vain, since the camera answers a step that is over no more.
+        if self._camera is not None and self._frame_done < 0 and self._camera not in missing:
+            missing.append(self._camera)
         return missing
 
     def lost(self, step: int) -> list[str]:
