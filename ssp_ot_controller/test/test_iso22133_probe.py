@@ -36,7 +36,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     encode,
 )
 from ssp_ot_controller.bodies.iso22133.probe.clauses import CLAUSES
-from ssp_ot_controller.bodies.iso22133.probe.course import Course
+from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay
 from ssp_ot_controller.bodies.iso22133.probe.stages import Clock, Probe, Wire, report_of
 from ssp_ot_controller.bodies.iso22133.probe_report import (
     Outcome,
@@ -56,7 +56,7 @@ from tests.support.iso_centre import FENCE, HOST, MS, PLACE, T0, S, rules_of
 
 STAGES = tuple(Stage)
 SIZE = Size(2.5, 2.5, 2.0, 1.5)
-COURSE = Course(FENCE, SIZE)
+WAY_AND_FENCE = FencedWay(FENCE, SIZE)
 
 
 class SetClock(Clock):
@@ -144,7 +144,7 @@ class Probed:
         self,
         *faults: str,
         stages: Iterable[Stage] = STAGES,
-        course: Course = COURSE,
+        way: FencedWay = WAY_AND_FENCE,
         lost: Callable[[Message], bool] = lambda message: False,
         watch: Callable[[str], None] = lambda text: None,
     ) -> None:
@@ -168,7 +168,7 @@ class Probed:
             self.told.append(text)
             watch(text)
 
-        self.probe = Probe(open_wire, Datum(PLACE), course, 0.5, tell, self.clock)
+        self.probe = Probe(open_wire, Datum(PLACE), way, 0.5, tell, self.clock)
         self.stages = tuple(stages)
 
     def run(self) -> ProbeReport:
@@ -304,7 +304,7 @@ def test_an_object_that_was_never_armed_is_left_without_an_abort() -> None:
 
 def test_an_object_whose_way_does_not_fit_the_fence_is_not_moved() -> None:
     near = ((-20.0, -20.0), (24.0, -20.0), (24.0, 20.0), (-20.0, 20.0))
-    probed = Probed(course=Course(near, SIZE))
+    probed = Probed(way=FencedWay(near, SIZE))
     report = probed.run()
     assert "outside of the fence" in probed.told[-2]
     assert probed.object.body.x_m == 0.0
@@ -337,13 +337,13 @@ WAY = Motion(path=[(0.0, 0.0), (60.0, 0.0)], cruise_mps=5.0)
 def test_a_way_that_must_not_be_driven_is_refused(
     motion: Motion | None, pose: Pose2, why: str
 ) -> None:
-    found = Course(FENCE, SIZE, motion).plan(pose)
+    found = FencedWay(FENCE, SIZE, motion).plan(pose)
     assert isinstance(found, str)
     assert why in found
 
 
 def test_a_way_goes_on_where_the_object_stands() -> None:
-    found = Course(FENCE, SIZE, WAY).plan(Pose2(20.0, 0.4, 0.1))
+    found = FencedWay(FENCE, SIZE, WAY).plan(Pose2(20.0, 0.4, 0.1))
     assert isinstance(found, Points)
     _, x, y, _, speed = found.columns[:5]
     assert (x[0], x[-1], abs(y).max()) == (20.0, 60.0, 0.0)
@@ -352,10 +352,10 @@ def test_a_way_goes_on_where_the_object_stands() -> None:
 
 def test_the_stop_way_beyond_the_end_must_lie_inside() -> None:
     # 60 m of way, 2.5 m of object, and 5 m/s for 1.5 s and at 2 m/s² with half a metre.
-    def fence(end_m: float) -> Course:
-        return Course(((-9.0, -9.0), (end_m, -9.0), (end_m, 9.0), (-9.0, 9.0)), SIZE, WAY)
+    def fence(end_m: float) -> FencedWay:
+        return FencedWay(((-9.0, -9.0), (end_m, -9.0), (end_m, 9.0), (-9.0, 9.0)), SIZE, WAY)
 
-    points = Course(FENCE, SIZE, WAY).plan(HERE)
+    points = FencedWay(FENCE, SIZE, WAY).plan(HERE)
     assert isinstance(points, Points)
     assert isinstance(fence(80.0).plan(HERE), Points)
     assert "outside of the fence" in str(fence(62.9).plan(HERE))

@@ -23,7 +23,7 @@ from ssp_core.run_file.participants import Motion
 from ssp_core.run_file.values import SiteDatum, Strict
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Rejected
 from ssp_ot_controller.bodies.iso22133.link import Link
-from ssp_ot_controller.bodies.iso22133.probe.course import Course, motion_of
+from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay, motion_of
 from ssp_ot_controller.bodies.iso22133.probe.stages import Probe, report_of
 from ssp_ot_controller.bodies.iso22133.probe_report import (
     Outcome,
@@ -193,11 +193,11 @@ def probe_command(
     datum = datum or Datum(Place(0.0, 0.0))
     front_m, rear_m, width_m = parse_numbers(size, 3, "--size", "write FRONT,REAR,WIDTH in m")
     motion = None if trajectory is None else load_motion(trajectory, datum)
-    course = Course(outline, Size(front_m, rear_m, width_m, 1.5), motion) if outline else None
+    way = FencedWay(outline, Size(front_m, rear_m, width_m, 1.5), motion) if outline else None
     made = Probe(
         lambda tap: Link(name, port, tap),
         datum,
-        course,
+        way,
         heartbeat_s,
         console.note,
     )

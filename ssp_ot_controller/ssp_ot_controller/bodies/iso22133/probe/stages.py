@@ -44,7 +44,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     TrajPoint,
 )
 from ssp_ot_controller.bodies.iso22133.probe.clauses import rows_of
-from ssp_ot_controller.bodies.iso22133.probe.course import Course
+from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay
 from ssp_ot_controller.bodies.iso22133.probe.motion import STANDS_M
 from ssp_ot_controller.bodies.iso22133.probe.steps import Sent, Step
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome, ProbeReport, Stage
@@ -106,7 +106,7 @@ class Probe:
 
     Args:
         open_wire: makes a link that isn't connected, with this tap.
-        course: needed for the stage MOVE.
+        way: needed for the stage MOVE.
         heartbeat_s: after which the object is to notice that heartbeats are lost.
         tell: is told of progress.
     """
@@ -115,7 +115,7 @@ class Probe:
         self,
         open_wire: Callable[[Tap], Wire],
         datum: Datum,
-        course: Course | None,
+        way: FencedWay | None,
         heartbeat_s: float,
         tell: Callable[[str], None],
         clock: Clock | None = None,
@@ -123,7 +123,7 @@ class Probe:
         self.steps: dict[str, Step] = {}
         self.ended = "the probe ended before"
         self.firmware: str | None = None
-        self._open_wire, self._datum, self._course = open_wire, datum, course
+        self._open_wire, self._datum, self._way = open_wire, datum, way
         self._heartbeat_s, self._tell, self._clock = heartbeat_s, tell, clock or Clock()
         self._wire: Wire | None = None
         self._step = Step(0)
@@ -383,9 +383,9 @@ class Probe:
         """Brings it to speed, and stops it by this status, or by none."""
         self._guard = lambda: ""
         self._begin(name, f"moves it, and then: {'no HEAB' if status is None else status.name}")
-        pose, course = self._pose(), self._course
-        points = "it reports no place" if pose is None or course is None else course.plan(pose)
-        if isinstance(points, str) or course is None:
+        pose, way = self._pose(), self._way
+        points = "it reports no place" if pose is None or way is None else way.plan(pose)
+        if isinstance(points, str) or way is None:
             raise Ended(f"it isn't moved: {points}")
         whole = Reference(name, "", "", "", 0, 0, 0, points)
         self._send(trajectory_of(whole, 0, self._datum, 2), acknowledge=True)
@@ -394,7 +394,7 @@ class Probe:
         del self._step.marks["stimulus"]
         # Public objects report another place until they are armed.
         self._run(_PAUSE_S)
-        self._guard = self._keeps_to(course, points)
+        self._guard = self._keeps_to(way, points)
         now_ns = self._clock.now_ns()
         start_ns = now_ns + seconds_to_ns(_START_AHEAD_S)
         self._step.marks["start"] = start_ns
@@ -423,7 +423,7 @@ class Probe:
         """What it reports itself: only to know when to begin."""
         return 0.0 if self._monr is None else abs(self._monr.speed_mps or 0.0)
 
-    def _keeps_to(self, course: Course, points: Points) -> Callable[[], str]:
+    def _keeps_to(self, way: FencedWay, points: Points) -> Callable[[], str]:
         line = Polyline(points.columns[1:3].T[:: max(1, len(points) // 50)])
         fastest_mps = float(points.columns[4].max()) + 1.0
 
@@ -432,7 +432,7 @@ class Probe:
             silent_s = ns_to_seconds(self._clock.now_ns() - self._monr_ns)
             if silent_s > _SILENT_S or pose is None:
                 return f"no place was reported for {silent_s:.2f} s while it moved"
-            if not course.holds(pose):
+            if not way.holds(pose):
                 return f"it is outside of the fence at ({pose.x_m:.1f}, {pose.y_m:.1f})"
             if self._speed_mps() > fastest_mps:
                 return f"it drives {self._speed_mps():.1f} m/s, asked for {fastest_mps - 1.0:.1f}"

@@ -52,7 +52,7 @@ def motion_of(points: Points) -> Motion | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class FencedWay:
     """Where an object may be moved.
 
     Args:
