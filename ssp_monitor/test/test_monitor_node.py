@@ -40,6 +40,7 @@ from ssp_msgs.msg import (
     TriggerEvent,
     WorldTick,
 )
+from support.processes import end
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 120.0
@@ -121,9 +122,7 @@ def monitor(domain, run_file, tmp_path):
     """The recorder, recording into tmp_path/bag."""
     process = start(run_file, tmp_path / "bag")
     yield process
-    if process.poll() is None:
-        process.kill()
-    process.communicate(timeout=DEADLINE_S)
+    end(process)
 
 
 def start(run_file: Path, bag_dir: Path, *parameters: str) -> subprocess.Popen[str]:
@@ -299,7 +298,7 @@ def test_what_strangers_say_is_recorded_beside_the_run(session, run_file, tmp_pa
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=DEADLINE_S)
     finally:
-        process.kill()
+        end(process)
     with BagReader(tmp_path / "bag") as bag:
         assert "/lab/secret" not in bag.topics
         assert "/parameter_events" not in bag.topics
@@ -340,7 +339,7 @@ def test_a_disk_with_too_little_room_keeps_a_run_from_beginning_and_ends_one(
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=DEADLINE_S)
     finally:
-        process.kill()
+        end(process)
     assert process.returncode == 0
     assert "the run is ended while there is room to record its end" in err
     assert read_verdict(tmp_path / "bag") == RecordedVerdict(Verdict.INVALID_HARNESS, ("disk",))

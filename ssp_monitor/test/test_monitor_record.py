@@ -30,6 +30,7 @@ from ssp_core.bag.metadata import parse_offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_monitor.recorder.report import REPORT_NAME
+from support.processes import end
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 120.0
@@ -65,9 +66,7 @@ def recorder(talker):
 
     yield run
     for process in started:
-        if process.poll() is None:
-            process.kill()
-        process.communicate(timeout=DEADLINE_S)
+        end(process)
 
 
 def wait_heard(node: Node, publisher: Any, readers: int = 1) -> None:

@@ -21,6 +21,7 @@ from ssp_core import names, ros
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_msgs.msg import StepDone, WorldTick
 from support.messages import state_to_msg
+from support.processes import end
 from support.runs import small_run
 from support.states import object_state
 
@@ -109,9 +110,7 @@ def camera_node(world: World, tmp_path: Path) -> Iterator[subprocess.Popen[str]]
         world.spin_until(connected, "front_camera", START_DEADLINE_S)
         yield process
     finally:
-        if process.poll() is None:
-            process.kill()
-        process.communicate(timeout=DEADLINE_S)
+        end(process)
 
 
 def test_a_lockstep_run(world: World, camera_node: subprocess.Popen[str]) -> None:

@@ -20,6 +20,7 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs import msg
 from ssp_ot_controller.ros.sil_world import OVERRUN_S
+from support.processes import end
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 120.0
@@ -114,8 +115,7 @@ def start(
 
     yield make
     for world in worlds:
-        world.kill()
-        world.communicate(timeout=DEADLINE_S)
+        end(world)
 
 
 def world_process(domain_id: int, run_file: Path) -> subprocess.Popen[str]:

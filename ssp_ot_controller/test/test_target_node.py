@@ -23,6 +23,7 @@ from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
 from support.messages import reference_to_msg, state_to_msg
+from support.processes import end
 from support.states import object_state
 
 pytestmark = pytest.mark.ros
@@ -155,8 +156,7 @@ def start(domain: int, **parameters: object) -> subprocess.Popen[str]:
 def target(domain: int, run_file: Path) -> Iterator[subprocess.Popen[str]]:
     process = start(domain, run_file=run_file)
     yield process
-    process.kill()
-    process.communicate(timeout=DEADLINE_S)
+    end(process)
 
 
 @pytest.fixture
@@ -339,8 +339,7 @@ def test_live_an_object_of_hardware_drives_and_stops_by_itself(
         numbers = [state.sequence for state in peers.states]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     finally:
-        process.kill()
-        process.communicate(timeout=DEADLINE_S)
+        end(process)
 
 
 def test_lifecycle(peers: Peers) -> None:

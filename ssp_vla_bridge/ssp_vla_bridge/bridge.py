@@ -230,10 +230,6 @@ class ShadowRequests:
         self._open[request.request_id] = request
         return request
 
-    def waits_for(self, request_id: str) -> bool:
-        """True while a request of this follower's own has no answer."""
-        return request_id in self._open
-
     def answered(self, response: Response) -> Response:
         """What came of a request; a failed one leaves nothing to carry on.
 

@@ -29,6 +29,7 @@ from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.backends.recorded import response_of_message
 from ssp_vla_bridge.messages import CameraGeometry
 from ssp_vla_bridge.ros.conversions import request_from_msg, request_to_msg, response_to_msg
+from support.processes import end
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 120.0
@@ -88,8 +89,7 @@ def bridge(tmp_path, domain):
 
     yield start
     for process in started:
-        process.kill()
-        process.communicate()
+        end(process)
 
 
 class Asker:
@@ -100,12 +100,16 @@ class Asker:
         rclpy.init(context=self.context, domain_id=domain_id)
         self.node = make_node("asker", context=self.context)
         self.answers = []
+        self.model = model
         self.publisher = self.node.create_publisher(VlaRequest, vla_request_topic(model), VLA)
-        self.subscription = self.node.create_subscription(
-            VlaResponse, vla_response_topic(model), self.answers.append, VLA
-        )
+        self.listen()
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
+
+    def listen(self):
+        self.subscription = self.node.create_subscription(
+            VlaResponse, vla_response_topic(self.model), self.answers.append, VLA
+        )
 
     def until(self, condition):
         deadline = time.monotonic() + DEADLINE_S
@@ -228,6 +232,18 @@ def test_overload_and_timeout_are_said(bridge, asker, make_request):
     client.ask(make_request("sleep-0"))
     assert client.answered("sleep-0").error_code in (0, 1)
     assert len({a.request_id for a in client.answers}) == len(client.answers)
+
+
+def test_a_refusal_waits_for_who_can_hear_it(bridge, asker, make_request):
+    """Who asks may be known to the bridge before it can be reached from there."""
+    process = bridge(model="odd", backend="odd_backend:make")
+    client = asker("odd")
+    client.node.destroy_subscription(client.subscription)
+    client.until(lambda: client.publisher.get_subscription_count() == 1)
+    client.ask(make_request("bad-1", jpegs=[]))
+    assert any("'bad-1': it has no frames" in line for line in process.stdout)
+    client.listen()
+    assert client.answered("bad-1").error_code == 4
 
 
 def test_a_killed_bridge_is_replaced_by_a_new_one(bridge, asker, make_request):

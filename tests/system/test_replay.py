@@ -43,6 +43,7 @@ from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Profile, TopicSpec
 from ssp_monitor.ros.recording_subscriptions import RecordingSubscriptions
 from ssp_msgs.msg import SessionState
+from support.processes import end
 from tests.support.bags import header, message, picture, text
 from tests.support.states import make_reference
 
@@ -153,9 +154,7 @@ def stage(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
         stage = Stage(rclpy.create_node("listener"))
         yield stage
         for process in stage.started:
-            if process.poll() is None:
-                process.kill()
-            process.communicate()
+            end(process)
         stage.executor.shutdown()
         stage.node.destroy_node()
         rclpy.shutdown()

@@ -34,6 +34,8 @@ MOST_SAID = 20
 RUN_ENDED = "the run is ended while there is room to record its end"
 # A session that is under way when the recorder is told to stop has so long for its last word.
 LAST_WORD_S = 3.0
+# Once its manager is gone, what it said may still lie here unread.
+UNREAD_S = 0.5
 
 
 class MonitorNode(Node):
@@ -110,9 +112,10 @@ class MonitorNode(Node):
         """Who ends all nodes at once must not lose how the session ends, and the braking."""
         deadline = time.monotonic() + LAST_WORD_S
         while self._last_word.is_due and time.monotonic() < deadline:
-            deaf = self.recording.intake.error is not None
-            if deaf or not self.count_publishers(names.SESSION_STATE):
+            if self.recording.intake.error is not None:
                 return
+            if not self.count_publishers(names.SESSION_STATE):
+                deadline = min(deadline, time.monotonic() + UNREAD_S)
             self._session_heard.wait(0.05)
             self._session_heard.clear()
 

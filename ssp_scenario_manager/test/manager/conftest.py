@@ -31,6 +31,7 @@ from ssp_msgs import msg
 from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
 from support.messages import state_to_msg
+from support.processes import end
 
 DEADLINE_S = 120.0
 DISARMED, ARMED = ControlState.DISARMED, ControlState.ARMED
@@ -201,8 +202,7 @@ def manager(domain: int) -> Iterator[subprocess.Popen[str]]:
         text=True,
     )
     yield process
-    process.kill()
-    process.communicate(timeout=DEADLINE_S)
+    end(process)
 
 
 @pytest.fixture

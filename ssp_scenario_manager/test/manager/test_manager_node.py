@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import signal
 import subprocess
+import sys
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,9 +15,11 @@ import pytest
 import rclpy
 
 from ssp_core import names, ros
+from ssp_core.processes import session_environment
 from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
+from ssp_scenario_manager.ros.manager_node import LAST_WORD_S
 from support.messages import state_to_msg
 
 pytestmark = pytest.mark.ros
@@ -175,6 +179,37 @@ def test_sigterm_aborts_before_it_goes(
     peers.spin_until(lambda: peers.seen[-1].event == "abort", "the abort")
     assert "shuts down" in peers.seen[-1].reason
     assert manager.wait(timeout=DEADLINE_S) == 0
+
+
+READER = """
+import rclpy
+from ssp_core import names, ros
+from ssp_msgs.msg import SessionState
+rclpy.init()
+node = rclpy.create_node("reader", namespace=names.NAMESPACE)
+node.create_subscription(SessionState, names.SESSION_STATE, lambda _: print("heard", flush=True),
+    ros.LATCHED)
+rclpy.spin(node)
+"""
+
+
+def test_its_last_word_waits_for_a_reader_that_hangs_but_not_for_ever(
+    peers: Peers, run_file: Path, manager: subprocess.Popen[str], domain: int
+) -> None:
+    bring(peers, run_file, "ARMED")
+    command, env = [sys.executable, "-c", READER], session_environment(domain)
+    reader = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True)
+    try:
+        assert reader.stdout is not None
+        assert reader.stdout.readline() == "heard\n"
+        reader.send_signal(signal.SIGSTOP)
+        began = time.monotonic()
+        manager.send_signal(signal.SIGTERM)
+        assert manager.wait(timeout=DEADLINE_S) == 0
+        assert time.monotonic() - began >= LAST_WORD_S
+    finally:
+        reader.kill()
+        reader.communicate()
 
 
 @pytest.mark.parametrize("kind", [msg.SessionState, msg.ObjectState, msg.Reference])

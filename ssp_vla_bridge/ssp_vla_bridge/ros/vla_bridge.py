@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -87,9 +88,9 @@ _DEADLINE_CHECK_S = 0.05
 _DIAGNOSTICS_S = 1.0
 # A worker that is inside a model can't be interrupted; it is a daemon and dies with the process.
 _JOIN_S = 0.5
-# Discovery is not symmetric: a client that already reaches this node may not be reached yet.
+# Discovery is not symmetric: a client that already reaches this node may not be reached yet, and
+# what is published meanwhile is lost.
 _LISTENER_WAIT_S = 2.0
-_LISTENER_POLL_S = 0.01
 
 
 class VlaBridge(Node):
@@ -105,6 +106,8 @@ class VlaBridge(Node):
         self._health = BridgeHealth(params.model, self._backend.model_id, params.timeout_s)
         self._changed = threading.Condition()
         self._stopping = False
+        # Answers that nobody may hear yet, each with when it leaves nevertheless.
+        self._held: deque[tuple[float, VlaResponse]] = deque()
         self._publisher = self.create_publisher(VlaResponse, vla_response_topic(params.model), VLA)
         self.create_subscription(VlaRequest, vla_request_topic(params.model), self._on_request, VLA)
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, STATE)
@@ -178,6 +181,7 @@ class VlaBridge(Node):
                     f"no answer within {self._timeout_s:g} s",
                     ns_to_seconds(now_ns - ticket.received_ns),
                 )
+            self._release()
 
     def _work(self) -> None:
         while True:
@@ -190,18 +194,7 @@ class VlaBridge(Node):
             if ticket is not None:
                 outcome = respond(self._backend, self._model, ticket.request)
                 latency_ns = time.monotonic_ns() - ticket.received_ns
-                if not self._is_own(ticket.request):
-                    self._await_listener()
                 self._finish(ticket, outcome, ns_to_seconds(latency_ns))
-
-    def _is_own(self, request: Request) -> bool:
-        """Whether shadow mode asked: nobody need hear that answer."""
-        return self._follower is not None and self._follower.waits_for(request.request_id)
-
-    def _await_listener(self) -> None:
-        give_up_s = time.monotonic() + _LISTENER_WAIT_S
-        while self._publisher.get_subscription_count() == 0 and time.monotonic() < give_up_s:
-            time.sleep(_LISTENER_POLL_S)
 
     def _finish(self, ticket: Ticket, outcome: BackendResult, latency_s: float) -> None:
         response = replace(outcome.response, latency_s=latency_s)
@@ -246,7 +239,15 @@ class VlaBridge(Node):
             reason = f"the answer fits no message: {type(error).__name__}: {error}"
             self.get_logger().error(f"request {response.request_id!r}: {reason}")
             msg = response_to_msg(failure(response, ErrorCode.BACKEND, reason))
-        self._publisher.publish(msg)
+        self._held.append((time.monotonic() + _LISTENER_WAIT_S, msg))
+        self._release()
+
+    def _release(self) -> None:
+        """Publishes in order what somebody hears, or has waited for a listener long enough."""
+        while self._held and (
+            self._publisher.get_subscription_count() or time.monotonic() > self._held[0][0]
+        ):
+            self._publisher.publish(self._held.popleft()[1])
 
 
 def _answerable_ns(stamp: Any) -> int:
