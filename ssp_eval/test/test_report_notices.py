@@ -24,6 +24,7 @@ from ssp_eval.statistics.rows import entering, rows_from_campaign, rows_from_csv
 from ssp_eval.statistics.statistics import Options, compute
 from ssp_eval.statistics.table import write_tables
 from ssp_eval.statistics.tables import matrix_table
+from support.score_rows import row
 
 BagMaker = Callable[..., Path]
 MODELS = ("constant_velocity", "opencv_baseline")
@@ -65,6 +66,20 @@ def test_ranks_over_different_cells_say_who_lacks_some(campaign: Path, bags: lis
     evaluated(campaign, bags[:1], 'one={"backend": "constant_velocity"}')
     page = write_report(campaign).read_text()
     assert "The models were not scored on the same cells (of 2: one 1)" in page
+
+
+def test_a_gap_is_named_and_a_recording_without_twins_is_none() -> None:
+    rows = [
+        row(domain="simulation"),
+        row(domain="simulation", model="m+twin.without.ot1"),
+        row(domain="simulation", model="other"),
+        row(domain="physical"),
+    ]
+    (told,) = [one.text for one in notices(rows) if one.text.startswith("Not evaluated")]
+    assert told == (
+        "Not evaluated: 1 cell is missing; these models weren't asked about these recordings: "
+        "s / physical / other."
+    )
 
 
 class Troubled(Extractor):
