@@ -82,7 +82,14 @@ COMMANDS = st.builds(
 PHASES = st.sampled_from(SessionPhase)
 DONES = st.builds(steps.StepDone, TEXTS, U64, U64, PHASES, U64, U64, U64)
 HEARTBEATS = st.builds(
-    steps.Heartbeat, STAMPS, TEXTS, U64, STAMPS, PHASES, st.dictionaries(TEXTS, U64, max_size=4)
+    steps.Heartbeat,
+    STAMPS,
+    TEXTS,
+    U64,
+    STAMPS,
+    PHASES,
+    st.dictionaries(TEXTS, U64, max_size=4),
+    TEXTS,
 )
 RAW_FRAMES = st.lists(
     st.builds(iso_frames.RawFrame, st.booleans(), STAMPS, st.binary(max_size=80)), max_size=5
@@ -168,6 +175,7 @@ def heartbeat_to_msg(beat):
         sequence=beat.sequence,
         sent=stamp_from_ns(beat.sent_ns),
         session_state=int(beat.session_state),
+        session_token=beat.session_token,
         object_ids=list(beat.references_sent),
         references_sent=list(beat.references_sent.values()),
     )
