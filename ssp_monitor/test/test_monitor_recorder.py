@@ -198,7 +198,7 @@ def test_a_disk_that_is_behind_is_said(tmp_path, monkeypatch):
         patch.setattr(BagWriter, "sync_age_s", property(lambda _: 30.0))
         state = recorder.state()
     assert state.flush_age_s == 30.0
-    assert state.warnings == ("the disk is 30.0 s behind: a power cut would cost that",)
+    assert state.warnings == ("the last 30.0 s isn't on disk yet; a power cut would lose it",)
     assert recorder.stop().warnings == ()
 
 

@@ -524,6 +524,26 @@ def test_a_taken_port_is_said(page, manager):
         PageServer("127.0.0.1", page.door.port, TOKEN, manager)
 
 
+def test_a_page_whose_run_has_ended_leaves_its_port_to_the_next(page, manager):
+    page.retire()
+    after = PageServer("127.0.0.1", page.door.port, TOKEN, manager)
+    try:
+        assert after.door.port == page.door.port
+        assert get(after)[0] == 200
+        status, answer = post(after, "abort")
+        assert (status, answer["accepted"]) == (200, True)
+    finally:
+        after.close()
+
+
+def test_a_page_whose_run_has_ended_says_so_to_a_command(page, manager):
+    page.retire()
+    status, answer = post(page, "abort")
+    assert (status, answer["accepted"], answer["answered"]) == (200, False, True)
+    assert "the run has ended" in answer["text"]
+    assert manager.asked == []
+
+
 @pytest.mark.parametrize("host", ["no.such.host.invalid", "203.0.113.7"])
 def test_a_foreign_address_is_said(host, manager):
     with pytest.raises(HostError, match="listen on"):

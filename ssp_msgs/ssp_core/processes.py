@@ -145,6 +145,11 @@ def die_with_parent() -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
+def outlive_parent() -> None:
+    """Lets this process go on after the parent that it was to die with."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, 0)
+
+
 @dataclass
 class NodeProcess:
     """One node in a process (and a process group) of its own, its output in a log file."""
@@ -215,11 +220,16 @@ class ProcessGroup:
         module: str,
         parameters: dict[str, object],
         remappings: Sequence[str] = (),
+        *,
+        pipe: bool = False,
     ) -> NodeProcess:
         """Starts ``python -m module`` as a ROS node with parameters and remappings ``from:=to``.
 
         It receives SIGTERM when this process dies, however that happens, and no SIGINT from the
         terminal: whoever runs the session ends it in order.
+
+        Args:
+            pipe: its standard input is a pipe from here; otherwise it has none.
         """
         arguments = [sys.executable, "-m", module, "--ros-args", "-r", f"__node:={name}"]
         for key, value in parameters.items():
@@ -231,7 +241,7 @@ class ProcessGroup:
             process = subprocess.Popen(
                 arguments,
                 env=self.env,
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE if pipe else subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
+import signal
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -12,6 +15,8 @@ from click.testing import CliRunner
 
 from ssp_core.errors import InputError
 from ssp_core.processes import ProcessGroup
+from ssp_core.run_file.verdict import EndWord
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.cli.run import run
 from ssp_scenario_manager.run import companions
 
@@ -45,7 +50,9 @@ def wait_until_said(said: list[str], part: str) -> None:
         time.sleep(0.01)
 
 
-def beside(session: ProcessGroup, run_file: str, said: list[str]) -> AbstractContextManager[None]:
+def beside(
+    session: ProcessGroup, run_file: str, said: list[str]
+) -> AbstractContextManager[Callable[[EndWord], None]]:
     page = companions.page_companion(session.env, Path(run_file), 0)
     return companions.beside(session, [page], said.append)
 
@@ -100,6 +107,47 @@ def test_an_end_of_its_own_is_said_and_no_more(session: ProcessGroup) -> None:
         wait_until_said(said, "exited")
     assert "the operator page exited with status 1; the session goes on without it" in said[-1]
     assert "port 4711 is taken" in said[-1]
+
+
+# Says what it hears, and stays where it is wanted to.
+HEARING = """
+import sys, time
+print("page: http://127.0.0.1:4711/", flush=True)
+for line in sys.stdin:
+    print("heard", line, end="", flush=True)
+    if '"final": true' in line and "run_file:=stay" in sys.argv:
+        print("page: stays for its viewers", flush=True)
+        time.sleep(600)
+print("gone", flush=True)
+"""
+
+
+@pytest.mark.parametrize("stays", [False, True])
+def test_a_page_that_is_told_the_end_may_stay_and_is_not_waited_for(
+    session: ProcessGroup, stays: bool
+) -> None:
+    (session.log_dir.parent / "stand_in_page.py").write_text(HEARING)
+    said: list[str] = []
+    with beside(session, "stay" if stays else "run.yaml", said) as tell:
+        wait_until_said(said, "operator page: ")
+        for final in (False, True):
+            tell(EndWord(Verdict.VALID, (), final))
+    log = (session.log_dir / "monitor_page.log").read_text()
+    assert log.count("heard") == 2
+    found = re.search(r"`kill (\d+)` ends it now", said[-1])
+    assert (found is not None) is stays
+    if found is not None:
+        os.kill(int(found[1]), signal.SIGKILL)
+    assert not any("exited" in line for line in said)
+
+
+def test_a_page_that_is_told_no_end_ends_with_the_run(session: ProcessGroup) -> None:
+    (session.log_dir.parent / "stand_in_page.py").write_text(HEARING)
+    said: list[str] = []
+    with beside(session, "stay", said) as tell:
+        wait_until_said(said, "operator page: ")
+        tell(EndWord(Verdict.VALID, (), False))
+    assert len(said) == 1
 
 
 def test_one_process_has_no_page() -> None:

@@ -475,6 +475,91 @@ def test_operator_aborts_a_run(start_session: Callable[..., Any], tab: Browser) 
     assert "Traceback" not in log
 
 
+ENDED = "document.getElementById('ended').innerText"
+
+
+@pytest.mark.parametrize("abort", [False, True])
+def test_an_orderly_end_is_heard_and_stays_on_the_page(
+    start_session: Callable[..., Any], live_processes: Any, tab: Browser, abort: bool
+) -> None:
+    """It shouted NOT CONNECTED … Objects may be moving after every end, for ever."""
+    session = start_session("cut_in", "--no-camera", "--page", "0")
+    tab.resize(1280, 800)
+    tab.go(page_url(session))
+    tab.wait(f"{STATE} === 'RUNNING'")
+    # Recorder and losses, without scrolling.
+    brief = "document.getElementById('recorder-brief')"
+    tab.wait(f"{brief}.innerText.startsWith('recording · 0 lost · disk ')")
+    assert tab.evaluate(f"{brief}.getBoundingClientRect().bottom < 150")
+    if abort:
+        tab.space()
+    head = "ended: aborted by the operator" if abort else "ended: valid"
+    result = session.finish()  # waits for no viewer
+    tab.wait(f"{ENDED}.includes({head!r})")
+    stood = rf"everything stood at {result['session_s']:.1f} s"
+    assert stood in tab.text("#ended")
+    assert tab.evaluate(f"{BANNER}.hidden")
+    assert tab.evaluate("document.title") == f"{head} – SSP"
+    assert tab.text("#abort-hint") == "the run has ended"
+    assert tab.text("#next").startswith("Next: mend" if abort else "Next: check")
+    # It is served to who comes or reloads, until the terminal's word.
+    tab.go(str(tab.evaluate("location.href")))
+    tab.wait(f"{ENDED}.includes({head!r})")
+    keep(tab, f"ended-{result['verdict']}")
+    found = re.search(r"`kill (\d+)` ends it now", "".join(session.lines))
+    assert found is not None
+    os.kill(int(found[1]), signal.SIGTERM)
+    deadline = time.monotonic() + DEADLINE_S
+    while live_processes(session.folder):
+        assert time.monotonic() < deadline, "the page did not end on its signal"
+        time.sleep(0.05)
+    # Longer than the silence that is told of while a run goes on.
+    tab.evaluate("new Promise((done) => setTimeout(done, 2500))")
+    assert tab.evaluate(f"{BANNER}.hidden")
+    assert tab.text("#ended").startswith(head)
+
+
+def test_without_a_viewer_the_page_ends_with_the_run(
+    start_session: Callable[..., Any], live_processes: Any
+) -> None:
+    session = start_session("cut_in", "--no-camera", "--page", "0")
+    assert session.finish()["verdict"] == "valid"
+    assert live_processes(session.folder) == {}
+
+
+def test_the_death_of_the_manager_goes_on_shouting(
+    start_session: Callable[..., Any], tab: Browser
+) -> None:
+    """The run ends, but nobody has said that everything stands."""
+    session = start_session("cut_in", "--no-camera", "--page", "0")
+    tab.go(page_url(session))
+    tab.wait(f"{STATE} === 'RUNNING'")
+    session.kill("scenario_manager")
+    tab.wait(f"!{BANNER}.hidden")
+    assert session.finish()["verdict"] == "invalid_harness"
+    tab.wait(f"{BANNER}.innerText.includes('NOT KNOWN TO STAND')")
+    assert "Objects may be moving" in tab.text("#banner")
+    assert tab.evaluate("document.getElementById('ended').hidden")
+    assert "keep clear" in tab.text("#next")
+    found = re.search(r"`kill (\d+)` ends it now", "".join(session.lines))
+    assert found is not None
+    os.kill(int(found[1]), signal.SIGTERM)
+    tab.wait(f"{BANNER}.innerText.includes('NOT CONNECTED')")
+    assert "Objects may be moving" in tab.text("#banner")
+
+
+def test_a_manager_that_falls_silent_without_an_end_is_shouted(stage: Stage, tab: Browser) -> None:
+    stage.manager()
+    stage.objects()
+    _, port = stage.page()
+    tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
+    tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+    for number in (signal.SIGSTOP, signal.SIGKILL):
+        stage.started[0].send_signal(number)
+        tab.wait(f"{BANNER}.innerText.includes('the scenario manager is silent for')")
+        assert tab.evaluate("document.getElementById('ended').hidden")
+
+
 def test_run_goes_on_without_its_page(start_session: Callable[..., Any]) -> None:
     session = start_session("cut_in", "--no-camera", "--page", "0")
     page_url(session)

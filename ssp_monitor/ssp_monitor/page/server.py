@@ -11,7 +11,9 @@ import threading
 import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import asdict, dataclass
+from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from typing import Protocol
 
@@ -60,8 +62,11 @@ ABORT_ANSWER_S = 1.0
 SEND_BUFFER_BYTES = 65536
 MOST_BODY_BYTES = 1024
 START_S = 10.0
+# An ended page that is asked to leave its port does so within this time.
+LEAVE_S = 3.0
 # What sends no whole request for so long is closed.
 REQUEST_S = 10.0
+LEAVE = "/api/leave"
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -103,6 +108,7 @@ class PageServer:
         # Whoever has the token may abort whatever others do; both are bounded all the same.
         self._buckets = {"abort": TokenBucket(40, 20), "": TokenBucket(20, 5)}
         self._guesses = TokenBucket(10, 1)
+        self._retired = False
         self._loop = asyncio.new_event_loop()
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
@@ -128,6 +134,10 @@ class PageServer:
         """Sends new things to all viewers; may be called in any thread."""
         self._loop.call_soon_threadsafe(self._hub.push, payloads)
 
+    def retire(self) -> None:
+        """Passes no command on any more, and leaves the port to the page of another run."""
+        self._retired = True
+
     def close(self) -> None:
         """Ends connections and thread."""
         if self._thread.is_alive():
@@ -148,6 +158,7 @@ class PageServer:
         app = web.Application(middlewares=[self._guard], client_max_size=MOST_BODY_BYTES)
         app.router.add_get("/api/live", self._hub.serve)
         app.router.add_post("/api/command/{name}", self._command)
+        app.router.add_post(LEAVE, self._leave)
         app.router.add_get("/{name:.*}", self._asset)
         runner = web.AppRunner(
             app,
@@ -212,6 +223,8 @@ class PageServer:
             return _closing(408, "the request did not end")
         except (web.RequestPayloadError, HttpProcessingError):
             return _closing(400, "the request's body can't be read")
+        if self._retired:
+            return _answer(200, Answer(False, "the run has ended, and its processes with it"))
         limit_s = ABORT_ANSWER_S if name == "abort" else ANSWER_S
         asked = self._commands.ask(name, f"operator page at {request.remote}")
         try:
@@ -220,6 +233,14 @@ class PageServer:
             text = f"the scenario manager gave no answer within {limit_s:g} s"
             return _answer(504, Answer(False, text, answered=False))
         return _answer(200 if answer.answered else 504, answer)
+
+    async def _leave(self, request: web.Request) -> web.StreamResponse:
+        """Leaves the port, if the run has ended: who asks is the page of the next one."""
+        if not self._retired:
+            return web.Response(status=409, text="this page's run goes on")
+        # After the answer.
+        self._loop.call_later(0.05, self._stop.set)
+        return web.Response(text="leaves")
 
 
 def _answer(status: int, answer: Answer) -> web.Response:
@@ -269,7 +290,12 @@ def _listen_on(host: str, port: int) -> sockets.socket:
     try:
         listener.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
         listener.setsockopt(sockets.SOL_SOCKET, sockets.SO_SNDBUF, SEND_BUFFER_BYTES)
-        listener.bind(address)
+        try:
+            listener.bind(address)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE or not _is_left(host, port):
+                raise
+            listener.bind(address)
         listener.listen(64)
     except OSError as error:
         listener.close()
@@ -278,3 +304,24 @@ def _listen_on(host: str, port: int) -> sockets.socket:
         raise HostError(f"the page can't listen on {host}:{port}: {error.strerror}") from error
     listener.setblocking(False)
     return listener
+
+
+def _is_left(host: str, port: int) -> bool:
+    """Whether a page whose run has ended held the port, and has left it."""
+    name = host if host else "127.0.0.1"
+    deadline = time.monotonic() + LEAVE_S
+    with suppress(OSError, HTTPException):
+        asking = HTTPConnection(name, port, timeout=LEAVE_S)
+        try:
+            asking.request("POST", LEAVE)
+            if asking.getresponse().status != 200:
+                return False
+        finally:
+            asking.close()
+        while time.monotonic() < deadline:
+            try:
+                sockets.create_connection((name, port), LEAVE_S).close()
+            except ConnectionRefusedError:
+                return True
+            time.sleep(0.02)
+    return False

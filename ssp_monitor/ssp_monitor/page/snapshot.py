@@ -12,8 +12,10 @@ from ssp_core.motion.encounter import Encounter, encounter
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.values import Point
+from ssp_core.run_file.verdict import EndWord
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase
 from ssp_core.world.road_drawing import Drawing, drawing_of
+from ssp_monitor.page.ending import end_of, verdict_of
 from ssp_monitor.status.board import (
     DEFAULT_STATE_AGE_S,
     STALE_S,
@@ -47,9 +49,8 @@ COMMANDS: dict[SessionPhase, tuple[str, ...]] = {
 NEXT: dict[SessionPhase, str] = {
     SessionPhase.UNKNOWN: "start the scenario manager: nothing was heard of a session",
     SessionPhase.IDLE: "load a run: ssp run, or the service load_scenario",
-    SessionPhase.LOADED: "connect; a session of ssp run does it by itself, with --wait after Enter "
-    "in its terminal",
-    SessionPhase.CONNECTED: "arm, once nothing below keeps it from arming",
+    SessionPhase.LOADED: "type start in the terminal of ssp run, or press connect here",
+    SessionPhase.CONNECTED: "arm, once nothing below prevents it",
     SessionPhase.ARMED: "start, when everybody is clear; objects drive then. Disarm goes back",
     SessionPhase.RUNNING: "watch; ABORT stops everybody at once, stop ends the run in order",
     SessionPhase.STOPPING: "wait until everything stands",
@@ -67,16 +68,39 @@ def number(value: float, digits: int = 3) -> float | None:
 
 
 class Snapshots:
-    """Makes snapshots of a board."""
+    """Makes snapshots of a board.
+
+    Attributes:
+        word: how the run ends, once its runner has told it.
+    """
 
     def __init__(self, board: Board) -> None:
         self._board = board
+        self.word: EndWord | None = None
+        self._frozen: dict[str, Any] | None = None
         run = board.run
         self._path = Polyline(run.vut.approach.path) if run and run.vut.approach else None
         self._limits: Limits | None = run.limits if run else None
 
     def snapshot(self, now_ns: int) -> dict[str, Any]:
-        """Everything but events, site and picture."""
+        """Everything but events, site and picture.
+
+        After the end that was heard it stays as it was then: what stood still stands, and the
+        silence of processes that have ended is no news.
+        """
+        end = end_of(self._board, self.word, now_ns)
+        if end is None:
+            self._frozen = None
+            return {**self._live(now_ns), "end": None}
+        if self._frozen is None:
+            heard_ns = self._board.session_at_ns
+            self._frozen = self._live(now_ns if heard_ns is None else min(now_ns, heard_ns))
+        session = {**self._session(), "commands": [], "next": end["next"]}
+        quiet = {"stale": [], "leaderless": False, "abort_unheard": False, "standing": []}
+        blind = not end["stands"]
+        return {**self._frozen, **quiet, "blind": blind, "session": session, "end": end}
+
+    def _live(self, now_ns: int) -> dict[str, Any]:
         board = self._board
         return {
             "session": self._session(),
@@ -145,6 +169,7 @@ class Snapshots:
         state = fact.state if fact is not None else SessionPhase.UNKNOWN
         run = board.run
         elapsed_s = board.elapsed_s
+        verdict, reasons = verdict_of(board, self.word)
         return {
             "state": state.name,
             "event": fact.event if fact else "",
@@ -154,8 +179,8 @@ class Snapshots:
             "site": run.site if run else "",
             "stand_in": bool(run and run.stand_in),
             "mode": run.mode if run else "",
-            "verdict": fact.verdict.name if fact else "NONE",
-            "reasons": list(fact.reasons) if fact else [],
+            "verdict": verdict.name,
+            "reasons": list(reasons),
             "phase": _phase(board.phase),
             "elapsed_s": None if elapsed_s is None else number(elapsed_s, 2),
             "commands": self._commands(state),

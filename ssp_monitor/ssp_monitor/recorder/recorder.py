@@ -309,7 +309,7 @@ class Recorder:
             flush_age_s = max(flush_age_s, self._writer.sync_age_s)
             if flush_age_s > BEHIND_S:
                 warnings.append(
-                    f"the disk is {flush_age_s:.1f} s behind: a power cut would cost that"
+                    f"the last {flush_age_s:.1f} s isn't on disk yet; a power cut would lose it"
                 )
         return RecorderState(
             messages=self._writer.messages,

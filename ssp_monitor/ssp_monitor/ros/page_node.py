@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -22,7 +23,10 @@ from ssp_core.cdr.references import decode_ack
 from ssp_core.clock import NS_PER_S
 from ssp_core.credentials import TOKEN_VARIABLE, check_token
 from ssp_core.errors import HostError
+from ssp_core.processes import outlive_parent
 from ssp_core.run_file.model import load_run
+from ssp_core.run_file.verdict import EndWord
+from ssp_core.terminal import catch_stop_signals
 from ssp_monitor.page.access import is_loopback, make_token
 from ssp_monitor.page.server import PageServer
 from ssp_monitor.page.snapshot import Pictures, Snapshots, site_message
@@ -35,6 +39,11 @@ from ssp_msgs.msg import FaultEvent, ReferenceAck, SafetyEvent, TriggerEvent
 from ssp_msgs.srv import SessionCommand
 
 _ACK_TYPE = "ssp_msgs/msg/ReferenceAck"
+# After the end the page stays for so long, but not for so long without a viewer: one may reload.
+STAY_S = 60.0
+UNSEEN_S = 10.0
+# Shorter than the silence that a viewer takes for a lost connection.
+AGAIN_S = 0.4
 
 
 class ManagerCommands:
@@ -85,8 +94,9 @@ class MonitorPage(Node):
         HostError: the port is taken.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, stop: ros.StopRequest) -> None:
         super().__init__(names.MONITOR_PAGE, namespace=names.NAMESPACE)
+        self._stop = stop
         given = ros.declare(self, PAGE)
         own = given["token"] or os.environ.get(TOKEN_VARIABLE, "")
         token = check_token(own, "parameter token") if own else make_token()
@@ -106,6 +116,8 @@ class MonitorPage(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / given["page_rate_hz"], self._push, clock=steady)
         self.create_timer(LOOK_PERIOD_S, self._look_around, clock=steady)
+        if given["led_by_runner"]:
+            threading.Thread(target=self._hear_runner, name="runner", daemon=True).start()
 
     def _announce(self, made: bool, token: str) -> None:
         if not is_loopback(self.server.door.bound):
@@ -161,6 +173,20 @@ class MonitorPage(Node):
         if not ack.accepted:
             self._board.tell(messages.refused_event(ack))
 
+    def _hear_runner(self) -> None:
+        """Takes the runner's words, in a thread of its own; without it there is no run."""
+        for line in sys.stdin.buffer:
+            try:
+                word = EndWord.parse(line)
+            except ValueError as error:
+                self.get_logger().error(str(error))
+                continue
+            self._snapshots.word = word
+            if word.final:
+                self._stop.set("the run has ended")
+                return
+        self._stop.set("the runner has ended")
+
     # -- what is shown ---------------------------------------------------------------------------
 
     def _push(self) -> None:
@@ -183,13 +209,44 @@ class MonitorPage(Node):
             payloads["picture"] = picture
         self.server.push(payloads)
 
+    @property
+    def _has_final_word(self) -> bool:
+        word = self._snapshots.word
+        return word is not None and word.final
+
     def close(self) -> None:
+        """Ends the server; one that shows the end of a run goes on for its viewers."""
+        if self._has_final_word and self.server.viewers:
+            self._push()
+            self.server.retire()
+        else:
+            self.server.close()
+
+    def stay(self) -> None:
+        """Shows the end of the run without ROS: for a minute, as long as somebody looks."""
+        if not self.server.is_alive:
+            return
+        over = threading.Event()
+        catch_stop_signals(lambda _: over.set())
+        outlive_parent()
+        print(f"page: stays for its viewers, {STAY_S:g} s at most", flush=True)
+        snapshot = {"type": "snapshot", **self._snapshots.snapshot(time.monotonic_ns())}
+        frozen: dict[str, Payload] = {
+            "snapshot": json.dumps(snapshot, separators=(",", ":"), allow_nan=False)
+        }
+        began_s = seen_s = time.monotonic()
+        while not over.wait(AGAIN_S) and self.server.is_alive:
+            now_s = time.monotonic()
+            seen_s = now_s if self.server.viewers else seen_s
+            if now_s - began_s > STAY_S or now_s - seen_s > UNSEEN_S:
+                break
+            self.server.push(frozen)
         self.server.close()
 
 
 def main() -> None:
     """Entry point of the node."""
-    sys.exit(ros.run_node(lambda _: MonitorPage(), MonitorPage.close))
+    sys.exit(ros.run_node(MonitorPage, MonitorPage.close, afterwards=MonitorPage.stay))
 
 
 if __name__ == "__main__":

@@ -99,6 +99,11 @@ PAGE = (
     ),
     Parameter("page_rate_hz", 10.0, "snapshots a second, Hz", least=2, most=30),
     Parameter("camera_rate_hz", 5.0, "pictures a second, at the most, Hz", least=2, most=30),
+    Parameter(
+        "led_by_runner",
+        False,
+        "how the run ends is told on standard input, as `ssp run` does; its end ends the page",
+    ),
 )
 VIEW = (_ANY_RUN,)
 REPLAY = (

@@ -140,7 +140,8 @@ MOST_EVENTS = 120
 MOST_OBJECTS = 500
 # A stamp that is this much older is no straggler: the session, or a replay, has begun again.
 _BEGUN_AGAIN_NS = 1_000_000_000
-_OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
+# The session's last states: everything stands.
+OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
 
 @dataclass
@@ -194,7 +195,7 @@ class Board:
             self.phase = Phase.UNKNOWN
         elif fact.state is SessionPhase.RUNNING:
             self.started_ns, self.ended_ns = fact.stamp_ns, None
-        elif fact.state in _OVER and self.ended_ns is None:
+        elif fact.state in OVER and self.ended_ns is None:
             self.ended_ns = fact.stamp_ns
         was = before.state.name if before is not None else ""
         self.tell(

@@ -191,6 +191,7 @@ def run_node(
     make: Callable[[StopRequest], Node],
     shutdown: Callable[[Any], None],
     args: list[str] | None = None,
+    afterwards: Callable[[Any], None] | None = None,
 ) -> int:
     """Runs one node in this process until a signal, or until the node asks to stop; then exits.
 
@@ -200,6 +201,7 @@ def run_node(
     Args:
         args: for ROS to read; None: those of this process, in which it finds remap rules also
             before ``--ros-args``. A command that reads its own gives an empty list.
+        afterwards: what is left to do without ROS after an orderly stop; takes the node.
 
     Returns:
         Never: the process ends with status 0 after an orderly stop, 1 when the node raised: an
@@ -246,6 +248,9 @@ def run_node(
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+    if afterwards is not None and node is not None and status == 0:
+        faulthandler.cancel_dump_traceback_later()
+        afterwards(node)
     sys.stdout.flush()
     sys.stderr.flush()
     # Not through the interpreter's own end: there the middleware's threads and static objects have

@@ -1,11 +1,12 @@
-"""``verdict.json`` in a bag (``ssp.verdict/1``): how a run ended, by who saw its end.
+"""How a run ended: ``verdict.json`` in a bag (``ssp.verdict/1``), and the word to the page.
 
-The recorder writes it when it closes its bag in good order; ``ssp run``, which also sees processes
-die, writes it anew. A recorder that was killed leaves none.
+The recorder writes the file when it closes its bag in good order; ``ssp run``, which also sees
+processes die, writes it anew. A recorder that was killed leaves none.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,43 @@ class RecordedVerdict:
 
     verdict: Verdict
     reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class EndWord:
+    """The end of a run, as ``ssp run`` tells it to the operators' page: one line of JSON.
+
+    Args:
+        reasons: of the verdict, the primary one first.
+        final: the recording is closed, and the verdict stands; before that it may become worse.
+        folder: of the run.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    final: bool
+    folder: str = ""
+
+    def line(self) -> bytes:
+        """The word as it is sent."""
+        value = {
+            "verdict": self.verdict.name.lower(),
+            "reasons": list(self.reasons),
+            "final": self.final,
+            "folder": self.folder,
+        }
+        return json.dumps(value).encode() + b"\n"
+
+    @classmethod
+    def parse(cls, line: bytes) -> EndWord:
+        """Reads a line. Raises ValueError for one that is no such word."""
+        value = json.loads(line)
+        try:
+            verdict = Verdict[value["verdict"].upper()]
+            reasons = tuple(str(reason) for reason in value["reasons"])
+            return cls(verdict, reasons, value["final"] is True, str(value["folder"]))
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"{line[:80]!r} is no end of a run") from error
 
 
 def write_verdict(

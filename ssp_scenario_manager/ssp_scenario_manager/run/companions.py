@@ -8,7 +8,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,14 @@ from ssp_core import names
 from ssp_core.credentials import TOKEN_VARIABLE, check_token
 from ssp_core.errors import InputError
 from ssp_core.processes import NodeProcess, ProcessGroup
+from ssp_core.run_file.verdict import EndWord
 
 PAGE_MODULE = "ssp_monitor.ros.page_node"
 DEFAULT_PORT = 8080
 START_S = 15.0
+# A page that is told the end says within this time that it stays for its viewers, or is gone.
+LEFT_S = 4.0
+_STAYS = re.compile(r"^page: stays", re.MULTILINE)
 _URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
 
 
@@ -42,6 +46,7 @@ class Companion:
         what: for people.
         env: what its environment has besides.
         hint: for the address of a page, what belongs to its end.
+        hears_the_end: it is told how the run ends, on standard input, and may stay to show it.
     """
 
     name: str
@@ -50,6 +55,7 @@ class Companion:
     what: str
     env: Mapping[str, str] = field(default_factory=dict)
     hint: str = ""
+    hears_the_end: bool = False
 
 
 def page_companion(env: Mapping[str, str], run_file: Path, port: int) -> Companion:
@@ -66,11 +72,12 @@ def page_companion(env: Mapping[str, str], run_file: Path, port: int) -> Compani
     return Companion(
         names.MONITOR_PAGE,
         PAGE_MODULE,
-        {"run_file": run_file, "port": port},
+        {"run_file": run_file, "port": port, "led_by_runner": "true"},
         "the operator page",
         {TOKEN_VARIABLE: token},
         # Whoever chose the token knows it; it needs to stand in no log of a terminal.
         "" if given else f"#token={token}",
+        hears_the_end=True,
     )
 
 
@@ -80,26 +87,77 @@ def beside(
     companions: Sequence[Companion],
     say: Callable[[str], None],
     remappings: Sequence[str] = (),
-) -> Iterator[None]:
+) -> Iterator[Callable[[EndWord], None]]:
     """Has nodes run as long as the block does; their processes are none of the session's own.
+
+    One that hears the end of the run, and has heard its final word, may stay to show it.
 
     Args:
         session: whose domain and log folder they share.
         companions: which; none starts nothing.
         remappings: ``from:=to``, as the session's own nodes have them.
+
+    Yields:
+        What tells those that hear it how the run ends.
     """
+    listeners: list[_Listener] = []
+
+    def tell(word: EndWord) -> None:
+        for listener in listeners:
+            listener.tell(word)
+
     with ExitStack() as stack:
         for companion in companions:
             env = {**session.env, **companion.env}
             # The session's group alone may remove what is left of the domain.
-            group = stack.enter_context(ProcessGroup(env, session.log_dir, owns_domain=False))
+            group = ProcessGroup(env, session.log_dir, owns_domain=False)
             parameters = dict(companion.parameters)
-            node = group.start_node(companion.name, companion.module, parameters, remappings)
+            node = group.start_node(
+                companion.name,
+                companion.module,
+                parameters,
+                remappings,
+                pipe=companion.hears_the_end,
+            )
             watch = threading.Thread(target=_watch, args=(companion, node, say), daemon=True)
             watch.start()
-            stack.callback(watch.join)
-            stack.callback(group.stop)
-        yield
+            listener = _Listener(node, group, watch, say)
+            stack.callback(listener.leave)
+            if companion.hears_the_end:
+                listeners.append(listener)
+        yield tell
+
+
+@dataclass
+class _Listener:
+    """The process of a companion, which may be told the end of the run."""
+
+    node: NodeProcess
+    group: ProcessGroup
+    watch: threading.Thread
+    say: Callable[[str], None]
+    has_final_word: bool = False
+
+    def tell(self, word: EndWord) -> None:
+        """Sends the word; a process that has ended hears none."""
+        self.node.expected_to_stop = self.has_final_word = word.final
+        pipe = self.node.process.stdin
+        if pipe is not None:
+            with suppress(OSError, ValueError):
+                pipe.write(word.line())
+                pipe.flush()
+
+    def leave(self) -> None:
+        """Ends the process, unless it stays by itself to show the end."""
+        deadline = time.monotonic() + (LEFT_S if self.has_final_word else 0.0)
+        while self.node.returncode is None and time.monotonic() < deadline:
+            if _STAYS.search(self.node.log.read_text(errors="replace")):
+                pid = self.node.process.pid
+                self.say(f"operator page: shows the end for a minute; `kill {pid}` ends it now")
+                return
+            time.sleep(0.02)
+        self.group.stop()
+        self.watch.join()
 
 
 def _watch(companion: Companion, node: NodeProcess, say: Callable[[str], None]) -> None:

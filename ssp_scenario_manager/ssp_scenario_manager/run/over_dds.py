@@ -23,7 +23,7 @@ from ssp_core.processes import (
     session_environment,
 )
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.verdict import read_verdict, write_verdict
+from ssp_core.run_file.verdict import EndWord, read_verdict, write_verdict
 from ssp_core.terminal import on_stop_signals
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run import faults
@@ -120,34 +120,41 @@ def run_session(
     spec = faults.with_conditions_never_met(spec)
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
     interrupt = Interrupt()
-    with on_stop_signals(interrupt.on_signal):
-        with (
-            tempfile.TemporaryDirectory(prefix="ssp-run-") as scratch,
-            _process_group(folder / "logs", live is not None) as group,
-        ):
-            # A node that is killed can't clean up after itself.
-            group.env["TMPDIR"] = scratch
-            if live is not None:
-                for line in describe(live, spec, run_file, group.env):
-                    say(line)
-            elif spec.driver.external:
-                topic = names.absolute(names.VUT_COMMAND)
-                domain_id = group.env["ROS_DOMAIN_ID"]
-                say(
-                    f"the VUT waits for its driver on {topic}, ROS_DOMAIN_ID={domain_id}, this host"
-                )
-            remappings = live.remappings if live is not None else ()
-            for name, parameters in nodes.items():
-                group.start_node(name, NODE_MODULES[name], parameters, remappings)
-            go = Go() if live is not None and live.wait else None
-            companions = list(shadows)
-            if page_port is not None:
-                companions.insert(0, page_companion(group.env, run_file, page_port))
-            with beside(group, companions, say, remappings):
-                followed = follow(spec, group, run_file, bag, say, interrupt, go)
-                outcome = _shut_down(group, followed.outcome)
+    with (
+        on_stop_signals(interrupt.on_signal),
+        tempfile.TemporaryDirectory(prefix="ssp-run-") as scratch,
+        _process_group(folder / "logs", live is not None) as group,
+    ):
+        # A node that is killed can't clean up after itself.
+        group.env["TMPDIR"] = scratch
+        if live is not None:
+            for line in describe(live, spec, run_file, group.env):
+                say(line)
+        elif spec.driver.external:
+            topic = names.absolute(names.VUT_COMMAND)
+            domain_id = group.env["ROS_DOMAIN_ID"]
+            say(f"the VUT waits for its driver on {topic}, ROS_DOMAIN_ID={domain_id}, this host")
+        remappings = live.remappings if live is not None else ()
+        for name, parameters in nodes.items():
+            group.start_node(name, NODE_MODULES[name], parameters, remappings)
+        go = Go() if live is not None and live.wait else None
+        page = []
+        if page_port is not None:
+            page.append(page_companion(group.env, run_file, page_port))
         bodies = live.bodies if live is not None else {}
-        return _conclude(spec, folder, followed, outcome, started, bodies, say)
+        with beside(group, page, say, remappings) as tell_end:
+            with beside(group, shadows, say, remappings):
+                followed = follow(spec, group, run_file, bag, say, interrupt, go)
+                # Before its processes end, so that their silence is known to be the end.
+                tell_end(_end_word(followed.outcome, folder, final=False))
+                outcome = _shut_down(group, followed.outcome)
+            result = _conclude(spec, folder, followed, outcome, started, bodies, say)
+            tell_end(_end_word(result.outcome, folder, final=True))
+            return result
+
+
+def _end_word(outcome: RunOutcome, folder: Path, *, final: bool) -> EndWord:
+    return EndWord(outcome.verdict, outcome.reasons, final, str(folder))
 
 
 def _conclude(

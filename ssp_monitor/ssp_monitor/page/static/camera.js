@@ -49,16 +49,17 @@ export class Camera {
   show(snapshot, stale) {
     const age = this.age(snapshot);
     const fault = snapshot?.camera_fault ?? "";
-    const old = stale.blind || age === null || age > OLD_S;
+    const ended = Boolean(snapshot?.end);
+    const old = ended || stale.blind || age === null || age > OLD_S;
     if ((age !== null || fault) && !this.expected) this.expect(true);
-    const known = age !== null && !stale.blind;
+    const known = age !== null && !stale.blind && !ended;
     setText(byId("camera-age"), known ? `${(age * 1000).toFixed(0)} ms old` : "");
     const note = byId("camera-note");
     note.hidden = !(old || this.broken || fault);
     let text = "the picture can't be decoded";
     if (fault) text = `camera: ${fault}`;
     else if (age === null) text = "no picture has come";
-    else if (stale.blind) text = "picture of before";
+    else if (ended || stale.blind) text = "last picture received";
     else if (old) text = `no picture for ${age.toFixed(1)} s`;
     setText(note, text);
   }

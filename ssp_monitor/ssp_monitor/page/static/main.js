@@ -131,14 +131,29 @@ function show() {
   byId("replay").hidden = !snapshot?.replay;
   setClass(document.body, "stale", state.head !== "");
   setClass(document.body, "blind", state.blind);
+  const end = snapshot?.end ?? null;
   const unheard = state.head === "NOT CONNECTED" || (snapshot?.abort_unheard ?? true);
-  setText(byId("abort-hint"), unheard ? "not heard now" : "space bar");
+  const hint = byId("abort-hint");
+  setText(hint, end ? "the run has ended" : unheard ? "not heard now" : "space bar");
+  // Of use only where there is a keyboard.
+  setClass(hint, "key", !end && !unheard);
+  ended(end, snapshot);
   session.show(snapshot, state, allowed);
   recorder.show(snapshot, state);
   camera.show(snapshot, state);
   objects.show(snapshot ? snapshot.objects : [], state);
   map.show(snapshot ? snapshot.objects : [], state);
   title(state);
+}
+
+// What a run came to stands until another one is seen, whether its server is still there or not.
+function ended(end, snapshot) {
+  const band = byId("ended");
+  band.hidden = !end?.stands;
+  if (end === null) return;
+  setText(byId("ended-head"), end.head);
+  setText(byId("ended-text"), `${end.text}.`);
+  setClass(band, "valid", snapshot.session.verdict === "VALID");
 }
 
 function banner(state) {
@@ -150,7 +165,7 @@ function banner(state) {
 
 function title(state) {
   const name = snapshot ? snapshot.session.state : "no data";
-  const what = state.head || name;
+  const what = state.head || (snapshot?.end?.head ?? name);
   const text = snapshot?.replay ? `REPLAY ${what} – SSP` : `${what} – SSP`;
   if (text !== drawn) {
     drawn = text;

@@ -17,10 +17,11 @@ export class Recorder {
     const found = snapshot.recorder;
     const age = snapshot.ages.recorder;
     const silent = stale.blind && stale.head === "NOT CONNECTED" || age === null || age > SILENCE_S;
-    const [word, good] = this.word(found, silent);
+    const [word, good] = this.word(found, silent, snapshot.end);
     const badge = byId("recorder-word");
     setText(badge, word);
     badge.className = `badge ${good ? "good" : "bad"}`;
+    this.brief(word, good, found, silent, snapshot.end);
     const value = (text) => (silent || found === null ? DASH : text);
     this.write("Written", value(found && `${bytes(found.bytes)}`));
     this.write("Rate", value(found && (found.rate ? `${bytes(found.rate)}/s` : DASH)));
@@ -33,11 +34,26 @@ export class Recorder {
     this.notes(found, silent);
   }
 
-  word(found, silent) {
+  // The same in the header, where it is seen without scrolling.
+  brief(word, good, found, silent, end) {
+    const cell = byId("recorder-brief");
+    const parts = [word];
+    if (found !== null && !silent) {
+      parts.push(`${found.lost} lost`);
+      if (!end) parts.push(`disk ${duration(found.disk_left_s)}`);
+    }
+    setText(cell, parts.join(" · "));
+    const little = found !== null && !end && found.disk_left_s !== null
+      && found.disk_left_s < LITTLE_S;
+    cell.className = good && !little ? "num" : "num bad";
+  }
+
+  word(found, silent, end) {
     if (found === null) return ["not heard", false];
-    if (silent) return ["SILENT", false];
     if (found.failure) return ["FAILED", false];
-    if (found.lost > 0) return ["LOSING", false];
+    if (found.lost > 0) return [end ? "LOST" : "LOSING", false];
+    if (end) return ["ended", true];
+    if (silent) return ["SILENT", false];
     return found.ready ? ["recording", true] : ["not ready", false];
   }
 

@@ -55,7 +55,8 @@ export class SessionPanel {
 
   standing(snapshot, known) {
     const state = snapshot.session.state;
-    const waiting = ["UNKNOWN", "IDLE", "LOADED", "CONNECTED", "ARMED"].includes(state);
+    const before = ["UNKNOWN", "IDLE", "LOADED", "CONNECTED", "ARMED"].includes(state);
+    const waiting = before && snapshot.end === null;
     const key = JSON.stringify([waiting, known, state === "ARMED", snapshot.standing]);
     if (key === this.told) return;
     this.told = key;
@@ -65,18 +66,18 @@ export class SessionPanel {
       return;
     }
     if (!known) {
-      place.replaceChildren(make("h3", "What keeps it from arming isn't known now", "bad"));
+      place.replaceChildren(make("h3", "What prevents arming isn't known now", "bad"));
       return;
     }
-    const what = state === "ARMED" ? "start" : "arming";
+    const what = state === "ARMED" ? "the start" : "arming";
     if (snapshot.standing.length === 0) {
-      place.replaceChildren(make("h3", `Nothing seen that keeps it from ${what}`, "good"));
+      place.replaceChildren(make("h3", `Nothing seen that prevents ${what}`, "good"));
       return;
     }
     const list = make("ul");
     for (const reason of snapshot.standing.slice(0, MOST_REASONS)) list.append(make("li", reason));
     const more = snapshot.standing.length - MOST_REASONS;
     if (more > 0) list.append(make("li", `and ${more} more`));
-    place.replaceChildren(make("h3", `Keeps it from ${what}`, "bad"), list);
+    place.replaceChildren(make("h3", `Prevents ${what}`, "bad"), list);
   }
 }

@@ -7,7 +7,10 @@ const LAG_S = 1;
 
 // Returns {head, text, blind, leaderless}: what the banner says, empty when all is fresh; blind when
 // of nothing that moves is anything known; leaderless when the session's state isn't known either.
+// After an end that was heard, and at which everything stood, silence is no news.
 export function staleness(snapshot, silentMs, refusal) {
+  const end = snapshot?.end ?? null;
+  if (end?.stands) return { head: "", text: "", blind: false, leaderless: false };
   if (silentMs > SILENCE_MS) {
     const since = Number.isFinite(silentMs) ? ` for ${(silentMs / 1000).toFixed(0)} s` : "";
     const why = refusal ? ` (${refusal})` : "";
@@ -16,6 +19,14 @@ export function staleness(snapshot, silentMs, refusal) {
       text: `no word from the page's server${since}${why}; trying again. Objects may be moving.`,
       blind: true,
       leaderless: true,
+    };
+  }
+  if (end !== null) {
+    return {
+      head: "NOT KNOWN TO STAND",
+      text: `${end.head}; ${end.text}`,
+      blind: true,
+      leaderless: false,
     };
   }
   if (snapshot === null) return { head: "NO DATA", text: "connecting", blind: true, leaderless: true };

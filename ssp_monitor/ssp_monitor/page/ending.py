@@ -1,0 +1,99 @@
+"""The end of a run as the page shows it: the verdict, what stood when, and what comes next.
+
+An end is heard, never concluded from silence: the session's own last state says it, or the word of
+the runner that led it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ssp_core.run_file.verdict import EndWord
+from ssp_core.vocabulary import SessionPhase, Verdict
+from ssp_monitor.status.board import OVER, STALE_S, Board, age_s
+
+# What a person does after a run, by its verdict.
+NEXT: dict[Verdict, str] = {
+    Verdict.NONE: "look at the terminal: the run has no verdict",
+    Verdict.VALID: "check the recording, then prepare the next run in the terminal",
+    Verdict.OFF_SPEC: "compare the measured event in result.json with the K*, then repeat the run",
+    Verdict.ABORTED: "mend the cause that is named, then repeat the run",
+    Verdict.FAILED_SAFETY: "stop, and find out why before the next run",
+    Verdict.INVALID_HARNESS: "mend the equipment; this recording counts for nothing",
+}
+_UNARMED = (SessionPhase.IDLE, SessionPhase.LOADED, SessionPhase.CONNECTED)
+# As messages.safety_event titles what a person asked for.
+_BY_HAND = "operator"
+
+
+def end_of(board: Board, word: EndWord | None, now_ns: int) -> dict[str, Any] | None:
+    """The end that was heard, as JSON values; None while the session may go on.
+
+    Args:
+        word: of the runner that leads the session; None: it has said nothing, or there is none.
+
+    Returns:
+        ``head`` is the verdict in words, ``stands`` whether everything is known to stand, and
+        ``text`` since when.
+    """
+    if board.replay or (word is None and not _has_left(board, now_ns)):
+        return None
+    stands, text = _standing(board)
+    return {
+        "head": f"ended: {_verdict(board, word)}",
+        "text": text,
+        "stands": stands,
+        "next": _next(board, word, stands),
+    }
+
+
+def verdict_of(board: Board, word: EndWord | None) -> tuple[Verdict, tuple[str, ...]]:
+    """The verdict and its reasons: the runner's, which knows more, or the session's own."""
+    if word is not None:
+        return word.verdict, word.reasons
+    fact = board.session
+    return (Verdict.NONE, ()) if fact is None else (fact.verdict, fact.reasons)
+
+
+def _has_left(board: Board, now_ns: int) -> bool:
+    """Whether the session is over and its manager, which could begin another, has gone."""
+    if board.session is None or board.session.state not in OVER:
+        return False
+    unheard = board.offered is not None and "abort" not in board.offered
+    return unheard or age_s(now_ns, board.manager_at_ns) > STALE_S
+
+
+def _standing(board: Board) -> tuple[bool, str]:
+    state = board.session.state if board.session is not None else SessionPhase.UNKNOWN
+    if state in _UNARMED:
+        return True, "no object was armed"
+    if state in OVER:
+        at_s = board.elapsed_s
+        return True, "everything stood" + ("" if at_s is None else f" at {at_s:.1f} s")
+    heard = f"the session was {state.name} when it was last heard"
+    return False, f"{heard}, and nobody reported a standstill. Objects may be moving."
+
+
+def _verdict(board: Board, word: EndWord | None) -> str:
+    verdict, _ = verdict_of(board, word)
+    if verdict is Verdict.ABORTED and _is_by_hand(board):
+        return "aborted by the operator"
+    return verdict.name.lower().replace("_", " ")
+
+
+def _is_by_hand(board: Board) -> bool:
+    """Whether the first safety event of this run is a person's abort."""
+    since_ns = board.started_ns or 0
+    for _, event in board.events:
+        if event.kind == "safety" and event.stamp_ns >= since_ns:
+            return event.title == _BY_HAND
+    return False
+
+
+def _next(board: Board, word: EndWord | None, stands: bool) -> str:
+    if not stands:
+        return "keep clear until you have seen that everything stands"
+    if word is not None and not word.final:
+        return "wait until the recording is closed; the verdict may still change"
+    text = NEXT[verdict_of(board, word)[0]]
+    return f"{text} ({word.folder})" if word is not None and word.folder else text
