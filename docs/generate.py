@@ -19,6 +19,7 @@ import ssp_monitor.ros.parameters
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.node_interface import Parameter
 from ssp_core.run_file.model import Limits
+from ssp_core.safety import liveness
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
@@ -28,9 +29,8 @@ from ssp_ot_controller.bodies.iso22133.probe.clauses import CLAUSES
 from ssp_ot_controller.objects import state_machine
 from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.session import limits as supervisor
-from ssp_scenario_manager.session import preconditions, progress, supervision
+from ssp_scenario_manager.session import progress, supervision
 from ssp_scenario_manager.session import state_machine as session_machine
-from ssp_scenario_manager.session import supervision as vigil
 from ssp_scenario_manager.session.limits import verdict_for
 from ssp_vla_bridge.ros import parameters as vla_bridge_params
 
@@ -380,18 +380,17 @@ def times() -> str:
     follow = "ssp_scenario_manager/ssp_scenario_manager/run/follow.py"
     rows = [
         ("manager", "beats outside lockstep every", _constant(manager, "WATCHDOG_PERIOD_S")),
-        ("manager", "arms on states and measurements no older than", preconditions.FRESH_S),
-        ("manager", "takes the recorder for silent after", vigil.RECORDER_SILENT_S),
-        ("manager", "takes the camera for lost outside lockstep after", vigil.CAMERA_SILENT_S),
+        ("manager", "takes the recorder for silent after", liveness.RECORDER_SILENT_S),
+        ("manager", "takes the camera for lost outside lockstep after", liveness.CAMERA_SILENT_S),
         (
             "manager",
             "takes a world or a camera for dead in lockstep after",
-            vigil.WORLD_SILENT_LOCKSTEP_S,
+            liveness.WORLD_SILENT_LOCKSTEP_S,
         ),
         (
             "manager",
             "takes world, VUT or object for silent otherwise, by arrival, after",
-            vigil.WORLD_SILENT_REALTIME_S,
+            liveness.WORLD_SILENT_REALTIME_S,
         ),
         ("manager", "gives objects to report that they are armed", supervision.ARM_CONFIRMATION_S),
         ("manager", "gives an object that stops to say why", progress.OWN_REASON_S),

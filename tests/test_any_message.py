@@ -31,6 +31,7 @@ from ssp_core.cdr.states import encode_state
 from ssp_core.motion.state import ObjectState
 from ssp_core.processes import free_domain, remove_shared_ports, remove_stale_shared_memory
 from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.safety.arming import Facts
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_monitor.ros.monitor_node import MonitorNode
 from ssp_monitor.ros.page_node import MonitorPage
@@ -43,7 +44,6 @@ from ssp_ot_controller.ros.object_target import ObjectTargetNode
 from ssp_ot_controller.ros.sil_world import SilWorld
 from ssp_ot_controller.ros.vut_adapter import VutAdapter
 from ssp_scenario_manager.ros.manager_node import ScenarioManager
-from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import SessionEvent
 from ssp_vla_bridge.ros.vla_bridge import VlaBridge

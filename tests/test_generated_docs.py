@@ -11,6 +11,7 @@ import pytest
 
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.liveness import SILENCES
 from ssp_core.vocabulary import ControlState, SessionPhase
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -88,10 +89,9 @@ def judged_in(*files: str) -> set[SafetyCode]:
             if predicate in BY_NAME:
                 found.add(BY_NAME[predicate])
         made = re.findall(
-            r"(?:(?:Passed|Violation|silent|unheard|too_many)\(\s*|late = )SafetyCode\.(\w+)",
+            r"(?:(?:Passed|Violation|silent|unheard|too_many)\(\s*)SafetyCode\.(\w+)",
             source,
         )
-        made += re.findall(r"\(SafetyCode\.(\w+), (?:names|t\.id)", source)
         found |= {SafetyCode[word] for word in made}
     return found
 
@@ -104,7 +104,7 @@ def test_who_judges_what(generate: ModuleType) -> None:
     )
     told_by = ("objects/local_safety", "objects/target", "bodies/iso22133/conversation")
     by_objects = judged_in(*(f"{target}{name}.py" for name in told_by))
-    by_manager = judged_in(
+    by_manager = SILENCES | judged_in(
         *(f"{core}{name}.py" for name in ("limits", "progress", "supervision", "run"))
     )
     told = {

@@ -11,13 +11,13 @@ import pytest
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.arming import Facts
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import CountField
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation
-from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import SessionEvent
 from tests.support.runs import cut_in_run

@@ -8,11 +8,11 @@ import pytest
 from ssp_core import names
 from ssp_core.cli import main
 from ssp_core.clock import seconds_to_ns
+from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.doctor.checks import Status
 from ssp_scenario_manager.doctor.session import SessionHeard, Stream, failed, session_findings
-from ssp_scenario_manager.session.link_quality import LinkEstimate
 from tests.support.states import object_state
 
 NOW_NS = seconds_to_ns(1_800_000_000.0)

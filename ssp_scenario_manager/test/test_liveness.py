@@ -9,15 +9,15 @@ import pytest
 from ssp_core import names
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.vocabulary import SessionPhase
-from ssp_scenario_manager.session.link_quality import Exchange, LinkClocks
-from ssp_scenario_manager.session.supervision import (
+from ssp_core.safety.link_quality import Exchange, LinkClocks
+from ssp_core.safety.liveness import (
     CAMERA_SILENT_S,
     RECORDER_SILENT_S,
     WORLD_SILENT_LOCKSTEP_S,
     WORLD_SILENT_REALTIME_S,
-    LivenessMonitor,
 )
+from ssp_core.vocabulary import SessionPhase
+from ssp_scenario_manager.session.supervision import LivenessMonitor
 
 EVERYBODY = (names.SIL_WORLD, names.VUT_ID, "ot1", names.MONITOR, names.FRONT_CAMERA)
 NOW_NS = 100_000_000_000
@@ -175,8 +175,9 @@ def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
         ("/ssp/a",),
         3,
     )
-    assert (facts.recorder_age_s, facts.vut_age_s, facts.target_age_s["ot1"]) == (0.0, 0.25, 0.5)
+    ages_s = facts.ages_s
+    assert (ages_s[names.MONITOR], ages_s[names.VUT_ID], ages_s["ot1"]) == (0.0, 0.25, 0.5)
     link = facts.links["ot1"]
     assert (link.offset_s, link.delay_s, link.age_s) == (0.01, 0.02, 0.125)
     assert (facts.other_managers, facts.foreign) == (1, "clock has /y")
-    assert LivenessMonitor().facts(None, NOW_NS).recorder_age_s == math.inf
+    assert LivenessMonitor().facts(None, NOW_NS).ages_s == {}

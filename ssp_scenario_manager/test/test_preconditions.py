@@ -9,29 +9,34 @@ from typing import Any
 
 import pytest
 
+from ssp_core import names
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.arming import Facts, Gate, obstacles
+from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import ControlState
-from ssp_scenario_manager.session.link_quality import LinkEstimate
-from ssp_scenario_manager.session.preconditions import Facts, missing_for, moving, stands
-from ssp_scenario_manager.session.state_machine import SessionEvent
+from ssp_scenario_manager.session.preconditions import moving, stands
 
 S = 1_000_000_000
 NOW_NS = 50 * S
 LINK = LinkEstimate(0.001, 0.002, 0.1)
+NODES = (names.SIL_WORLD, names.MONITOR, names.FRONT_CAMERA, names.VUT_ID, "ot1", "ot2")
+AGES_S = dict.fromkeys(NODES, 0.1)
 READY = Facts(
     recorder_ready=True,
-    recorder_age_s=0.1,
-    camera_age_s=0.1,
-    vut_age_s=0.1,
-    target_age_s={"ot1": 0.1, "ot2": 0.1},
+    ages_s=AGES_S,
     links={"ot1": LINK, "ot2": LINK},
 )
-CONNECT, ARM, START = SessionEvent.CONNECT, SessionEvent.ARM, SessionEvent.START
+CONNECT, ARM, START = Gate.CONNECT, Gate.ARM, Gate.START
 StateMaker = Callable[..., ObjectState]
 Changes = dict[str, Any]
 NONE: Changes = {}
 Ask = Callable[..., list[str]]
+
+
+def ages(**changed: float) -> Changes:
+    """Facts in which somebody was heard at another time."""
+    return {"ages_s": {**AGES_S, **changed}}
 
 
 @pytest.fixture
@@ -39,7 +44,7 @@ def ask(run_mapping: dict[str, Any], state: StateMaker) -> Ask:
     """What is missing where everything is well but for the changes."""
 
     def asked(
-        event: SessionEvent = ARM,
+        event: Gate = ARM,
         facts: Changes = NONE,
         vut: Changes = NONE,
         ot1: Changes = NONE,
@@ -54,7 +59,8 @@ def ask(run_mapping: dict[str, Any], state: StateMaker) -> Ask:
         if ot2 is not None:
             targets["ot2"] = state("ot2", **{**placed, **ot2})
         spec, own = RunSpec.model_validate(given), state("vut", **{"stamp_ns": NOW_NS, **vut})
-        return missing_for(event, spec, replace(READY, **facts), own, targets, NOW_NS)
+        found = obstacles(event, spec, replace(READY, **facts), own, targets, NOW_NS)
+        return [obstacle.text for obstacle in found]
 
     return asked
 
@@ -68,28 +74,28 @@ def second(run_mapping: dict[str, Any], x_m: float, y_m: float) -> list[dict[str
 @pytest.mark.parametrize(
     ("age_s", "says"),
     [
-        (1.0, None),
-        (1.001, "no state of {} arrives: none for 1.00 s, limit 1 s"),
-        (7.5, "no state of {} arrives: none for 7.50 s, limit 1 s"),
+        (0.25, None),
+        (0.251, "no state of {} arrives: none for 0.25 s, limit 0.25 s"),
+        (7.5, "no state of {} arrives: none for 7.50 s, limit 0.25 s"),
         (math.inf, "no state of {} arrives"),
     ],
 )
 def test_connect_needs_fresh_states(ask: Ask, age_s: float, says: str | None) -> None:
-    missing = ask(CONNECT, facts={"vut_age_s": age_s})
+    missing = ask(CONNECT, facts=ages(vut=age_s), mode="live")
     assert missing == ([says.format("the VUT")] if says else [])
-    missing = ask(CONNECT, facts={"target_age_s": {"ot1": age_s}})
+    missing = ask(CONNECT, facts=ages(ot1=age_s), mode="live")
     assert missing == ([says.format("ot1")] if says else [])
 
 
 @pytest.mark.parametrize("event", [CONNECT, ARM, START])
-def test_a_receiver_that_gives_no_state_says_why(ask: Ask, event: SessionEvent) -> None:
+def test_a_receiver_that_gives_no_state_says_why(ask: Ask, event: Gate) -> None:
     refused = "fix type: FIX, GBAS is asked for"
     says = f"the VUT's GNSS/INS gives no state: {refused}"
     assert ask(event, facts={"vut_refused": refused}) == [says]
 
 
 @pytest.mark.parametrize("event", [CONNECT, ARM, START])
-def test_nothing_is_missing(ask: Ask, run: RunSpec, event: SessionEvent) -> None:
+def test_nothing_is_missing(ask: Ask, run: RunSpec, event: Gate) -> None:
     assert ask(event) == []
     assert ask(event, facts=vars_of(Facts.of_one_process(run))) == []
 
@@ -99,14 +105,17 @@ def vars_of(facts: Facts) -> Changes:
 
 
 CAMERA: Changes = {"camera": {}}
+
+
 UNMEASURED = "clock offset and link delay of ot1 are not measured: no answer to heartbeats"
 
 
 @pytest.mark.parametrize(
     ("facts", "run", "says"),
     [
-        ({"recorder_age_s": 2.0}, {}, []),
-        ({"recorder_age_s": 2.01}, {}, ["the recorder is silent"]),
+        (ages(monitor=1.0), {}, []),
+        (ages(monitor=1.01), {}, ["the recorder is silent for 1.01 s, limit 1 s"]),
+        (ages(monitor=math.inf), {}, ["the recorder is silent"]),
         ({"recorder_ready": False}, {}, ["the recorder is not ready: its file is not open"]),
         (
             {"recorder_ready": False, "recorder_missing": ("/ssp/a", "/ssp/b")},
@@ -114,9 +123,16 @@ UNMEASURED = "clock offset and link delay of ot1 are not measured: no answer to 
             ["the recorder is not ready: /ssp/a, /ssp/b"],
         ),
         ({"recorder_lost": 2}, {}, ["the recorder has lost 2 messages, limit 0"]),
-        ({"camera_age_s": 3.01}, {}, []),
-        ({"camera_age_s": 3.01}, CAMERA, ["no camera frame arrives"]),
-        ({"camera_age_s": 3.0}, CAMERA, []),
+        (ages(front_camera=1.51), {}, []),
+        (ages(front_camera=math.inf), CAMERA, ["no camera frame arrives"]),
+        (
+            ages(front_camera=1.51),
+            {**CAMERA, "mode": "live"},
+            ["no camera frame arrives: none for 1.51 s, limit 1.5 s"],
+        ),
+        (ages(front_camera=1.5), {**CAMERA, "mode": "live"}, []),
+        (ages(sil_world=math.inf), {}, ["no tick of the simulated world arrives"]),
+        (ages(sil_world=math.inf), {"mode": "live"}, []),
         ({"other_managers": 1}, {}, ["1 other managers, limit 0"]),
     ],
 )
@@ -128,7 +144,7 @@ def test_the_session_around_it(ask: Ask, facts: Changes, run: Changes, says: lis
 @pytest.mark.parametrize(
     ("link", "says"),
     [
-        (LinkEstimate(0.05, 0.5, 1.0), []),
+        (LinkEstimate(0.05, 0.5, 0.25), []),
         (LinkEstimate(-0.05, 0.0, 0.0), []),
         (LinkEstimate(0.051, 0.002, 0.1), ["the clock of ot1 is off by 0.051 s, limit 0.05 s"]),
         (LinkEstimate(-9.0, 0.002, 0.1), ["the clock of ot1 is off by -9.000 s, limit 0.05 s"]),
@@ -139,7 +155,7 @@ def test_the_session_around_it(ask: Ask, facts: Changes, run: Changes, says: lis
                 "the link to ot1 takes 0.501 s there and back, limit 0.5 s",
             ],
         ),
-        (LinkEstimate(0.0, 0.0, 1.25), [f"{UNMEASURED} for 1.25 s, limit 1 s"]),
+        (LinkEstimate(0.0, 0.0, 1.25), [f"{UNMEASURED} for 1.25 s, limit 0.25 s"]),
         (LinkEstimate(), [UNMEASURED]),
     ],
 )
@@ -159,8 +175,8 @@ def test_each_link_is_measured_and_good(ask: Ask, link: LinkEstimate, says: list
         ({"control_state": ControlState.OFF}, ["ot1 is OFF, not {}"]),
         ({"position_std_m": 0.5}, []),
         ({"position_std_m": 0.51}, ["the position of ot1 is uncertain by 0.51 m, limit 0.5 m"]),
-        ({"stamp_ns": NOW_NS - 300_000_000}, []),
-        ({"stamp_ns": NOW_NS - 310_000_000}, ["the state of ot1 is 0.31 s old, limit 0.3 s"]),
+        ({"stamp_ns": NOW_NS - 150_000_000}, []),
+        ({"stamp_ns": NOW_NS - 160_000_000}, ["the state of ot1 is 0.16 s old, limit 0.15 s"]),
         ({"stamp_ns": NOW_NS + 50_000_000}, []),
         (
             {"stamp_ns": NOW_NS + 51_000_000},
@@ -204,7 +220,7 @@ def test_a_live_vut_is_not_too_late_for_triggers(ask: Ask) -> None:
         "(limits.trigger_age_s)"
     ]
     for age_ns, count in ((187_500_000, 0), (187_500_001, 1)):
-        late, limits = {"stamp_ns": NOW_NS - age_ns}, {"trigger_age_s": 0.125}
+        late, limits = {"stamp_ns": NOW_NS - age_ns}, {"trigger_age_s": 0.125, "state_age_s": 0.5}
         assert len(ask(vut=late, mode="live", step_s=0.0625, limits=limits)) == count
 
 
@@ -226,10 +242,12 @@ def test_everything_that_is_missing_is_named_at_once(
         "ot2", stamp_ns=NOW_NS, x_m=99.0, y_m=99.0, speed_mps=3.0, control_state=ControlState.INIT
     )
     both = RunSpec.model_validate(given)
-    assert missing_for(ARM, both, Facts(), None, {"ot2": stray}, NOW_NS) == [
+    found = obstacles(ARM, both, Facts(), None, {"ot2": stray}, NOW_NS)
+    assert [obstacle.text for obstacle in found] == [
         "no state of the VUT arrives",
         "no state of ot1 arrives",
         "no state of ot2 arrives",
+        "no tick of the simulated world arrives",
         "the recorder is silent",
         "no camera frame arrives",
         UNMEASURED,

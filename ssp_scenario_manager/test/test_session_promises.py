@@ -13,11 +13,11 @@ from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.reference import Reference
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.arming import Facts
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation
-from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.session import Session
 
 ABORTS = (SessionPhase.ABORTING, SessionPhase.ABORTED)

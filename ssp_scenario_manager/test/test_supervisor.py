@@ -10,13 +10,13 @@ import pytest
 from ssp_core import names
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.liveness import WORLD_SILENT_LOCKSTEP_S
 from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
 from ssp_scenario_manager.session.limits import Violation
 from ssp_scenario_manager.session.state_machine import STANDSTILL_GIVEN_UP
 from ssp_scenario_manager.session.supervision import (
     ABORT_STANDSTILL_S,
     ARM_CONFIRMATION_S,
-    WORLD_SILENT_LOCKSTEP_S,
     LivenessMonitor,
     Supervisor,
 )
@@ -36,7 +36,7 @@ def test_the_session_is_told_the_facts(driver: Any) -> None:
     liveness.hear_recorder(True, (), 0, 2 * S)
     watchdog.look(3 * S, 0)
     assert driver.session.facts.recorder_ready
-    assert driver.session.facts.recorder_age_s == 1.0
+    assert driver.session.facts.ages_s[names.MONITOR] == 1.0
 
 
 @pytest.mark.parametrize("phase", ["ARMED", "RUNNING"])

@@ -10,6 +10,7 @@ from ssp_core.node_interface import Level, Status
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety import limits as judge
+from ssp_core.safety import liveness
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.vocabulary import ControlState, Role, SessionPhase, Verdict
 from ssp_monitor.status.board import (
@@ -46,9 +47,9 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
     run = board.run
     if run is None:
         return problems
-    if run.camera is not None and age_s(now_ns, board.camera_at_ns) > judge.CAMERA_SILENT_S:
+    if run.camera is not None and age_s(now_ns, board.camera_at_ns) > liveness.CAMERA_SILENT_S:
         problems.append("no camera picture arrives")
-    if board.vut_refused and age_s(now_ns, board.vut_refused_at_ns) <= judge.ADAPTER_SILENT_S:
+    if board.vut_refused and age_s(now_ns, board.vut_refused_at_ns) <= liveness.ADAPTER_SILENT_S:
         problems.append(f"the VUT's GNSS/INS gives no state: {board.vut_refused}")
     for participant in (run.vut, *run.targets):
         problems += _participant(board, run, participant, session, now_ns)
@@ -57,7 +58,7 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
 
 def _recorder_problems(board: Board, now_ns: int) -> list[str]:
     recorder = board.recorder
-    if recorder is None or age_s(now_ns, board.recorder_at_ns) > judge.RECORDER_SILENT_S:
+    if recorder is None or age_s(now_ns, board.recorder_at_ns) > liveness.RECORDER_SILENT_S:
         return ["the recorder is silent"]
     if recorder.failure:
         return [f"the recorder has failed: {recorder.failure}"]
@@ -187,7 +188,7 @@ def _recorder(board: Board, now_ns: int) -> Status:
         ("age of the last flush, s", _number(fact.flush_age_s, 2)),
         ("missing topics", ", ".join(fact.missing)),
     )
-    if silent_s > judge.RECORDER_SILENT_S:
+    if silent_s > liveness.RECORDER_SILENT_S:
         level, message = Level.STALE, f"silent for {silent_s:.1f} s"
     elif fact.failure:
         level, message = Level.ERROR, f"nothing is recorded any more: {fact.failure}"

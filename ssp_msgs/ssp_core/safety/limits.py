@@ -17,11 +17,6 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import SafetyCode
 
-# Who is silent for longer is taken for dead, by the manager and on the operators' page.
-RECORDER_SILENT_S = 2.0
-CAMERA_SILENT_S = 3.0
-# The VUT's adapter; what it said last is forgotten.
-ADAPTER_SILENT_S = 2.0
 # What is slower stands.
 STANDSTILL_MPS = 0.05
 # Far more than the rounding of map coordinates.

@@ -16,11 +16,10 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
+from ssp_core.safety.arming import Facts, Gate, obstacles
+from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.doctor.checks import Finding, Status, fail, ok
-from ssp_scenario_manager.session.link_quality import LinkEstimate
-from ssp_scenario_manager.session.preconditions import Facts, missing_for
-from ssp_scenario_manager.session.state_machine import SessionEvent
 
 # A stream that comes at less than this share of its nominal rate is too slow to rely on.
 RATE_SHARE = 0.8
@@ -282,22 +281,25 @@ def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
         text = f"the session is {heard.session.name} already, so that nothing is asked of arming"
         return ok("arming", text)
     streams = heard.streams
+    ages_s = {i: _age_s(streams[i], heard.now_ns) for i in spec.object_ids}
+    # Of a simulated world the states of the VUT are the sign.
+    ages_s[names.SIL_WORLD] = ages_s[spec.vut.id]
+    ages_s[names.MONITOR] = math.inf if heard.recorder_ready is None else 0.0
+    ages_s[names.FRONT_CAMERA] = _age_s(streams.get(names.CAMERA_IMAGE), heard.now_ns)
     facts = Facts(
+        ages_s=ages_s,
         recorder_ready=bool(heard.recorder_ready),
         recorder_missing=heard.recorder_missing,
-        recorder_age_s=math.inf if heard.recorder_ready is None else 0.0,
-        camera_age_s=_age_s(streams.get(names.CAMERA_IMAGE), heard.now_ns),
-        vut_age_s=_age_s(streams[spec.vut.id], heard.now_ns),
         vut_refused=heard.vut_refused,
-        target_age_s={t.id: _age_s(streams[t.id], heard.now_ns) for t in spec.targets},
         links={i: replace(link, age_s=0.0) for i, link in heard.links.items()},
         other_managers=max(0, len(heard.managers) - 1),
     )
     targets = {i: state for i, state in heard.states.items() if i != spec.vut.id}
     vut = heard.states.get(spec.vut.id)
-    missing = missing_for(SessionEvent.ARM, spec, facts, vut, targets, heard.now_ns)
+    missing = obstacles(Gate.ARM, spec, facts, vut, targets, heard.now_ns)
     if missing:
-        return fail("arming", "; ".join(missing), "see the findings above")
+        text = "; ".join(obstacle.text for obstacle in missing)
+        return fail("arming", text, "see the findings above")
     return ok("arming", "nothing keeps this session from arming")
 
 

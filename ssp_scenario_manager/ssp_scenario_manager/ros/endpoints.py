@@ -26,6 +26,12 @@ from ssp_core.ros import stamp_from_ns
 from ssp_core.ros.conversions import safety_event
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.link_quality import (
+    Exchange,
+    LinkClocks,
+    LossCounter,
+    LossCounters,
+)
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.plant import LimitFact
 from ssp_core.world.transforms import TransformFilter, encode_transforms, of_camera
@@ -46,12 +52,6 @@ from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation
-from ssp_scenario_manager.session.link_quality import (
-    Exchange,
-    LinkClocks,
-    LossCounter,
-    LossCounters,
-)
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.supervision import LivenessMonitor
 

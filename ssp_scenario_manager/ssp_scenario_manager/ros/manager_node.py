@@ -22,6 +22,8 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.link_quality import Exchange
+from ssp_core.safety.liveness import WATCHED
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import (
     HeartbeatReply,
@@ -42,8 +44,7 @@ from ssp_scenario_manager.ros.endpoints import (
 from ssp_scenario_manager.ros.services import SessionServices
 from ssp_scenario_manager.session import limits, outbox
 from ssp_scenario_manager.session.inputs import StateInput, StepInputs
-from ssp_scenario_manager.session.link_quality import Exchange
-from ssp_scenario_manager.session.session import WATCHED, Session
+from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import Answer, SessionEvent
 from ssp_scenario_manager.session.supervision import LivenessMonitor, Supervisor
 
@@ -372,6 +373,7 @@ class ScenarioManager(Node):
     def _command(self, event: SessionEvent, requested_by: str, reason: str) -> Answer:
         self._take_time()
         self._input.waiting()
+        self._supervisor.inform(time.monotonic_ns())
         answer = self._session.command(event, self._now_ns, requested_by, reason)
         self._flush()
         return answer

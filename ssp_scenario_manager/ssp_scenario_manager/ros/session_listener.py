@@ -19,6 +19,7 @@ from ssp_core.cdr.iso_frames import FrameBatch, decode_frames
 from ssp_core.cdr.messages import object_state
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import (
     Heartbeat,
@@ -30,7 +31,6 @@ from ssp_msgs.msg import (
     RecorderStatus,
 )
 from ssp_scenario_manager.doctor.session import SessionHeard, Stream
-from ssp_scenario_manager.session.link_quality import LinkEstimate
 
 # Endpoints find each other within this time; what is heard before doesn't count for rates.
 DISCOVERY_S = 3.0

@@ -21,14 +21,14 @@ from ssp_core.motion.event import Passing, PhaseBegan
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.arming import Facts
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_core.world.plant import FaultFact, ManagerUpdate, Plant, StepReport, make_plant
 from ssp_scenario_manager.run.faults import ARMED_HOLD_S, strikes_armed
 from ssp_scenario_manager.run.result import Happened, misses, result_keys, rounded
 from ssp_scenario_manager.session import limits, outbox
-from ssp_scenario_manager.session.link_quality import LinkEstimate
-from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.run_script import RunOutcome, RunScript
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import SessionEvent
@@ -142,8 +142,7 @@ class InProcessSession:
         heard = self._liveness.facts(self._spec, self._steady_ns)
         return replace(
             Facts.of_one_process(self._spec),
-            vut_age_s=heard.vut_age_s,
-            target_age_s=heard.target_age_s,
+            ages_s={**heard.ages_s, names.MONITOR: 0.0, names.FRONT_CAMERA: 0.0},
             links=dict(self._links),
         )
 

@@ -20,8 +20,8 @@ from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import absolute
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.link_quality import LossCounter
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_scenario_manager.session.link_quality import LossCounter
 
 SCHEMA = "ssp.measured/1"
 # States of so long before the dispatch show the noise, so many at least.

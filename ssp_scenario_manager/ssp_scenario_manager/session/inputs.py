@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from ssp_core import names
 from ssp_core.cdr.states import StateArray, find_state
 from ssp_core.motion.state import ObjectState
-from ssp_scenario_manager.session.link_quality import LossCounters
+from ssp_core.safety.link_quality import LossCounters
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.supervision import LivenessMonitor
 

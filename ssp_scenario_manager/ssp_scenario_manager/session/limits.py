@@ -6,6 +6,7 @@ objects judge by too stand in ssp_core.safety.limits.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,6 +18,7 @@ from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
+from ssp_core.safety.liveness import SILENCES
 from ssp_core.vocabulary import ControlState, Verdict
 
 # A manager whose own timer comes so late blames nobody for that time.
@@ -94,7 +96,10 @@ class Violation:
         meaning = MEANINGS[self.code]
         who = f" {self.object_id}:" if self.object_id else ""
         unit = f" {meaning.unit}" if meaning.unit else ""
-        figures = f"{self.measured:.3g}{unit}, limit {self.limit:.3g}{unit}"
+        measured = f"{self.measured:.3g}{unit}"
+        if self.code in SILENCES and self.measured == math.inf:
+            measured = "never heard"
+        figures = f"{measured}, limit {self.limit:.3g}{unit}"
         detail = f" ({self.detail})" if self.detail else ""
         return f"{meaning.limit_name}:{who} {figures}{detail}"
 

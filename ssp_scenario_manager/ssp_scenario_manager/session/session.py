@@ -9,7 +9,9 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety import arming
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.liveness import WATCHED
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_scenario_manager.dispatch import references
 from ssp_scenario_manager.session import limits, outbox, preconditions, progress
@@ -26,8 +28,12 @@ from ssp_scenario_manager.session.state_machine import (
 from ssp_scenario_manager.triggers import fireability
 from ssp_scenario_manager.triggers.conditions import Snapshot
 
-# Where limits are judged: from the arming of the objects to their standstill.
-WATCHED = (SessionPhase.ARMED, SessionPhase.RUNNING, SessionPhase.STOPPING)
+# Commands that need something of everybody.
+_GATES = {
+    SessionEvent.CONNECT: arming.Gate.CONNECT,
+    SessionEvent.ARM: arming.Gate.ARM,
+    SessionEvent.START: arming.Gate.START,
+}
 
 
 class Session:
@@ -41,7 +47,7 @@ class Session:
     def __init__(self) -> None:
         self.state = SessionPhase.IDLE
         self.outbox: list[outbox.Outgoing] = []
-        self.facts = preconditions.Facts()
+        self.facts = arming.Facts()
         self.late_s = 0.0  # how late the manager was of late, as its watchdog says
         self._run: Run | None = None
         self.vut: ObjectState | None = None
@@ -263,7 +269,7 @@ class Session:
         if vut.stamp_ns <= run.triggers_judged_ns or run.has_breaks or not vut.is_finite:
             return []
         run.triggers_judged_ns = vut.stamp_ns
-        if now_ns - vut.stamp_ns > seconds_to_ns(preconditions.trigger_age_s(run.spec)):
+        if now_ns - vut.stamp_ns > seconds_to_ns(arming.trigger_age_s(run.spec)):
             run.late_vut_states += 1
             return []
         age_ns = seconds_to_ns(run.spec.limits.state_age_s)
@@ -357,8 +363,11 @@ class Session:
         run, vut, targets = self._run, self.vut, self.targets
         if run is None:
             return []
+        if event in _GATES:
+            found = arming.obstacles(_GATES[event], run.spec, self.facts, vut, targets, now_ns)
+            return [obstacle.text for obstacle in found]
         if event is not SessionEvent.ALL_CLEAR:
-            return preconditions.missing_for(event, run.spec, self.facts, vut, targets, now_ns)
+            return []
         # What was heard before the abort is no proof.
         known = {*targets, *([] if vut is None else [run.spec.vut.id])}
         unknown = set(preconditions.moving(run.spec, vut, targets, now_ns, armed=run.armed))

@@ -10,20 +10,13 @@ from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
+from ssp_core.safety.arming import Facts
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.safety.limits import CAMERA_SILENT_S, RECORDER_SILENT_S
+from ssp_core.safety.link_quality import WINDOW_S, LinkClocks
+from ssp_core.safety.liveness import ADAPTER_SILENT_S, WATCHED, SignOfLife, signs_of_life
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session.limits import LATE_S, Violation, of_object, silent, too_many
-from ssp_scenario_manager.session.link_quality import WINDOW_S, LinkClocks
-from ssp_scenario_manager.session.preconditions import Facts
-from ssp_scenario_manager.session.session import WATCHED, Session
-
-# A simulated world that is silent this long is taken for dead. In lockstep it may wait for a
-# participant that died before it drops it, so that its silence means less; its camera's too.
-WORLD_SILENT_LOCKSTEP_S = 12.0
-WORLD_SILENT_REALTIME_S = 0.5
-# A world that died must be named before the vehicle that it moved.
-_AFTER_WORLD_S = 0.25
+from ssp_scenario_manager.session.session import Session
 
 
 class LivenessMonitor:
@@ -70,17 +63,14 @@ class LivenessMonitor:
     def facts(self, spec: RunSpec | None, steady_ns: int) -> Facts:
         """What readiness asks for beside the states."""
         ids = [target.id for target in spec.targets] if spec else []
-        adapted = self.age_s(names.VUT_ADAPTER, steady_ns) <= judge.ADAPTER_SILENT_S
+        adapted = self.age_s(names.VUT_ADAPTER, steady_ns) <= ADAPTER_SILENT_S
         return Facts(
+            ages_s={who: self.age_s(who, steady_ns) for who in self._heard_ns},
+            links={i: self.links.link(i, steady_ns) for i in ids},
             recorder_ready=self.recorder_ready,
             recorder_missing=self.recorder_missing,
             recorder_lost=self.recorder_lost,
-            recorder_age_s=self.age_s(names.MONITOR, steady_ns),
-            camera_age_s=self.age_s(names.FRONT_CAMERA, steady_ns),
-            vut_age_s=self.age_s(names.VUT_ID, steady_ns),
             vut_refused=self._vut_refused if adapted else "",
-            target_age_s={i: self.age_s(i, steady_ns) for i in ids},
-            links={i: self.links.link(i, steady_ns) for i in ids},
             other_managers=self.other_managers,
             foreign=self.foreign_text,
         )
@@ -99,49 +89,35 @@ class LivenessMonitor:
             steady_ns: now, on the clock of ``hear``.
             stamp_ns: session time, for the events.
         """
-        lockstep = spec.mode == "lockstep"
-        world_s = WORLD_SILENT_LOCKSTEP_S if lockstep else WORLD_SILENT_REALTIME_S
-        # The age of states is judged by their stamps; this is for stamps that can't be believed.
-        state_s = max(world_s, spec.limits.state_age_s)
-        if spec.mode == "live":
-            watched = [(SafetyCode.VUT_SILENT, names.VUT_ID, state_s)]
-        else:
-            watched = [
-                (SafetyCode.WORLD_SILENT, names.SIL_WORLD, world_s),
-                (SafetyCode.VUT_SILENT, names.VUT_ID, state_s + _AFTER_WORLD_S),
-            ]
-        if not lockstep or phase is SessionPhase.ARMED:
-            watched += [(SafetyCode.OBJECT_SILENT, t.id, state_s) for t in spec.targets]
-        watched.append((SafetyCode.RECORDER, names.MONITOR, RECORDER_SILENT_S))
-        if spec.camera is not None:
-            camera_s = world_s if lockstep else CAMERA_SILENT_S
-            watched.append((SafetyCode.PARTICIPANT_LOST, names.FRONT_CAMERA, camera_s))
         found = [
-            silent(code, who, self.age_s(who, steady_ns), limit_s, stamp_ns)
-            for code, who, limit_s in watched
+            silent(sign.code, sign.who, self._silence_s(sign, steady_ns), sign.limit_s, stamp_ns)
+            for sign in signs_of_life(spec)
+            if phase in sign.phases and not sign.by_stamp
         ]
         lost, others = self.recorder_lost, self.other_managers
         detail = "messages lost by the recorder"
         found.append(too_many(SafetyCode.RECORDER, lost, stamp_ns, detail))
         found.append(too_many(SafetyCode.FOREIGN_MANAGER, others, stamp_ns, self.foreign_text))
-        if not lockstep:
+        if spec.mode != "lockstep":
             for target in spec.targets:
                 found += self._of_link(spec, target.id, steady_ns, stamp_ns)
         return [violation for violation in found if violation is not None]
+
+    def _silence_s(self, sign: SignOfLife, steady_ns: int) -> float:
+        """Seconds since a sign that is counted by arrival, inf before the first."""
+        if sign.code is SafetyCode.REPLY_MISSING:
+            return self.links.link(sign.who, steady_ns).age_s
+        return self.age_s(sign.who, steady_ns)
 
     def _of_link(
         self, spec: RunSpec, object_id: str, steady_ns: int, stamp_ns: int
     ) -> list[Violation | None]:
         """What the answers to heartbeats say; a link that isn't measured is silent by its age."""
         link, limits = self.links.link(object_id, steady_ns), spec.limits
-        late = SafetyCode.REPLY_MISSING
-        found = [silent(late, object_id, link.age_s, limits.heartbeat_s, stamp_ns)]
-        if math.isfinite(link.delay_s):
-            offset = judge.clock_offset(link.offset_s, limits)
-            delay = judge.link_delay(link.delay_s, limits)
-            how = "measured by heartbeats"
-            found += [of_object(passed, object_id, stamp_ns, how) for passed in (offset, delay)]
-        return found
+        if not math.isfinite(link.delay_s):
+            return []
+        passed = judge.clock_offset(link.offset_s, limits), judge.link_delay(link.delay_s, limits)
+        return [of_object(one, object_id, stamp_ns, "measured by heartbeats") for one in passed]
 
 
 ARM_CONFIRMATION_S = 3.0
@@ -214,11 +190,15 @@ class Supervisor:
         """
         self.wake(steady_ns)
         session = self._session
-        session.facts = self._liveness.facts(session.spec, steady_ns)
+        self.inform(steady_ns)
         self.watch_silence(steady_ns, now_ns)
         if (reason := self._not_armed(steady_ns)) is not None:
             session.arming_failed(now_ns, reason)
         return self._abort.unconfirmed(session, self._liveness, steady_ns, now_ns)
+
+    def inform(self, steady_ns: int) -> None:
+        """Gives the session the facts that a command is judged by, as they are now."""
+        self._session.facts = self._liveness.facts(self._session.spec, steady_ns)
 
     def watch_silence(self, steady_ns: int, now_ns: int) -> None:
         """Ends a session in which somebody is silent for too long."""

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_scenario_manager.session.link_quality import (
+from ssp_core.safety.link_quality import (
     WINDOW_S,
     Exchange,
     LinkClock,

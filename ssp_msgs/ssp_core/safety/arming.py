@@ -1,0 +1,363 @@
+"""What keeps a session from connecting, arming and starting: facts, and their words for people.
+
+``CHECKS`` is the list of everything that is asked. Whatever may end an armed session at the next
+look stands in it; the silence of participants comes from the table of ssp_core.safety.liveness.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+from ssp_core import names
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import box_distance
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.safety import limits as judge
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.fence import box_excess_m
+from ssp_core.safety.limits import LimitViolation
+from ssp_core.safety.link_quality import LinkEstimate
+from ssp_core.safety.liveness import SignOfLife, signs_of_life
+from ssp_core.vocabulary import ControlState
+
+
+class Gate(Enum):
+    """A command that needs something."""
+
+    CONNECT = "connect"
+    ARM = "arm"
+    START = "start"
+
+
+# What an object must report before a command.
+_CONTROL = {
+    Gate.ARM: (ControlState.DISARMED, ControlState.ARMED),
+    Gate.START: (ControlState.ARMED,),
+}
+
+
+class Need(Enum):
+    """What is missing, with its words; ``{detail}`` is text of its own."""
+
+    VUT_STATE = "no state of the VUT arrives"
+    OBJECT_STATE = "no state of {who} arrives"
+    WORLD = "no tick of the simulated world arrives"
+    RECORDER = "the recorder is silent"
+    CAMERA = "no camera frame arrives"
+    REPLY = "clock offset and link delay of {who} are not measured: no answer to heartbeats"
+    RECEIVER = "the VUT's GNSS/INS gives no state: {detail}"
+    ONE_MANAGER = "{measured:g} other managers, limit 0{detail}"
+    RECORDER_READY = "the recorder is not ready: {detail}"
+    RECORDER_LOSSLESS = "the recorder has lost {measured:g} messages, limit 0"
+    CLOCK = "the clock of {who} is off by {measured:.3f} s, limit {limit:g} s"
+    LINK = "the link to {who} takes {measured:.3f} s there and back, limit {limit:g} s"
+    CONTROL = "{who} is {detail}"
+    FINITE = "{who} has a state with a value that is no number"
+    YOUNG = "the state of {who} is {measured:.2f} s old, limit {limit:g} s"
+    NOT_AHEAD = "the state of {who} is stamped {measured:.3f} s ahead of time, limit {limit:g} s"
+    LOCALISED = "the position of {who} is uncertain by {measured:.2f} m, limit {limit:g} m"
+    AT_START = "{who} is {measured:.2f} m from its start, limit {limit:g} m"
+    STANDING = "{who} moves at {measured:.2f} m/s, limit {limit:g} m/s"
+    INSIDE = "{who} is outside the geofence by {measured:.2f} m, limit 0 m"
+    TRIGGERS = (
+        "states of {who} are {measured:.3f} s old when they come, limit for triggers "
+        "{limit:g} s (limits.trigger_age_s)"
+    )
+    APART = "{who} is {measured:.2f} m from {detail}, limit {limit:g} m"
+
+
+_OF_SIGN = {
+    SafetyCode.VUT_SILENT: Need.VUT_STATE,
+    SafetyCode.OBJECT_SILENT: Need.OBJECT_STATE,
+    SafetyCode.WORLD_SILENT: Need.WORLD,
+    SafetyCode.RECORDER: Need.RECORDER,
+    SafetyCode.PARTICIPANT_LOST: Need.CAMERA,
+    SafetyCode.REPLY_MISSING: Need.REPLY,
+}
+_SILENCE = frozenset(_OF_SIGN.values())
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """One thing that keeps a session from a command.
+
+    Args:
+        who: object or node that it is about; empty for the session.
+        measured: in the unit of the words; infinite for what was never heard.
+        limit: that ``measured`` may be at most.
+    """
+
+    need: Need
+    who: str = ""
+    measured: float = math.nan
+    limit: float = math.nan
+    detail: str = ""
+
+    @property
+    def text(self) -> str:
+        """The sentence for people."""
+        text = self.need.value.format(
+            who=self.who, measured=self.measured, limit=self.limit, detail=self.detail
+        )
+        if self.need not in _SILENCE or math.isinf(self.measured):
+            return text
+        none = "" if self.need in (Need.RECORDER, Need.REPLY) else ": none"
+        return f"{text}{none} for {self.measured:.2f} s, limit {self.limit:g} s"
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What is known beside the states.
+
+    Args:
+        ages_s: seconds on the steady clock since the last sign of life of a node or object, by its
+            name; what isn't in it was never heard.
+        links: by object; their ages are those of the answers to heartbeats.
+        recorder_missing: what the recorder waits for.
+        vut_refused: why no state is made of what the VUT's receiver says now; empty: one is, or
+            nobody says.
+        other_managers: how many nodes publish what the manager alone may.
+        foreign: which, for people.
+    """
+
+    ages_s: Mapping[str, float] = field(default_factory=dict)
+    links: Mapping[str, LinkEstimate] = field(default_factory=dict)
+    recorder_ready: bool = False
+    recorder_missing: tuple[str, ...] = ()
+    recorder_lost: int = 0
+    vut_refused: str = ""
+    other_managers: int = 0
+    foreign: str = ""
+
+    def silence_s(self, sign: SignOfLife) -> float:
+        """Seconds since a sign that is counted by arrival; infinite for what was never heard."""
+        if sign.code is SafetyCode.REPLY_MISSING:
+            return self.links.get(sign.who, LinkEstimate()).age_s
+        return self.ages_s.get(sign.who, math.inf)
+
+    @staticmethod
+    def of_one_process(spec: RunSpec) -> Facts:
+        """Of a session whose parts share one process: no links, one clock, nobody else."""
+        ids = [target.id for target in spec.targets]
+        nodes = (names.SIL_WORLD, names.MONITOR, names.FRONT_CAMERA, names.VUT_ID)
+        return Facts(
+            ages_s=dict.fromkeys((*nodes, *ids), 0.0),
+            links=dict.fromkeys(ids, LinkEstimate(0.0, 0.0, 0.0)),
+            recorder_ready=True,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """A session as a gate finds it.
+
+    Args:
+        vut: newest state; None before the first.
+        targets: newest states by id.
+        now_ns: session time.
+        signs: the run's table of ssp_core.safety.liveness.
+    """
+
+    gate: Gate
+    spec: RunSpec
+    facts: Facts
+    vut: ObjectState | None
+    targets: Mapping[str, ObjectState]
+    now_ns: int
+    signs: tuple[SignOfLife, ...]
+
+    @property
+    def present(self) -> list[tuple[ParticipantSpec, ObjectState]]:
+        """Participants of which a state is known, the VUT first."""
+        known = {**self.targets, **({} if self.vut is None else {self.spec.vut.id: self.vut})}
+        everyone = (self.spec.vut, *self.spec.targets)
+        return [(one, known[one.id]) for one in everyone if one.id in known]
+
+    def state_of(self, object_id: str) -> ObjectState | None:
+        """The newest state of the VUT or of an object."""
+        own = object_id in (names.VUT_ID, self.spec.vut.id)
+        return self.vut if own else self.targets.get(object_id)
+
+    def age_s(self, state: ObjectState) -> float:
+        """Age of a state by its stamp, s; below zero for a stamp ahead of time."""
+        return ns_to_seconds(self.now_ns - state.stamp_ns)
+
+
+def obstacles(
+    gate: Gate,
+    spec: RunSpec,
+    facts: Facts,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+) -> list[Obstacle]:
+    """Everything that a command lacks, each with object, measured value and limit.
+
+    Connecting needs a sign of life of the VUT and the objects. Arming and starting need one of
+    everybody, and that everything is measured, recorded and in place; an object is DISARMED or
+    ARMED for the one, ARMED for the other.
+    """
+    situation = Situation(gate, spec, facts, vut, targets, now_ns, signs_of_life(spec))
+    checks = _OF_CONNECT if gate is Gate.CONNECT else CHECKS
+    return [obstacle for check in checks for obstacle in check(situation)]
+
+
+def trigger_age_s(spec: RunSpec) -> float:
+    """Triggers are judged on no state of the VUT that is older than this, s: two periods, unless
+    the site has links that are slower than that."""
+    given = spec.limits.trigger_age_s
+    return 2.0 * spec.step_s if given is None else given
+
+
+# -- each thing that is asked --------------------------------------------------------------------
+
+
+def _states_arrive(at: Situation) -> Iterator[Obstacle]:
+    for sign in at.signs:
+        if sign.code not in (SafetyCode.VUT_SILENT, SafetyCode.OBJECT_SILENT) or sign.by_stamp:
+            continue
+        silence_s = math.inf if at.state_of(sign.who) is None else at.facts.silence_s(sign)
+        yield from _silent(sign, silence_s)
+
+
+def _receiver_gives_states(at: Situation) -> Iterator[Obstacle]:
+    if at.facts.vut_refused:
+        yield Obstacle(Need.RECEIVER, at.spec.vut.id, detail=at.facts.vut_refused)
+
+
+def _one_manager(at: Situation) -> Iterator[Obstacle]:
+    if at.facts.other_managers:
+        who = f": {at.facts.foreign}" if at.facts.foreign else ""
+        yield Obstacle(Need.ONE_MANAGER, "", float(at.facts.other_managers), 0.0, who)
+
+
+def _nodes_live(at: Situation) -> Iterator[Obstacle]:
+    """World, recorder and camera; a recorder that is heard must also be ready."""
+    for sign in at.signs:
+        if sign.code not in (
+            SafetyCode.WORLD_SILENT,
+            SafetyCode.RECORDER,
+            SafetyCode.PARTICIPANT_LOST,
+        ):
+            continue
+        silent = list(_silent(sign, at.facts.silence_s(sign)))
+        yield from silent
+        if sign.code is SafetyCode.RECORDER and not silent:
+            yield from _recorder_works(at.facts)
+
+
+def _recorder_works(facts: Facts) -> Iterator[Obstacle]:
+    if not facts.recorder_ready:
+        topics = ", ".join(facts.recorder_missing) or "its file is not open"
+        yield Obstacle(Need.RECORDER_READY, names.MONITOR, detail=topics)
+    elif facts.recorder_lost:
+        yield Obstacle(Need.RECORDER_LOSSLESS, names.MONITOR, float(facts.recorder_lost), 0.0)
+
+
+def _links_good(at: Situation) -> Iterator[Obstacle]:
+    limits = at.spec.limits
+    for sign in at.signs:
+        if sign.code is not SafetyCode.REPLY_MISSING:
+            continue
+        link = at.facts.links.get(sign.who, LinkEstimate())
+        silence_s = link.age_s
+        if silence_s <= sign.arming_limit_s and not math.isfinite(link.delay_s):
+            silence_s = math.inf
+        silent = list(_silent(sign, silence_s))
+        yield from silent
+        if not silent:
+            yield from _passed(Need.CLOCK, sign.who, judge.clock_offset(link.offset_s, limits))
+            yield from _passed(Need.LINK, sign.who, judge.link_delay(link.delay_s, limits))
+
+
+def _stamps_good(at: Situation) -> Iterator[Obstacle]:
+    """States are young by their stamps, and none is stamped ahead of time."""
+    for sign in at.signs:
+        state = at.state_of(sign.who) if sign.by_stamp else None
+        if state is None:
+            continue
+        age_s = at.age_s(state)
+        if not age_s <= sign.arming_limit_s:
+            yield Obstacle(Need.YOUNG, sign.who, age_s, sign.arming_limit_s)
+        if (ahead := judge.stamp_ahead(age_s, at.spec.limits)) is not None:
+            yield Obstacle(Need.NOT_AHEAD, sign.who, -age_s, ahead.limit)
+
+
+def _in_place(at: Situation) -> Iterator[Obstacle]:
+    """Control state, values, place and motion of each."""
+    for participant, state in at.present:
+        wanted = _CONTROL[at.gate]
+        if participant is not at.spec.vut and state.control_state not in wanted:
+            which = " or ".join(control.name for control in wanted)
+            detail = f"{state.control_state.name}, not {which}"
+            yield Obstacle(Need.CONTROL, participant.id, detail=detail)
+        if not state.is_finite:
+            yield Obstacle(Need.FINITE, participant.id)
+        else:
+            yield from _at_its_start(at, participant, state)
+
+
+def _at_its_start(
+    at: Situation, participant: ParticipantSpec, state: ObjectState
+) -> Iterator[Obstacle]:
+    who, limits, start = participant.id, at.spec.limits, participant.start
+    yield from _passed(Need.LOCALISED, who, judge.localisation(state, limits))
+    away_m = math.hypot(state.x_m - start.x_m, state.y_m - start.y_m)
+    if not away_m <= limits.start_region_m:
+        yield Obstacle(Need.AT_START, who, away_m, limits.start_region_m)
+    if not abs(state.speed_mps) <= judge.STANDSTILL_MPS:
+        yield Obstacle(Need.STANDING, who, state.speed_mps, judge.STANDSTILL_MPS)
+    excess_m = box_excess_m(state.box, at.spec.geofence)
+    yield from _passed(Need.INSIDE, who, judge.outside_geofence(excess_m))
+
+
+def _young_for_triggers(at: Situation) -> Iterator[Obstacle]:
+    if at.vut is None or at.spec.mode != "live":
+        return
+    # The newest state may lie here for a period before the next one comes.
+    age_s, limit_s = at.age_s(at.vut) - at.spec.step_s, trigger_age_s(at.spec)
+    if not age_s <= limit_s:
+        yield Obstacle(Need.TRIGGERS, at.spec.vut.id, age_s, limit_s)
+
+
+def _apart(at: Situation) -> Iterator[Obstacle]:
+    """Pairs that would break the separation limit as soon as the run starts."""
+    everyone, limits = [state for _, state in at.present], at.spec.limits
+    for i, state in enumerate(everyone):
+        for other in everyone[:i]:
+            if not (state.is_finite and other.is_finite):
+                continue
+            if judge.separation(other, state, limits) is not None:
+                gap_m = box_distance(other.box, state.box)
+                who, limit_m = state.object_id, limits.separation_m
+                yield Obstacle(Need.APART, who, gap_m, limit_m, other.object_id)
+
+
+def _silent(sign: SignOfLife, silence_s: float) -> Iterator[Obstacle]:
+    if not silence_s <= sign.arming_limit_s:
+        yield Obstacle(_OF_SIGN[sign.code], sign.who, silence_s, sign.arming_limit_s)
+
+
+def _passed(need: Need, who: str, passed: LimitViolation | None) -> Iterator[Obstacle]:
+    if passed is not None:
+        yield Obstacle(need, who, passed.measured, passed.limit)
+
+
+Check = Callable[[Situation], Iterator[Obstacle]]
+_OF_CONNECT: tuple[Check, ...] = (_states_arrive, _receiver_gives_states)
+# Everything that arming and starting ask for, in the order in which it is named.
+CHECKS: tuple[Check, ...] = (
+    *_OF_CONNECT,
+    _one_manager,
+    _nodes_live,
+    _links_good,
+    _stamps_good,
+    _in_place,
+    _young_for_triggers,
+    _apart,
+)

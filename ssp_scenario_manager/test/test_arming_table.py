@@ -1,0 +1,159 @@
+"""Whoever may end an armed session is asked before it is armed: held against the one table."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ssp_core.run_file.model import Camera, RunSpec
+from ssp_core.safety.arming import Gate, obstacles
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.link_quality import Exchange
+from ssp_core.safety.liveness import SILENCES, WATCHED, SignOfLife, signs_of_life
+from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_scenario_manager.session.supervision import LivenessMonitor
+from tests.support.runs import cut_in_run
+
+S = 1_000_000_000
+MS_S = 0.001
+NOW_NS = 100 * S
+
+
+def run_of(mode: str) -> RunSpec:
+    run = RunSpec.model_validate(cut_in_run())
+    return run.model_copy(update={"camera": Camera(), "mode": mode})
+
+
+RUNS = [run_of(mode) for mode in ("lockstep", "realtime", "live")]
+TABLE = [
+    pytest.param(run, sign, id=f"{run.mode}-{sign.code.name}-{sign.who}-{sign.by_stamp}")
+    for run in RUNS
+    for sign in signs_of_life(run)
+]
+BY_ARRIVAL = [one for one in TABLE if not one.values[1].by_stamp]
+BY_STAMP = [one for one in TABLE if one.values[1].by_stamp]
+
+
+def heard(run: RunSpec, silence_s: dict[SignOfLife, float]) -> LivenessMonitor:
+    """Everybody was heard just now but those of whom it is said; an infinite silence: never."""
+    liveness = LivenessMonitor()
+    for sign in signs_of_life(run):
+        late_s = silence_s.get(sign, 0.0)
+        if sign.by_stamp or math.isinf(late_s):
+            continue
+        at_ns = NOW_NS - round(late_s * S)
+        if sign.code is SafetyCode.REPLY_MISSING:
+            exchange = Exchange(NOW_NS, NOW_NS, NOW_NS, NOW_NS)
+            liveness.links.on_sent(1, NOW_NS)
+            liveness.links.on_reply([sign.who], 1, exchange, at_ns)
+        elif sign.code is SafetyCode.RECORDER:
+            liveness.hear_recorder(True, (), 0, at_ns)
+        else:
+            liveness.hear(sign.who, at_ns)
+    return liveness
+
+
+def what_is_missing(driver: Any, liveness: LivenessMonitor, gate: Gate) -> list[str]:
+    """What a gate asks for, where everybody stands in place."""
+    facts = liveness.facts(driver.run, NOW_NS)
+    found = obstacles(gate, driver.run, facts, driver.vut, driver.targets, NOW_NS)
+    return [obstacle.text for obstacle in found]
+
+
+def in_place(make_driver: Any, run: RunSpec, late: SignOfLife, age_s: float) -> Any:
+    """A session's participants at their starts, with a state that is so old by its stamp."""
+    driver = make_driver(run)
+    driver.now_ns = NOW_NS
+    driver.hear(ControlState.ARMED)
+    if late.by_stamp:
+        driver.move(late.who, stamp_ns=NOW_NS - round(age_s * S))
+    return driver
+
+
+@pytest.mark.parametrize("gate", [Gate.ARM, Gate.START])
+@pytest.mark.parametrize(("run", "sign"), TABLE)
+def test_arming_asks_for_half_of_each_limit(
+    make_driver: Any, run: RunSpec, sign: SignOfLife, gate: Gate
+) -> None:
+    assert sign.arming_limit_s == 0.5 * sign.limit_s
+
+    def missing(silence_s: float) -> list[str]:
+        driver = in_place(make_driver, run, sign, silence_s)
+        return what_is_missing(driver, heard(run, {sign: silence_s}), gate)
+
+    for kept_s in (0.0, sign.arming_limit_s):
+        # A live VUT has a stricter limit of its own, by its trigger.
+        assert all("limits.trigger_age_s" in text for text in missing(kept_s))
+    for late_s in (sign.arming_limit_s + 2 * MS_S, 2.0 * sign.limit_s):
+        told = [text for text in missing(late_s) if "trigger_age_s" not in text]
+        assert len(told) == 1
+        assert f"limit {sign.arming_limit_s:g} s" in told[0]
+
+
+@pytest.mark.parametrize("gate", [Gate.ARM, Gate.START])
+@pytest.mark.parametrize(("run", "sign"), BY_ARRIVAL)
+def test_what_was_never_heard_is_missing(
+    make_driver: Any, run: RunSpec, sign: SignOfLife, gate: Gate
+) -> None:
+    driver = in_place(make_driver, run, sign, 0.0)
+    (told,) = what_is_missing(driver, heard(run, {sign: math.inf}), gate)
+    assert "inf" not in told
+    assert "limit" not in told
+
+
+@pytest.mark.parametrize(("run", "sign"), BY_ARRIVAL)
+def test_a_longer_silence_ends_a_session(run: RunSpec, sign: SignOfLife) -> None:
+    for phase in WATCHED:
+        for late_s, ends in ((sign.limit_s, False), (sign.limit_s + MS_S, phase in sign.phases)):
+            found = heard(run, {sign: late_s}).violations(run, phase, NOW_NS, NOW_NS)
+            assert [v.code for v in found] == ([sign.code] if ends else []), phase
+
+
+@pytest.mark.parametrize(("run", "sign"), BY_STAMP)
+def test_an_older_state_ends_a_session(
+    make_driver: Any, tools: Any, run: RunSpec, sign: SignOfLife
+) -> None:
+    for late_s, ends in ((sign.limit_s, False), (sign.limit_s + MS_S, True)):
+        driver = make_driver(run)
+        driver.until("ARMED")
+        driver.hear(ControlState.ARMED)
+        since_ns = round(late_s * S)
+        other = {driver.run.vut.id, *driver.targets} - {sign.who}
+        for who in other:
+            driver.move(who, stamp_ns=since_ns)
+        driver.session.on_vut_state(driver.vut)
+        for state in driver.targets.values():
+            driver.session.on_target_state(state)
+        driver.session.step(since_ns)
+        assert tools.violations(driver.session.outbox) == ([sign.code] if ends else [])
+
+
+def test_the_table_holds_every_silence_that_ends_a_session() -> None:
+    for run in RUNS:
+        found = LivenessMonitor().violations(run, SessionPhase.ARMED, NOW_NS, NOW_NS)
+        assert {v.code for v in found} <= {s.code for s in signs_of_life(run)} <= SILENCES
+        assert all("never heard" in v.text and "inf" not in v.text for v in found)
+
+
+SILENCE_S = st.one_of(st.just(math.inf), st.floats(0.0, 20.0))
+
+
+# The fixture is a function without a memory.
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(run=st.sampled_from(RUNS), data=st.data())
+def test_what_ends_an_armed_session_keeps_it_from_being_armed(
+    make_driver: Any, run: RunSpec, data: st.DataObject
+) -> None:
+    late = {sign: data.draw(SILENCE_S) for sign in signs_of_life(run) if data.draw(st.booleans())}
+    liveness = heard(run, late)
+    liveness.recorder_lost = data.draw(st.integers(0, 1))
+    if data.draw(st.booleans()):
+        liveness.foreign["session_state"] = 1, "session_state has /x and /y"
+    driver = in_place(make_driver, run, signs_of_life(run)[0], 0.0)
+    if liveness.violations(run, SessionPhase.ARMED, NOW_NS, NOW_NS):
+        for gate in (Gate.ARM, Gate.START):
+            assert what_is_missing(driver, liveness, gate)
