@@ -2,7 +2,7 @@
 
 Runs on the system's Python with the standard library only. Called by ./ssp when something that
 the environment was made from has changed; safe to call again after an interruption. With
-``--test-tools`` it installs what only the tests need, as `ssp test` asks for. With ``--ros`` it
+``--test-tools`` it installs what only the tests need, as `ssp test` does first. With ``--ros`` it
 makes .ros-venv in place of .venv, beside an installed ROS 2 (README, "On a ROS machine").
 """
 
@@ -40,6 +40,8 @@ SYSTEM_LIBRARIES = {
     "libXrender.so.1": "libxrender1",
     "libatomic.so.1": "libatomic1",
 }
+# The versions of Python for which the wheels of ROS exist.
+OLDEST, NEWEST = (3, 11), (3, 14)
 # The tests look at pages in a real browser, under any of these names.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -89,8 +91,8 @@ def install_apt_packages(packages: list[str]) -> None:
     """Installs them as root or through a sudo that asks nothing, else says the one command."""
     if shutil.which("apt-get") is None:
         raise BootstrapError(
-            "missing on this machine: " + ", ".join(packages) + " (Debian's names). "
-            "There is no apt-get here: install their equivalents and run ./ssp again."
+            f"missing on this machine: {', '.join(packages)} (Debian's names). There is no apt-get "
+            f"here: install their equivalents and run ./ssp again.{rpm_advice(packages)}"
         )
     apt = ["apt-get", "install", "-y", "--no-install-recommends", *packages]
     by_hand = "sudo apt-get update && sudo " + " ".join(apt)
@@ -106,8 +108,32 @@ def install_apt_packages(packages: list[str]) -> None:
     run([*prefix, *apt], f"installing {' '.join(packages)} (by hand: {by_hand})", env)
 
 
+def rpm_advice(packages: list[str]) -> str:
+    """Give the command of an RPM distribution, which installs by what a package provides."""
+    manager = next((name for name in ("dnf", "zypper") if shutil.which(name)), None)
+    if manager is None:
+        return ""
+    provided = {package: f"'{library}()(64bit)'" for library, package in SYSTEM_LIBRARIES.items()}
+    names = [provided.get(package, package).replace("g++", "gcc-c++") for package in packages]
+    names = [
+        name.removesuffix("-dev") + "-devel" if name.endswith("-dev") else name for name in names
+    ]
+    wanted = [name for name in names if not name.endswith("-venv")]
+    return f" That is:\n  sudo {manager} install {' '.join(wanted)}"
+
+
 def install_test_tools() -> int:
-    """Installs what only the tests need; without it they fail and say so, each on its own."""
+    """Install what only the tests need: their packages, and a browser."""
+    stamp, wanted = VENV / "ssp-test-lock", ROOT / "bootstrap" / "test.lock"
+    digest = hashlib.sha256(wanted.read_bytes()).hexdigest()
+    if not stamp.exists() or stamp.read_text() != digest:
+        step("installing the packages of the tests (about 150 MB to download)")
+        try:
+            install_lock(wanted)
+        except BootstrapError as error:
+            print(f"ssp setup: {error}", file=sys.stderr)
+            return 1
+        stamp.write_text(digest)
     if any(shutil.which(name) for name in BROWSERS):
         return 0
     try:
@@ -119,11 +145,11 @@ def install_test_tools() -> int:
 
 
 def check_interpreter() -> None:
-    if sys.version_info[:2] not in ((3, 11), (3, 12)):
+    if not OLDEST <= sys.version_info[:2] <= NEWEST:
         raise BootstrapError(
             f"Python {sys.version_info.major}.{sys.version_info.minor} is not supported: the ROS 2 "
-            "Jazzy wheels exist for 3.11 and 3.12. Install one and run ./ssp again "
-            "(SSP_PYTHON=/path/to/python3.12 chooses it)."
+            "Jazzy wheels exist for 3.11 to 3.14. Run ./ssp, which finds or names one "
+            "(SSP_PYTHON=/path/to/python3.13 chooses it)."
         )
 
 
@@ -148,24 +174,29 @@ def make_venv() -> Path:
     step(f"creating .venv (Python {sys.version.split()[0]})")
     shutil.rmtree(VENV, ignore_errors=True)
     run([sys.executable, "-m", "venv", str(VENV)], "creating .venv")
-    step("installing pinned packages (about 500 MB to download on a first start)")
+    step("installing pinned packages (about 400 MB to download on a first start)")
     pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     run([*pip, "--require-hashes", "-r", str(ROOT / "bootstrap" / "uv.lock")], "installing uv")
-    uv = [str(VENV / "bin" / "uv"), "pip", "install", "--python", str(python), "--link-mode=copy"]
-    run(
-        # Compiled now, every later start of a node is quicker by a second.
-        [
-            *uv,
-            "--compile-bytecode",
-            "--require-hashes",
-            "-r",
-            str(ROOT / "bootstrap" / "requirements.lock"),
-        ],
-        "installing bootstrap/requirements.lock",
-    )
+    install_lock(ROOT / "bootstrap" / "requirements.lock")
     share_libraries(next((VENV / "lib").glob("python3.*/site-packages")))
     made_for.write_text(lock_hash())
     return python
+
+
+def install_lock(lock: Path) -> None:
+    """Installs a complete list of packages into .venv, each by its version and hash."""
+    uv = [str(VENV / "bin" / "uv"), "pip", "install", "--python", str(VENV / "bin" / "python")]
+    # Compiled now, every later start of a node is quicker by a second.
+    uv += ["--no-deps", "--compile-bytecode", "--require-hashes", "-r", str(lock)]
+    run(uv, f"installing bootstrap/{lock.name}", uv_environment())
+
+
+def uv_environment() -> dict[str, str]:
+    """Gives uv the certificates that pip and the system trust; its own list knows no other CA."""
+    env = {**os.environ, "UV_SYSTEM_CERTS": "1"}
+    if env.get("PIP_CERT"):
+        env.setdefault("SSL_CERT_FILE", env["PIP_CERT"])
+    return env
 
 
 def share_libraries(site: Path) -> None:
@@ -183,10 +214,17 @@ def share_libraries(site: Path) -> None:
 
 
 def link_sources() -> None:
-    """Puts the source folders on sys.path, so that an edit needs no build, then install/."""
+    """Puts the source folders on sys.path, so that an edit needs no build, then install/.
+
+    Behind all of them come the entries of the caller's PYTHONPATH, as ./ssp hands them on.
+    """
     site = next((VENV / "lib").glob("python3.*/site-packages"))
     lines = [str(ROOT / name) for name in SOURCE_DIRS]
     lines.append(str(ROOT / "install" / "lib" / site.parent.name / "site-packages"))
+    lines.append(
+        "import os, sys; "
+        "sys.path.extend(filter(None, os.environ.get('SSP_PYTHONPATH', '').split(os.pathsep)))"
+    )
     (site / "ssp_sources.pth").write_text("\n".join(lines) + "\n")
 
 
@@ -200,8 +238,10 @@ def build_workspace(python: Path) -> None:
         "AMENT_PREFIX_PATH": str(VENV),
         "CMAKE_PREFIX_PATH": str(VENV),
     }
-    wheels = ROOT / "bootstrap" / "wheel_include_dirs.cmake"
-    cmake = ["-G", "Ninja", f"-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES={wheels}"]
+    wheels = ROOT / "bootstrap" / "wheels.cmake"
+    # The second takes back what earlier builds kept in their cache.
+    cmake = ["-G", "Ninja", f"-DCMAKE_PROJECT_INCLUDE={wheels}"]
+    cmake.append("-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES=")
     run_colcon(python, env, (*EXTRA_DIRS, *SOURCE_DIRS), cmake)
 
 
@@ -241,8 +281,8 @@ def make_ros_venv() -> Path:
     run([*pip, "--require-hashes", "-r", str(ROOT / "bootstrap" / "uv.lock")], "installing uv")
     lock, wanted = ROOT / "bootstrap" / "requirements.lock", ROOT / "bootstrap" / "runtime.in"
     uv = [str(ROS_VENV / "bin" / "uv"), "pip", "install", "--python", str(python)]
-    uv += ["--link-mode=copy", "-c", str(lock), "-r", str(wanted), "colcon-common-extensions"]
-    run(uv, f"installing {wanted.name}")
+    uv += ["-c", str(lock), "-r", str(wanted), "colcon-common-extensions"]
+    run(uv, f"installing {wanted.name}", uv_environment())
     ros2 = ROS_VENV / "bin" / "ros2"
     ros2.write_text(f"#!{python}\nimport sys\n\nfrom ros2cli.cli import main\n\nsys.exit(main())\n")
     ros2.chmod(0o755)

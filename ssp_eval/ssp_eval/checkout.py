@@ -29,10 +29,10 @@ SESSIONS = "ros or system"
 
 def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str]]]:
     checks = [
+        ("tools", [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]),
         ("format", ["ruff", "format", "--check", "."]),
         ("lint", ["ruff", "check", "."]),
         ("types", ["mypy", *PACKAGES]),
-        ("tools", [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]),
     ]
     pytest = [sys.executable, "-m", "pytest", "--durations=50", "--durations-min=0.5"]
     if arguments:

@@ -66,9 +66,9 @@ _PACKAGES = (
 
 def python_version() -> Finding:
     found = f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores"
-    if sys.version_info[:2] in ((3, 11), (3, 12)):
+    if (3, 11) <= sys.version_info[:2] <= (3, 14):
         return ok("python", found)
-    return fail("python", found, "the ROS 2 wheels exist for 3.11 and 3.12; set SSP_PYTHON")
+    return fail("python", found, "the ROS 2 wheels exist for 3.11 to 3.14; set SSP_PYTHON")
 
 
 def package(module: str, distribution: str, use: str) -> Finding:
