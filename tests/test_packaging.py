@@ -181,14 +181,46 @@ def test_folders_are_named_for_what_they_hold_and_files_can_be_read_at_once(pack
     assert [file for file in files if len(file.read_text().splitlines()) > MOST_LINES] == []
 
 
-def test_the_lock_pins_every_requirement_with_hashes() -> None:
-    lock = (ROOT / "bootstrap" / "requirements.lock").read_text()
-    pinned = requirement_names(lock)
-    for name in ("ros.in", "runtime.in", "dev.in"):
-        wanted = requirement_names((ROOT / "bootstrap" / name).read_text())
-        assert wanted <= pinned, name
-    entries = re.findall(r"^[a-zA-Z0-9].*?(?=^[a-zA-Z0-9]|\Z)", lock, re.S | re.M)
+def pins(lock: str) -> dict[str, str]:
+    """The versions that a lock pins, by package; a version for each marker."""
+    text = (ROOT / "bootstrap" / lock).read_text()
+    entries = re.findall(r"^[a-zA-Z0-9].*?(?=^[a-zA-Z0-9]|\Z)", text, re.S | re.M)
     assert all("==" in e and "--hash=sha256:" in e for e in entries)
+    found: dict[str, str] = {}
+    for entry in entries:
+        name, _, version = entry.split(" \\\n")[0].partition("==")
+        found[name] = f"{found.get(name, '')} {version}".strip()
+    return found
+
+
+@pytest.mark.parametrize(
+    ("lock", "inputs"),
+    [("requirements.lock", ("ros.in", "runtime.in")), ("test.lock", ("test.in",))],
+)
+def test_the_lock_pins_every_requirement_with_hashes(lock: str, inputs: tuple[str, ...]) -> None:
+    for name in inputs:
+        wanted = requirement_names((ROOT / "bootstrap" / name).read_text())
+        assert wanted <= set(pins(lock)), name
+
+
+def test_the_tests_add_packages_and_change_none() -> None:
+    of_tests, of_all = pins("test.lock"), pins("requirements.lock")
+    shared = of_tests.keys() & of_all.keys()
+    assert {name: of_tests[name] for name in shared} == {name: of_all[name] for name in shared}
+    assert not {"mypy", "ruff", "ray", "pyarrow", "hypothesis"} & of_all.keys()
+
+
+def test_every_place_names_the_same_versions_of_python() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    oldest, after = re.fullmatch(r">=3\.(\d+),<3\.(\d+)", project["requires-python"]).groups()  # type: ignore[union-attr]
+    minors = range(int(oldest), int(after))
+    text = (ROOT / "bootstrap" / "python.sh").read_text()
+    tried = re.search(r"ssp_versions=\((.+)\)", text)[1].split()  # type: ignore[index]
+    assert sorted(tried) == [f"3.{minor}" for minor in minors]
+    assert f"(3, {minors[0]}) <= sys.version_info[:2] <= (3, {minors[-1]})" in text
+    bootstrap = (ROOT / "bootstrap" / "bootstrap.py").read_text()
+    assert f"OLDEST, NEWEST = (3, {minors[0]}), (3, {minors[-1]})" in bootstrap
+    assert f"Python 3.{minors[0]} to 3.{minors[-1]}" in (ROOT / "README.md").read_text()
 
 
 def test_the_project_asks_for_nothing_that_is_not_locked() -> None:
