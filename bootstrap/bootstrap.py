@@ -264,7 +264,9 @@ def run_colcon(
         "-DBUILD_TESTING=OFF",
     ]
     os.chdir(ROOT)
-    run(command, "colcon build", {**env, "COLCON_LOG_PATH": str(ROOT / "log")})
+    # colcon's own choice ends in -l, which all but stops a build while others use the machine.
+    jobs = {"MAKEFLAGS": f"-j{os.cpu_count() or 1}"}
+    run(command, "colcon build", {**jobs, **env, "COLCON_LOG_PATH": str(ROOT / "log")})
 
 
 def make_ros_venv() -> Path:
