@@ -170,3 +170,46 @@ def test_tightened_takes_the_smaller_limit() -> None:
     assert body.emergency_deceleration_mps2 == LIMITS[CAR].emergency_deceleration_mps2
     wide = tightened(LIMITS[CAR], Limits(speed_mps=99.0, acceleration_mps2=99.0))
     assert wide == LIMITS[CAR]
+
+
+tiny = st.sampled_from([0.0, 5e-324, 2.3e-308, 1e-170, 1e-160, 1.5e-154])
+speeds = tiny | st.floats(0.0, 60.0)
+
+
+@pytest.mark.parametrize("cls", CLASSES)
+@given(
+    speeds,
+    st.floats(-10.0, 10.0),
+    st.lists(
+        st.builds(
+            Command,
+            tiny | st.floats(allow_nan=False, allow_infinity=False),
+            tiny | st.floats(allow_nan=False, allow_infinity=False),
+            st.floats(allow_nan=False, allow_infinity=False),
+            st.booleans(),
+        ),
+        min_size=1,
+        max_size=4,
+    ),
+    st.floats(1e-3, 0.1),
+)
+@settings(max_examples=100, deadline=None)
+def test_every_finite_command_moves_a_body_to_a_finite_state(
+    cls: ObjectClass,
+    speed_mps: float,
+    acceleration_mps2: float,
+    commands: list[Command],
+    dt_s: float,
+) -> None:
+    state = BodyState(1.0, 2.0, 3.0, speed_mps, acceleration_mps2)
+    for command in commands:
+        state = step_body(cls, state, command, dt_s)
+        values = (state.x_m, state.y_m, state.yaw_rad, state.speed_mps, state.acceleration_mps2)
+        assert all(map(math.isfinite, (*values, state.curvature_1pm, state.yaw_rate_radps)))
+        assert state.speed_mps >= 0.0
+
+
+def test_a_tiny_command_moves_a_body_a_tiny_way() -> None:
+    state = BodyState.at_rest(Pose2(0.0, 0.0, 0.0))
+    state = stepped(CAR, state, Command(1e-170, 0.1, 0.0), 1.0)
+    assert 0.0 < state.speed_mps < 1e-169

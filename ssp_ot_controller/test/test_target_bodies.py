@@ -354,6 +354,48 @@ def test_bodies_that_do_not_fit_are_refused(text: str, says: str) -> None:
 def test_whatever_order_datagrams_come_in_each_counts_once(rows: list[tuple[int, int]]) -> None:
     order, passed = Order(), []
     for boot_ns, sequence in rows:
-        if order.is_new(replace(ENVELOPE, boot_ns=boot_ns, sequence=sequence)):
+        if order.is_new(replace(ENVELOPE, boot_ns=boot_ns, sequence=sequence), T0):
             passed.append((boot_ns, sequence))
     assert passed == sorted(set(passed))
+
+
+def older(order: Order, at_s: float, sequence: int, **options: bool) -> bool:
+    """A datagram of a sender that was started 20 s before the one that is obeyed."""
+    envelope = replace(ENVELOPE, boot_ns=T0 - 20 * S, sequence=sequence)
+    return order.is_new(envelope, T0 + round(at_s * S), **options)
+
+
+def test_a_sender_that_starts_again_with_its_clock_set_back_is_followed_after_a_second() -> None:
+    order = Order()
+    assert order.is_new(ENVELOPE, T0)
+    taken = [older(order, 0.02 * n, n) for n in range(1, 60)]
+    assert taken == [False] * 51 + [True] * 8
+    assert order.set_back_s == 0.0
+    # Now the one that was obeyed before would have to prove itself.
+    assert order.is_new(replace(ENVELOPE, sequence=8), T0 + 2 * S)
+
+
+def test_why_datagrams_of_an_older_boot_are_refused_is_known() -> None:
+    order = Order()
+    order.is_new(ENVELOPE, T0)
+    assert not older(order, 0.1, 1)
+    assert order.set_back_s == 20.0
+
+
+def test_late_datagrams_of_an_older_boot_are_never_followed() -> None:
+    order = Order()
+    order.is_new(ENVELOPE, T0)
+    assert not any(older(order, float(n), n) for n in range(1, 9))
+    # The same ones again and again.
+    assert not any(older(order, 10.0 + 0.02 * n, n % 5) for n in range(99))
+    # While the newer one is heard.
+    for n in range(1, 99):
+        assert not older(order, 20.0 + 0.04 * n, 100 + n)
+        assert order.is_new(replace(ENVELOPE, sequence=7 + n), T0 + round((20.02 + 0.04 * n) * S))
+
+
+def test_a_body_that_moves_does_not_follow_a_commander_of_an_older_boot() -> None:
+    order = Order()
+    order.is_new(ENVELOPE, T0)
+    assert not any(older(order, 0.02 * n, n, may_restart=False) for n in range(1, 99))
+    assert older(order, 2.0, 99)

@@ -94,7 +94,12 @@ class Command:
 
     @property
     def is_finite(self) -> bool:
-        return math.isfinite(self.acceleration_mps2 + self.curvature_1pm + self.heading_rad)
+        # Not their sum: large numbers add up to infinity.
+        return (
+            math.isfinite(self.acceleration_mps2)
+            and math.isfinite(self.curvature_1pm)
+            and math.isfinite(self.heading_rad)
+        )
 
 
 class Moving(Protocol):
@@ -191,8 +196,10 @@ def step_vehicle(
     _check(command, dt_s, lag_scale)
     distance, speed, acceleration = _advance(state, command, limits, dt_s, lag_scale)
     bound = limits.curvature_1pm
-    if state.speed_mps > 0.0:
-        bound = min(bound, limits.lateral_acceleration_mps2 / state.speed_mps**2)
+    # The square of a tiny speed is zero.
+    square = state.speed_mps * state.speed_mps
+    if square > 0.0:
+        bound = min(bound, limits.lateral_acceleration_mps2 / square)
     curvature = _follow(
         state.curvature_1pm,
         min(max(command.curvature_1pm, -bound), bound),

@@ -10,11 +10,13 @@ import contextlib
 import math
 import socket
 import struct
+import time
 import zlib
 from collections import Counter
 from dataclasses import dataclass
 from enum import Enum
 
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import HostError
 from ssp_ot_controller.bodies.body import BodyReading
 from ssp_ot_controller.bodies.dynamics import Command
@@ -178,19 +180,65 @@ def decode_command(data: bytes, object_id: str) -> CommandDatagram | Reason:
     return CommandDatagram(envelope, command, timeout_ms)
 
 
+# A sender of an older boot is taken for the same one, started again, when it has gone on for so
+# long, without such a gap and without a word of the newer boot.
+RESTART_S = 1.0
+_GAP_S = 0.25
+
+
 class Order:
-    """Lets each datagram of a sender pass once and in order; a late one is an old one."""
+    """Lets each datagram of a sender pass once and in order; a late one is an old one.
+
+    A sender that is started again has a higher boot. One whose clock was set back meanwhile has a
+    lower one: it is refused until it has gone on in order for RESTART_S while nothing of the
+    newer boot was heard. Datagrams that were merely late don't do that.
+
+    Attributes:
+        set_back_s: by how much the newest datagram's boot lies before the one that is obeyed, s;
+            0 when it doesn't.
+    """
 
     def __init__(self) -> None:
+        self.set_back_s = 0.0
         self._last: tuple[int, int] | None = None
+        # Of an older boot: boot and newest sequence, since when it goes on, and when it was heard.
+        self._older = (0, 0)
+        self._older_since_ns: int | None = None
+        self._older_heard_ns = 0
 
-    def is_new(self, envelope: Envelope) -> bool:
-        """True for one that is newer than all before; it counts from then on."""
+    def is_new(self, envelope: Envelope, now_ns: int, *, may_restart: bool = True) -> bool:
+        """True for one that is newer than all before; it counts from then on.
+
+        Args:
+            now_ns: of its arrival, on a clock that doesn't step.
+            may_restart: an older boot may be followed from now on.
+        """
         order = (envelope.boot_ns, envelope.sequence)
-        if self._last is not None and order <= self._last:
+        last = self._last
+        if last is None or order > last:
+            self._follow(order)
+            return True
+        if envelope.boot_ns == last[0]:
+            self._older_since_ns = None
             return False
-        self._last = order
+        self.set_back_s = ns_to_seconds(last[0] - envelope.boot_ns)
+        boot_ns, sequence = self._older
+        gap_ns, self._older_heard_ns = now_ns - self._older_heard_ns, now_ns
+        begins = self._older_since_ns is None or envelope.boot_ns != boot_ns
+        if begins or gap_ns > seconds_to_ns(_GAP_S):
+            self._older_since_ns, self._older = now_ns, order
+            return False
+        if envelope.sequence <= sequence:
+            return False
+        self._older = order
+        goes_on_ns = now_ns - (self._older_since_ns or now_ns)
+        if not may_restart or goes_on_ns <= seconds_to_ns(RESTART_S):
+            return False
+        self._follow(order)
         return True
+
+    def _follow(self, order: tuple[int, int]) -> None:
+        self._last, self._older_since_ns, self.set_back_s = order, None, 0.0
 
 
 # The body brakes by itself when it hears nothing for so long.
@@ -235,7 +283,7 @@ class UdpBody:
             found = decode_state(data, self._object_id)
             if isinstance(found, Reason):
                 self.rejected[found] += 1
-            elif self._order.is_new(found[0]):
+            elif self._order.is_new(found[0], time.monotonic_ns()):
                 newest = found[1]
             else:
                 self.rejected[Reason.ORDER] += 1

@@ -76,13 +76,13 @@ class BodyServer:
         if isinstance(found, Reason):
             self.rejected[found] += 1
             return
+        stands = self.brakes_by_itself and self.body.speed_mps == 0.0
         if address != self.commander:
-            free = self.commander is None or (self.brakes_by_itself and self.body.speed_mps == 0.0)
-            if not free:
+            if not (self.commander is None or stands):
                 self.strangers += 1
                 return
             self.commander, self._order = address, Order()
-        if not self._order.is_new(found.envelope):
+        if not self._order.is_new(found.envelope, now_ns, may_restart=stands):
             self.rejected[Reason.ORDER] += 1
             return
         holds_s = min(found.timeout_ms / 1000.0, WATCHDOG_S)
