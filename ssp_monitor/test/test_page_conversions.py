@@ -72,7 +72,7 @@ def test_what_an_operator_does_has_no_measure():
     stamp = types["builtin_interfaces/msg/Time"](sec=3, nanosec=0)
     header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
 
-    def event(code: SafetyCode) -> messages.Event:
+    def event(code: SafetyCode, words: str = "") -> messages.Event:
         return messages.safety_event(
             kind(
                 header=header,
@@ -84,9 +84,13 @@ def test_what_an_operator_does_has_no_measure():
                 limit=8.0,
                 unit="m/s",
                 reaction="local_stop",
+                words=words,
             )
         )
 
     assert (event(SafetyCode.OVER_SPEED).measured, event(SafetyCode.OVER_SPEED).limit) == (9.0, 8.0)
     assert event(SafetyCode.OVER_SPEED).title == "over speed"
     assert math.isnan(event(SafetyCode.OPERATOR).measured)
+    told = event(SafetyCode.OBJECT_CONTRADICTS, "reports 77 while it is to run")
+    assert math.isnan(told.measured)
+    assert told.text == "reports 77 while it is to run; seen by x, local stop"

@@ -64,7 +64,7 @@ class Talk:
     now_ns: int = T0
     decided: Decided = field(default_factory=lambda: Decided(P.CONNECTED, C.DISARMED))
     reported: Reported = field(
-        default_factory=lambda: Reported(connected=True, state=C.DISARMED, heard=True)
+        default_factory=lambda: Reported(connected=True, number=C.DISARMED, heard=True)
     )
     sent: list[Message] = field(default_factory=list)
 
@@ -81,8 +81,8 @@ class Talk:
                 return
             self.now_ns += STEP_NS
 
-    def says(self, state: C | None, speed_mps: float = 0.0) -> None:
-        self.reported = replace(self.reported, state=state, speed_mps=speed_mps)
+    def says(self, state: int | None, speed_mps: float = 0.0) -> None:
+        self.reported = replace(self.reported, number=state, speed_mps=speed_mps)
 
     def decides(self, state: C, session: P | None = None, *references: Reference) -> None:
         given = references or self.decided.references
@@ -97,6 +97,11 @@ class Talk:
     def violation(self) -> SafetyCode | None:
         found = self.conversation.check.violation
         return None if found is None else found.code
+
+    @property
+    def words(self) -> str:
+        found = self.conversation.check.violation
+        return "" if found is None else found.words
 
     @property
     def status(self) -> CentreStatus | None:
@@ -151,7 +156,7 @@ def test_one_without_an_approach_gets_a_standstill() -> None:
 def test_it_is_armed_once_and_counts_as_armed_when_it_says_so() -> None:
     t = talk()
     t.run(1.0)
-    assert t.conversation.check.cannot_arm == ""
+    assert t.conversation.check.cannot_arm == ()
     t.decides(C.PRE_ARMING)
     t.run(0.1)
     assert t.of(Ostm) == [Ostm(ObjectCommand.ARM)]
@@ -167,18 +172,40 @@ def test_it_is_armed_once_and_counts_as_armed_when_it_says_so() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"gate": "no probe report"}, "no probe report"),
-        ({"connected": False}, "isn't connected"),
-        ({"heard": False}, "sends no MONR"),
-        ({"state": C.POSTRUN}, "reports POSTRUN, not DISARMED"),
-        ({"state": None}, "reports no known state"),
+        ({"gate": ("no probe report",)}, ["no probe report"]),
+        ({"connected": False}, ["its test object isn't connected"]),
+        ({"connected": False, "problem": "refused"}, ["its test object isn't connected: refused"]),
+        ({"heard": False}, ["its test object sends no MONR"]),
+        ({"number": 5}, ["its test object reports POSTRUN (5), not DISARMED (3)"]),
+        ({"number": 77}, ["its test object reports 77 (no known state), not DISARMED (3)"]),
+        ({"number": None}, ["its test object reports no state, not DISARMED (3)"]),
+        (
+            {"gate": ("no probe report", "another firmware"), "heard": False},
+            ["no probe report", "another firmware", "its test object sends no MONR"],
+        ),
     ],
 )
-def test_what_keeps_it_from_being_armed(changes: dict[str, object], words: str) -> None:
+def test_all_that_keeps_it_from_being_armed_is_listed(
+    changes: dict[str, object], words: list[str]
+) -> None:
     t = talk()
     t.reported = replace(t.reported, **changes)  # type: ignore[arg-type]
     t.run()
-    assert words in t.conversation.check.cannot_arm
+    assert list(t.conversation.check.cannot_arm) == words
+
+
+@pytest.mark.parametrize("session", [P.ARMED, P.RUNNING])
+def test_an_object_that_its_target_refused_to_arm_contradicts_nothing(session: P) -> None:
+    """The session may be armed for others, and its heartbeat before the call to arm."""
+    t = talk()
+    t.run(10.0)
+    t.decides(C.DISARMED, session)
+    t.run(5.0)
+    assert t.violation is None
+    t.says(C.RUNNING)
+    t.run(0.1)
+    assert t.violation is SafetyCode.OBJECT_CONTRADICTS
+    assert t.words == "reports RUNNING (4) 1 s after it was to stand disarmed"
 
 
 def test_one_that_honours_start_times_is_told_at_once_and_others_at_that_time() -> None:
@@ -290,21 +317,39 @@ def test_one_that_is_deaf_to_the_normal_stop_and_the_abort_hears_nothing_any_mor
     assert t.status is None
 
 
-@pytest.mark.parametrize("state", [C.ABORTING, C.INIT, C.DISARMED, None])
-def test_a_contradiction_while_running_is_told_at_once(state: C | None) -> None:
+@pytest.mark.parametrize(
+    ("state", "text", "measured"),
+    [
+        (C.ABORTING, "ABORTING (7)", 7.0),
+        (C.INIT, "INIT (1)", 1.0),
+        (C.DISARMED, "DISARMED (3)", 3.0),
+        (77, "77 (no known state)", 77.0),
+        (None, "no state", -1.0),
+    ],
+)
+def test_a_contradiction_while_running_is_told_at_once(
+    state: int | None, text: str, measured: float
+) -> None:
     t = running()
     t.says(state, 5.0)
     t.run()
     assert t.violation is SafetyCode.OBJECT_CONTRADICTS
+    assert t.words == f"reports {text} while it is to run"
+    assert t.conversation.check.violation.measured == measured  # type: ignore[union-attr]
 
 
 def test_an_object_that_does_not_follow_is_waited_for_and_then_told() -> None:
     t = armed()
     t.decides(C.RUNNING, P.RUNNING, along_x("r approach", t.now_ns + NS_PER_S // 2, 20))
-    t.run(0.5 + LAG_S)
+    t.run(0.4)
+    assert t.conversation.check.missed_start is None
+    t.run(0.1 + LAG_S)
     assert t.violation is None
+    assert t.conversation.check.missed_start is not None
+    assert t.conversation.check.missed_start.words == "reports ARMED (2) 1 s after its start time"
     t.run(0.02)
     assert t.violation is SafetyCode.OBJECT_CONTRADICTS
+    assert t.words == "reports ARMED (2) 1 s after it should have started"
     t = talk()
     t.run(1.0)
     t.decides(C.PRE_ARMING)
@@ -312,11 +357,12 @@ def test_an_object_that_does_not_follow_is_waited_for_and_then_told() -> None:
     assert t.violation is None
     t.run(0.02)
     assert t.violation is SafetyCode.OBJECT_CONTRADICTS
+    assert t.words == "reports DISARMED (3) 3 s after it was asked to arm"
 
 
 def test_a_lost_connection_counts_where_the_object_may_move() -> None:
     for t, expected in ((running(), SafetyCode.CONNECTION_LOST), (talk(), None)):
-        t.reported = replace(t.reported, connected=False, state=None)
+        t.reported = replace(t.reported, connected=False, number=None)
         t.run(2.0)
         assert t.violation is expected
 

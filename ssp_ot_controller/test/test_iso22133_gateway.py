@@ -136,7 +136,7 @@ def connected(body: IsoBody, sockets: ObjectSockets) -> Peer:
     def follows() -> bool:
         body.poll(time.time_ns())
         body.follow(Decided(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
-        return "isn't connected" not in body.check.cannot_arm
+        return not any("isn't connected" in text for text in body.check.cannot_arm)
 
     until(follows, "connection")
     return peer
@@ -182,7 +182,7 @@ def test_a_lost_object_is_told_and_connected_again(
 
     until(told_of_it, "loss")
     body.follow(Decided(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
-    assert "isn't connected" in body.check.cannot_arm
+    assert "isn't connected: 127.0.0.1" in body.check.cannot_arm[0]
     again = connected(body, sockets)
     assert isinstance(again.hears(), Osem)
     again.close()
@@ -203,7 +203,8 @@ def test_without_a_report_or_a_name_it_cannot_be_armed(sockets: ObjectSockets) -
     peer.says(state=ControlState.DISARMED.value)
     until(lambda: body.poll(time.time_ns()), "reading")
     body.follow(Decided(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
-    assert "probe report" in body.check.cannot_arm
+    assert ["probe report" in text for text in body.check.cannot_arm] == [True]
+    assert body.check.lasting
     peer.close()
     body.close()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 from collections.abc import Callable, Iterable
 from functools import cache
@@ -198,7 +199,7 @@ def test_a_conforming_object_passes_every_clause_and_may_be_armed() -> None:
     assert honours_start_time(report) == pytest.approx(0.0, abs=0.1)
     # It waits for the half second that the OSEM gave before it brakes.
     assert 0.5 < (stops_on_heartbeat_loss_s(report) or 0.0) < 1.0
-    assert cannot_arm(report, 1.0, report.firmware, None) is None
+    assert cannot_arm(report, 1.0, report.firmware, None) == ()
     assert report.firmware
 
 
@@ -214,6 +215,10 @@ CONNECT = (Stage.LISTEN, Stage.CONNECT)
         ("early_start", STAGES, {"move.start_time"}),
         ("link_delay=0.4", LISTEN, {"listen.age"}),
         ("fragments", CONNECT, set()),
+        ("driving_state=77", STAGES, {"listen.values", "move.running", "move.postrun"}),
+        ("driving_state=3", STAGES, {"move.running", "move.postrun"}),
+        ("speed_factor=3.6", STAGES, {"move.speed"}),
+        ("speed_factor=0.28", STAGES, {"move.speed"}),
     ],
 )
 def test_an_object_fails_the_clauses_that_it_breaks_and_no_others(
@@ -222,11 +227,27 @@ def test_an_object_fails_the_clauses_that_it_breaks_and_no_others(
     assert with_verdict(report_with(fault, stages=stages), Outcome.FAIL) == failed
 
 
+def test_an_object_that_states_another_speed_is_told_both_and_is_not_armed() -> None:
+    report = report_with("speed_factor=3.6")
+    row = report.row("move.speed")
+    assert row is not None
+    assert re.fullmatch(r"states \d+\.\d+ m/s where it moves \d\.\d+ m/s", row.text)
+    assert "(move.speed)" in " ".join(cannot_arm(report, 1.0, report.firmware, None))
+
+
+@pytest.mark.parametrize("fault", ["driving_state=77", "driving_state=3"])
+def test_an_object_that_states_another_state_while_it_drives_is_not_armed(fault: str) -> None:
+    report = report_with(fault)
+    text = " ".join(cannot_arm(report, 1.0, report.firmware, None))
+    assert "move.running" in text
+    assert ("listen.values" in text) is fault.endswith("77")
+
+
 @pytest.mark.parametrize("fault", ["deaf_to_abort@0", "deaf_to_silence"])
 def test_an_object_that_drives_on_may_not_be_armed(fault: str) -> None:
     report = report_with(fault)
     clause = "move.abort" if fault == "deaf_to_abort@0" else "move.heartbeat_loss"
-    assert clause in (cannot_arm(report, 1.0, report.firmware, None) or "")
+    assert clause in " ".join(cannot_arm(report, 1.0, report.firmware, None))
 
 
 def test_what_it_reports_while_it_drives_on_is_not_believed() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,13 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import InputError
+from ssp_ot_controller.bodies.iso22133.probe.clauses import CLAUSES
 from ssp_ot_controller.bodies.iso22133.probe_report import (
+    NEEDED,
     START_TIME,
     STOP_ON_ABORT,
     STOP_ON_HEARTBEAT_LOSS,
+    STOPS,
     Outcome,
     ProbeReport,
     Row,
@@ -54,12 +58,14 @@ def report(*rows: Row, firmware: str | None = "1.2") -> ProbeReport:
     )
 
 
-STOPS = (row(STOP_ON_ABORT, P, 0.25), row(STOP_ON_HEARTBEAT_LOSS, P, 0.5))
+REST = (*(row(clause, P, 0.0) for clause in NEEDED), row("move.normal_stop", P, 0.2))
+ABORT, LOSS = row(STOP_ON_ABORT, P, 0.25), row(STOP_ON_HEARTBEAT_LOSS, P, 0.5)
+GOOD = (*REST, ABORT, LOSS)
 
 
 def test_a_report_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "report.json"
-    written = report(*STOPS, row("x", F, None, sent=("7f7e",), came=("", "00ff"), text="why"))
+    written = report(*GOOD, row("x", F, None, sent=("7f7e",), came=("", "00ff"), text="why"))
     write_report(path, written)
     assert json.loads(path.read_text())["schema"] == "ssp.iso_probe/1"
     assert load_report(path) == written
@@ -81,7 +87,7 @@ def test_a_report_is_read_as_it_was_written(tmp_path: Path) -> None:
 def test_a_report_that_is_none_is_refused_by_its_field(
     tmp_path: Path, field: str, value: object, named: str
 ) -> None:
-    content = report(*STOPS).model_dump(mode="json", by_alias=True) | {field: value}
+    content = report(*GOOD).model_dump(mode="json", by_alias=True) | {field: value}
     path = tmp_path / "report.json"
     path.write_text(json.dumps(content))
     with pytest.raises(InputError, match=f"report.json: .*{named}"):
@@ -89,7 +95,7 @@ def test_a_report_that_is_none_is_refused_by_its_field(
 
 
 def test_what_was_measured_is_told() -> None:
-    found = report(*STOPS, row(START_TIME, P, -0.002))
+    found = report(ABORT, LOSS, row(START_TIME, P, -0.002))
     assert (stops_on_abort_s(found), stops_on_heartbeat_loss_s(found)) == (0.25, 0.5)
     assert honours_start_time(found) == -0.002
 
@@ -104,33 +110,56 @@ def test_what_was_not_shown_is_none(rows: tuple[Row, ...]) -> None:
 
 @pytest.mark.parametrize("firmware", ["1.2", None])
 def test_an_object_that_stops_may_be_armed(firmware: str | None) -> None:
-    assert cannot_arm(report(*STOPS, firmware=firmware), 0.5, firmware, None) is None
+    assert cannot_arm(report(*GOOD, firmware=firmware), 0.5, firmware, None) == ()
 
 
 @pytest.mark.parametrize(
     ("found", "bound_s", "firmware", "why"),
     [
-        (None, 1.0, "1.2", "no probe report"),
-        (report(*STOPS), 1.0, "1.3", "firmware is 1.3, the probe report of 2026-11-23 is of 1.2"),
-        (report(*STOPS), 1.0, None, "firmware is unknown"),
-        (report(*STOPS, firmware=None), 1.0, "1.2", "is of unknown"),
-        (report(*STOPS), 0.49, "1.2", "0.500 s from lost heartbeats .* allows 0.49 s"),
-        (report(*STOPS), 0.24, "1.2", "0.250 s from an abort"),
-        (report(STOPS[0]), 1.0, "1.2", "doesn't show that it stops on lost heartbeats"),
-        (report(STOPS[1]), 1.0, "1.2", "doesn't show that it stops on an abort"),
+        (None, 1.0, "1.2", ["no probe report"]),
         (
-            report(row(STOP_ON_ABORT, F, None), STOPS[1]),
+            report(*GOOD),
             1.0,
-            "1.2",
-            r"doesn't show that it stops on an abort \(move.abort\)",
+            "1.3",
+            ["firmware is 1.3, the probe report of 2026-11-23 is of 1.2"],
+        ),
+        (report(*GOOD), 1.0, None, ["firmware is unknown"]),
+        (report(*GOOD, firmware=None), 1.0, "1.2", ["is of unknown"]),
+        (report(*GOOD), 0.49, "1.2", ["0.500 s from lost heartbeats .* allows 0.49 s"]),
+        (report(*GOOD), 0.24, "1.2", ["0.250 s from an abort", "0.500 s from lost heartbeats"]),
+        (report(*REST, ABORT), 1.0, "1.2", ["stops on lost heartbeats"]),
+        (report(*REST, LOSS), 1.0, "1.2", ["doesn't show that it stops on an abort"]),
+        (
+            report(*REST, row(STOP_ON_ABORT, F, None), LOSS),
+            1.0,
+            "1.3",
+            ["firmware is 1.3", r"doesn't show that it stops on an abort \(move.abort\)"],
         ),
     ],
 )
-def test_an_object_whose_stop_is_not_shown_is_not_armed_but_by_a_name(
-    found: ProbeReport | None, bound_s: float, firmware: str | None, why: str
+def test_everything_that_keeps_an_object_from_being_armed_is_told_and_a_name_lets_it(
+    found: ProbeReport | None, bound_s: float, firmware: str | None, why: list[str]
 ) -> None:
-    text = cannot_arm(found, bound_s, firmware, None)
-    with pytest.raises(ValueError, match=why):
-        raise ValueError(text)
-    assert cannot_arm(found, bound_s, firmware, " ") == text
-    assert cannot_arm(found, bound_s, firmware, "A. Person") is None
+    told = cannot_arm(found, bound_s, firmware, None)
+    assert len(told) == len(why), told
+    for text, pattern in zip(told, why, strict=True):
+        assert re.search(pattern, text), text
+    assert cannot_arm(found, bound_s, firmware, " ") == told
+    assert cannot_arm(found, bound_s, firmware, "A. Person") == ()
+
+
+@pytest.mark.parametrize("clause", [*NEEDED, *STOPS])
+@pytest.mark.parametrize("verdict", [F, N, None])
+def test_an_object_that_fails_any_clause_that_is_needed_is_not_armed(
+    clause: str, verdict: Outcome | None
+) -> None:
+    kept = [one for one in GOOD if one.clause != clause]
+    other = [] if verdict is None else [row(clause, verdict, None)]
+    (told,) = cannot_arm(report(*kept, *other), 1.0, "1.2", None)
+    assert f"({clause})" in told
+
+
+def test_every_clause_of_the_stage_arm_is_needed_and_each_needed_clause_is_asked_for() -> None:
+    asked = {clause.id for clause in CLAUSES}
+    assert {one for one in asked if one.startswith("arm.")} <= set(NEEDED)
+    assert {*NEEDED, *STOPS} <= asked

@@ -78,7 +78,8 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
     world = (names.WORLD_TICK, names.STEP_DONE)
     commands = (*names.SESSION_COMMANDS, names.LOAD_SCENARIO)
     told = (*events, names.HEARTBEAT, names.LINK_STATUS, names.STEP_DONE)
-    replies = (names.HEARTBEAT_REPLY, names.RECORDER_STATUS, names.LOCALISATION_STATUS)
+    statuses = (names.RECORDER_STATUS, names.LOCALISATION_STATUS, names.BODY_STATUS)
+    replies = (names.HEARTBEAT_REPLY, *statuses)
     recorded = (vut, *states, *references, *acks, *told, *replies, names.FAULT_EVENT)
     transforms = (names.TF, names.TF_STATIC)
     # Page and view take states as they come, also without a run file.
@@ -86,7 +87,7 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
     links = (names.HEARTBEAT, names.LINK_STATUS)
     # In a live session nobody hears an object's actuator commands and steps; it offers them still.
     told_by_objects = (
-        *(names.HEARTBEAT_REPLY, names.SAFETY_EVENT, names.FAULT_EVENT),
+        *(names.HEARTBEAT_REPLY, names.BODY_STATUS, names.SAFETY_EVENT, names.FAULT_EVENT),
         *(names.ACTUATOR_COMMANDS, names.STEP_DONE, f"{names.OBJECT_TARGET}/transition_event"),
     )
     table = {

@@ -53,7 +53,7 @@ def record(
     if safety:
         event = types["ssp_msgs/msg/SafetyEvent"](
             header=header, code=20, limit_name="separation", source="manager", object_id="ot1",
-            measured=0.1, limit=0.5, unit="m", reaction="abort",
+            measured=0.1, limit=0.5, unit="m", reaction="abort", words="",
         )  # fmt: skip
         messages.append(("/ssp/safety_event", event))
     ends = ((SessionPhase.RUNNING, Verdict.NONE), (SessionPhase.FINISHED, verdict))

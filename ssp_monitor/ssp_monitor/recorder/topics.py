@@ -116,6 +116,7 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     if run.mode == "live":
         # Of a VUT whose states a vut_adapter makes.
         add(names.LOCALISATION_STATUS, "LocalisationStatus", state)
+        add(names.BODY_STATUS, "BodyStatus", state)
     if run.driver.external:
         add(names.VUT_COMMAND, "ActuatorCommand", command)
     if run.camera is not None:
@@ -315,7 +316,7 @@ _OF_TYPES: dict[Importance, str] = {
     Importance.DIAGNOSTIC: """diagnostic_msgs/DiagnosticArray diagnostic_msgs/DiagnosticStatus
         rcl_interfaces/Log visualization_msgs/Marker visualization_msgs/MarkerArray
         ssp_msgs/Heartbeat ssp_msgs/HeartbeatReply ssp_msgs/LinkStatus ssp_msgs/RecorderStatus
-        ssp_msgs/LocalisationStatus""",
+        ssp_msgs/LocalisationStatus ssp_msgs/BodyStatus""",
     Importance.EVENT: """ssp_msgs/SessionState ssp_msgs/TriggerEvent ssp_msgs/PhaseEvent
         ssp_msgs/SafetyEvent ssp_msgs/FaultEvent ssp_msgs/Reference ssp_msgs/ReferenceAck
         ssp_msgs/ActuatorCommand""",

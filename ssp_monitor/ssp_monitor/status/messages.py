@@ -60,16 +60,17 @@ def phase_of(message: Any) -> tuple[Phase, Event]:
 
 
 def safety_event(message: Any) -> Event:
-    """A SafetyEvent; what an operator does has no measure."""
-    by_hand = message.code == SafetyCode.OPERATOR
+    """A SafetyEvent; what an operator does, or what is told in words, has no measure."""
+    in_words = message.code == SafetyCode.OPERATOR or bool(message.words)
+    seen = f"seen by {message.source}, {message.reaction.replace('_', ' ')}"
     return Event(
         "safety",
         stamp_ns(message.header.stamp),
         _short(message.limit_name.replace("_", " ")),
-        _short(f"seen by {message.source}, {message.reaction.replace('_', ' ')}"),
+        _short(f"{message.words}; {seen}" if message.words else seen),
         _short(message.object_id),
-        math.nan if by_hand else message.measured,
-        math.nan if by_hand else message.limit,
+        math.nan if in_words else message.measured,
+        math.nan if in_words else message.limit,
         _short(message.unit),
     )
 

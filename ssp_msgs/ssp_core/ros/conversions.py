@@ -21,6 +21,7 @@ def safety_event(passed: LimitFact, reaction: str = "abort") -> SafetyEvent:
         limit=passed.limit,
         unit=meaning.unit,
         reaction=reaction,
+        words=passed.words,
     )
     message.header.stamp = stamp_from_ns(passed.stamp_ns)
     message.header.frame_id = MAP_FRAME

@@ -30,11 +30,13 @@ class LimitViolation:
     Args:
         measured: with its sign where it has one.
         limit: that its amount may be at most.
+        words: what happened, where the numbers alone don't say it.
     """
 
     code: SafetyCode
     measured: float
     limit: float
+    words: str = ""
 
 
 def _judge(code: SafetyCode, measured: float, limit: float) -> LimitViolation | None:

@@ -45,6 +45,7 @@ class LimitFact:
     measured: float
     limit: float
     stamp_ns: int
+    words: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,13 +49,18 @@ class BodyCheck:
 
     Args:
         armed: it reports that it is armed.
-        cannot_arm: why it must not be armed, for people; empty when nothing keeps it from that.
+        cannot_arm: all that keeps it from being armed, as sentences; empty when nothing does.
+        lasting: one of these stays as long as this process runs.
         violation: what it does that it must not; the object stops and latches.
+        missed_start: its start time is over, and it doesn't report to run; the reason for what
+            else is wrong with an object that stands where it should drive.
     """
 
     armed: bool = True
-    cannot_arm: str = ""
+    cannot_arm: tuple[str, ...] = ()
+    lasting: bool = False
     violation: LimitViolation | None = None
+    missed_start: LimitViolation | None = None
 
 
 @dataclass(frozen=True, slots=True)

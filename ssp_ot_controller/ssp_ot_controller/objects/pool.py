@@ -39,7 +39,9 @@ class Stopped:
     def fact(self, source: str, now_ns: int) -> LimitFact:
         """As the node of that name tells it."""
         stop = self.stop
-        return LimitFact(stop.code, source, self.object_id, stop.measured, stop.limit, now_ns)
+        return LimitFact(
+            stop.code, source, self.object_id, stop.measured, stop.limit, now_ns, stop.words
+        )
 
 
 @dataclass(frozen=True, slots=True)

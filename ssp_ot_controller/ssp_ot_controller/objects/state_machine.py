@@ -12,6 +12,7 @@ from enum import IntEnum
 
 from ssp_core.errors import PeerError
 from ssp_core.vocabulary import ControlState
+from ssp_ot_controller.bodies.body import BodyCheck
 from ssp_ot_controller.objects.rules import Rules
 
 
@@ -93,10 +94,12 @@ def transition(state: ControlState, event: ObjectEvent) -> ControlState:
         raise IllegalTransition(state, event) from None
 
 
-# Numbers of ObjectCommand.srv.
+# Numbers of ObjectCommand.srv. What is refused with one of the last two stays refused as long as
+# the object's process runs.
 REFUSED_TRANSITION = 1
 REFUSED_CONDITION = 2
 REFUSED_VERSION = 3
+REFUSED_LASTING = 5
 # What the manager may ask for; the other events are for the object itself to notice.
 COMMANDS = frozenset(
     {
@@ -121,29 +124,27 @@ class CommandResponse:
 
 
 def cannot_arm(
-    run: Rules, event_version: str, heartbeat_age_s: float, other_managers: int
+    run: Rules, event_version: str, heartbeat_age_s: float, other_managers: int, body: BodyCheck
 ) -> CommandResponse | None:
-    """Why an object can't be armed, None when nothing keeps it from that.
+    """All reasons for which an object can't be armed, None when nothing keeps it from that.
 
     Args:
         event_version: K* version of the manager's run.
         heartbeat_age_s: since the manager's last heartbeat, inf before the first.
+        body: what a body with a control state of its own is found to be.
     """
     ours, limit_s = run.event_version, run.limits.heartbeat_s
+    found = []
+    code = REFUSED_LASTING if body.lasting else REFUSED_CONDITION
     if event_version != ours:
-        return CommandResponse(
-            False,
-            REFUSED_VERSION,
-            f"this object has K* version {ours[:19]}..., the manager {event_version[:19]}...",
+        code = REFUSED_VERSION
+        found.append(
+            f"this object has K* version {ours[:19]}..., the manager {event_version[:19]}..."
         )
     if not heartbeat_age_s <= limit_s:
-        return CommandResponse(
-            False,
-            REFUSED_CONDITION,
-            f"no heartbeat of the manager for {heartbeat_age_s:.2g} s, limit {limit_s:g} s",
-        )
+        silent_s = f"{heartbeat_age_s:.2g} s, limit {limit_s:g} s"
+        found.append(f"no heartbeat of the manager for {silent_s}")
     if other_managers:
-        return CommandResponse(
-            False, REFUSED_CONDITION, f"{other_managers} other manager(s) send heartbeats too"
-        )
-    return None
+        found.append(f"{other_managers} other manager(s) send heartbeats too")
+    found += body.cannot_arm
+    return CommandResponse(False, code, "; ".join(found)) if found else None

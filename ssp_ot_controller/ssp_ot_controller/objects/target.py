@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
+from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.limits import Continuity, LimitViolation, follow
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.bodies.body import BodyCheck, Decided
@@ -41,6 +42,8 @@ from ssp_ot_controller.objects.state_machine import (
 )
 
 STANDSTILL_MPS = 0.02
+# Limits that an object passes which stands where it should drive.
+_WHERE_IT_STANDS = (SafetyCode.STATE_FROZEN, SafetyCode.ERROR_LONGITUDINAL)
 _NO_STATE = "the object has no state of its own yet"
 # States in which an object moves or is about to.
 _MAY_MOVE = WATCHED | {ControlState.ABORTING}
@@ -120,11 +123,11 @@ class Target:
         if event not in COMMANDS:
             return CommandResponse(False, REFUSED_TRANSITION, f"{event.name} is no command")
         if event is ObjectEvent.ARM:
-            refusal = cannot_arm(self._run, event_version, heartbeat_age_s, other_managers)
+            refusal = cannot_arm(
+                self._run, event_version, heartbeat_age_s, other_managers, self.body
+            )
             if refusal is not None:
                 return refusal
-            if self.body.cannot_arm:
-                return CommandResponse(False, REFUSED_CONDITION, self.body.cannot_arm)
         if event is ObjectEvent.ALL_CLEAR and not self._stands():
             return CommandResponse(False, REFUSED_CONDITION, "the object still moves")
         try:
@@ -272,6 +275,9 @@ class Target:
             control_state=self.state,
             limits=self._run.limits,
         )
+        missed = self.body.missed_start
+        if stopped is not None and missed is not None and stopped.code in _WHERE_IT_STANDS:
+            stopped = missed
         stopped = stopped or self._body_violation()
         if stopped is not None:
             self.local_stop()

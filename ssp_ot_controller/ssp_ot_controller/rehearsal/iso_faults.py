@@ -47,9 +47,13 @@ KINDS = {
     "two_centres": "it obeys a second control centre as well",
     "no_dres": "it doesn't answer DREQ",
     "yaw_range": "its MONR state a yaw of 400 degrees",
+    "driving_state": "its MONR state the number VALUE while it runs or stops",
+    "speed_factor": "its MONR state VALUE times its speed",
     "wrong_version": "it speaks wire version 3",
     "fragments": "what it sends by TCP comes in pieces of 7 bytes",
 }
+# Those that are nothing without a value.
+_VALUED = ("link_delay", "driving_state", "speed_factor")
 _NUMBER = r"([0-9]{1,6}(?:\.[0-9]{1,6})?)"
 _FAULT = re.compile(rf"([a-z_]+)(?:={_NUMBER})?(?:@{_NUMBER}(?:\+{_NUMBER})?)?")
 _PIECE_BYTES = 7
@@ -64,7 +68,7 @@ class IsoFault:
     """A fault.
 
     Args:
-        value: s, of a delay.
+        value: s, of a delay; a number of a state; a factor.
         at_s: since the first start; None: from the beginning on.
         for_s: how long; None: for good.
     """
@@ -83,13 +87,13 @@ class IsoFault:
         """
         match = _FAULT.fullmatch(text)
         kind, value, at, for_ = ("", None, None, None) if match is None else match.groups()
-        if kind not in KINDS or (value is None) is (kind == "link_delay"):
+        if kind not in KINDS or (value is None) is (kind in _VALUED):
             raise InputError(
                 "is no fault",
                 field="--fault",
                 value=text,
                 remedy="write KIND, KIND@AT_S or KIND@AT_S+FOR_S, with one of "
-                f"{', '.join(KINDS)}; link_delay=S",
+                f"{', '.join(KINDS)}; {', '.join(f'{one}=VALUE' for one in _VALUED)}",
             )
         at_s, for_s = (None if number is None else float(number) for number in (at, for_))
         return IsoFault(kind, float(value or 0.0), at_s, for_s)
@@ -233,15 +237,27 @@ class FaultyObject:
         data = bytearray(sent.data)
         if sent.udp and self._has("yaw_range", now_ns) is not None:
             struct.pack_into("<H", data, _YAW_AT, _YAW)
-        if sent.udp and self._aborted and self._has("deaf_to_abort", now_ns) is not None:
+        changes = self._changes(now_ns)
+        if sent.udp and changes:
             (frame,) = frames_of(sent.data)
             found = decode(frame) if isinstance(frame, Frame) else None
             if isinstance(found, Decoded) and isinstance(found.message, Monr):
-                reported = replace(found.message, state=ControlState.ABORTING)
-                data = bytearray(_again(found.header, reported))
+                data = bytearray(_again(found.header, replace(found.message, **changes)))
         if self._has("wrong_version", now_ns) is not None:
             data[_VERSION_AT] += 1
         return Sent(sent.udp, _with_checksum(bytes(data)))
+
+    def _changes(self, now_ns: int) -> dict[str, Any]:
+        """Of a MONR's fields."""
+        changes: dict[str, Any] = {}
+        odd, factor = self._has("driving_state", now_ns), self._has("speed_factor", now_ns)
+        if factor is not None:
+            changes["speed_mps"] = factor.value * self.body.speed_mps
+        if odd is not None and self._played.state in (ControlState.RUNNING, ControlState.POSTRUN):
+            changes["state"] = int(odd.value)
+        if self._aborted and self._has("deaf_to_abort", now_ns) is not None:
+            changes["state"] = ControlState.ABORTING
+        return changes
 
     # -- which faults --------------------------------------------------------------------------
 

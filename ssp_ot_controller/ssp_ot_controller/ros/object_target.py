@@ -146,9 +146,8 @@ class ObjectPublishers:
         stop, name = event.stop, MEANINGS[event.stop.code].limit_name
         passed = event.fact(self._node.get_name(), now_ns)
         self._safety.publish(safety_event(passed, "local_stop"))
-        self._node.get_logger().error(
-            f"{event.object_id}: {name} {stop.measured:.3g} (limit {stop.limit:.3g})"
-        )
+        figures = stop.words or f"{stop.measured:.3g} (limit {stop.limit:.3g})"
+        self._node.get_logger().error(f"{event.object_id}: {name} {figures}")
 
 
 class TestObjectEndpoints:

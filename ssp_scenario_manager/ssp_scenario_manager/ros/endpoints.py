@@ -124,6 +124,7 @@ def violation_of(message: SafetyEvent) -> tuple[Violation, str]:
         message.limit,
         ros.ns_from_stamp(message.header.stamp),
         f"seen by {source}" if named else f"{limit_name} of {source}",
+        words=message.words[:_MOST_TEXT],
     )
     return violation, source
 
@@ -308,7 +309,13 @@ class Publications:
             self._log.info(fact.text)
         else:
             limit = LimitFact(
-                fact.code, self._name, fact.object_id, fact.measured, fact.limit, fact.stamp_ns
+                fact.code,
+                self._name,
+                fact.object_id,
+                fact.measured,
+                fact.limit,
+                fact.stamp_ns,
+                fact.words,
             )
             self._safety.publish(safety_event(limit))
 

@@ -233,7 +233,9 @@ class RunClient:
     def _on_safety(self, message: SafetyEvent) -> None:
         who = f" {message.object_id}" if message.object_id else ""
         figures = ""
-        if message.code != SafetyCode.OPERATOR:
+        if message.words:
+            figures = f" {message.words}"
+        elif message.code != SafetyCode.OPERATOR:
             unit = f" {message.unit}" if message.unit else ""
             figures = f": {message.measured:.3g}{unit}, limit {message.limit:.3g}{unit}"
         stamp_s = self._since_start_s(message.header.stamp)

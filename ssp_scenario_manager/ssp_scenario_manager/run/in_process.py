@@ -196,7 +196,13 @@ class InProcessSession:
             of_other = f"seen by {seen.source}"
             session.fail(
                 limits.Violation(
-                    seen.code, seen.object_id, seen.measured, seen.limit, seen.stamp_ns, of_other
+                    seen.code,
+                    seen.object_id,
+                    seen.measured,
+                    seen.limit,
+                    seen.stamp_ns,
+                    of_other,
+                    words=seen.words,
                 ),
                 announced=True,
             )

@@ -74,7 +74,8 @@ def verdict_for(code: SafetyCode) -> Verdict:
 class Violation:
     """A limit that was passed: what, whose, how far, and when.
 
-    ``by_us``: our own side brought it about, whatever the code says by itself.
+    ``by_us``: our own side brought it about, whatever the code says by itself. ``words`` say what
+    happened, where the numbers alone don't.
     """
 
     code: SafetyCode
@@ -84,6 +85,7 @@ class Violation:
     stamp_ns: int
     detail: str = ""
     by_us: bool = False
+    words: str = ""
 
     @property
     def verdict(self) -> Verdict:
@@ -99,7 +101,7 @@ class Violation:
         measured = f"{self.measured:.3g}{unit}"
         if self.code in SILENCES and self.measured == math.inf:
             measured = "never heard"
-        figures = f"{measured}, limit {self.limit:.3g}{unit}"
+        figures = self.words or f"{measured}, limit {self.limit:.3g}{unit}"
         detail = f" ({self.detail})" if self.detail else ""
         return f"{meaning.limit_name}:{who} {figures}{detail}"
 
@@ -110,7 +112,9 @@ def of_object(
     """A shared predicate's answer as this session's violation."""
     if passed is None:
         return None
-    return Violation(passed.code, object_id, passed.measured, passed.limit, stamp_ns, detail)
+    return Violation(
+        passed.code, object_id, passed.measured, passed.limit, stamp_ns, detail, words=passed.words
+    )
 
 
 def silent(

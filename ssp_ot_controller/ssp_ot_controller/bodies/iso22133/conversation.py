@@ -34,7 +34,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Strt,
     Traj,
 )
-from ssp_ot_controller.bodies.iso22133.states import STATUS_OF, Fit, fit
+from ssp_ot_controller.bodies.iso22133.states import STATUS_OF, Fit, fit, state_of, state_text
 from ssp_ot_controller.bodies.iso22133.trajectories import trajectory_of
 from ssp_ot_controller.bodies.iso22133.units import leap_seconds, to_gps
 
@@ -56,6 +56,14 @@ C, P = ControlState, SessionPhase
 _PHASE_OF = {
     C.PRE_ARMING: P.ARMED, C.ARMED: P.ARMED, C.RUNNING: P.RUNNING, C.POSTRUN: P.STOPPING,
 }  # fmt: skip
+# What an object was asked for when its object target came into a state; elsewhere nothing.
+_ASKED = {
+    C.PRE_ARMING: "was asked to arm",
+    C.ARMED: "was armed",
+    C.RUNNING: "should have started",
+    C.POSTRUN: "was told to stop",
+}
+_NOT_ASKED = "was to stand disarmed"
 # Before these nobody waits for an object's state.
 _EARLY = (P.UNKNOWN, P.IDLE, P.LOADED)
 
@@ -66,17 +74,31 @@ class Reported:
 
     Args:
         connected: its control connection stands.
-        state: of its newest MONR; None before the first, and for a number without a name.
+        number: of the state in its newest MONR; None before the first, and for 'unavailable'.
         heard: a MONR has come since it was connected.
         speed_mps: of its newest MONR.
-        gate: why its probe report doesn't let it be armed; empty when it does.
+        gate: why its probe report doesn't let it be armed, as sentences; empty when it does.
+        lasting: no connection to come changes that.
+        problem: why its control connection doesn't stand.
     """
 
     connected: bool = False
-    state: ControlState | None = None
+    number: int | None = None
     heard: bool = False
     speed_mps: float = 0.0
-    gate: str = ""
+    gate: tuple[str, ...] = ()
+    lasting: bool = False
+    problem: str = ""
+
+    @property
+    def state(self) -> ControlState | None:
+        """None before the first MONR, and for a number without a name."""
+        return state_of(self.number)
+
+    @property
+    def text(self) -> str:
+        """Of a reason, for people."""
+        return f"reports {state_text(self.number)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +176,7 @@ class Conversation:
         self._violation: LimitViolation | None = None
         self._queue: deque[Message] = deque()
         self._quiet_until_ns = 0
-        self._since_ns = 0
+        self._now_ns = self._since_ns = 0
         self._clear_due = self._lost = False
         # Of the trajectory: session time of its time 0, and all times that were sent, ms.
         self._start_ns: int | None = None
@@ -182,6 +204,7 @@ class Conversation:
     def step(self, decided: Decided, reported: Reported, now_ns: int) -> None:
         """What the object target decided and the object said; what follows is sent by ``due``."""
         before, self._decided, self._reported = self._decided, decided, reported
+        self._now_ns = now_ns
         if decided.state is not before.state:
             self._since_ns = now_ns
             self._on_change(before.state, decided.state)
@@ -227,16 +250,18 @@ class Conversation:
     def check(self) -> BodyCheck:
         """What the object target is told of the object."""
         reported = self._reported
-        lacks = reported.gate
+        lacks: list[str] = []
         if not reported.connected:
-            lacks = "its test object isn't connected"
+            why = f": {reported.problem}" if reported.problem else ""
+            lacks.append(f"its test object isn't connected{why}")
         elif not reported.heard:
-            lacks = "its test object sends no MONR"
+            lacks.append("its test object sends no MONR")
         elif self._decided.state is C.DISARMED and reported.state is not C.DISARMED:
-            name = "no known state" if reported.state is None else reported.state.name
-            lacks = f"its test object reports {name}, not DISARMED"
+            lacks.append(f"its test object {reported.text}, not DISARMED (3)")
         armed = reported.connected and reported.state is C.ARMED
-        return BodyCheck(armed, lacks, self._violation)
+        missed = self._missed_start
+        cannot_arm = (*reported.gate, *lacks)
+        return BodyCheck(armed, cannot_arm, reported.lasting, self._violation, missed)
 
     # -- trajectories --------------------------------------------------------------------------
 
@@ -285,7 +310,8 @@ class Conversation:
         known, given = np.array(approach.columns), np.array(first.columns)
         if known.shape != given.shape or not np.allclose(known, given, rtol=0.0, atol=1e-6):
             # It was armed with another trajectory than it is to drive.
-            self._violation = LimitViolation(SafetyCode.REFERENCE_REFUSED, 0.0, 0.0)
+            words = "is to drive another trajectory than it was armed with"
+            self._violation = LimitViolation(SafetyCode.REFERENCE_REFUSED, 0.0, 0.0, words)
             return None
         self._sent.add((first.reference_id, first.execute_at_ns))
         return first.execute_at_ns
@@ -345,12 +371,48 @@ class Conversation:
             if self.timing.stop_s is None:
                 self.timing = replace(self.timing, stop_s=took_s)
         elif took_s > bound_s and self.timing.stop_s is None:
-            self._violation = LimitViolation(SafetyCode.NOT_STOPPING, took_s, bound_s)
+            self._violation = LimitViolation(
+                SafetyCode.NOT_STOPPING,
+                took_s,
+                bound_s,
+                f"drives {speed:.1f} m/s {took_s:.2f} s after it was told to "
+                f"{self.status.name.lower().replace('_', ' ')}, and slows within {bound_s:g} s at "
+                "most",
+            )
             # One that doesn't obey the normal stop is told to abort, by the object target's state;
             # one that doesn't obey that either hears nothing any more.
             if self.status is CentreStatus.ABORT:
                 self._deaf = True
             self._told = None
+
+    @property
+    def _phase(self) -> SessionPhase:
+        """The phase whose states are expected of the object.
+
+        An object target that is DISARMED has not been told to arm, or has refused to, whatever the
+        session says.
+        """
+        decided = self._decided
+        if decided.state is C.DISARMED and decided.session in (P.ARMED, P.RUNNING):
+            return P.CONNECTED
+        return _PHASE_OF.get(decided.state, decided.session)
+
+    @property
+    def _missed_start(self) -> LimitViolation | None:
+        """Its start time is over, and it doesn't report to run."""
+        start_ns, state = self._start_ns, self._reported.state
+        if self._decided.state is not C.RUNNING or start_ns is None or self._over:
+            return None
+        late_s = ns_to_seconds(self._now_ns - start_ns)
+        if state is C.RUNNING or late_s <= 0.0:
+            return None
+        return self._contradiction(f"{late_s:.2g} s after its start time", LAG_S)
+
+    def _contradiction(self, when: str, patience_s: float) -> LimitViolation:
+        number = self._reported.number
+        words = f"{self._reported.text} {when}"
+        measured = -1.0 if number is None else float(number)
+        return LimitViolation(SafetyCode.OBJECT_CONTRADICTS, measured, patience_s, words)
 
     def _judge(self, now_ns: int) -> LimitViolation | None:
         """What is wrong with the object's own state."""
@@ -360,8 +422,9 @@ class Conversation:
         if self._lost or not reported.connected:
             if decided.state not in _PHASE_OF:
                 return None
-            return LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0)
-        phase = _PHASE_OF.get(decided.state, decided.session)
+            why = f"lost its control connection: {reported.problem or 'it broke for a moment'}"
+            return LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0, why)
+        phase = self._phase
         found = fit(phase, reported.state)
         if found is Fit.AGREES or phase in _EARLY or not reported.heard:
             return None
@@ -373,13 +436,14 @@ class Conversation:
             since_ns = max(since_ns, now_ns if self._start_ns is None else self._start_ns)
         lag_s = ns_to_seconds(now_ns - since_ns)
         patience_s = ARMING_S if phase is P.ARMED else LAG_S
+        when = f"{patience_s:g} s after it {_ASKED.get(decided.state, _NOT_ASKED)}"
         if found is Fit.CONTRADICTS and decided.state in (C.ARMED, C.RUNNING):
             # It has agreed before: no message under way explains it.
             patience_s = 0.0
+            when = "while it is armed" if decided.state is C.ARMED else "while it is to run"
         if lag_s <= patience_s or (found is Fit.COMES and phase is P.CONNECTED):
             return None
-        number = -1.0 if reported.state is None else float(reported.state)
-        return LimitViolation(SafetyCode.OBJECT_CONTRADICTS, number, patience_s)
+        return self._contradiction(when, patience_s)
 
 
 def _ms(t_s: float) -> int:

@@ -40,7 +40,6 @@ from ssp_ot_controller.bodies.iso22133.probe_report import (
     load_report,
 )
 from ssp_ot_controller.bodies.iso22133.reports import MonrReadings
-from ssp_ot_controller.bodies.iso22133.states import state_of
 from ssp_ot_controller.bodies.odometry import LeverArm
 
 SCHEME = "iso22133"
@@ -174,7 +173,8 @@ class IsoBody:
         self._conversation = Conversation(_settings(run, spec, datum, device_id, self._report))
         self._readings = MonrReadings(datum, address.lever, run.limits.position_std_m)
         self.statistics = MonrStatistics()
-        self._reported = Reported(gate=self._gate())
+        self._reported = Reported()
+        self._judge_report()
         self._newest: BodyReading | None = None
         self._retry_ns = 0
         self._told: set[str] = set()
@@ -184,9 +184,13 @@ class IsoBody:
     def _tap(self, sent: bool, stamp_ns: int, data: bytes) -> None:
         self._frames.append(RawFrame(sent, stamp_ns, data))
 
-    def _gate(self) -> str:
-        lacks = cannot_arm(self._report, self._bound_s, self._firmware, self._address.waive)
-        return lacks or ""
+    def _judge_report(self) -> None:
+        report, waive = self._report, self._address.waive
+        probed = None if report is None else report.firmware
+        gate = cannot_arm(report, self._bound_s, self._firmware, waive)
+        # What it lacks even of the firmware that it is of.
+        lasting = bool(cannot_arm(report, self._bound_s, probed, waive))
+        self._reported = replace(self._reported, gate=gate, lasting=lasting)
 
     # -- as a body -----------------------------------------------------------------------------
 
@@ -233,14 +237,22 @@ class IsoBody:
         if not self._link.connected:
             self._lose()
         elif not self._reported.connected:
-            self._reported = Reported(connected=True, gate=self._reported.gate)
+            gate, lasting = self._reported.gate, self._reported.lasting
+            self._reported = Reported(connected=True, gate=gate, lasting=lasting)
             self._conversation.on_connected(now_ns)
             self._tell(f"{self._object_id} is connected")
         return self._newest is not None
 
     def _lose(self) -> None:
-        if self._reported.connected:
-            self._reported = replace(self._reported, connected=False, state=None)
+        was_connected = self._reported.connected
+        problem = self._reported.problem
+        if not (self._link.connecting and problem):
+            # What an attempt under way may change is told when it has ended.
+            problem = f"{self._link.name}: {self._link.problem}"
+        self._reported = replace(
+            self._reported, connected=False, number=None, heard=False, problem=problem
+        )
+        if was_connected:
             self._conversation.on_lost()
             self._tell(f"{self._object_id} is not connected any more: {self._link.problem}")
             self._told.clear()
@@ -282,11 +294,12 @@ class IsoBody:
                 self._newest = reading
                 self.statistics.take(message, reading.stamp_ns, arrived_ns)
             speed = self._reported.speed_mps if message.speed_mps is None else message.speed_mps
-            state = state_of(message.state)
-            self._reported = replace(self._reported, heard=True, state=state, speed_mps=speed)
+            self._reported = replace(
+                self._reported, heard=True, number=message.state, speed_mps=speed
+            )
         elif isinstance(message, Dres):
             self._firmware = message.firmware
-            self._reported = replace(self._reported, gate=self._gate())
+            self._judge_report()
             self._once(f"is {message.vendor} {message.product}, firmware {message.firmware}")
 
     def _reject(self, rejected: Rejected) -> None:

@@ -13,10 +13,32 @@ from ssp_core.files import load_model, write_json
 from ssp_core.run_file.values import Finite, Strict
 
 PROBE_SCHEMA: Literal["ssp.iso_probe/1"] = "ssp.iso_probe/1"
-# Clauses that decide whether and how an object is driven.
+# Clauses that decide how an object is driven.
+NORMAL_STOP = "move.normal_stop"
 STOP_ON_ABORT = "move.abort"
 STOP_ON_HEARTBEAT_LOSS = "move.heartbeat_loss"
 START_TIME = "move.start_time"
+# An object is armed only if all of these are passed; the site says how soon it must slow.
+STOPS = {
+    NORMAL_STOP: "a normal stop",
+    STOP_ON_ABORT: "an abort",
+    STOP_ON_HEARTBEAT_LOSS: "lost heartbeats",
+}
+NEEDED = {
+    "listen.values": "states only values of its enumerations",
+    "arm.arm": "arms when it is told to",
+    "arm.disarm": "disarms when it is told to",
+    "arm.abort": "aborts when it is told to",
+    "arm.latch": "keeps an abort",
+    "arm.all_clear": "is cleared by an all clear",
+    "arm.heartbeat_loss": "leaves ARMED without heartbeats",
+    "arm.reconnect": "isn't ARMED when it is connected again",
+    START_TIME: "starts at the time of the STRT",
+    "move.way": "keeps to its way",
+    "move.speed": "states the speed at which it moves",
+    "move.running": "reports RUNNING while it drives",
+    "move.postrun": "reports POSTRUN while it is stopped",
+}
 
 Hex = Annotated[str, Field(pattern=r"^([0-9a-f]{2})*$")]
 
@@ -123,8 +145,8 @@ def honours_start_time(report: ProbeReport) -> float | None:
 
 def cannot_arm(
     report: ProbeReport | None, bound_s: float, firmware: str | None, waived_by: str | None
-) -> str | None:
-    """Why an object must not be armed, as a sentence; None where it may be.
+) -> tuple[str, ...]:
+    """All reasons for which an object must not be armed, as sentences; none where it may be.
 
     Args:
         bound_s: the site's ``limits.stop_reaction_s``.
@@ -133,24 +155,32 @@ def cannot_arm(
         waived_by: the name of a person who answers for the object instead of a report.
     """
     if waived_by and waived_by.strip():
-        return None
+        return ()
     if report is None:
-        return "it has no probe report: run `ssp iso probe --stage move`, or waive it by a name"
+        return ("it has no probe report: run `ssp iso probe --stage move`, or waive it by a name",)
+    found = []
     if report.firmware != firmware:
         told, probed = firmware or "unknown", report.firmware or "unknown"
-        return f"its firmware is {told}, the probe report of {_day(report.started)} is of {probed}"
-    for what, clause, reaction_s in (
-        ("an abort", STOP_ON_ABORT, stops_on_abort_s(report)),
-        ("lost heartbeats", STOP_ON_HEARTBEAT_LOSS, stops_on_heartbeat_loss_s(report)),
-    ):
+        found.append(
+            f"its firmware is {told}, the probe report of {_day(report.started)} is of {probed}"
+        )
+    lacks = [
+        f"{what} ({clause})"
+        for clause, what in NEEDED.items()
+        if (row := report.row(clause)) is None or row.verdict is not Outcome.PASS
+    ]
+    for clause, what in STOPS.items():
+        reaction_s = _measured(report, clause)
         if reaction_s is None:
-            return f"its probe report doesn't show that it stops on {what} ({clause})"
-        if reaction_s > bound_s:
-            return (
+            lacks.append(f"stops on {what} ({clause})")
+        elif reaction_s > bound_s:
+            found.append(
                 f"its probe report shows {reaction_s:.3f} s from {what} to the first slowing, the "
                 f"site allows {bound_s:g} s ({clause})"
             )
-    return None
+    if lacks:
+        found.append(f"its probe report doesn't show that it {', '.join(lacks)}")
+    return tuple(found)
 
 
 def _day(when: datetime) -> str:

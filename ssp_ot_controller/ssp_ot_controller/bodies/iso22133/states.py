@@ -68,6 +68,14 @@ def state_of(number: int | None) -> ControlState | None:
     return ControlState(number) if number in _NUMBERS else None
 
 
+def state_text(number: int | None) -> str:
+    """A reported state for people: its name, and its number as it came."""
+    state = state_of(number)
+    if state is not None:
+        return f"{state.name} ({number})"
+    return "no state" if number is None else f"{number} (no known state)"
+
+
 def fit(session: SessionPhase, state: ControlState | None) -> Fit:
     """How an object's state suits the session's; one that isn't known contradicts."""
     agree, come = _FITS[session]

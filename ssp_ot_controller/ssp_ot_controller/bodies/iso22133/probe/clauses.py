@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
 
 import numpy as np
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.framing import Rejected
+from ssp_ot_controller.bodies.iso22133.link import Received
 from ssp_ot_controller.bodies.iso22133.messages import (
     Decoded,
     Dres,
@@ -20,9 +22,13 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     ResponseCode,
 )
 from ssp_ot_controller.bodies.iso22133.probe.motion import (
+    LAG_S,
+    ends_run,
     heads_along,
     keeps_to_way,
+    runs,
     starts,
+    states_speed,
     stops,
     unheard,
 )
@@ -49,6 +55,8 @@ C = ControlState
 # Frames of each direction that are kept as evidence of a clause.
 _MOST_EVIDENCE = 4
 _NEEDED = ("time_of_week_ns", "x_m", "y_m", "yaw_rad", "speed_mps")
+# Steps in which heartbeats are withheld.
+_UNHEARD = ("arm_loss", "loss")
 
 
 def rows_of(steps: Mapping[str, Step], stages: Iterable[Stage], ended: str) -> tuple[Row, ...]:
@@ -89,7 +97,7 @@ def _names(values: Iterable[str]) -> str:
     return ", ".join(sorted(set(values)))
 
 
-# -- reports and answers --------------------------------------------------------------------------
+# -- reports, in every step, and answers ----------------------------------------------------------
 
 
 def _connected(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
@@ -107,10 +115,11 @@ def _first_report(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     return within(clause, waited_s, sent=(osem.data,), came=(first.data,))
 
 
-def _frames(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
-    bad = [(r, r.outcome) for r in step.came if isinstance(r.outcome, Rejected)]
+def _frames(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     if not step.came:
         return Finding(Outcome.FAIL, "no frame came")
+    came = [r for one in steps.values() for r in one.came]
+    bad = [(r, r.outcome) for r in came if isinstance(r.outcome, Rejected)]
     text = _names(f"{o.reason.value}: {o.text}" for _, o in bad[:_MOST_EVIDENCE])
     return within(clause, len(bad), text, came=tuple(r.data for r, _ in bad))
 
@@ -126,21 +135,30 @@ def _rate(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     return within(clause, 100.0 * (rate_hz / asked_hz - 1.0), text, sent=(osem.data,))
 
 
-def _pause(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
-    monrs = step.monrs()
-    if len(monrs) < 2:
+def _pause(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+    if len(step.monrs()) < 2:
         return silent(step)
-    pauses = np.diff([r.stamp_ns for r, _ in monrs]) / NS_PER_S
-    middle, late = np.percentile(pauses, (50, 99)) * 1e3
+    # Without heartbeats an object may cease to report.
+    heard = [one.monrs() for name, one in steps.items() if name not in _UNHEARD]
+    pauses = [
+        (ns_to_seconds(after[0].stamp_ns - before[0].stamp_ns), after[0])
+        for monrs in heard
+        for before, after in pairwise(monrs)
+    ]
+    middle, late = np.percentile([pause_s for pause_s, _ in pauses], (50, 99)) * 1e3
     text = f"median {middle:.1f} ms, p99 {late:.1f} ms"
-    worst = int(np.argmax(pauses))
-    return within(clause, float(pauses[worst]), text, came=(monrs[worst + 1][0].data,))
+    worst_s, received = max(pauses, key=lambda pair: pair[0])
+    return within(clause, worst_s, text, came=(received.data,))
 
 
-def _age(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _all_monrs(steps: Mapping[str, Step]) -> list[tuple[Received, Monr]]:
+    return [pair for one in steps.values() for pair in one.monrs()]
+
+
+def _age(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     ages = [
         (ns_to_seconds(r.stamp_ns - nearest_utc_ns(m.time_of_week_ns, r.stamp_ns)), r)
-        for r, m in step.monrs()
+        for r, m in _all_monrs(steps)
         if m.time_of_week_ns is not None
     ]
     if not ages:
@@ -151,22 +169,21 @@ def _age(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     return within(clause, worst, text, came=(received.data,))
 
 
-def _fields(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
-    monrs = step.monrs()
-    if not monrs:
+def _fields(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+    if not step.monrs():
         return silent(step)
-    names = list(Monr.__dataclass_fields__)
+    monrs, names = _all_monrs(steps), list(Monr.__dataclass_fields__)
     absent = {n for n in names if any(getattr(m, n) is None for _, m in monrs)}
     lacking = [r for r, m in monrs if any(getattr(m, n) is None for n in _NEEDED)]
     text = f"unavailable: {_names(absent)}" if absent else "all are available"
     return within(clause, len(absent & set(_NEEDED)), text, came=tuple(r.data for r in lacking))
 
 
-def _values(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _values(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     if not step.monrs():
         return silent(step)
     odd: dict[str, bytes] = {}
-    for received, monr in step.monrs():
+    for received, monr in _all_monrs(steps):
         if isinstance(received.outcome, Decoded):
             odd.update(dict.fromkeys(received.outcome.odd, received.data))
         for name, kind in (("drive_direction", DriveDirection), ("ready_to_arm", ReadyToArm)):
@@ -178,28 +195,32 @@ def _values(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     return within(clause, len(odd), _names(odd), came=tuple(odd.values()))
 
 
-def _counter(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
-    # By UDP alone: frames of both sockets are read in no common order.
-    headers = [r.outcome.header for r, _ in step.monrs() if isinstance(r.outcome, Decoded)]
-    if len(headers) < 2:
+def _counter(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+    if len(step.monrs()) < 2:
         return silent(step)
-    others = sum(isinstance(r.outcome, Decoded) and not r.udp for r in step.came)
-    steps = np.diff([h.counter for h in headers]) % 256
-    missing = max(0, int(np.sum(np.maximum(steps - 1, 0))) - others)
-    standing = int(np.sum(steps == 0))
-    text = f"{standing} times it stood" if standing else f"of {len(headers)}"
+    missing = standing = count = 0
+    for one in steps.values():
+        # By UDP alone: frames of both sockets are read in no common order.
+        headers = [r.outcome.header for r, _ in one.monrs() if isinstance(r.outcome, Decoded)]
+        others = sum(isinstance(r.outcome, Decoded) and not r.udp for r in one.came)
+        jumps = np.diff([h.counter for h in headers]) % 256
+        missing += max(0, int(np.sum(np.maximum(jumps - 1, 0))) - others)
+        standing += int(np.sum(jumps == 0))
+        count += len(headers)
+    text = f"{standing} times it stood" if standing else f"of {count}"
     return within(clause, missing + standing, text)
 
 
-def _ids(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _ids(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     osem = step.last_sent(Osem)
-    headers = [r.outcome.header for r, _ in step.monrs() if isinstance(r.outcome, Decoded)]
+    monrs = _all_monrs(steps)
+    headers = [r.outcome.header for r, _ in monrs if isinstance(r.outcome, Decoded)]
     if osem is None or not isinstance(osem.message, Osem) or not headers:
         return silent(step)
     given, told = osem.message.device_id, {h.transmitter_id for h in headers}
     others = len(told - {given})
     text = f"given {given}, told {_names(map(str, told))}"
-    return within(clause, others, text, sent=(osem.data,), came=(step.monrs()[0][0].data,))
+    return within(clause, others, text, sent=(osem.data,), came=(monrs[0][0].data,))
 
 
 def _acknowledge(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
@@ -313,6 +334,9 @@ CLAUSES: tuple[Clause, ...] = (
     Clause(START_TIME, "normal_stop", "starts at the time of the STRT", starts, 0.3, "s"),
     Clause("move.way", "normal_stop", "keeps to the way of the TRAJ", keeps_to_way, 1.0, "m"),
     Clause("move.yaw", "normal_stop", "yaw is the direction of motion", heads_along, 0.35, "rad"),
+    Clause("move.speed", "normal_stop", "states its speed, off by", states_speed, 1.0, "bounds"),
+    Clause("move.running", "normal_stop", "RUNNING while it drives", runs, LAG_S, "s"),
+    Clause("move.postrun", "normal_stop", "POSTRUN while it stops", ends_run, LAG_S, "s"),
     Clause("move.normal_stop", "normal_stop", "slower after normal stop, stands", stops, 1.0, "s"),
     Clause("move.rest", "rest", "DISARMED when it stands", _reaches(C.DISARMED), 2.0, "s"),
     Clause(STOP_ON_ABORT, "abort", "slower after HEAB abort, stands", stops, 1.0, "s"),

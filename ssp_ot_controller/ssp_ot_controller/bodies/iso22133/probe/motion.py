@@ -1,6 +1,6 @@
 """Clauses of a probe about motion.
 
-An object is judged by the places that it reports, not by its state or its speed.
+An object is judged by the places that it reports; its state and its speed are held against them.
 """
 
 from __future__ import annotations
@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.geometry import FloatArray, Polyline, wrap_angle
+from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.messages import Heab, Strt, Traj
 from ssp_ot_controller.bodies.iso22133.probe.steps import Clause, Finding, Step, within
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome
+from ssp_ot_controller.bodies.iso22133.states import state_of, state_text
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
+
+C = ControlState
 
 IntArray = NDArray[np.int64]
 # Speeds are ways over so long, which is more than receivers' noise.
@@ -33,13 +37,17 @@ _BEGUN_M = 0.2
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """Where an object said that it was: arrivals and its own stamps in ns, places in m."""
+    """Where an object said that it was: arrivals and its own stamps in ns, places in m.
+
+    What it doesn't state is NaN.
+    """
 
     arrived_ns: IntArray
     stamp_ns: IntArray
     x_m: FloatArray
     y_m: FloatArray
     yaw_rad: FloatArray
+    speed_mps: FloatArray
 
     def way_m(self, since: int) -> FloatArray:
         """Straight ways of all places from one of them."""
@@ -63,7 +71,7 @@ class _Track:
 def _track(step: Step) -> _Track:
     """Places from the newest before the start on, or all where nothing was started."""
     strt = step.last_sent(Strt)
-    rows: list[tuple[int, int, float, float, float]] = []
+    rows: list[tuple[int, int, float, float, float, float]] = []
     for received, m in step.monrs():
         arrived_ns = received.stamp_ns
         stamp_ns = arrived_ns
@@ -72,15 +80,14 @@ def _track(step: Step) -> _Track:
         # A report that isn't newer than the one before says nothing of the motion.
         if m.x_m is None or m.y_m is None or (rows and stamp_ns <= rows[-1][1]):
             continue
-        rows.append(
-            (arrived_ns, stamp_ns, m.x_m, m.y_m, math.nan if m.yaw_rad is None else m.yaw_rad)
-        )
+        yaw_rad, speed_mps = (math.nan if v is None else v for v in (m.yaw_rad, m.speed_mps))
+        rows.append((arrived_ns, stamp_ns, m.x_m, m.y_m, yaw_rad, speed_mps))
     if strt is not None:
         before = sum(row[0] <= strt.stamp_ns for row in rows)
         rows = rows[max(before - 1, 0) :]
     times = np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2)
-    places = np.array([row[2:] for row in rows], dtype=np.float64).reshape(-1, 3)
-    return _Track(times[:, 0], times[:, 1], places[:, 0], places[:, 1], places[:, 2])
+    places = np.array([row[2:] for row in rows], dtype=np.float64).reshape(-1, 4)
+    return _Track(times[:, 0], times[:, 1], *places.T)
 
 
 def _plan(step: Step) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -223,3 +230,111 @@ def heads_along(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     if math.isinf(worst):
         return Finding(Outcome.FAIL, "its heading is unavailable while it drives", came=data)
     return within(clause, worst, "counter-clockwise from the x axis", came=data)
+
+
+# -- what it states while it moves ----------------------------------------------------------------
+
+# The steps in which it is driven.
+_DRIVES = ("normal_stop", "abort", "loss")
+# How long the state that it reports may lag behind what it was told.
+LAG_S = 1.0
+# Over so long, and more than this many places, stated speed is held against the way (METHOD 4.3b).
+_WINDOW_NS = NS_PER_S // 2
+_WINDOW_PLACES = 3
+_SPEED_SHARE = 0.25
+_SPEED_MPS = 0.5
+
+
+def states_speed(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+    """The stated speed against the way, in each window of half a second of each drive."""
+    worst: tuple[float, str, tuple[bytes, ...]] | None = None
+    for name in _DRIVES:
+        track = _track(steps[name]) if name in steps else None
+        if track is None or not len(track.x_m) or _begun(steps[name], track) is None:
+            continue
+        for first, last in _windows(track):
+            span_s = ns_to_seconds(int(track.stamp_ns[last] - track.stamp_ns[first]))
+            way_m = math.hypot(
+                track.x_m[last] - track.x_m[first], track.y_m[last] - track.y_m[first]
+            )
+            stated_mps = float(np.abs(track.speed_mps[first : last + 1]).mean())
+            moved_mps = way_m / span_s
+            allowed_mps = max(_SPEED_SHARE * max(stated_mps, moved_mps), _SPEED_MPS)
+            off = abs(stated_mps - moved_mps) / allowed_mps
+            if worst is None or not off <= worst[0]:
+                text = f"states {stated_mps:.2f} m/s where it moves {moved_mps:.2f} m/s"
+                worst = off, text, _monr_at(steps[name], track, last)
+    if worst is None:
+        return Finding(Outcome.NOT_RUN, step.problem or "it never moved")
+    if not math.isfinite(worst[0]):
+        return Finding(Outcome.FAIL, "its speed is unavailable while it drives", came=worst[2])
+    return within(clause, worst[0], worst[1], came=worst[2])
+
+
+def _windows(track: _Track) -> list[tuple[int, int]]:
+    """First and last index of the windows that begin at each place."""
+    ends = np.searchsorted(track.stamp_ns, track.stamp_ns + _WINDOW_NS)
+    ends = np.maximum(ends, np.arange(len(ends)) + _WINDOW_PLACES - 1)
+    return [(i, int(end)) for i, end in enumerate(ends) if end < len(track.stamp_ns)]
+
+
+def runs(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+    """RUNNING from the start to the stimulus that ends each drive, and never DISARMED in motion."""
+    late_s: float | None = None
+    for name in _DRIVES:
+        one = steps.get(name)
+        track = None if one is None else _track(one)
+        if one is None or track is None or _begun(one, track) is None:
+            continue
+        start_ns = one.marks["start"]
+        until_ns = one.marks.get("stimulus", one.marks.get("end", int(track.arrived_ns[-1])))
+        moving_ns = _moving_until_ns(track)
+        running_ns: int | None = None
+        for received, monr in one.monrs():
+            at_ns, state = received.stamp_ns, state_of(monr.state)
+            if at_ns < start_ns:
+                continue
+            if at_ns > until_ns:
+                odd = state is C.DISARMED and at_ns < moving_ns
+            elif running_ns is None:
+                odd = state not in (C.ARMED, C.PRE_RUNNING, C.RUNNING)
+                running_ns = at_ns if state is C.RUNNING else None
+            else:
+                odd = state is not C.RUNNING
+            if odd:
+                text = f"reports {state_text(monr.state)} while it drives"
+                return Finding(Outcome.FAIL, text, came=(received.data,))
+        if running_ns is None:
+            return Finding(Outcome.FAIL, "doesn't report RUNNING while it drives")
+        late_s = max(late_s or 0.0, ns_to_seconds(running_ns - start_ns))
+    if late_s is None:
+        return Finding(Outcome.NOT_RUN, step.problem or "it never moved")
+    return within(clause, late_s)
+
+
+def ends_run(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    """POSTRUN from soon after the normal stop until it stands."""
+    mark_ns, track = step.marks.get("stimulus"), _track(step)
+    if mark_ns is None or _begun(step, track) is None:
+        return Finding(Outcome.NOT_RUN, step.problem or "it wasn't brought to speed")
+    moving_ns = _moving_until_ns(track)
+    postrun_ns: int | None = None
+    for received, monr in step.monrs():
+        at_ns, state = received.stamp_ns, state_of(monr.state)
+        if at_ns <= mark_ns or (at_ns >= moving_ns and postrun_ns is not None):
+            continue
+        if state is C.POSTRUN:
+            postrun_ns = postrun_ns or at_ns
+        elif postrun_ns is not None or state is not C.RUNNING:
+            text = f"reports {state_text(monr.state)} while it stops"
+            return Finding(Outcome.FAIL, text, came=(received.data,))
+    if postrun_ns is None:
+        return Finding(Outcome.FAIL, "doesn't report POSTRUN while it stops")
+    return within(clause, ns_to_seconds(postrun_ns - mark_ns))
+
+
+def _moving_until_ns(track: _Track) -> int:
+    """When it came to where it stands at the end of the step."""
+    ways = np.hypot(track.x_m - track.x_m[-1], track.y_m - track.y_m[-1])
+    moving = np.flatnonzero(ways > STANDS_M)
+    return int(track.arrived_ns[moving[-1]]) if len(moving) else 0
