@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.body_status import BodyStatus
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase, Verdict
 from ssp_monitor.page.snapshot import (
     COMMANDS,
@@ -36,6 +37,8 @@ from ssp_monitor.status.health import standing_in_the_way
 from support.states import object_state
 
 S = 1_000_000_000
+GONE = BodyStatus("ot1", ("nobody listens at udp://10.0.0.21:9001",))
+UNPROBED = BodyStatus("ot1", (), ("it has no probe report",), lasting=True)
 
 
 def state(name: str, role: Role = Role.OT, **changes: Any) -> ObjectState:
@@ -102,6 +105,11 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
             "the VUT's GNSS/INS gives no state: fix type: FIX, GBAS is asked for",
         ),
         (lambda b: b.objects.pop("ot1"), "no state of ot1 arrives"),
+        (
+            lambda b: (b.objects.pop("ot1"), b.hear_body(GONE, 8 * S)),
+            "no state of ot1 arrives: nobody listens at udp://10.0.0.21:9001",
+        ),
+        (lambda b: b.hear_body(UNPROBED, 8 * S), "ot1: it has no probe report"),
         (lambda b: b.links.clear(), "the link to ot1 is not measured yet"),
         (
             lambda b: b.hear_links({"ot1": LinkFact(0.2, 0.9)}, 10 * S),
@@ -138,6 +146,24 @@ def test_what_stands_in_the_way_is_said(run, change, said):
     board = ready_board(run)
     change(board)
     assert said in standing_in_the_way(board, 10 * S)
+
+
+def test_what_an_objects_process_said_long_ago_stands_in_nobodys_way(run):
+    board = ready_board(run)
+    board.hear_body(UNPROBED, 8 * S - 1)
+    assert standing_in_the_way(board, 10 * S) == []
+
+
+def test_a_session_whose_objects_may_still_refuse_to_arm_is_shown_as_arming(run):
+    board = ready_board(run)
+    board.hear_session(SessionFact(0, SessionPhase.ARMED), 10 * S)
+    armed = {"control_state": ControlState.ARMED}
+    for target, shown in ((run.targets[0].id, "ARMING"), (run.targets[1].id, "ARMED")):
+        session = Snapshots(board).snapshot(10 * S)["session"]
+        assert (session["state"], session["shown"]) == ("ARMED", "ARMING")
+        assert session["next"].startswith("wait until every object reports")
+        board.hear_states([state(target, **armed)], 10 * S)
+        assert Snapshots(board).snapshot(10 * S)["session"]["shown"] == shown
 
 
 def test_a_session_that_has_started_waits_for_nothing(run):

@@ -5,6 +5,7 @@ The same object target judges as with any body; here it leads one that follows t
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,7 +27,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Strt,
     encode,
 )
-from ssp_ot_controller.objects.state_machine import ObjectEvent
+from ssp_ot_controller.objects.state_machine import REFUSED_LASTING, ObjectEvent
 from tests.support.iso22133 import message_of
 from tests.support.iso_loop import MS, Loop
 
@@ -46,6 +47,39 @@ def test_a_whole_session() -> None:
     assert loop.stops == []
     assert loop.object.state is ControlState.DISARMED
     assert loop.object.body.speed_mps == 0.0
+
+
+def test_an_object_that_misses_its_start_is_told_so_before_its_place_stands_for_too_long() -> None:
+    loop = Loop(frozen_s=0.3)
+    loop.arm()
+
+    def no_start(to_object: bool, udp: bool, data: bytes) -> bytes | None:
+        return None if to_object and not udp and isinstance(message_of(data), Strt) else data
+
+    loop.way = no_start
+    loop.session = SessionPhase.RUNNING
+    loop.forward(0.06)
+    loop.send(loop.approach())
+    loop.until(lambda: bool(loop.stops), 5.0)
+    (stop,) = loop.stops
+    assert stop.code is SafetyCode.OBJECT_CONTRADICTS
+    assert re.fullmatch(r"reports ARMED \(2\) [01]\.\d* s after its start time", stop.words)
+    assert loop.object.body.speed_mps == 0.0
+
+
+def test_an_object_whose_target_refuses_to_arm_it_contradicts_no_session_that_is_armed() -> None:
+    """As when others are armed, or the heartbeat comes before the call to arm."""
+    loop = Loop(waive="")
+    loop.session = SessionPhase.CONNECTED
+    loop.forward(5.0)
+    loop.session = SessionPhase.ARMED
+    loop.forward(0.5)
+    answer = loop.command(ObjectEvent.ARM)
+    assert (answer.accepted, answer.error_code) == (False, REFUSED_LASTING)
+    assert "no probe report" in answer.error_msg
+    loop.forward(10.0)
+    assert loop.stops == []
+    assert loop.state is ControlState.DISARMED
 
 
 def test_a_manoeuvre_is_driven_from_its_time_on() -> None:

@@ -14,6 +14,9 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2
+from ssp_core.leap_seconds import leap_seconds
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.body_status import BodyStatus
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.body import BodyReading, MirrorBody
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command
@@ -32,7 +35,9 @@ from ssp_ot_controller.bodies.protocol import (
     encode_state,
 )
 from ssp_ot_controller.bodies.simulated import WATCHDOG_S, BodyServer
-from ssp_ot_controller.objects.live import parse_bodies
+from ssp_ot_controller.objects.live import LiveObjects, parse_bodies
+from tests.support.runs import small_run
+from tests.support.waiting import until
 
 S = 1_000_000_000
 MS = 1_000_000
@@ -285,6 +290,70 @@ def test_udp_takes_the_newest_good_state_and_counts_the_others() -> None:
         assert newest.stamp_ns == 3
         assert ours.rejected == {Reason.ORDER: 2, Reason.LENGTH: 2}
         ours.close()
+
+
+def test_why_nothing_of_a_body_is_taken_is_known() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as body:
+        body.bind(("127.0.0.1", 0))
+        body.settimeout(5.0)
+        port = body.getsockname()[1]
+        ours = UdpBody("ot1", "127.0.0.1", port, T0)
+        at = f"udp://127.0.0.1:{port}"
+        assert ours.problems() == (f"nothing comes from {at}",)
+        ours.command(Command(1.0, 0.0, 0.0), T0 + 5)
+        address = body.recvfrom(200)[1]
+
+        def problem_after(data: bytes) -> str:
+            body.sendto(data, address)
+            before = sum(ours.rejected.values())
+            until(lambda: ours.read() is not None or sum(ours.rejected.values()) > before, "it")
+            return "".join(ours.problems())
+
+        assert problem_after(b"noise") == f"what comes from {at} is refused: length (1 times)"
+        assert problem_after(STATE) == f"nothing comes from {at}"
+        older = replace(ENVELOPE, boot_ns=T0 - 20 * S)
+        assert "its clock set back by 20.0 s" in problem_after(encode_state(older, READING))
+
+    def refused() -> bool:
+        ours.command(Command(1.0, 0.0, 0.0), T0 + 5)
+        ours.read()
+        return ours.problems() == (f"nobody listens at {at}",)
+
+    until(refused, "the port's refusal")
+    ours.close()
+
+
+def test_a_clock_that_is_ahead_is_named_and_forgotten_when_it_is_right() -> None:
+    run = RunSpec.model_validate(small_run(mode="live"))
+    body = StatedBody()
+    live = LiveObjects(run, {"ot1": body}, lambda text: None)
+    assert live.statuses(T0) == [BodyStatus("ot1", ("its cable is out",))]
+    ahead_s = leap_seconds(T0)
+    body.stamp_ns = T0 + ahead_s * S
+    live.tick(T0)
+    (told,) = live.statuses(T0)
+    assert told.no_state == (
+        f"its body's clock is {ahead_s:.3f} s ahead, limit 0.05 s: its readings aren't taken "
+        "(GPS time is so far ahead of UTC)",
+    )
+    body.stamp_ns = T0 + S
+    live.tick(T0 + S)
+    assert live.statuses(T0 + S) == [BodyStatus("ot1")]
+    assert live.statuses(T0 + 2 * S) == [BodyStatus("ot1", ("its cable is out",))]
+
+
+class StatedBody(MirrorBody):
+    """Says that it stands, at a given time."""
+
+    def __init__(self) -> None:
+        super().__init__(ObjectClass.CAR, Pose2(0.0, 0.0, 0.0))
+        self.stamp_ns: int | None = None
+
+    def read(self) -> BodyReading | None:
+        return None if self.stamp_ns is None else replace(READING, stamp_ns=self.stamp_ns)
+
+    def problems(self) -> tuple[str, ...]:
+        return ("its cable is out",)
 
 
 def test_a_body_that_has_no_address_is_an_error_of_this_machine(

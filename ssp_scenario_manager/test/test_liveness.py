@@ -8,6 +8,8 @@ import pytest
 
 from ssp_core import names
 from ssp_core.run_file.model import Camera, RunSpec
+from ssp_core.safety.arming import Gate, obstacles
+from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import Exchange, LinkClocks
 from ssp_core.safety.liveness import (
@@ -181,3 +183,55 @@ def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
     assert (link.offset_s, link.delay_s, link.age_s) == (0.01, 0.02, 0.125)
     assert (facts.other_managers, facts.foreign) == (1, "clock has /y")
     assert LivenessMonitor().facts(None, NOW_NS).ages_s == {}
+
+
+def live_obstacles(liveness: LivenessMonitor, run: RunSpec, gate: Gate, at_s: float) -> list[str]:
+    """Of a run of which nobody sends states."""
+    spec = run.model_copy(update={"mode": "live"})
+    facts = liveness.facts(spec, round(at_s * 1e9))
+    return [one.text for one in obstacles(gate, spec, facts, None, {}, NOW_NS)]
+
+
+def test_why_no_state_of_a_live_object_arrives_is_said(run: RunSpec) -> None:
+    liveness = LivenessMonitor(links())
+    for why, at_s in (
+        ("its object_target was never heard: it doesn't run, or can't be reached", 100.0),
+        ("nobody listens at udp://10.0.0.21:9001", 101.0),
+        ("its object_target has said nothing for 19 s", 120.0),
+    ):
+        if at_s == 101.0:
+            told = BodyStatus("ot1", ("nobody listens at udp://10.0.0.21:9001",))
+            liveness.hear_body(told, round(at_s * 1e9))
+        found = live_obstacles(liveness, run, Gate.CONNECT, at_s)
+        assert f"no state of ot1 arrives: {why}" in found
+    simulated = liveness.facts(run, NOW_NS)
+    assert simulated.bodies == {}
+
+
+def test_all_that_a_live_object_knows_keeps_it_from_arming_and_is_said_once(run: RunSpec) -> None:
+    liveness = LivenessMonitor(links())
+    gone, gate = "its test object isn't connected: refused", "it has no probe report"
+    liveness.hear_body(BodyStatus("ot1", (gone,), (gate, gone), lasting=True), NOW_NS)
+    found = live_obstacles(liveness, run, Gate.ARM, 100.0)
+    assert [text for text in found if gone in text or gate in text] == [
+        f"no state of ot1 arrives: {gone}",
+        f"ot1: {gate}",
+    ]
+    spec = run.model_copy(update={"mode": "live"})
+    assert liveness.facts(spec, NOW_NS).is_hopeless
+
+
+def test_objects_are_not_asked_to_arm_again_within_a_second_of_a_refusal(run: RunSpec) -> None:
+    liveness = LivenessMonitor(links())
+    liveness.hear_refusal("ot1", "the key is out", False, NOW_NS)
+    liveness.hear_refusal("ot2", "no heartbeat", False, NOW_NS + MS)
+    for after_s, kept in ((0.0, True), (1.0, True), (1.002, False)):
+        found = live_obstacles(liveness, run, Gate.ARM, 100.0 + after_s)
+        assert ("ot1 has just refused to arm: the key is out" in found) is kept
+        assert ("ot2 has just refused to arm: no heartbeat" in found) is kept
+        assert "refused" not in " ".join(live_obstacles(liveness, run, Gate.START, 100.0 + after_s))
+    liveness.hear_refusal("ot1", "another K* version", True, NOW_NS)
+    assert liveness.facts(run, NOW_NS).is_hopeless
+    liveness.told_to_arm()
+    assert liveness.facts(run, NOW_NS).refusals == {}
+    assert not liveness.facts(run, NOW_NS).is_hopeless

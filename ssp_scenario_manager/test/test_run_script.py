@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from ssp_core.run_file.verdict import RecordedVerdict
@@ -169,3 +171,15 @@ def test_what_both_know_is_said_once() -> None:
     told = RecordedVerdict(V.FAILED_SAFETY, ("collision", "the recorder lost 3 messages"))
     outcome = RunOutcome(V.FAILED_SAFETY, ("collision",)).with_word_of_recorder(told)
     assert outcome.reasons == ("collision", "the recorder lost 3 messages")
+
+
+def test_a_refusal_that_no_waiting_changes_ends_the_goal_at_once() -> None:
+    script = begun()
+    assert script.next(P.CONNECTED, 1) is E.ARM
+    script.on_answer(replace(no("ot1: it has no probe report"), is_final=True))
+    assert (script.finished, script.problems) == (True, ("ot1: it has no probe report",))
+    script = begun()
+    script.give_up(("ot1 refused: another K* version",))
+    assert script.problems == ("ot1 refused: another K* version",)
+    script.give_up(("later",))
+    assert script.problems == ("ot1 refused: another K* version",)

@@ -91,6 +91,9 @@ class LoopLink(Link):
 class Loop:
     """Of one target that approaches along x from (40, 3.5) at up to 7 m/s.
 
+    Args:
+        waive: who lets the object be armed without a probe report; empty: nobody.
+
     Attributes:
         way: what happens to bytes on their way.
         gateway_alive: its process runs.
@@ -98,7 +101,7 @@ class Loop:
         stops: limits that the object target stopped by.
     """
 
-    def __init__(self, **limits: float) -> None:
+    def __init__(self, waive: str = "Ada", **limits: float) -> None:
         made = cut_in_run()
         made["limits"] = {"speed_mps": 15.0, "acceleration_mps2": 5.0, **limits}
         made |= {"mode": "live", "datum": {"latitude_deg": 57.0, "longitude_deg": 12.0}}
@@ -120,7 +123,7 @@ class Loop:
             self.links.append(LoopLink(self, tap))
             return self.links[-1]
 
-        address = IsoAddress("10.0.0.9", waive="Ada")
+        address = IsoAddress("10.0.0.9", waive=waive)
         self.body = IsoBody(self.run, spec, address, 1, self.told.append, make_link)
         self._live = LiveObjects(self.run, {spec.id: self.body}, self.told.append)
         self.pool = ObjectPool(self.run)

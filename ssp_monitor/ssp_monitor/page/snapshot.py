@@ -28,7 +28,7 @@ from ssp_monitor.status.board import (
     links_of,
     object_age_s,
 )
-from ssp_monitor.status.health import standing_in_the_way
+from ssp_monitor.status.health import not_armed, standing_in_the_way
 from ssp_monitor.status.messages import jpeg_of
 
 # Which commands a session takes in which state; the manager has the last word.
@@ -58,6 +58,11 @@ NEXT: dict[SessionPhase, str] = {
     SessionPhase.ABORTING: "wait until everything stands",
     SessionPhase.ABORTED: "all clear, once you have seen that everything stands",
 }
+
+# A session is ARMED once its objects were told to arm. Until all report that they are, each may
+# still refuse, and people are told so.
+ARMING = "ARMING"
+NEXT_WHILE_ARMING = "wait until every object reports that it is armed. Disarm goes back"
 
 _DIGITS = re.compile(r"(\d+)")
 
@@ -170,8 +175,10 @@ class Snapshots:
         run = board.run
         elapsed_s = board.elapsed_s
         verdict, reasons = verdict_of(board, self.word)
+        arming = state is SessionPhase.ARMED and bool(not_armed(board))
         return {
             "state": state.name,
+            "shown": ARMING if arming else state.name,
             "event": fact.event if fact else "",
             "reason": fact.reason if fact else "",
             "run_id": (fact.run_id if fact else "") or (run.run_id if run else ""),
@@ -184,7 +191,7 @@ class Snapshots:
             "phase": _phase(board.phase),
             "elapsed_s": None if elapsed_s is None else number(elapsed_s, 2),
             "commands": self._commands(state),
-            "next": "" if board.replay else NEXT[state],
+            "next": "" if board.replay else NEXT_WHILE_ARMING if arming else NEXT[state],
         }
 
     def _ages(self, now_ns: int) -> dict[str, float | None]:

@@ -13,6 +13,7 @@ from ssp_core.cdr.steps import decode_heartbeat
 from ssp_monitor.status import messages
 from ssp_monitor.status.board import Board, Newest
 from ssp_msgs.msg import (
+    BodyStatus,
     Heartbeat,
     LinkStatus,
     LocalisationStatus,
@@ -50,6 +51,7 @@ class SessionSubscriptions:
         sub(LinkStatus, names.LINK_STATUS, self._on_links, ros.STATE)
         status = names.LOCALISATION_STATUS
         sub(LocalisationStatus, status, self._on_localisation, ros.STATE)
+        sub(BodyStatus, names.BODY_STATUS, self._on_body_status, ros.STATE)
 
     def look_around(self) -> None:
         """Follows objects that have topics of their own, and sees whether a bag is replayed."""
@@ -122,6 +124,9 @@ class SessionSubscriptions:
 
     def _on_localisation(self, message: LocalisationStatus) -> None:
         self._board.hear_localisation(messages.localisation(message), time.monotonic_ns())
+
+    def _on_body_status(self, message: BodyStatus) -> None:
+        self._board.hear_body(messages.body_status(message), time.monotonic_ns())
 
     def _on_recorder(self, message: RecorderStatus) -> None:
         self._board.hear_recorder(messages.recorder_fact(message), time.monotonic_ns())

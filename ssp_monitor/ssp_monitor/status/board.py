@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.body_status import BodyStatus
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 
 
@@ -167,6 +168,7 @@ class Board:
     recorder_at_ns: int | None = None
     vut_refused: str = ""
     vut_refused_at_ns: int | None = None
+    bodies: dict[str, tuple[BodyStatus, int]] = field(default_factory=dict)
     camera_at_ns: int | None = None
     camera_fault: str = ""
     replay: bool = False
@@ -221,6 +223,11 @@ class Board:
     def hear_localisation(self, reason: str, at_ns: int) -> None:
         """Why no state is made of the VUT's newest fix (LocalisationStatus.msg); empty: one is."""
         self.vut_refused, self.vut_refused_at_ns = reason, at_ns
+
+    def hear_body(self, status: BodyStatus, at_ns: int) -> None:
+        """What the process of a live object knows of its body (BodyStatus.msg)."""
+        if status.object_id in self.bodies or len(self.bodies) < MOST_OBJECTS:
+            self.bodies[status.object_id] = status, at_ns
 
     def tell(self, event: Event) -> None:
         """One more event; the oldest one is forgotten when there are too many."""

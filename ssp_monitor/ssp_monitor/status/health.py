@@ -11,6 +11,7 @@ from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety import liveness
+from ssp_core.safety.body_status import FORGOTTEN_S, BodyStatus
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.vocabulary import ControlState, Role, SessionPhase, Verdict
 from ssp_monitor.status.board import (
@@ -51,9 +52,33 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
         problems.append("no camera picture arrives")
     if board.vut_refused and age_s(now_ns, board.vut_refused_at_ns) <= liveness.ADAPTER_SILENT_S:
         problems.append(f"the VUT's GNSS/INS gives no state: {board.vut_refused}")
+    bodies = _bodies(board, run, now_ns)
     for participant in (run.vut, *run.targets):
-        problems += _participant(board, run, participant, session, now_ns)
+        body = bodies.get(participant.id, BodyStatus(participant.id))
+        problems += _participant(board, run, participant, session, body, now_ns)
+        others = (text for text in body.cannot_arm if text not in body.no_state)
+        problems += [f"{participant.id}: {text}" for text in others]
     return problems
+
+
+def not_armed(board: Board) -> list[str]:
+    """Objects of the run that don't report that they are armed."""
+    run, heard = board.run, board.objects
+    return [
+        target.id
+        for target in (run.targets if run is not None else ())
+        if target.id not in heard or heard[target.id].state.control_state is not ControlState.ARMED
+    ]
+
+
+def _bodies(board: Board, run: RunSpec, now_ns: int) -> dict[str, BodyStatus]:
+    """What the processes of live objects have said of late."""
+    fresh = {
+        object_id: status
+        for object_id, (status, at_ns) in board.bodies.items()
+        if age_s(now_ns, at_ns) <= FORGOTTEN_S
+    }
+    return {target.id: fresh[target.id] for target in run.targets if target.id in fresh}
 
 
 def _recorder_problems(board: Board, now_ns: int) -> list[str]:
@@ -70,14 +95,20 @@ def _recorder_problems(board: Board, now_ns: int) -> list[str]:
 
 
 def _participant(
-    board: Board, run: RunSpec, who: ParticipantSpec, session: SessionPhase, now_ns: int
+    board: Board,
+    run: RunSpec,
+    who: ParticipantSpec,
+    session: SessionPhase,
+    body: BodyStatus,
+    now_ns: int,
 ) -> list[str]:
     heard = board.objects.get(who.id)
+    why = f": {'; '.join(body.no_state)}" if body.no_state else ""
     if heard is None:
-        return [f"no state of {who.id} arrives"]
+        return [f"no state of {who.id} arrives{why}"]
     silent_s = object_age_s(board, heard, now_ns)
     if silent_s > STALE_S:
-        return [f"no state of {who.id} for {silent_s:.1f} s, limit {STALE_S:g} s"]
+        return [f"no state of {who.id} for {silent_s:.1f} s, limit {STALE_S:g} s{why}"]
     problems = []
     if who is not run.vut:
         problems += _link(who.id, links_of(board, now_ns).get(who.id, LinkFact()), run)

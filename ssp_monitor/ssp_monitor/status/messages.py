@@ -10,6 +10,7 @@ from ssp_core.cdr.codec import decoder, read_header, read_text
 from ssp_core.cdr.images import COMPRESSED_TYPE, JPEG_START, read_image
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.references import Acknowledgement
+from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_monitor.status.board import Answer, Event, LinkFact, RecorderFact, SessionFact, TopicFact
@@ -144,6 +145,16 @@ def recorder_fact(message: Any) -> RecorderFact:
 def localisation(message: Any) -> str:
     """Why a LocalisationStatus says that no state is made."""
     return _short(message.reason)
+
+
+def body_status(message: Any) -> BodyStatus:
+    """A BodyStatus."""
+    return BodyStatus(
+        _short(message.object_id),
+        tuple(map(_short, message.no_state)),
+        tuple(map(_short, message.cannot_arm)),
+        message.lasting,
+    )
 
 
 def command_answer(response: Any) -> Answer:

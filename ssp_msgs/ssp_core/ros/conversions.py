@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from ssp_core.names import MAP_FRAME
 from ssp_core.ros import stamp_from_ns
+from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import MEANINGS
 from ssp_core.world.plant import FaultFact, LimitFact
+from ssp_msgs.msg import BodyStatus as BodyStatusMsg
 from ssp_msgs.msg import FaultEvent, SafetyEvent
+
+# What is longer is cut; so many sentences are taken.
+_LONGEST_SENTENCE = 1000
+_MOST_SENTENCES = 20
 
 
 def safety_event(passed: LimitFact, reaction: str = "abort") -> SafetyEvent:
@@ -41,3 +47,26 @@ def fault_event(fault: FaultFact) -> FaultEvent:
     message.header.stamp = stamp_from_ns(fault.stamp_ns)
     message.header.frame_id = MAP_FRAME
     return message
+
+
+def body_status_message(status: BodyStatus, now_ns: int) -> BodyStatusMsg:
+    """What the process of an object tells of its body."""
+    message = BodyStatusMsg(
+        object_id=status.object_id,
+        no_state=list(status.no_state),
+        cannot_arm=list(status.cannot_arm),
+        lasting=status.lasting,
+    )
+    message.header.stamp = stamp_from_ns(now_ns)
+    message.header.frame_id = MAP_FRAME
+    return message
+
+
+def body_status_of(message: BodyStatusMsg) -> BodyStatus:
+    """The inverse of ``body_status_message``, with bounded texts."""
+    no_state, cannot_arm = (
+        tuple(text[:_LONGEST_SENTENCE] for text in texts[:_MOST_SENTENCES])
+        for texts in (message.no_state, message.cannot_arm)
+    )
+    name = message.object_id[:_LONGEST_SENTENCE]
+    return BodyStatus(name, no_state, cannot_arm, message.lasting)

@@ -18,6 +18,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety import limits as judge
+from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
@@ -51,6 +52,8 @@ class Need(Enum):
     CAMERA = "no camera frame arrives"
     REPLY = "clock offset and link delay of {who} are not measured: no answer to heartbeats"
     RECEIVER = "the VUT's GNSS/INS gives no state: {detail}"
+    NOT_REFUSED = "{who} has just refused to arm: {detail}"
+    BODY = "{who}: {detail}"
     ONE_MANAGER = "{measured:g} other managers, limit 0{detail}"
     RECORDER_READY = "the recorder is not ready: {detail}"
     RECORDER_LOSSLESS = "the recorder has lost {measured:g} messages, limit 0"
@@ -104,10 +107,13 @@ class Obstacle:
         text = self.need.value.format(
             who=self.who, measured=self.measured, limit=self.limit, detail=self.detail
         )
-        if self.need not in _SILENCE or math.isinf(self.measured):
+        if self.need not in _SILENCE:
             return text
+        why = f": {self.detail}" if self.detail else ""
+        if math.isinf(self.measured):
+            return f"{text}{why}"
         none = "" if self.need in (Need.RECORDER, Need.REPLY) else ": none"
-        return f"{text}{none} for {self.measured:.2f} s, limit {self.limit:g} s"
+        return f"{text}{none} for {self.measured:.2f} s, limit {self.limit:g} s{why}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +129,10 @@ class Facts:
             nobody says.
         other_managers: how many nodes publish what the manager alone may.
         foreign: which, for people.
+        bodies: by object, what its process knows of its body; where there is nothing to say, or
+            nobody says, there is none.
+        refusals: by object, of the last command to arm, while it is too soon for another.
+        lasting: one of these refusals stays as long as the object's process runs.
     """
 
     ages_s: Mapping[str, float] = field(default_factory=dict)
@@ -133,6 +143,14 @@ class Facts:
     vut_refused: str = ""
     other_managers: int = 0
     foreign: str = ""
+    bodies: Mapping[str, BodyStatus] = field(default_factory=dict)
+    refusals: Mapping[str, str] = field(default_factory=dict)
+    lasting: bool = False
+
+    @property
+    def is_hopeless(self) -> bool:
+        """No waiting lets every object be armed: an object's process must be started anew."""
+        return self.lasting or any(body.lasting for body in self.bodies.values())
 
     def silence_s(self, sign: SignOfLife) -> float:
         """Seconds since a sign that is counted by arrival; infinite for what was never heard."""
@@ -222,12 +240,29 @@ def _states_arrive(at: Situation) -> Iterator[Obstacle]:
         if sign.code not in (SafetyCode.VUT_SILENT, SafetyCode.OBJECT_SILENT) or sign.by_stamp:
             continue
         silence_s = math.inf if at.state_of(sign.who) is None else at.facts.silence_s(sign)
-        yield from _silent(sign, silence_s)
+        body = at.facts.bodies.get(sign.who)
+        yield from _silent(sign, silence_s, "" if body is None else "; ".join(body.no_state))
 
 
 def _receiver_gives_states(at: Situation) -> Iterator[Obstacle]:
     if at.facts.vut_refused:
         yield Obstacle(Need.RECEIVER, at.spec.vut.id, detail=at.facts.vut_refused)
+
+
+def _bodies_ready(at: Situation) -> Iterator[Obstacle]:
+    """Real bodies, as their processes see them; what keeps states away has been said."""
+    for target in at.spec.targets:
+        body = at.facts.bodies.get(target.id)
+        for text in body.cannot_arm if body is not None else ():
+            if body is None or text not in body.no_state:
+                yield Obstacle(Need.BODY, target.id, detail=text)
+
+
+def _not_refused(at: Situation) -> Iterator[Obstacle]:
+    """What an object refused a moment ago isn't asked of it, and of all others, again at once."""
+    if at.gate is Gate.ARM:
+        for who, text in at.facts.refusals.items():
+            yield Obstacle(Need.NOT_REFUSED, who, detail=text)
 
 
 def _one_manager(at: Situation) -> Iterator[Obstacle]:
@@ -338,9 +373,9 @@ def _apart(at: Situation) -> Iterator[Obstacle]:
                 yield Obstacle(Need.APART, who, gap_m, limit_m, other.object_id)
 
 
-def _silent(sign: SignOfLife, silence_s: float) -> Iterator[Obstacle]:
+def _silent(sign: SignOfLife, silence_s: float, why: str = "") -> Iterator[Obstacle]:
     if not silence_s <= sign.arming_limit_s:
-        yield Obstacle(_OF_SIGN[sign.code], sign.who, silence_s, sign.arming_limit_s)
+        yield Obstacle(_OF_SIGN[sign.code], sign.who, silence_s, sign.arming_limit_s, why)
 
 
 def _passed(need: Need, who: str, passed: LimitViolation | None) -> Iterator[Obstacle]:
@@ -353,6 +388,8 @@ _OF_CONNECT: tuple[Check, ...] = (_states_arrive, _receiver_gives_states)
 # Everything that arming and starting ask for, in the order in which it is named.
 CHECKS: tuple[Check, ...] = (
     *_OF_CONNECT,
+    _bodies_ready,
+    _not_refused,
     _one_manager,
     _nodes_live,
     _links_good,

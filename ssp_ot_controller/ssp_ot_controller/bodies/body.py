@@ -79,7 +79,7 @@ class Decided:
 
 
 class Body(Protocol):
-    """One body. Neither method waits for anything."""
+    """One body. No method waits for anything."""
 
     def read(self) -> BodyReading | None:
         """The newest reading since the last call, None when there is no new one."""
@@ -90,6 +90,12 @@ class Body(Protocol):
         Args:
             command: finite.
             now_ns: session time, ns.
+        """
+
+    def problems(self) -> tuple[str, ...]:
+        """Why none of what it says becomes a reading, as sentences; empty where nothing is known.
+
+        Asked for while no reading comes.
         """
 
     def close(self) -> None:
@@ -159,6 +165,9 @@ class MirrorBody:
             acceleration_mps2=(speed - last.speed_mps) / dt_s if dt_s > 0.0 else 0.0,
             yaw_rate_radps=turn / dt_s if dt_s > 0.0 else 0.0,
         )
+
+    def problems(self) -> tuple[str, ...]:
+        return ()
 
     def close(self) -> None:
         pass

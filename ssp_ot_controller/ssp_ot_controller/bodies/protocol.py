@@ -258,7 +258,11 @@ class UdpBody:
     def __init__(self, object_id: str, host: str, port: int, boot_ns: int) -> None:
         self.rejected: Counter[Reason] = Counter()
         self._object_id = object_id
+        self._address = f"udp://[{host}]:{port}" if ":" in host else f"udp://{host}:{port}"
         self._boot_ns = boot_ns
+        # Of what came last: why it wasn't taken, and whether nobody listens there.
+        self._refused: Reason | None = None
+        self._unreachable = False
         self._sequence = 0
         self._order = Order()
         try:
@@ -269,7 +273,7 @@ class UdpBody:
             self._socket.setblocking(False)
             self._socket.connect(address)
         except OSError as error:
-            raise HostError(f"body of {object_id}: udp://{host}:{port}: {error}") from None
+            raise HostError(f"body of {object_id}: {self._address}: {error}") from None
 
     def read(self) -> BodyReading | None:
         newest: BodyReading | None = None
@@ -277,16 +281,34 @@ class UdpBody:
             try:
                 # One byte more than a good one has, so that a longer one shows.
                 data = self._socket.recv(STATE_BYTES + 1)
-            except OSError:
+            except OSError as error:
                 # Nothing more to read, or nobody listens there: its silence is what counts.
+                self._unreachable |= isinstance(error, ConnectionRefusedError)
                 return newest
             found = decode_state(data, self._object_id)
+            self._unreachable, self._refused = False, None
             if isinstance(found, Reason):
-                self.rejected[found] += 1
+                self._refused = found
             elif self._order.is_new(found[0], time.monotonic_ns()):
                 newest = found[1]
             else:
-                self.rejected[Reason.ORDER] += 1
+                self._refused = Reason.ORDER
+            if self._refused is not None:
+                self.rejected[self._refused] += 1
+
+    def problems(self) -> tuple[str, ...]:
+        if self._unreachable:
+            return (f"nobody listens at {self._address}",)
+        if self._refused is None:
+            return (f"nothing comes from {self._address}",)
+        count = self.rejected[self._refused]
+        text = f"what comes from {self._address} is refused: {self._refused.value} ({count} times)"
+        if self._refused is Reason.ORDER and self._order.set_back_s > 0.0:
+            text += (
+                f"; it was started again, and its clock set back by {self._order.set_back_s:.1f} s "
+                f"or more: it is followed after {RESTART_S:g} s"
+            )
+        return (text,)
 
     def command(self, command: Command, now_ns: int) -> None:
         self._sequence += 1

@@ -10,8 +10,10 @@ from ssp_core.cdr.iso_frames import FrameBatch
 from ssp_core.cdr.steps import WorldTick
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
+from ssp_core.leap_seconds import leap_seconds
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
-from ssp_ot_controller.bodies.body import Body, BodyReading, MirrorBody, state_of
+from ssp_core.safety.body_status import BodyStatus
+from ssp_ot_controller.bodies.body import Body, BodyCheck, BodyReading, MirrorBody, state_of
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.bodies.iso22133.gateway import SCHEME, IsoAddress, IsoBody
 from ssp_ot_controller.bodies.protocol import UdpBody
@@ -28,6 +30,10 @@ _STAND = Command(0.0, 0.0, 0.0, emergency_stop=True)
 # shortly before its report, it would keep that waiting.
 _STEP_SHARE = 0.75
 _SILENT_STEPS = 1.25
+# An object without a new reading for so long has none.
+_QUIET_S = 0.5
+# A clock that is as many seconds ahead as GPS time, to this, was not given the leap seconds.
+_NEAR_S = 0.5
 _REMEDY = (
     f"write <object>=udp://<host>:<port>, <object>={SCHEME}://<host>[:<port>][?report=<file>] or "
     "<object>=mirror, separated by commas"
@@ -140,6 +146,8 @@ class LiveObjects:
         self._states: dict[str, int] = {}
         self._warn = warn
         self._warned: set[str] = set()
+        # Of those whose newest reading came from the future: by how much.
+        self._ahead: dict[str, str] = {}
         self._step = 0
 
     @property
@@ -218,16 +226,36 @@ class LiveObjects:
             if frames:
                 yield FrameBatch(frames[-1].stamp_ns, object_id, tuple(frames))
 
+    def statuses(self, now_ns: int) -> list[BodyStatus]:
+        """What keeps each object from being seen and armed."""
+        found = []
+        for object_id, body in self._bodies.items():
+            taken_ns = self._taken_ns.get(object_id)
+            silent = taken_ns is None or ns_to_seconds(now_ns - taken_ns) > _QUIET_S
+            ahead = self._ahead.get(object_id)
+            problems = (ahead,) if ahead else body.problems()
+            of_object = self._test_objects.get(object_id)
+            check = BodyCheck() if of_object is None else of_object.check
+            found.append(
+                BodyStatus(object_id, problems if silent else (), check.cannot_arm, check.lasting)
+            )
+        return found
+
     def _is_believable(self, object_id: str, reading: BodyReading, now_ns: int) -> bool:
         ahead_s = ns_to_seconds(reading.stamp_ns - now_ns)
         if ahead_s <= self._ahead_s:
+            self._ahead.pop(object_id, None)
             return True
+        text = (
+            f"its body's clock is {ahead_s:.3f} s ahead, limit {self._ahead_s:g} s: its readings "
+            "aren't taken"
+        )
+        if abs(ahead_s - leap_seconds(now_ns)) < _NEAR_S:
+            text += " (GPS time is so far ahead of UTC)"
         if object_id not in self._warned:
             self._warned.add(object_id)
-            self._warn(
-                f"{object_id}: its body's clock is {ahead_s:.3f} s ahead, limit "
-                f"{self._ahead_s:g} s; its readings aren't taken"
-            )
+            self._warn(f"{object_id}: {text}")
+        self._ahead[object_id] = text
         return False
 
     def command(self, step: PoolStep | None, now_ns: int) -> None:

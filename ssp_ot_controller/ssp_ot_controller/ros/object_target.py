@@ -20,8 +20,9 @@ from ssp_core.cdr.states import StateArray, decode_state, decode_states, encode_
 from ssp_core.errors import HostError
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
-from ssp_core.ros.conversions import fault_event, safety_event
+from ssp_core.ros.conversions import body_status_message, fault_event, safety_event
 from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.safety.body_status import PERIOD_S, BodyStatus
 from ssp_core.safety.codes import MEANINGS
 from ssp_msgs.msg import (
     ActuatorCommands,
@@ -36,6 +37,7 @@ from ssp_msgs.msg import (
     StepDone,
     WorldTick,
 )
+from ssp_msgs.msg import BodyStatus as BodyStatusMsg
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
 from ssp_ot_controller.bodies.iso22133.conversation import HEAB_RATE_HZ
@@ -67,6 +69,7 @@ class ObjectPublishers:
         self._safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
         self._fault = pub(FaultEvent, names.FAULT_EVENT, ros.LATCHED)
         self._reply = pub(HeartbeatReply, names.HEARTBEAT_REPLY, ros.STATE)
+        self._status: Any = None
         self._command = None
         if world:
             self._command = pub(ActuatorCommands, names.ACTUATOR_COMMANDS, ros.COMMAND)
@@ -118,6 +121,14 @@ class ObjectPublishers:
             replied_ns = time.time_ns() + reply.offset_ns
         message.header.stamp = ros.stamp_from_ns(replied_ns)
         self._reply.publish(message)
+
+    def offer_statuses(self) -> None:
+        """Of live objects: their bodies are real, and may not be there."""
+        self._status = self._node.create_publisher(BodyStatusMsg, names.BODY_STATUS, ros.STATE)
+
+    def tell(self, status: BodyStatus, now_ns: int) -> None:
+        """What keeps an object from being seen and armed."""
+        self._status.publish(body_status_message(status, now_ns))
 
     def _send_states(self, states: tuple[State, ...]) -> None:
         if self._states is None:
@@ -229,6 +240,8 @@ class ObjectProcess:
             node.create_timer(LATE_ANSWER_PERIOD_S, self._answer_late, clock=steady)
         if self._live is not None:
             node.create_timer(run.step_s, partial(self._live_step, self._live), clock=steady)
+            self._outgoing.offer_statuses()
+            node.create_timer(PERIOD_S, partial(self._tell_statuses, self._live), clock=steady)
         self._test_objects: TestObjectEndpoints | None = None
         if self._live is not None and self._live.test_object_ids:
             self._test_objects = TestObjectEndpoints(node, self._live, self._on_report)
@@ -331,6 +344,11 @@ class ObjectProcess:
         live.check(self.pool, among)
         self.pool.take_tick(tick, time.monotonic_ns())
         self._send(self.pool.step(time.monotonic_ns()), among)
+
+    def _tell_statuses(self, live: LiveObjects) -> None:
+        now_ns = time.time_ns()
+        for status in live.statuses(now_ns):
+            self._outgoing.tell(status, now_ns)
 
     def _on_report(self) -> None:
         if self._live is not None:

@@ -7,7 +7,7 @@ the last finding says what would keep the session from arming, by the manager's 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -17,6 +17,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.arming import Facts, Gate, obstacles
+from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.doctor.checks import Finding, Status, fail, ok
@@ -112,6 +113,7 @@ class SessionHeard:
         recorder_ready: the recorder's last word, None when it wasn't heard.
         recorder_missing: what it waits for.
         vut_refused: why no state is made of the VUT's newest fix, as its adapter says.
+        bodies: by object, what its process knows of its body.
         session: its state by the newest heartbeat; UNKNOWN without one.
         now_ns: end of listening, system clock.
         frames: what objects that speak ISO 22133 sent to their gateway, by id; its clock.
@@ -128,6 +130,7 @@ class SessionHeard:
     session: SessionPhase = SessionPhase.UNKNOWN
     frames: dict[str, Stream] = field(default_factory=dict)
     vut_refused: str = ""
+    bodies: Mapping[str, BodyStatus] = field(default_factory=dict)
 
 
 def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
@@ -291,6 +294,7 @@ def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
         recorder_ready=bool(heard.recorder_ready),
         recorder_missing=heard.recorder_missing,
         vut_refused=heard.vut_refused,
+        bodies=heard.bodies,
         links={i: replace(link, age_s=0.0) for i, link in heard.links.items()},
         other_managers=max(0, len(heard.managers) - 1),
     )

@@ -65,6 +65,7 @@ _ONE_PUBLISHER = (
 )
 # Reasons are for people; names that are longer are cut.
 _MOST_TEXT = 200
+_LONGEST_SENTENCE = 1000
 
 
 class PublisherWatch:
@@ -124,13 +125,15 @@ def violation_of(message: SafetyEvent) -> tuple[Violation, str]:
         message.limit,
         ros.ns_from_stamp(message.header.stamp),
         f"seen by {source}" if named else f"{limit_name} of {source}",
-        words=message.words[:_MOST_TEXT],
+        words=message.words[:_LONGEST_SENTENCE],
     )
     return violation, source
 
 
-# Told of a refused command: object id, whether it was to arm, reason.
-OnRefusal = Callable[[str, bool, str], None]
+# Told of a refused command: object id, whether it was to arm, reason, and whether it stays refused
+# as long as the object's process runs.
+OnRefusal = Callable[[str, bool, str, bool], None]
+_LASTING = (ObjectCommand.Response.REFUSED_VERSION, ObjectCommand.Response.REFUSED_LASTING)
 
 
 class ObjectEndpoints:
@@ -204,7 +207,7 @@ class ObjectEndpoints:
         answer = future.result()
         if answer is not None and not answer.accepted:
             arming = command is outbox.ObjectCommand.ARM
-            self._on_refusal(object_id, arming, answer.error_msg)
+            self._on_refusal(object_id, arming, answer.error_msg, answer.error_code in _LASTING)
 
 
 def session_state_to_msg(change: outbox.StateChanged, spec: RunSpec | None) -> SessionState:

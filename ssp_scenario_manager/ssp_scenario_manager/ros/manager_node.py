@@ -20,12 +20,15 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
+from ssp_core.ros.conversions import body_status_of
 from ssp_core.run_file.model import load_run
+from ssp_core.safety import body_status
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import Exchange
 from ssp_core.safety.liveness import WATCHED
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import (
+    BodyStatus,
     HeartbeatReply,
     LocalisationStatus,
     ObjectState,
@@ -105,6 +108,8 @@ class ScenarioManager(Node):
         sub = self.create_subscription
         sub(CameraInfo, names.CAMERA_INFO, self._on_camera_info, ros.SENSOR)
         sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
+        body = names.BODY_STATUS
+        raw(BodyStatus, body, body_status_of, self._on_body_status, ros.STATE, raw=False)
         status = names.LOCALISATION_STATUS
         sub(LocalisationStatus, status, self._on_localisation, ros.STATE)
 
@@ -199,6 +204,9 @@ class ScenarioManager(Node):
 
     def _on_camera_info(self, _: CameraInfo) -> None:
         self._liveness.hear(names.FRONT_CAMERA, time.monotonic_ns())
+
+    def _on_body_status(self, status: body_status.BodyStatus) -> None:
+        self._liveness.hear_body(status, time.monotonic_ns())
 
     def _on_localisation(self, message: LocalisationStatus) -> None:
         self._liveness.hear_localisation(message.reason[:MOST_TEXT], time.monotonic_ns())
@@ -345,11 +353,16 @@ class ScenarioManager(Node):
             # The world holds at step 0 until it hears that the session runs.
             self._start_world = True
 
-    def _on_object_refusal(self, object_id: str, arming: bool, error_msg: str) -> None:
+    def _on_object_refusal(
+        self, object_id: str, arming: bool, error_msg: str, lasting: bool
+    ) -> None:
         reason = f"{object_id} refused: {error_msg}"
         self.get_logger().error(reason)
         if arming:
+            self._liveness.hear_refusal(object_id, error_msg, lasting, time.monotonic_ns())
             self._session.arming_failed(self._now_ns, reason)
+            if lasting:
+                self._commands.give_up(reason)
             self._flush()
 
     # -- commands ------------------------------------------------------------------------------

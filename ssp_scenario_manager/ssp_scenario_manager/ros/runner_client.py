@@ -40,6 +40,8 @@ RESULT_GRACE_S = 1.0
 # What one call of ``spin`` counts at most as silence: this process may have stood still itself.
 _LISTENED_S = 0.5
 _TELL_AGAIN_S = 5.0  # what a step waits for, this long after the last line
+# What people are told of a session whose objects were told to arm, until all report that they are.
+ARMING = "ARMING"
 _UNDER_WAY = {
     SessionPhase.RUNNING,
     SessionPhase.STOPPING,
@@ -49,17 +51,54 @@ _UNDER_WAY = {
 }
 
 
+class ArmedObjects:
+    """Which objects of a run report that they are armed, while somebody wants to know.
+
+    Args:
+        run: its objects are listened to.
+    """
+
+    def __init__(self, node: Node, run: RunSpec) -> None:
+        self._node = node
+        self._armed = dict.fromkeys((t.id for t in run.targets), False)
+        sub = node.create_subscription
+        if run.states_in_one:
+            self._heard = [sub(ObjectStates, names.OBJECT_STATES, self._on_states, ros.STATE)]
+        else:
+            self._heard = [
+                sub(ObjectState, names.state_topic(target.id), self._on_state, ros.STATE)
+                for target in run.targets
+            ]
+
+    @property
+    def all(self) -> bool:
+        return all(self._armed.values())
+
+    def close(self) -> None:
+        for subscription in self._heard:
+            self._node.destroy_subscription(subscription)
+
+    def _on_state(self, message: ObjectState) -> None:
+        if message.object_id in self._armed:
+            self._armed[message.object_id] = message.control_state == ControlState.ARMED
+
+    def _on_states(self, message: ObjectStates) -> None:
+        for state in message.states:
+            self._on_state(state)
+
+
 class RunClient:
     """A run_scenario goal and what is heard while it lasts.
 
     Args:
         env: environment of the session's processes; this process joins their domain with it.
+        run: whose objects are listened to while they arm.
 
     Attributes:
         node: for further endpoints, which this client then spins.
     """
 
-    def __init__(self, env: Mapping[str, str], say: RunListener) -> None:
+    def __init__(self, env: Mapping[str, str], say: RunListener, run: RunSpec) -> None:
         os.environ.update(
             {k: v for k, v in env.items() if k.startswith(("ROS_", "RMW_", "FASTRTPS_"))}
         )
@@ -73,7 +112,7 @@ class RunClient:
         self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._client = ActionClient(self.node, RunScenario, names.RUN_SCENARIO)
-        self._say = say
+        self._say, self._run = say, run
         self._abort = self.node.create_client(SessionCommand, "abort")
         self._load = self.node.create_client(LoadScenario, names.LOAD_SCENARIO)
         self.loaded: tuple[str, ...] | None = None
@@ -84,6 +123,10 @@ class RunClient:
         self._end: SessionState | None = None
         self._ended_at = 0.0
         self._last_state: int | None = None
+        # While the session is ARMED and not every object reports that it is.
+        self._arming: ArmedObjects | None = None
+        self.was_armed = False
+        """The session has been ARMED, or beyond."""
         self._told_at = time.monotonic()
         self.elapsed_s = 0.0
         self._running_since: float | None = None
@@ -138,6 +181,7 @@ class RunClient:
     def spin(self, timeout_s: float) -> None:
         began = time.monotonic()
         self._executor.spin_once(timeout_sec=timeout_s)
+        self._tell_armed()
         self.silent_s += min(time.monotonic() - began, _LISTENED_S)
 
     @property
@@ -190,16 +234,35 @@ class RunClient:
         if feedback.waits_for and time.monotonic() - self._told_at > _TELL_AGAIN_S:
             self._told_at = time.monotonic()
             self._say(
-                f"waiting in {SessionPhase(feedback.session_state).name}: {feedback.waits_for}"
+                f"waiting in {self._state_word(feedback.session_state)}: {feedback.waits_for}"
             )
 
     def _tell_state(self, state: int) -> None:
         if state != self._last_state:
             self._last_state = state
             self._told_at = time.monotonic()
-            self._say(f"session {SessionPhase(state).name}")
+            if self._arming is not None:
+                self._arming.close()
+                self._arming = None
+            if state == SessionPhase.ARMED:
+                # Objects were told to arm, and each may still refuse.
+                self._arming = ArmedObjects(self.node, self._run)
+                self._say(f"session {ARMING}: an object may still refuse")
+            else:
+                self._say(f"session {SessionPhase(state).name}")
+
+    def _state_word(self, state: int) -> str:
+        arming = state == SessionPhase.ARMED and self._arming is not None
+        return ARMING if arming else SessionPhase(state).name
+
+    def _tell_armed(self) -> None:
+        if self._arming is not None and self._arming.all:
+            self._arming.close()
+            self._arming = None
+            self._say(f"session {SessionPhase.ARMED.name}: every object reports it")
 
     def _on_session(self, message: SessionState) -> None:
+        self.was_armed |= message.state >= SessionState.STATE_ARMED
         if not self._begun:
             self._tell_state(message.state)
         if message.state == SessionState.STATE_RUNNING:
@@ -273,7 +336,7 @@ class StepwiseClient:
     def __init__(self, node: Node, run: RunSpec, run_file: str) -> None:
         self._script = RunScript(run_file, time.monotonic_ns())
         self._session = SessionPhase.IDLE
-        self._armed = dict.fromkeys((t.id for t in run.targets), False)
+        self._armed = ArmedObjects(node, run)
         self._waiting: Any = None
         self._asked_at = 0.0
         self._start_asked_at: float | None = None
@@ -289,18 +352,11 @@ class StepwiseClient:
             )
         }
         node.create_subscription(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
-        if run.states_in_one:
-            node.create_subscription(ObjectStates, names.OBJECT_STATES, self._on_states, ros.STATE)
-        else:
-            for target in run.targets:
-                node.create_subscription(
-                    ObjectState, names.state_topic(target.id), self._on_state, ros.STATE
-                )
 
     @property
     def is_armed(self) -> bool:
         """The session and every object say that they are armed."""
-        return self._session is SessionPhase.ARMED and all(self._armed.values())
+        return self._session is SessionPhase.ARMED and self._armed.all
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -358,11 +414,3 @@ class StepwiseClient:
 
     def _on_session(self, message: SessionState) -> None:
         self._session = SessionPhase(message.state)
-
-    def _on_state(self, message: ObjectState) -> None:
-        if message.object_id in self._armed:
-            self._armed[message.object_id] = message.control_state == ControlState.ARMED
-
-    def _on_states(self, message: ObjectStates) -> None:
-        for state in message.states:
-            self._on_state(state)

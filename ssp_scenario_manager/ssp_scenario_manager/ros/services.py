@@ -80,6 +80,11 @@ class SessionServices:
             goal, self._goal = self._goal, None
             goal.execute()
 
+    def give_up(self, reason: str) -> None:
+        """No waiting lets the session go on."""
+        if self._script is not None:
+            self._script.give_up((reason,))
+
     def on_setback(self, reason: str) -> None:
         """The session lost ground (an object didn't arm); why, if the goal has to give up."""
         if self._script is not None:

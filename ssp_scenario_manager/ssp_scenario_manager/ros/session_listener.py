@@ -18,9 +18,12 @@ from ssp_core import names, ros
 from ssp_core.cdr.iso_frames import FrameBatch, decode_frames
 from ssp_core.cdr.messages import object_state
 from ssp_core.motion.state import ObjectState as State
+from ssp_core.ros.conversions import body_status_of
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import SessionPhase
+from ssp_msgs.msg import BodyStatus as BodyStatusMsg
 from ssp_msgs.msg import (
     Heartbeat,
     IsoFrames,
@@ -46,6 +49,7 @@ class SessionListener(Node):
         self._odometry = odometry
         self._navsat = navsat
         self._vut_refused = ""
+        self._bodies: dict[str, BodyStatus] = {}
         self._ids = spec.object_ids
         self._streams: dict[str, Stream] = {}
         self._states: dict[str, State] = {}
@@ -76,6 +80,7 @@ class SessionListener(Node):
         sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.DRIVER)
         status = names.LOCALISATION_STATUS
         sub(LocalisationStatus, status, self._on_localisation, ros.DRIVER)
+        sub(BodyStatusMsg, names.BODY_STATUS, self._on_body, ros.STATE)
 
     def forget(self) -> None:
         """Starts counting anew."""
@@ -96,6 +101,7 @@ class SessionListener(Node):
             lost=self._lost,
             links=self._links,
             vut_refused=self._vut_refused,
+            bodies=dict(self._bodies),
             managers=frozenset(self._managers),
             recorder_ready=None if recorder is None else bool(recorder.ready),
             recorder_missing=() if recorder is None else tuple(recorder.missing_topics),
@@ -146,6 +152,10 @@ class SessionListener(Node):
 
     def _on_localisation(self, message: LocalisationStatus) -> None:
         self._vut_refused = message.reason
+
+    def _on_body(self, message: BodyStatusMsg) -> None:
+        status = body_status_of(message)
+        self._bodies[status.object_id] = status
 
     def _on_recorder(self, message: RecorderStatus) -> None:
         self._recorder = message

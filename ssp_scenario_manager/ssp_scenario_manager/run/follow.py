@@ -80,7 +80,7 @@ def follow(
         interrupt: counts what the user asks for.
         go: the run is loaded, and begins when this says so; None: at once.
     """
-    client = RunClient(group.env, say)
+    client = RunClient(group.env, say, spec)
     try:
         return _Following(spec, group, client, bag, say, interrupt).until_the_end(run_file, go)
     finally:
@@ -203,6 +203,10 @@ class _Following:
             if silent or names.SCENARIO_MANAGER in self._told:
                 # Nobody is left to give a result; the objects stop by themselves.
                 self._let_objects_stop()
+                break
+            if self._told and not self._client.was_armed:
+                # Nothing was armed: there is nothing that has to come to stand.
+                self._client.cancel()
                 break
             if self._interrupt.count > cancelled:
                 cancelled = self._interrupt.count

@@ -168,6 +168,15 @@ class LiveSetup:
                 value=spec.site,
                 remedy="give the site file a datum and compile again (docs/sites.md)",
             )
+        speak_iso = [i for i, at in self.bodies.items() if at.startswith("iso22133:")]
+        if speak_iso and spec.datum is None:
+            raise InputError(
+                "isn't there: nobody knows where the site lies, and objects that speak ISO 22133 "
+                "are told its latitude and longitude",
+                field="datum",
+                value=f"{spec.site}, for {', '.join(sorted(speak_iso))}",
+                remedy="give the site file a datum and compile again (docs/sites.md)",
+            )
         known = [target.id for target in spec.targets]
         for object_id in self.bodies:
             if object_id not in known:

@@ -64,14 +64,21 @@ class RunScript:
             return None
         return event
 
+    def give_up(self, problems: tuple[str, ...]) -> None:
+        """No waiting lets the run begin."""
+        if self.begun and not self.finished:
+            self._end(problems)
+
     def on_answer(self, answer: Answer) -> None:
-        """The answer to the command that next() named. A file that can't be loaded is final."""
+        """The answer to the command that next() named; one that is final ends the goal."""
         if not self.begun:
             self.begun = answer.accepted
             if not answer.accepted:
                 self._end(answer.missing or (answer.error_msg,))
         elif not answer.accepted:
             self._refusal = answer.missing or (answer.error_msg,)
+            if answer.is_final:
+                self._end(self._refusal)
 
     @property
     def waits_for(self) -> str:

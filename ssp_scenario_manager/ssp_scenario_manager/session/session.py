@@ -115,7 +115,8 @@ class Session:
         missing = self._missing_for(event, now_ns)
         if missing:
             text = f"{event.value} refused: " + "; ".join(missing)
-            return Answer(False, REFUSED_CONDITION, text, tuple(missing))
+            final = event is SessionEvent.ARM and self.facts.is_hopeless
+            return Answer(False, REFUSED_CONDITION, text, tuple(missing), is_final=final)
         if event is SessionEvent.STOP and self._run is not None:
             self._run.end_early(requested_by, now_ns)
         why = reason or f"requested by {requested_by}"

@@ -88,9 +88,11 @@ class Answer:
         error_code: 0 when accepted, else REFUSED_*.
         error_msg: for people.
         missing: everything that keeps the command from being accepted.
+        is_final: no waiting changes that.
     """
 
     accepted: bool
     error_code: int = 0
     error_msg: str = ""
     missing: tuple[str, ...] = ()
+    is_final: bool = False

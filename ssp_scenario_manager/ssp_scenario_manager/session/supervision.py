@@ -11,12 +11,17 @@ from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.arming import Facts
+from ssp_core.safety.body_status import FORGOTTEN_S, BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import WINDOW_S, LinkClocks
 from ssp_core.safety.liveness import ADAPTER_SILENT_S, WATCHED, SignOfLife, signs_of_life
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session.limits import LATE_S, Violation, of_object, silent, too_many
 from ssp_scenario_manager.session.session import Session
+
+# After a refusal objects are asked to arm again no sooner than this.
+ARM_AGAIN_S = 1.0
+_NO_PROCESS = "its object_target was never heard: it doesn't run, or can't be reached"
 
 
 class LivenessMonitor:
@@ -31,6 +36,11 @@ class LivenessMonitor:
         # By topic that one node alone may publish: how many others do, and who.
         self.foreign: dict[str, tuple[int, str]] = {}
         self._heard_ns: dict[str, int] = {}
+        self._bodies: dict[str, tuple[BodyStatus, int]] = {}
+        # Of the last command to arm: by object, why not, and when the last refusal came.
+        self._refusals: dict[str, str] = {}
+        self._refusal_lasts = False
+        self._refused_ns = 0
 
     def hear(self, who: str, steady_ns: int) -> None:
         self._heard_ns[who] = steady_ns
@@ -46,6 +56,39 @@ class LivenessMonitor:
         """Why no state is made of the VUT's newest fix (LocalisationStatus.msg); empty: one is."""
         self.hear(names.VUT_ADAPTER, steady_ns)
         self._vut_refused = reason
+
+    def hear_body(self, status: BodyStatus, steady_ns: int) -> None:
+        """What the process of a live object knows of its body (BodyStatus.msg)."""
+        self._bodies[status.object_id] = status, steady_ns
+
+    def told_to_arm(self) -> None:
+        """All objects are asked anew."""
+        self._refusals, self._refusal_lasts = {}, False
+
+    def hear_refusal(self, object_id: str, text: str, lasting: bool, steady_ns: int) -> None:
+        """An object refused to arm.
+
+        Args:
+            lasting: it will, as long as its process runs as it was started.
+        """
+        self._refusals[object_id] = text
+        self._refusal_lasts |= lasting
+        self._refused_ns = steady_ns
+
+    def _bodies_of(self, spec: RunSpec, steady_ns: int) -> dict[str, BodyStatus]:
+        """Of a live run's objects; a process that says nothing any more is what is known of it."""
+        found = {}
+        for target in spec.targets:
+            status, heard_ns = self._bodies.get(target.id, (None, 0))
+            silent_s = ns_to_seconds(steady_ns - heard_ns)
+            if status is None:
+                found[target.id] = BodyStatus(target.id, (_NO_PROCESS,))
+            elif silent_s > FORGOTTEN_S:
+                text = f"its object_target has said nothing for {silent_s:.0f} s"
+                found[target.id] = BodyStatus(target.id, (text,))
+            else:
+                found[target.id] = status
+        return found
 
     @property
     def other_managers(self) -> int:
@@ -63,6 +106,7 @@ class LivenessMonitor:
     def facts(self, spec: RunSpec | None, steady_ns: int) -> Facts:
         """What readiness asks for beside the states."""
         ids = [target.id for target in spec.targets] if spec else []
+        refused = steady_ns - self._refused_ns <= seconds_to_ns(ARM_AGAIN_S)
         adapted = self.age_s(names.VUT_ADAPTER, steady_ns) <= ADAPTER_SILENT_S
         return Facts(
             ages_s={who: self.age_s(who, steady_ns) for who in self._heard_ns},
@@ -73,6 +117,9 @@ class LivenessMonitor:
             vut_refused=self._vut_refused if adapted else "",
             other_managers=self.other_managers,
             foreign=self.foreign_text,
+            bodies=self._bodies_of(spec, steady_ns) if spec and spec.mode == "live" else {},
+            refusals=dict(self._refusals) if refused else {},
+            lasting=refused and self._refusal_lasts,
         )
 
     def violations(
@@ -170,6 +217,7 @@ class Supervisor:
 
     def objects_were_told_to_arm(self, steady_ns: int) -> None:
         self._arming_since_ns = steady_ns
+        self._liveness.told_to_arm()
 
     def wake(self, steady_ns: int) -> None:
         """The manager runs now, whatever for: how late is it, if nothing ran for long?"""

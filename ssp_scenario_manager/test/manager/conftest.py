@@ -51,6 +51,7 @@ class Peers:
         self.recorder: msg.RecorderStatus | None = None
         self.make_state = state
         self.obeys = True
+        self.refusal_code = ObjectCommand.Response.REFUSED_CONDITION
         self.seen: list[Any] = []
         self.feedback: list[Any] = []
         self.safety: list[Any] = []
@@ -62,6 +63,7 @@ class Peers:
         self.counted = 0
         self.clock_offset_ns = 0
         self.commands: list[int] = []
+        self.asked_at: list[float] = []
         pub, sub = self.node.create_publisher, self.node.create_subscription
         self.tick = pub(msg.WorldTick, names.WORLD_TICK, ros.STATE)
         self.vut_pub = pub(msg.ObjectState, names.state_topic("vut"), ros.STATE)
@@ -117,8 +119,10 @@ class Peers:
 
     def _on_command(self, request: Any, response: Any) -> Any:
         self.commands.append(request.command)
+        self.asked_at.append(time.monotonic())
         response.accepted = self.obeys
         response.error_msg = "" if self.obeys else "the key is out"
+        response.error_code = 0 if self.obeys else self.refusal_code
         armed = request.command == ObjectCommand.Request.COMMAND_ARM
         if self.obeys:
             self.appear(ARMED if armed else DISARMED)

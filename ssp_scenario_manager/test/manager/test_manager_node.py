@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +135,29 @@ def test_an_object_that_does_not_arm_takes_the_session_back(peers: Peers, run_fi
     peers.spin_until(lambda: peers.seen[-1].event == "arm_failed", "the way back")
     assert peers.seen[-1].reason == "ot1 refused: the key is out"
     assert peers.seen[-1].state == SessionPhase.CONNECTED
+
+
+def test_an_object_that_refuses_to_arm_is_asked_once_a_second_and_not_at_all_for_a_lasting_reason(
+    peers: Peers, run_file: Path
+) -> None:
+    peers.appear()
+    peers.obeys = False
+    goal = peers.send(run_file)
+
+    def arms() -> list[float]:
+        asked = zip(peers.commands, peers.asked_at, strict=True)
+        return [at for command, at in asked if command == ObjectCommand.Request.COMMAND_ARM]
+
+    peers.spin_until(lambda: len(arms()) == 3, "the third command to arm")
+    assert min(after - before for before, after in pairwise(arms())) > 0.9
+    waits = "ot1 has just refused to arm: the key is out"
+    peers.spin_until(lambda: peers.feedback[-1].waits_for == waits, "the reason in the feedback")
+    peers.refusal_code = ObjectCommand.Response.REFUSED_LASTING
+    result = goal.get_result_async()
+    peers.spin_until(result.done, "the result")
+    assert list(result.result().result.reasons) == ["ot1 refused: the key is out"]
+    asked = len(arms())
+    assert asked <= 5
 
 
 def test_a_number_without_a_name_does_not_kill_it(

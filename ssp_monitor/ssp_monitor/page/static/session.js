@@ -26,10 +26,10 @@ export class SessionPanel {
     if (snapshot === null) return;
     const session = snapshot.session;
     const known = !stale.leaderless;
-    setText(this.state, session.state);
+    setText(this.state, session.shown);
     const className = `state ${session.state.toLowerCase()}${known ? "" : " old"}`;
     if (this.state.className !== className) this.state.className = className;
-    setText(byId("state-why"), known ? this.why(session) : `last known: ${session.state}`);
+    setText(byId("state-why"), known ? this.why(session) : `last known: ${session.shown}`);
     setText(byId("scenario"), session.scenario || DASH);
     const stand = session.stand_in ? " · stand-in site" : "";
     const run = [session.run_id, session.site && `on ${session.site}`, session.mode]

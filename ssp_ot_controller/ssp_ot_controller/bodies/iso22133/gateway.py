@@ -177,6 +177,8 @@ class IsoBody:
         self._judge_report()
         self._newest: BodyReading | None = None
         self._retry_ns = 0
+        # Why what came last gave no reading.
+        self._refused = ""
         self._told: set[str] = set()
         if address.waive:
             tell(f"{address.waive} lets {spec.id} be armed whatever its probe report lacks")
@@ -205,6 +207,14 @@ class IsoBody:
         """Leaves the object to its own watchdog."""
         self._tell(f"{self._object_id}: {self.statistics.text()}{self._timing()}")
         self._link.close()
+
+    def problems(self) -> tuple[str, ...]:
+        reported = self._reported
+        if not reported.connected:
+            return (f"its test object isn't connected: {reported.problem}",)
+        if self._refused:
+            return (f"what it says is refused: {self._refused}",)
+        return () if reported.heard else ("its test object sends no MONR",)
 
     # -- as a test object ----------------------------------------------------------------------
 
@@ -239,6 +249,7 @@ class IsoBody:
         elif not self._reported.connected:
             gate, lasting = self._reported.gate, self._reported.lasting
             self._reported = Reported(connected=True, gate=gate, lasting=lasting)
+            self._refused = ""
             self._conversation.on_connected(now_ns)
             self._tell(f"{self._object_id} is connected")
         return self._newest is not None
@@ -291,7 +302,7 @@ class IsoBody:
                 self._reject(reading)
                 self.statistics.take(message, None, arrived_ns)
             else:
-                self._newest = reading
+                self._newest, self._refused = reading, ""
                 self.statistics.take(message, reading.stamp_ns, arrived_ns)
             speed = self._reported.speed_mps if message.speed_mps is None else message.speed_mps
             self._reported = replace(
@@ -304,6 +315,7 @@ class IsoBody:
 
     def _reject(self, rejected: Rejected) -> None:
         self.statistics.rejected[rejected.reason.value] += 1
+        self._refused = f"{rejected.reason.value}: {rejected.text}"
         evidence = f" ({rejected.evidence.hex()})" if rejected.evidence else ""
         if self.statistics.rejected[rejected.reason.value] == 1:
             self._tell(f"{self._object_id}: {rejected.reason.value}: {rejected.text}{evidence}")
