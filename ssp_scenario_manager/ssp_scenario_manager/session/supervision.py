@@ -167,7 +167,8 @@ class LivenessMonitor:
         return [of_object(one, object_id, stamp_ns, "measured by heartbeats") for one in passed]
 
 
-ARM_CONFIRMATION_S = 3.0
+# Longer than the process of an object waits for its body, which says what that reports instead.
+ARM_CONFIRMATION_S = 4.0
 ABORT_STANDSTILL_S = 15.0
 # Nobody waits for the standstill of what has not been heard for this long.
 SILENT_S = 1.0

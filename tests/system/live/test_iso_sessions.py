@@ -114,3 +114,69 @@ def test_the_link_to_an_iso_object_is_cut_while_it_drives(
     stops_inside_the_bound(stage, cut_ns)
     assert "heartbeat_lost" in stage.said("object")
     stands_after_the_link_is_back(stage, network)
+
+
+# -- what is wrong before anything moves -------------------------------------------------------
+
+
+def unwaived(port: int) -> tuple[str, ...]:
+    return ("--body", f"ot1=iso22133://127.0.0.1:{port}")
+
+
+def local_port() -> int:
+    return PORT + 2 * (os.getpid() % 1000)
+
+
+def test_an_object_without_a_probe_report_is_not_armed_and_that_is_the_reason(
+    stage: Any, task: Callable[..., Path]
+) -> None:
+    port = local_port()
+    run = stage.run_live(task("cut_in", datum=True), "--no-camera", *unwaived(port))
+    parts = ("--play", "vut", "--play", "iso")
+    stage.play("rehearsal", *parts, "--first-port", str(port), "--log", str(stage.log))
+    stage.begin(run)
+    result = stage.finish(run)
+    assert result["status"] == 1
+    assert result["reasons"][0].startswith("ot1: it has no probe report"), result
+    assert "object_contradicts" not in stage.said("ssp_run")
+    assert "session ARM" not in stage.said("ssp_run"), "something was told to arm"
+    assert {row.speed_mps for row in stage.rows()} <= {0.0}
+
+
+def test_an_address_where_nobody_listens_is_named_while_the_session_waits(
+    stage: Any, task: Callable[..., Path]
+) -> None:
+    port = local_port()
+    run = stage.run_live(task("cut_in", datum=True), "--no-camera", *unwaived(port))
+    stage.play("vut", "--play", "vut")
+    stage.begin(run)
+    why = f"its test object isn't connected: 127.0.0.1:{port}: Connection refused"
+    stage.said_after(run, f"no state of ot1 arrives: {why}")
+
+
+def test_without_a_datum_a_session_with_an_iso_object_does_not_begin(
+    stage: Any, task: Callable[..., Path]
+) -> None:
+    arguments = ("--mode", "live", "--out", str(stage.folder / "run"), *unwaived(local_port()))
+    command = [sys.executable, "-m", "ssp_core.cli", "run", str(task("cut_in")), *arguments]
+    done = stage.start("ssp_run", command)
+    assert done.wait(120.0) == 1
+    assert "datum: isn't there: nobody knows where the site lies" in stage.said("ssp_run")
+    assert not (stage.folder / "run" / "bag").exists()
+
+
+def test_a_process_that_dies_before_anything_is_armed_is_the_reason(
+    stage: Any, task: Callable[..., Path]
+) -> None:
+    """Its probe report can't be read, which the node of the objects finds when it starts."""
+    port = local_port()
+    missing = str(stage.folder / "none.json")
+    body = ("--body", f"ot1=iso22133://127.0.0.1:{port}?report={missing}")
+    compiled = str(task("cut_in", datum=True))
+    arguments = ("--mode", "live", "--no-camera", "--odometry", "/ins/odometry", *body)
+    folder = ("--out", str(stage.folder / "run"))
+    command = [sys.executable, "-m", "ssp_core.cli", "run", compiled, *arguments, *folder]
+    run = stage.start("ssp_run", command)
+    result = stage.finish(run)
+    assert result["verdict"] == "invalid_harness"
+    assert "none.json" in " ".join(result["reasons"])

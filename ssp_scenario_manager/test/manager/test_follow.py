@@ -1,0 +1,62 @@
+"""How a session is followed to its end when one of its processes dies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from unittest.mock import MagicMock
+
+import pytest
+
+from ssp_core import names
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Verdict
+from ssp_scenario_manager.run import follow
+
+pytestmark = pytest.mark.ros
+SPINS = 300
+
+
+def dead(name: str) -> MagicMock:
+    node = MagicMock()
+    node.name = name
+    node.describe_exit.return_value = "exited with status 1"
+    node.log_tail.return_value = "datum: isn't there"
+    return node
+
+
+@pytest.mark.parametrize("armed", [False, True])
+def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch, armed: bool
+) -> None:
+    """Once something was armed, it has time to come to stand."""
+    node = dead(names.OBJECT_TARGET)
+    group = MagicMock(processes={names.OBJECT_TARGET: node, names.SCENARIO_MANAGER: MagicMock()})
+    client = MagicMock(outcome=None, silent_s=0.0, was_armed=armed, under_way=False)
+    client.not_in_time = None
+    client.elapsed_s = client.running_wall_s = 0.0
+    # It comes up, and ends when the run has begun.
+    group.ended.side_effect = lambda: [node] if client.begin.called else []
+
+    def spin(timeout_s: float) -> None:
+        if client.spin.call_count > SPINS:
+            raise TimeoutError
+
+    client.spin.side_effect = spin
+    monkeypatch.setattr(follow, "RunClient", lambda *_, **__: client)
+    monkeypatch.setattr(follow, "END_TIMEOUT_S", 1e6)
+
+    def followed() -> follow.Followed:
+        return follow.follow(
+            run, group, Path("run.yaml"), Path("bag"), MagicMock(), follow.Interrupt()
+        )
+
+    if armed:
+        with pytest.raises(TimeoutError):
+            followed()
+        assert not client.cancel.called
+        return
+    outcome = followed().outcome
+    assert outcome.verdict is Verdict.INVALID_HARNESS
+    assert "exited with status 1" in outcome.reasons[0]
+    assert client.cancel.called
+    assert client.spin.call_count < 5
