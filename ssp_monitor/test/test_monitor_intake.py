@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 
 from ssp_core import names, ros
@@ -494,3 +496,34 @@ def test_types_are_judged_within_the_time_that_a_poll_has(node, tmp_path, monkey
     assert polls[0] <= 1
     assert all(now - before <= 1 for before, now in pairwise(polls))
     assert recording.close().topics == ("/t0", "/t1", "/t2")
+
+
+def test_of_a_session_that_waits_few_pictures_are_kept_and_the_rest_is_counted(node, tmp_path):
+    """Idle sessions filled the disk with a megabyte a second."""
+    camera = topic("/camera", Profile.SENSOR, "sensor_msgs/msg/CompressedImage")
+    plan = RecordingPlan(tmp_path / "bag", Selection(), DiskNeeds(0), (camera, topic("/state")))
+    waiting = threading.Event()
+    waiting.set()
+    recording = Recording(node, plan, {}, waiting.is_set)
+    pictures = node.create_publisher(CompressedImage, "/camera", ros.SENSOR)
+    states = node.create_publisher(String, "/state", ros.STATE)
+    received = recording.intake.received_by_topic
+    until(lambda: pictures.get_subscription_count() and states.get_subscription_count(), "match")
+    for count in (30, 60):
+        for _ in range(30):
+            pictures.publish(CompressedImage(format="jpeg", data=bytes(9)))
+            states.publish(String(data="state"))
+            until(lambda: received()["/camera"] == received()["/state"], "a picture and a state")
+        until(lambda count=count: received()["/camera"] == count, f"{count} pictures")
+        waiting.clear()
+    closed = recording.close()
+    assert closed.problems == ()
+    with BagReader(tmp_path / "bag") as bag:
+        kept = sum(1 for _ in bag.messages(["/camera"]))
+        (report,) = (json.loads(a.data) for a in bag.attachments() if a.name == "recording.json")
+    by_name = {one["name"]: one for one in report["topics"]}
+    assert by_name["/camera"]["received"] == 60
+    assert by_name["/camera"]["passed_over"] == 60 - kept
+    assert by_name["/camera"]["lost"] == by_name["/camera"]["dropped"] == 0
+    assert 31 <= kept < 60
+    assert by_name["/state"]["written"] == 60

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import errno
 import io
+import os
+import shlex
+import shutil
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -59,6 +63,13 @@ def on_stop_signals(handler: Callable[[signal.Signals], None]) -> Iterator[None]
     finally:
         for number, known in before.items():
             signal.signal(number, known)
+
+
+def own_command() -> str:
+    """How a shell calls our command line: installed, or by the launcher of this environment."""
+    root = os.environ.get("SSP_ROOT")
+    installed = shutil.which("ssp") or root is None
+    return "ssp" if installed else shlex.quote(str(Path(str(root)) / "ssp"))
 
 
 def ignore_stop_signals() -> None:

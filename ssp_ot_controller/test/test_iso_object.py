@@ -34,6 +34,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     TrajectoryInfo,
 )
 from ssp_ot_controller.rehearsal.iso_object import HEAB_LAG_S, STEP_S, IsoObject
+from ssp_ot_controller.rehearsal.played import PUT_BACK_S
 from support.iso22133 import messages
 from support.iso_centre import (
     PLACE,
@@ -647,3 +648,28 @@ def test_nothing_that_comes_ends_it_or_moves_it_after_an_abort(
     centre.run(0.5)
     assert way_m(stands, centre.played.body) == 0.0
     assert centre.played.state is ControlState.ABORTING
+
+
+@pytest.mark.parametrize("status", [CentreStatus.NORMAL_STOP, CentreStatus.ABORT])
+def test_left_alone_it_goes_back_to_its_start_and_can_be_armed_again(status: CentreStatus) -> None:
+    centre = driving(for_s=3.0)
+    played = centre.played
+    centre.status = status
+    centre.run(0.05)
+    stop_way_m(centre)
+    assert not played.put_back()  # while a centre is connected
+    played.disconnect(centre.now_ns)
+    played.advance(centre.now_ns + round((PUT_BACK_S - 1.0) * S))
+    assert not played.put_back()
+    assert played.body.x_m > 1.0
+    now_ns = centre.now_ns + round((PUT_BACK_S + 10.0) * S)
+    played.advance(now_ns)
+    assert played.put_back()
+    assert not played.put_back()
+    assert way_m(rules_of().spec.start, played.body) == 0.0
+    again = Centre(played)
+    again.now_ns = now_ns
+    again.connect()
+    again.send(TRAJ)
+    again.status = CentreStatus.READY
+    assert again.command(ObjectCommand.ARM) == OK

@@ -1,10 +1,20 @@
-"""The played VUT: it drives while it hears that the session runs, and brakes else."""
+"""The played hardware: it drives while a session runs, and goes back to its start afterwards."""
 
 from __future__ import annotations
 
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase
-from ssp_ot_controller.rehearsal.played import PlayedVehicle
+from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.bodies.protocol import CommandDatagram, Envelope, encode_command
+from ssp_ot_controller.rehearsal import played as rehearsal
+from ssp_ot_controller.rehearsal.played import PUT_BACK_S, PlayedBodies, PlayedVehicle
 from support.runs import small_run
 
 S = 1_000_000_000
@@ -12,7 +22,7 @@ EPOCH = 1_700_000_000 * S
 PERIOD = S // 100
 
 
-def played() -> PlayedVehicle:
+def run_of_two() -> RunSpec:
     run = small_run(
         domain="physical",
         mode="live",
@@ -31,7 +41,11 @@ def played() -> PlayedVehicle:
             }
         ],
     )
-    return PlayedVehicle(RunSpec.model_validate(run), EPOCH)
+    return RunSpec.model_validate(run)
+
+
+def played() -> PlayedVehicle:
+    return PlayedVehicle(run_of_two(), EPOCH)
 
 
 def advance(vehicle: PlayedVehicle, seconds: float, phase: SessionPhase | None) -> None:
@@ -69,3 +83,54 @@ def test_a_late_call_moves_it_as_many_would() -> None:
     other.advance((), EPOCH + 30 * PERIOD)
     assert one.body == other.body
     assert one.body.speed_mps > 0.0
+
+
+def test_stays_where_the_run_ended_while_the_session_is_there() -> None:
+    vehicle = played()
+    advance(vehicle, 2.0, SessionPhase.RUNNING)
+    advance(vehicle, 3.0 * PUT_BACK_S, SessionPhase.ABORTED)
+    assert vehicle.body.x_m > 12.0
+
+
+def test_goes_back_to_its_start_when_the_session_has_gone_and_drives_again() -> None:
+    """It stayed where the run ended, and the next run refused to arm."""
+    vehicle = played()
+    for _ in range(2):
+        advance(vehicle, 2.0, SessionPhase.RUNNING)
+        advance(vehicle, PUT_BACK_S - 0.1, None)
+        assert vehicle.body.x_m > 12.0
+        assert vehicle.body.speed_mps == 0.0
+        advance(vehicle, 0.2, None)
+        assert (vehicle.body.x_m, vehicle.body.y_m, vehicle.body.speed_mps) == (10.0, 0.0, 0.0)
+        advance(vehicle, 1.0, SessionPhase.ARMED)
+        assert vehicle.body.x_m == 10.0
+
+
+def test_a_body_that_nobody_commands_goes_back_to_its_start(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr(rehearsal, "PUT_BACK_S", 0.3)
+    log = tmp_path / "log.csv"
+    with (
+        PlayedBodies(run_of_two(), "127.0.0.1", 0, log) as bodies,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock,
+    ):
+        host, _, port = bodies.addresses["ot1"].removeprefix("udp://").partition(":")
+        over = threading.Event()
+        thread = threading.Thread(target=bodies.serve, args=(over.is_set,))
+        thread.start()
+        deadline = time.monotonic() + 60.0
+        for number in range(1, 60):
+            now_ns = time.time_ns()
+            envelope = Envelope("ot1", 1, number, now_ns)
+            command = CommandDatagram(envelope, Command(3.0, 0.0, 0.0), 200)
+            sock.sendto(encode_command(command), (host, int(port)))
+            time.sleep(0.01)
+        while "ot1: back at its start" not in capsys.readouterr().out:
+            assert time.monotonic() < deadline, log.read_text()[-500:]
+            time.sleep(0.02)
+        over.set()
+        thread.join()
+    rows = [line.split(",") for line in log.read_text().splitlines()[1:]]
+    assert max(float(row[2]) for row in rows) > 200.1
+    assert float(rows[-1][2]) == 200.0

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shlex
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,10 @@ import pytest
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec, load_run
 from ssp_core.run_file.values import SiteDatum
+from ssp_scenario_manager.cli.doctor import doctor
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.task import as_live, check_live
-from ssp_scenario_manager.run.live import LiveSetup, describe
+from ssp_scenario_manager.run.live import LiveSetup, describe, doctor_command
 
 
 def options(**given: Any) -> dict[str, Any]:
@@ -163,3 +166,28 @@ def test_places_on_the_earth_need_a_site_that_lies_somewhere(run: RunSpec, tmp_p
     setup.check(run.model_copy(update={"datum": datum}))
     env = {"ROS_DOMAIN_ID": "7", "FASTRTPS_DEFAULT_PROFILES_FILE": "/x/hosts.xml"}
     assert "--navsat /fix" in describe(setup, run, tmp_path / "run.yaml", env)[-1]
+
+
+def test_the_doctors_command_can_be_pasted_into_any_shell(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("SSP_ROOT", str(tmp_path / "our tree"))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    env = {"ROS_DOMAIN_ID": "7", "ROS_DISCOVERY_SERVER": "10.0.0.1:11811;10.0.0.2:11811"}
+    setup = LiveSetup({}, {"odometry": "/ins/odometry"}, remappings=("a/b:=/c d",))
+    run_file = tmp_path / "a session" / "run.yaml"
+    line = doctor_command(setup, run_file, env)
+    done = subprocess.run(
+        ["/bin/sh", "-c", line.replace(" doctor ", " ")],
+        env={"PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert f"{tmp_path}/our tree/ssp" in done.stderr  # which isn't there
+    words = shlex.split(line)
+    assert words[:3] == [*(f"{k}={v}" for k, v in env.items()), f"{tmp_path}/our tree/ssp"]
+    assert words[3] == "doctor"
+    params = doctor.make_context("doctor", words[4:]).params
+    assert params["run_file"] == run_file
+    assert (params["odometry"], params["remappings"]) == ("/ins/odometry", ("a/b:=/c d",))

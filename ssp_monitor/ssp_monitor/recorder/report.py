@@ -6,7 +6,7 @@ import json
 import re
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -36,11 +36,13 @@ class Counted:
         received: by the recorder; none of a topic that only the recorder itself writes.
         lost: published and never received, as far as known.
         dropped: received and not written.
+        passed_over: pictures that came while a live session waited, and weren't to be kept.
     """
 
     received: Mapping[str, int]
     lost: Mapping[str, int]
     dropped: Mapping[str, int]
+    passed_over: Mapping[str, int] = field(default_factory=dict)
 
 
 def report_attachment(
@@ -71,6 +73,7 @@ def report_attachment(
             "bytes": record.bytes,
             "lost": counted.lost.get(record.name, 0),
             "dropped": counted.dropped.get(record.name, 0),
+            "passed_over": counted.passed_over.get(record.name, 0),
             "first_ns": record.first_ns,
             "last_ns": record.last_ns,
         }

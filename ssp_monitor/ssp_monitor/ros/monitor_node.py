@@ -51,9 +51,10 @@ class MonitorNode(Node):
         self._plan = session_plan(ros.declare(self, MONITOR), self.resolve_topic_name)
         self._last_word = RunOutcome(str(self._plan.run_id))
         self._session_heard = threading.Event()
+        self._state = SessionPhase.UNKNOWN
         self._done = self.create_publisher(StepDone, names.STEP_DONE, ros.STATE)
         listen = {SESSION_TOPIC: self._hear, TICK_TOPIC: self._keep_pace}
-        self.recording = Recording(self, self._plan, listen)
+        self.recording = Recording(self, self._plan, listen, self._is_waiting)
         self._sayings = RepeatedWarnings()
         self._status = self.create_publisher(RecorderStatus, names.RECORDER_STATUS, ros.STATE)
         self._safety = self.create_publisher(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
@@ -100,7 +101,12 @@ class MonitorNode(Node):
             self.get_logger().error(f"session state not understood: {error}")
             return
         self._last_word.hear(state, verdict, tuple(message.reasons), message.run_id)
+        self._state = state
         self._session_heard.set()
+
+    def _is_waiting(self) -> bool:
+        """A live session that isn't armed: it may stand like that for hours."""
+        return not self._plan.simulated_time and self._state < SessionPhase.ARMED
 
     def _keep_pace(self, data: bytes) -> None:
         """In lockstep the world doesn't run further ahead of the recorder than it says it is."""

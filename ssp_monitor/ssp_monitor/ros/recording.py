@@ -56,6 +56,7 @@ class Recording:
 
     Args:
         listen: takes the bytes of messages of some topics as they are recorded.
+        is_waiting: as RecordingSubscriptions takes it.
 
     Raises:
         InputError: the bag directory exists, or a type is not known.
@@ -63,7 +64,11 @@ class Recording:
     """
 
     def __init__(
-        self, node: Node, plan: RecordingPlan, listen: Mapping[str, Callable[[bytes], None]]
+        self,
+        node: Node,
+        plan: RecordingPlan,
+        listen: Mapping[str, Callable[[bytes], None]],
+        is_waiting: Callable[[], bool] = lambda: False,
     ) -> None:
         self._node = node
         self._plan = plan
@@ -90,7 +95,7 @@ class Recording:
         )
         try:
             self.intake = RecordingSubscriptions(
-                plan.topics, self.recorder, plan.simulated_time, listen
+                plan.topics, self.recorder, plan.simulated_time, listen, is_waiting
             )
             self.poll()
         except BaseException:
@@ -178,7 +183,8 @@ class Recording:
         check = None
         if state.failure is None:
             dropped = self.recorder.dropped_by_topic
-            expected = {name: count - dropped[name] for name, count in received.items()}
+            left_out = dropped + Counter(self.intake.passed_over_by_topic())
+            expected = {name: count - left_out[name] for name, count in received.items()}
             check = check_closed(self.recorder.path, expected, self.recorder.originals)
         names = tuple(record.name for record in self.recorder.records())
         several = frozenset(self._survey.ambiguous)
@@ -194,7 +200,12 @@ class Recording:
         self._current_warnings(self.recorder.state(), 0)
         return report_attachment(
             self.recorder.records(),
-            Counted(received, self.lost_by_topic(), self.recorder.dropped_by_topic),
+            Counted(
+                received,
+                self.lost_by_topic(),
+                self.recorder.dropped_by_topic,
+                self.intake.passed_over_by_topic(),
+            ),
             run_id=self._plan.run_id,
             lost_limit=self._plan.lost_limit,
             warnings=self._sayings.texts(),

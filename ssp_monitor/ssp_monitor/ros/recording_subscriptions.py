@@ -31,7 +31,7 @@ from ssp_core.bag.types import BagMessage
 from ssp_core.errors import HostError
 from ssp_monitor.recorder.losses import SOURCES, Arrivals, SimulatedTime, claims, stamp_at
 from ssp_monitor.recorder.recorder import Recorder
-from ssp_monitor.recorder.topics import TopicSpec
+from ssp_monitor.recorder.topics import Importance, TopicSpec, importance
 from ssp_monitor.ros.conversions import message_class, recording_profile
 from ssp_monitor.ros.parameters import topic_rules
 
@@ -168,6 +168,9 @@ QUIET_LOOKS = 50
 QUIET_PARTS = 10
 # How often the middleware is asked what it could not deliver.
 LOSSES_S = 1.0
+# While a session waits, a picture in so many ns is enough: nothing of it is ever scored.
+WAITING_PERIOD_NS = 1_000_000_000
+_PICTURES = (Importance.RAW_IMAGE, Importance.COMPRESSED_IMAGE, Importance.FRAME)
 # At the end, what is under way is waited for: until nothing came for so long, and no longer than.
 CALM_S = 0.03
 LINGER_S = 0.3
@@ -187,6 +190,9 @@ class _Source:
     quiet: int = 0
     complained: bool = False
     last: bytes = b""
+    is_picture: bool = False
+    kept_ns: int = 0
+    passed_over: int = 0
 
 
 class RecordingSubscriptions:
@@ -197,6 +203,7 @@ class RecordingSubscriptions:
         simulated_time: messages are dated by their own stamps; otherwise by the middleware's
             times of reception and publication.
         listen: takes the bytes of messages of some topics as they are recorded, in that thread.
+        is_waiting: whether a live session waits for its start; of pictures few are kept then.
     """
 
     def __init__(
@@ -205,10 +212,12 @@ class RecordingSubscriptions:
         recorder: Recorder,
         simulated_time: bool,
         listen: Mapping[str, Callable[[bytes], None]],
+        is_waiting: Callable[[], bool] = lambda: False,
     ) -> None:
         self.time = SimulatedTime()
         self.error: BaseException | None = None
         self._listen = listen
+        self._is_waiting = is_waiting
         self._recorder = recorder
         self._simulated_time = simulated_time
         self._pause_s = LOCKSTEP_PAUSE_S if simulated_time else PAUSE_S
@@ -257,6 +266,7 @@ class RecordingSubscriptions:
             stamp_at(topic.msgtype) if topic.session_time else None,
             self._listen.get(topic.name),
             _lost_event(subscription),
+            is_picture=importance(topic) in _PICTURES,
         )
         # New dictionaries, since other threads go through the old ones.
         self._arrivals = {**self._arrivals, topic.name: source.arrivals}
@@ -269,6 +279,10 @@ class RecordingSubscriptions:
     def received_by_topic(self) -> dict[str, int]:
         """Messages of each topic that arrived."""
         return {name: arrivals.received for name, arrivals in self._arrivals.items()}
+
+    def passed_over_by_topic(self) -> dict[str, int]:
+        """Pictures of each topic that arrived while the session waited, and weren't kept."""
+        return {s.topic.name: s.passed_over for s in self._sources if s.passed_over}
 
     def stop(self) -> None:
         """Takes what has arrived and what is under way, and ends."""
@@ -325,6 +339,8 @@ class RecordingSubscriptions:
         topic, seen = source.topic.name, source.arrivals.seen
         for _, _, _, sequence, publisher in taken:
             seen(publisher, sequence)
+        if source.is_picture and self._is_waiting():
+            taken = _thinned(source, taken)
         if self._simulated_time:
             date, at = self.time.of, source.stamp_at
             messages = []
@@ -340,7 +356,7 @@ class RecordingSubscriptions:
         self._recorder.put_all(messages)
         if source.listen is not None:
             self._tell(source, source.listen, taken)
-        if topic in SOURCES:
+        if topic in SOURCES and taken:
             source.last = taken[-1][0]
 
     def _tell(self, source: _Source, listen: Callable[[bytes], None], taken: list[Taken]) -> None:
@@ -371,6 +387,17 @@ class RecordingSubscriptions:
         for topic, sent in claims(last).items():
             if topic in self._arrivals:
                 self._arrivals[topic].claimed(sent)
+
+
+def _thinned(source: _Source, taken: list[Taken]) -> list[Taken]:
+    """The pictures that are kept of a session that waits; the others are counted."""
+    kept = []
+    for one in taken:
+        if one[2] - source.kept_ns >= WAITING_PERIOD_NS:
+            source.kept_ns = one[2]
+            kept.append(one)
+    source.passed_over += len(taken) - len(kept)
+    return kept
 
 
 def _lost_event(subscription: Subscription) -> rcl.EventHandle | None:

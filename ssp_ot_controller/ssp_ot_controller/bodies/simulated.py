@@ -69,6 +69,16 @@ class BodyServer:
         """The last command is too old."""
         return self._now_ns >= self._brakes_at_ns
 
+    @property
+    def silent_s(self) -> float:
+        """For how long the last command has been too old, 0 while it holds."""
+        return max(0.0, ns_to_seconds(self._now_ns - self._brakes_at_ns))
+
+    def place(self, pose: Pose2) -> None:
+        """Puts the body somewhere, at rest, as a person does who moves it by hand."""
+        self.body = BodyState.at_rest(pose)
+        self._command = Command(0.0, 0.0, self.body.yaw_rad, emergency_stop=True)
+
     def on_datagram(self, data: bytes, address: Any, now_ns: int) -> None:
         """A datagram of whoever, at the time at which it came."""
         self.advance(now_ns)

@@ -7,8 +7,7 @@ rehearsed with `ssp run --mode live` before a vehicle moves.
 
 from __future__ import annotations
 
-import os
-import shutil
+import shlex
 import tempfile
 import threading
 from collections.abc import Callable
@@ -22,7 +21,7 @@ from ssp_core.console import report_error
 from ssp_core.errors import InputError, SspError
 from ssp_core.processes import ProcessGroup, live_environment
 from ssp_core.run_file.model import load_run
-from ssp_core.terminal import catch_stop_signals, survive_lost_output
+from ssp_core.terminal import catch_stop_signals, own_command, survive_lost_output
 from ssp_ot_controller.rehearsal.iso_server import PlayedIsoObjects
 from ssp_ot_controller.rehearsal.played import PlayedBodies
 
@@ -132,9 +131,11 @@ def main(
                             module, f"ssp_ot_controller.ros.{module}", given, remappings
                         )
                 where = gnss if navsat is not None else {"odometry": odometry}
-                options = [f"--{name} {topic}" for name, topic in where.items() if topic]
+                options = [
+                    f"--{name} {shlex.quote(topic)}" for name, topic in where.items() if topic
+                ]
                 told = options if "vut" in parts else []
-                told += [f"--remap {rule}" for rule in remappings]
+                told += [f"--remap {shlex.quote(rule)}" for rule in remappings]
                 kind = PlayedIsoObjects if "iso" in parts else PlayedBodies
                 opened = {"bodies", "iso"} & set(parts)
                 bodies = partial(kind, run, host, first_port, log) if opened else None
@@ -168,7 +169,9 @@ def _play(
             click.echo(option)
         if what is not None and what.is_dir():
             click.echo("to begin the session, in another terminal with the same environment:")
-            click.echo(f"  {_ssp()} run {what} --mode live --wait --page {' '.join(options)}")
+            where = shlex.quote(str(what))
+            said = " ".join(options)
+            click.echo(f"  {own_command()} run {where} --mode live --wait --page {said}")
         click.echo("playing; Ctrl-C ends it")
 
     if open_bodies is None:
@@ -182,12 +185,6 @@ def _play(
     for node in group.ended():
         report_error(f"{node.name} {node.describe_exit()}\n{node.log_tail()}")
     return 0 if stop.is_set() else 1
-
-
-def _ssp() -> str:
-    """How a shell calls our command line: installed, or by the launcher of this environment."""
-    root = os.environ.get("SSP_ROOT")
-    return "ssp" if shutil.which("ssp") or root is None else str(Path(root) / "ssp")
 
 
 def run() -> None:

@@ -72,6 +72,7 @@ from ssp_ot_controller.rehearsal.iso_settings import (
     tightened,
     unsupported,
 )
+from ssp_ot_controller.rehearsal.played import PUT_BACK_S, is_away
 
 # The object judges and its body moves this often.
 STEP_S = 0.005
@@ -452,6 +453,24 @@ class IsoObject:
         self.body = step_body(self._rules.spec.cls, self.body, outcome.command, STEP_S)
         self._now_ns = now_ns + _STEP_NS
         self._settle()
+
+    def put_back(self) -> bool:
+        """Puts it back to its start, switched on anew; False while that isn't called for.
+
+        It is once no centre has been connected and nothing has moved for ``PUT_BACK_S``, where it
+        stands elsewhere or is latched by an abort.
+        """
+        alone = self._host is None and self._now_ns - self._moved_ns > seconds_to_ns(PUT_BACK_S)
+        start = self._rules.spec.start.pose
+        latched = self._target.state is ControlState.ABORTING
+        if not alone or not (latched or is_away(self.body, start)):
+            return False
+        self.body = BodyState.at_rest(start)
+        self._tight, self._cause, self._lost = self._rules, None, False
+        self.started_ns = None
+        self._target = self._new_target(self._rules)
+        self._note("back at its start")
+        return True
 
     def _begin_if_due(self) -> None:
         start_ns = self._start_ns

@@ -145,8 +145,18 @@ def _listen(family: int, host: str, port: int) -> tuple[socket.socket, socket.so
     return listener, udp
 
 
-def serve(servers: Sequence[IsoServer], until: Callable[[], bool], log: StateLog) -> None:
-    """Plays objects until told to end; says what happens to each."""
+def serve(
+    servers: Sequence[IsoServer],
+    until: Callable[[], bool],
+    log: StateLog,
+    *,
+    puts_back: bool = False,
+) -> None:
+    """Plays objects until told to end; says what happens to each.
+
+    Args:
+        puts_back: one that is left alone goes back to its start.
+    """
     next_log_ns = 0
     while not until():
         sockets = [sock for server in servers for sock in server.sockets]
@@ -160,6 +170,8 @@ def serve(servers: Sequence[IsoServer], until: Callable[[], bool], log: StateLog
             next_log_ns = now_ns + _LOG_NS
             for server in servers:
                 played = server.played
+                if puts_back and isinstance(played, IsoObject):
+                    played.put_back()
                 log.add(played.object_id, played.body, brakes_by_itself=played.brakes_by_itself)
 
 
@@ -194,7 +206,7 @@ class PlayedIsoObjects(Closing):
 
     def serve(self, until: Callable[[], bool]) -> None:
         """Plays until told to end."""
-        serve(self._servers, until, self._log)
+        serve(self._servers, until, self._log, puts_back=True)
 
     def close(self) -> None:
         for server in self._servers:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import click
+
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import Closing
+from ssp_core.geometry import Pose2
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Role, SessionPhase
@@ -19,8 +23,18 @@ from ssp_ot_controller.sil.vut_driver import VutDriver
 
 # The plant is stepped at least this finely, also where a busy machine comes late.
 _PLANT_STEP_S = 0.01
+# Left alone and standing for so long, what is played goes back to its start, for the next session.
+PUT_BACK_S = 10.0
+# What stands within so much of its start is there.
+_AT_START_M = 0.05
 # However late: what wasn't stepped by then stays out, as for a vehicle that stood meanwhile.
 _LONGEST_S = 1.0
+
+
+def is_away(body: BodyState, start: Pose2) -> bool:
+    """Whether a body stands elsewhere than at its start."""
+    away_m = math.hypot(body.x_m - start.x_m, body.y_m - start.y_m)
+    return body.speed_mps == 0.0 and away_m > _AT_START_M
 
 
 class PlayedVehicle:
@@ -59,7 +73,16 @@ class PlayedVehicle:
                 self._state(), others, None, drives=self.drives(self._now_ns)
             )
             self.body = step_body(self._run.vut.cls, self.body, command, ns_to_seconds(step_ns))
+        if self._is_left_away():
+            self._driver, self._began_ns = VutDriver(self._run), None
+            self.body = BodyState.at_rest(self._run.vut.start.pose)
         return self.body
+
+    def _is_left_away(self) -> bool:
+        """The session has gone, and the vehicle stands where it ended."""
+        heard_ns = self._heard_ns
+        silent = heard_ns is not None and self._now_ns - heard_ns > seconds_to_ns(PUT_BACK_S)
+        return silent and is_away(self.body, self._run.vut.start.pose)
 
     @property
     def now_ns(self) -> int:
@@ -124,6 +147,7 @@ class PlayedBodies(Closing):
 
     def __init__(self, run: RunSpec, host: str, first_port: int, log: Path | None) -> None:
         self._log = StateLog(log)
+        self._starts = {target.id: target.start.pose for target in run.targets}
         self._served: list[tuple[BodyServer, socket.socket]] = []
         for number, target in enumerate(run.targets):
             port = first_port + number if first_port else 0
@@ -154,6 +178,10 @@ class PlayedBodies(Closing):
         serve(self._served, until, self._write)
 
     def _write(self, server: BodyServer) -> None:
+        start = self._starts[server.object_id]
+        if server.silent_s > PUT_BACK_S and is_away(server.body, start):
+            server.place(start)
+            click.echo(f"{server.object_id}: back at its start")
         self._log.add(server.object_id, server.body, brakes_by_itself=server.brakes_by_itself)
 
     def close(self) -> None:

@@ -267,6 +267,7 @@ class RunClient:
             self._tell_state(message.state)
         if message.state == SessionState.STATE_RUNNING:
             self._zero_ns = ros.ns_from_stamp(message.header.stamp)
+            self._running_since = self._running_since or time.monotonic()
         over = message.state in (SessionState.STATE_FINISHED, SessionState.STATE_ABORTED)
         given_up = message.event == STANDSTILL_GIVEN_UP
         if given_up:
@@ -276,6 +277,8 @@ class RunClient:
             self._ended_at = time.monotonic()
             if not self._begun and self._zero_ns:
                 # Of a run that somebody else led no feedback comes.
+                if self._running_since is not None:
+                    self.running_wall_s = self._ended_at - self._running_since
                 self.elapsed_s = self._since_start_s(message.header.stamp)
 
     def _since_start_s(self, stamp: Any) -> float:

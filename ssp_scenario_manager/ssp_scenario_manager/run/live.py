@@ -6,6 +6,7 @@ import math
 import os
 import re
 import select
+import shlex
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ import click
 from ssp_core import names
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
+from ssp_core.terminal import own_command
 
 LEAST_FIXES = ("fix", "sbas", "gbas")
 _OPTIONS = (
@@ -232,12 +234,25 @@ def describe(setup: LiveSetup, spec: RunSpec, run_file: Path, env: dict[str, str
         lines.append(f"on other hosts: object_target of {', '.join(elsewhere)}, with {run_file}")
     if not setup.receiver:
         lines.append(f"waiting for the VUT on {names.absolute(names.state_topic(spec.vut.id))}")
-    look = f"to see what is connected: ssp doctor --session {run_file}"
+    lines.append("to see what is connected, in another terminal:")
+    lines.append(f"  {doctor_command(setup, run_file, env)}")
+    return lines
+
+
+# What the doctor needs of the session's environment to be in the same graph.
+_GRAPH = ("ROS_DOMAIN_ID", "ROS_DISCOVERY_SERVER")
+
+
+def doctor_command(setup: LiveSetup, run_file: Path, env: dict[str, str]) -> str:
+    """The doctor's command for a session, to be pasted into any shell of this host."""
+    words = [f"{name}={shlex.quote(env[name])}" for name in _GRAPH if env.get(name)]
+    given = ["doctor", "--session", str(run_file)]
     for name in ("odometry", "navsat"):
         if name in setup.receiver:
-            look += f" --{name} {setup.receiver[name]}"
-    lines.append("".join([look, *(f" --remap {rule}" for rule in setup.remappings)]))
-    return lines
+            given += [f"--{name}", setup.receiver[name]]
+    for rule in setup.remappings:
+        given += ["--remap", rule]
+    return " ".join([*words, own_command(), *map(shlex.quote, given)])
 
 
 def _receiver(options: dict[str, Any]) -> dict[str, str]:
