@@ -1,23 +1,62 @@
-"""The task sheet: one HTML page with a top view and the figures that people on a track need."""
+"""The task sheet, which the person responsible for safety reads and signs: one HTML page."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from pathlib import Path
 
 from ssp_core.files import write_text
-from ssp_core.geometry import Box, Polyline
-from ssp_core.motion.manoeuvre import lane_change
 from ssp_core.names import VUT_ID
-from ssp_core.run_file.participants import FollowPath, LaneChange, TriggerSpec
-from ssp_core.run_file.values import Point
+from ssp_core.run_file.model import Limits
+from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.templates import templates
-from ssp_core.world.road_drawing import RoadView, drawing_of
 from ssp_scenario_manager.compile.compiler import Compiled
-from ssp_scenario_manager.compile.task import Place, Task
-from ssp_scenario_manager.dispatch.references import run_out_end_m
+from ssp_scenario_manager.compile.targets.task_picture import (
+    HEIGHT_PX,
+    ROW_PX,
+    WIDTH_PX,
+    speed_chart,
+    top_view,
+)
+from ssp_scenario_manager.compile.task import Task
 
 SHEET_FILE = "task.html"
-Shapes = list[tuple[str, list[Point]]]
+# Unit of a limit by the end of its name.
+_UNITS = {"mps": "m/s", "mps2": "m/s²", "m": "m", "s": "s", "rad": "rad"}
+_OF_STARTS = "start_"
+
+
+@dataclass(frozen=True, slots=True)
+class LimitRow:
+    """One limit as the sheet shows it.
+
+    Args:
+        name: of its field, where it can be changed on site.
+    """
+
+    name: str
+    words: str
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class StartRow:
+    """Where a participant must stand to be armed; angles in degrees.
+
+    Args:
+        heading_deg: from east, counter-clockwise.
+        bearing_deg: from north, clockwise.
+        body: how far it reaches from its reference point, in words.
+    """
+
+    name: str
+    what: str
+    x_m: float
+    y_m: float
+    heading_deg: float
+    bearing_deg: float
+    body: str
 
 
 def write_sheet(compiled: Compiled, folder: Path) -> Path:
@@ -35,79 +74,65 @@ def sheet(task: Task) -> str:
         for kind, place in (("start", anchors.start), ("goal", anchors.goal))
     ]
     rows.append(("all", "conflict point", task.anchors[VUT_ID].conflict))
-    rows += [("zone", "corner", corner) for corner in task.conflict_zone]
-    areas, lines = _areas(task), _lines(task)
-    shown = [place for kind, outline in areas if kind in ("road", "zone") for place in outline]
-    marks = [
-        ("vut" if name == VUT_ID else "ot", _at(anchors.start), name)
-        for name, anchors in sorted(task.anchors.items())
-    ]
+    rows += [("zone", f"corner {k}", corner) for k, corner in enumerate(task.conflict_zone, 1)]
+    limits = limit_rows(task.limits)
     page = templates(Path(__file__).parent).get_template("task.html.j2")
     return page.render(
         task=task,
-        view=RoadView(task.run.road, [*shown, *task.vut_route]),
-        areas=areas,
-        lines=lines,
-        marks=[*marks, ("fire", _at(task.trigger.expected), "trigger expected")],
+        view=top_view(task),
+        chart=speed_chart(task),
+        chart_size=(WIDTH_PX, HEIGHT_PX),
+        row_px=ROW_PX,
         anchors=[(name, kind, p.s_m, p.l_m, p.x_m, p.y_m) for name, kind, p in rows],
-        limits=task.limits.model_dump(),
+        starts=[start_row(spec) for spec in (task.run.vut, *task.run.targets)],
+        tolerances=[row for row in limits if row.name.startswith(_OF_STARTS)],
+        corners=list(enumerate(task.geofence, 1)),
+        limits=limits,
     )
 
 
-def _at(place: Place) -> Point:
-    return place.x_m, place.y_m
+def limit_rows(limits: Limits) -> list[LimitRow]:
+    """Every field of the limits, with words, value and unit; none can be missing."""
+    return [
+        LimitRow(name, _words(name), _value(name, getattr(limits, name)))
+        for name in type(limits).model_fields
+    ]
 
 
-def _areas(task: Task) -> Shapes:
-    """Outlines by what they are: carriageway, regions, conflict zone and bodies at the start."""
-    edges = [line.points for line in drawing_of(task.run).road_lines if line.kind == "edge"]
-    areas: Shapes = []
-    if len(edges) == 2:  # beyond the centre of a tight bend an edge has no place of its own
-        areas.append(("road", [*edges[0], *reversed(edges[1])]))
-    areas += [("stop", region) for region in task.safe_stop_zones]
-    areas += [("fence", task.geofence), ("zone", [_at(corner) for corner in task.conflict_zone])]
-    for spec in (task.run.vut, *task.run.targets):
-        body = Box(spec.start.pose, spec.size.front_m, spec.size.rear_m, spec.size.width_m)
-        areas.append(("vut" if spec.id == VUT_ID else "ot", list(body.corners())))
-    return areas
+def _parts(name: str) -> tuple[str, str]:
+    """A field's name in words, and its unit."""
+    words, _, suffix = name.rpartition("_")
+    if suffix not in _UNITS:
+        return name.replace("_", " "), ""
+    return words.replace("_", " "), _UNITS[suffix]
 
 
-def _lines(task: Task) -> Shapes:
-    """Lane borders, and what everybody drives: before the trigger, and what it sets off."""
-    borders = [line for line in drawing_of(task.run).road_lines if line.kind == "divider"]
-    lines: Shapes = [("lane", list(line.points)) for line in borders]
-    lines.append(("vut", task.vut_route))
-    acts = {trigger.object_id: _act(task, trigger) for trigger in task.run.triggers}
-    for target in task.run.targets:
-        act = acts.get(target.id)
-        if target.approach is not None:
-            lines.append(("ot", act[0] if act else target.approach.path))
-        if act:
-            lines.append(("act", act[1]))
-    return lines
+def _words(name: str) -> str:
+    words = _parts(name)[0]
+    description = Limits.model_fields[name].description
+    return f"{words}: {description}" if description else words
 
 
-def _act(task: Task, trigger: TriggerSpec) -> tuple[list[Point], list[Point]] | None:
-    """What an object drives before the trigger, and what after, as planned; None: it brakes."""
-    manoeuvre = trigger.manoeuvre
-    if isinstance(manoeuvre, FollowPath):
-        return [], manoeuvre.motion.path
-    target = next(spec for spec in task.run.targets if spec.id == trigger.object_id)
-    if not isinstance(manoeuvre, LaneChange) or target.approach is None:
-        return None
-    path = Polyline(target.approach.path)
-    expected, _ = path.project(task.trigger.expected.x_m, task.trigger.expected.y_m)
-    station = expected + task.run.vut.size.front_m + task.trigger.below + target.size.rear_m
-    points = lane_change(
-        path,
-        station,
-        target.approach.cruise_mps,
-        manoeuvre.lateral_shift_m,
-        manoeuvre.duration_s,
-        manoeuvre.cruise_mps,
-        manoeuvre.deceleration_mps2,
-        end_station_m=run_out_end_m(path, station, target.approach.cruise_mps, manoeuvre),
+def _value(name: str, value: object) -> str:
+    if value is None:
+        return "–"
+    if not isinstance(value, float | int) or isinstance(value, bool):
+        return str(value)
+    unit = _parts(name)[1]
+    degrees = f" ({math.degrees(value):.0f}°)" if unit == "rad" else ""
+    return f"{value:g} {unit}".strip() + degrees
+
+
+def start_row(spec: ParticipantSpec) -> StartRow:
+    """Place and heading of a participant's start."""
+    heading_deg = math.degrees(spec.start.yaw_rad) % 360.0
+    size = spec.size
+    return StartRow(
+        spec.id,
+        spec.object_class,
+        spec.start.x_m,
+        spec.start.y_m,
+        heading_deg,
+        (90.0 - heading_deg) % 360.0,
+        f"{size.front_m:g} m ahead, {size.rear_m:g} m behind, {size.width_m:g} m wide",
     )
-    pose = path.pose(station)
-    cut = [p for p in target.approach.path if path.project(*p)[0] < station]
-    return [*cut, (pose.x_m, pose.y_m)], [(p.x_m, p.y_m) for p in points]
