@@ -12,20 +12,23 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import click
-from rich.progress import Progress
+from rich.progress import Progress as ProgressBar
 
-from ssp_core import console
+from ssp_core import __version__, console
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import make_folder, write_json
-from ssp_core.hashing import sha256_bytes
+from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.processes import die_with_parent
 from ssp_core.terminal import on_stop_signals
+from ssp_eval.data.provenance import labels_places
+from ssp_eval.twins.files import twins_folder
 from ssp_scenario_manager.event_spec.load import load_event
 
 MARKER = ".ssp-demo.json"
@@ -41,9 +44,62 @@ MADE = frozenset(
 _MOST = 99
 
 
+@dataclass
+class Progress:
+    """What a demonstration has done in its folder, as its marker says.
+
+    Args:
+        plan: what its steps and their software are; another plan begins anew.
+        steps: commands of the finished steps, by name.
+        complete: every step is finished, and the next demonstration begins anew.
+    """
+
+    folder: Path
+    plan: str
+    steps: dict[str, str] = field(default_factory=dict)
+    complete: bool = False
+    wall_s: float = 0.0
+
+    @classmethod
+    def of(cls, folder: Path, plan: str) -> Progress:
+        """Reads the marker of a folder; anew where there is none that can be gone on with."""
+        value = _marker(folder / MARKER)
+        steps = value.get("steps")
+        if value.get("plan") != plan or value.get("complete") or not isinstance(steps, dict):
+            return cls(folder, plan)
+        return cls(folder, plan, {str(name): str(command) for name, command in steps.items()})
+
+    def finish(self, step: Step) -> None:
+        """Notes a step as finished."""
+        self.steps[step.name] = step.digest
+        self.write()
+
+    def kept(self, steps: Sequence[Step]) -> set[str]:
+        """Names of the steps that needn't be done again: they and their needs are finished."""
+        kept: set[str] = set()
+        for step in steps:
+            unchanged = self.steps.get(step.name) == step.digest
+            if unchanged and kept.issuperset((*step.needs, *step.after)):
+                kept.add(step.name)
+        return kept
+
+    def write(self) -> None:
+        """Leaves the marker."""
+        value = {"schema": SCHEMA, "plan": self.plan, "steps": self.steps}
+        write_json(
+            self.folder / MARKER,
+            {**value, "complete": self.complete, "wall_s": round(self.wall_s, 1)},
+        )
+
+
 @contextmanager
-def own_folder(out: Path) -> Iterator[Path]:
+def own_folder(out: Path, plan: str) -> Iterator[Progress]:
     """The folder, or the next free number beside it while another demonstration works there.
+
+    An earlier demonstration of the same plan that is incomplete is gone on with.
+
+    Args:
+        plan: see Progress.
 
     Raises:
         InputError: it holds something that no demonstration made.
@@ -57,9 +113,12 @@ def own_folder(out: Path) -> Iterator[Path]:
             os.close(handle)
             continue
         try:
-            _clear(folder)
-            write_json(folder / MARKER, {"schema": SCHEMA})
-            yield folder
+            _check_own(folder)
+            progress = Progress.of(folder, plan)
+            if not progress.steps:
+                _clear(folder)
+            progress.write()
+            yield progress
         finally:
             os.close(handle)
         return
@@ -75,8 +134,8 @@ def _lock_file(folder: Path) -> Path:
     return locks / sha256_bytes(str(folder.resolve()).encode()).removeprefix("sha256:")[:32]
 
 
-def _clear(folder: Path) -> None:
-    """Makes the folder, or empties it of what an earlier demonstration left, and of nothing else.
+def _check_own(folder: Path) -> None:
+    """Makes the folder, or checks that it holds what an earlier demonstration left, and no more.
 
     Raises:
         InputError: it can't be made, or holds something that no demonstration made.
@@ -90,20 +149,31 @@ def _clear(folder: Path) -> None:
             value=", ".join(foreign) or None,
             remedy="name another folder with --out",
         )
-    for name in found:
-        path = folder / name
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
+
+
+def _clear(folder: Path) -> None:
+    for path in folder.iterdir():
+        _remove(path)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _is_ours(marker: Path) -> bool:
+    return _marker(marker).get("schema") == SCHEMA
+
+
+def _marker(file: Path) -> dict[str, Any]:
+    """What a marker says, empty where it can't be read."""
     try:
-        value = json.loads(marker.read_text())
+        value = json.loads(file.read_text())
     except (OSError, ValueError):
-        return False
-    return isinstance(value, dict) and value.get("schema") == SCHEMA
+        return {}
+    return value if isinstance(value, dict) else {}
 
 
 SCENARIOS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
@@ -126,8 +196,12 @@ class Step:
 
     Args:
         arguments: of ``ssp``.
+        needs: steps that must have been done.
         session: it runs a session; one at a time does.
         more: arguments that are known only when the steps before are done.
+        after: steps that must have ended, be it without success.
+        present: the arguments without what steps before it failed to make; None: all of them.
+        makes: what is removed before it is done again.
     """
 
     name: str
@@ -136,10 +210,19 @@ class Step:
     needs: tuple[str, ...] = ()
     session: bool = False
     more: Callable[[], tuple[str, ...]] = _nothing
+    after: tuple[str, ...] = ()
+    present: Callable[[], tuple[str, ...]] | None = None
+    makes: tuple[Path, ...] = ()
 
     def command(self, python: str) -> list[str]:
         """What to run, once the steps that it needs are done."""
-        return [python, "-m", "ssp_core.cli", *self.arguments, *self.more()]
+        arguments = self.arguments if self.present is None else self.present()
+        return [python, "-m", "ssp_core.cli", *arguments, *self.more()]
+
+    @property
+    def digest(self) -> str:
+        """Hash of what it is asked to do."""
+        return sha256_json([__version__, *self.arguments])
 
 
 def run_folder(out: Path, scenario: str, domain: str) -> Path:
@@ -209,73 +292,79 @@ def _of_scenario(out: Path, scenario: str) -> list[Step]:
         needs: tuple[str, ...] = (),
         session: bool = False,
         more: Callable[[], tuple[str, ...]] = _nothing,
+        makes: tuple[str | Path, ...] = (),
     ) -> Step:
         before = tuple(f"{scenario}/{one}" for one in needs)
-        return Step(f"{scenario}/{name}", f"{scenario}: {title}", arguments, before, session, more)
+        return Step(
+            f"{scenario}/{name}", f"{scenario}: {title}", arguments, before, session, more,
+            makes=tuple(map(Path, makes)),
+        )  # fmt: skip
 
     return [
         step(
             "clip", "make a synthetic clip and the K* bound to it",
             "spec", "clip", scenario, "--seed", str(CLIP_SEED), "--out", str(clip.parent),
+            makes=(clip, Path(event), clip.with_suffix(".truth.json")),
         ),
         step(
             "simulation", "compile and run the simulation",
             "run", event, "--site", SIMULATION_SITE, "--seed", str(SIMULATION_SEED),
-            "--out", simulation, needs=("clip",), session=True,
+            "--out", simulation, needs=("clip",), session=True, makes=(simulation,),
         ),
         step(
             "synthetic", "import the clip as a bag",
             "import-video", str(clip), "--scenario", scenario, "--generator", GENERATOR,
-            "--out", f"{synthetic}/bag", needs=("clip",),
+            "--out", f"{synthetic}/bag", needs=("clip",), makes=(synthetic,),
             more=lambda: (*_version(out, scenario), *declared_options(clip)),
         ),
         step(
             "task", "compile for the track",
             "compile", event, "--target", "track", "--site", TRACK_SITE, "--seed", str(TRACK_SEED),
-            "--validated-by", simulation, "--out", task, needs=("simulation",),
+            "--validated-by", simulation, "--out", task, needs=("simulation",), makes=(task,),
         ),
         step(
             "physical", "run the compiled task on the track",
-            "run", task, "--out", physical, needs=("task",), session=True,
+            "run", task, "--out", physical, needs=("task",), session=True, makes=(physical,),
         ),
         step(
             "twins", "make the simulation's twins: without its object, with an irrelevant one",
             "twins", simulation, *TWINS, needs=("simulation",),
+            makes=(twins_folder(Path(simulation) / "bag"),),
         ),
         # One plan for the three recordings, so that each has as many labels in every phase.
         step(
             "labels", "label the three recordings by one plan",
             "labels", "new", *recordings, "--truth", str(clip.with_suffix(".truth.json")),
-            needs=_DOMAINS,
+            needs=_DOMAINS, makes=tuple(labels_places(Path(one) / "bag")[2] for one in recordings),
         ),
         step(
             "audit", "audit the three recordings",
             "audit", *recordings, "--out", str(audit_folder(out, scenario)), needs=("labels",),
+            makes=(audit_folder(out, scenario),),
         ),
     ]  # fmt: skip
 
 
 def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
     """Asks the bridges about every recording, scores the answers, reports and packs it all."""
-    bags = [str(run_folder(out, s, d) / "bag") for s in scenarios for d in _DOMAINS]
-    audits = [word for s in scenarios for word in ("--audit", str(audit_folder(out, s)))]
-    bridges = [word for name in BRIDGES for word in ("--bridge", name)]
     package = str(package_folder(out))
     return [
         Step(
             "evaluate",
             "ask the bridges and score",
-            ("evaluate", *bags, *audits, *bridges, "--twins", "--out", str(out)),
-            needs=tuple(
+            _asked(out, scenarios),
+            after=tuple(
                 f"{scenario}/{one}" for scenario in scenarios for one in ("audit", "twins")
             ),
+            present=lambda: _asked(out, [s for s in scenarios if _is_audited(out, s)]),
         ),
-        Step("report", "write the report", ("report", str(out)), needs=("evaluate",)),
+        Step("report", "write the report", ("report", str(out)), after=("evaluate",)),
         Step(
             "package",
             "make the evidence package",
             ("package", "make", str(out), "--out", package),
             needs=("report",),
+            makes=(Path(package),),
         ),
         Step(
             "verify",
@@ -284,6 +373,18 @@ def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
             needs=("package",),
         ),
     ]
+
+
+def _asked(out: Path, scenarios: Sequence[str]) -> tuple[str, ...]:
+    """Arguments that ask the bridges about the recordings of scenarios, and about their twins."""
+    bags = [str(run_folder(out, s, d) / "bag") for s in scenarios for d in _DOMAINS]
+    audits = [word for s in scenarios for word in ("--audit", str(audit_folder(out, s)))]
+    bridges = [word for name in BRIDGES for word in ("--bridge", name)]
+    return ("evaluate", *bags, *audits, *bridges, "--twins", "--out", str(out))
+
+
+def _is_audited(out: Path, scenario: str) -> bool:
+    return (audit_folder(out, scenario) / "audit.json").is_file()
 
 
 END_TIMEOUT_S = 30.0
@@ -309,13 +410,22 @@ def _raise_interrupted(_: signal.Signals) -> None:
     raise _Interrupted
 
 
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A step that failed or wasn't begun, and why."""
+
+    step: Step
+    why: str
+
+
 def follow(
     steps: Sequence[Step],
     logs: Path,
     on_start: Callable[[Step, int], None],
     on_end: Callable[[Step], None],
-) -> None:
-    """Runs all steps.
+    kept: Collection[str] = (),
+) -> list[Gap]:
+    """Runs all steps. One that fails costs those that need it, and no other.
 
     Each step is a process group of its own, so that Ctrl-C reaches it once and through here: it is
     told, and given the time to abort its session and to close its bag.
@@ -323,26 +433,38 @@ def follow(
     Args:
         steps: each needs only ones before it.
         logs: folder that gets command and output of each step.
+        on_end: takes each step that was done.
+        kept: names of steps that were done before.
+
+    Returns:
+        What is missing; empty when all steps are done.
 
     Raises:
-        PeerError: a step failed or was interrupted; the message ends with the last lines of its
-            output.
+        PeerError: it was interrupted.
     """
-    waiting, running, done = list(steps), list[_Running](), set[str]()
+    waiting = [step for step in steps if step.name not in kept]
+    running, done, gaps = list[_Running](), set(kept), list[Gap]()
     with on_stop_signals(_raise_interrupted):
         try:
             while waiting or running:
-                while (step := _next(waiting, running, done)) is not None:
+                failed = {gap.step.name for gap in gaps}
+                for late in [one for one in waiting if not failed.isdisjoint(one.needs)]:
+                    waiting.remove(late)
+                    gaps.append(Gap(late, f"needs {', '.join(sorted(failed & {*late.needs}))}"))
+                failed = {gap.step.name for gap in gaps}
+                while (step := _next(waiting, running, done, failed)) is not None:
                     waiting.remove(step)
                     on_start(step, len(steps) - len(waiting))
                     running.append(_start(step, logs))
                 ended = [one for one in running if one.process.poll() is not None]
                 for one in ended:
                     running.remove(one)
-                    _check(one)
-                    done.add(one.step.name)
-                    on_end(one.step)
-                if not ended:
+                    if (gap := _gap(one)) is not None:
+                        gaps.append(gap)
+                    else:
+                        done.add(one.step.name)
+                        on_end(one.step)
+                if not ended and running:
                     time.sleep(_POLL_S)
         except _Interrupted:
             titles = ", ".join(one.step.title for one in running)
@@ -351,13 +473,17 @@ def follow(
         except BaseException:
             _end_all(running)
             raise
+    return gaps
 
 
-def _next(waiting: Sequence[Step], running: Sequence[_Running], done: set[str]) -> Step | None:
+def _next(
+    waiting: Sequence[Step], running: Sequence[_Running], done: set[str], failed: set[str]
+) -> Step | None:
     """The first step that may start now; sessions first, since they take longest."""
     if len(running) >= AT_ONCE:
         return None
-    ready = [step for step in waiting if done.issuperset(step.needs)]
+    over = done | failed
+    ready = [s for s in waiting if done.issuperset(s.needs) and over.issuperset(s.after)]
     sessions = [step for step in ready if step.session]
     if sessions and not any(one.step.session for one in running):
         return sessions[0]
@@ -365,6 +491,8 @@ def _next(waiting: Sequence[Step], running: Sequence[_Running], done: set[str]) 
 
 
 def _start(step: Step, logs: Path) -> _Running:
+    for path in step.makes:
+        _remove(path)
     log = logs / f"{step.name.replace('/', '-')}.log"
     with log.open("wb") as stream:
         stream.write(f"$ {' '.join(step.command('python'))}\n".encode())
@@ -380,12 +508,13 @@ def _start(step: Step, logs: Path) -> _Running:
     return _Running(step, process, log)
 
 
-def _check(one: _Running) -> None:
-    """Raises PeerError for a step that failed."""
+def _gap(one: _Running) -> Gap | None:
+    """Why a step failed, with the last lines of its output; None where it didn't."""
     status = one.process.returncode
-    if status != 0:
-        tail = "\n".join(one.log.read_text(errors="replace").splitlines()[-_TAIL:])
-        raise PeerError(f"{one.step.title}: failed with status {status}\n{tail}")
+    if status == 0:
+        return None
+    tail = "\n".join(one.log.read_text(errors="replace").splitlines()[-_TAIL:])
+    return Gap(one.step, f"failed with status {status}\n{tail}")
 
 
 def _end_all(running: Sequence[_Running]) -> None:
@@ -417,7 +546,8 @@ def _end_all(running: Sequence[_Running]) -> None:
     type=click.Path(path_type=Path),
     default=Path("out/demo"),
     show_default=True,
-    help="Folder for everything; an earlier demonstration there is replaced.",
+    help="Folder for everything; a complete demonstration there is replaced, an incomplete one "
+    "goes on.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a summary as JSON.")
 def demo(scenarios: tuple[str, ...], out: Path, as_json: bool) -> int:
@@ -425,35 +555,69 @@ def demo(scenarios: tuple[str, ...], out: Path, as_json: bool) -> int:
 
     Each event comes from its K* file. The `physical` sessions are a software stand-in on another
     site with disturbances: no vehicle moves, and no figure of this demonstration says anything
-    about one.
+    about one. A step that fails is named at the end, and the exit status is 1; the same command,
+    given again, does what is missing.
     """
     started = time.monotonic()
-    with own_folder(out) as folder:
+    chosen = list(dict.fromkeys(scenarios))
+    with own_folder(out, sha256_json([__version__, *chosen])) as progress:
+        folder = progress.folder
         if folder != out:
             console.note(f"another demonstration works in {out}; this one goes to {folder}")
         console.note("the physical sessions are a software stand-in, not a vehicle")
-        (folder / "clips").mkdir()
-        steps = plan_steps(folder, list(dict.fromkeys(scenarios)))
+        make_folder(folder / "clips")
+        steps = plan_steps(folder, chosen)
+        kept = progress.kept(steps)
+        if kept:
+            console.note(f"{len(kept)} of {len(steps)} steps were finished before")
+
         with console.progress("demo", len(steps)) as bar:
-            follow(
+
+            def on_end(step: Step) -> None:
+                progress.finish(step)
+                bar.advance(bar.task_ids[0])
+
+            bar.advance(bar.task_ids[0], len(kept))
+            gaps = follow(
                 steps,
                 make_folder(folder / LOGS),
                 on_start=lambda step, number: _tell(bar, step, number, len(steps)),
-                on_end=lambda _: bar.advance(bar.task_ids[0]),
+                on_end=on_end,
+                kept=kept,
             )
-        seconds = time.monotonic() - started
-        index, package = folder / "index.html", package_folder(folder)
-        write_json(folder / MARKER, {"schema": SCHEMA, "wall_s": round(seconds, 1)})
+        progress.wall_s = time.monotonic() - started
+        progress.complete = not gaps
+        progress.write()
+    _conclude(progress, gaps, as_json)
+    return 1 if gaps else 0
+
+
+def _conclude(progress: Progress, gaps: Sequence[Gap], as_json: bool) -> None:
+    """Says what was made, and what is missing."""
+    missing = {gap.step.name for gap in gaps}
+    index, package = progress.folder / "index.html", package_folder(progress.folder)
+    for gap in gaps:
+        console.report_error(f"{gap.step.title}: {gap.why}")
     if as_json:
-        summary = {"report": str(index), "package": str(package), "wall_s": round(seconds, 1)}
+        summary = {
+            "report": str(index) if "report" not in missing else None,
+            "package": str(package) if "verify" not in missing else None,
+            "wall_s": round(progress.wall_s, 1),
+            "missing": {gap.step.name: gap.why for gap in gaps},
+        }
         click.echo(json.dumps(summary))
-    else:
-        console.out.print(f"done in {seconds:.0f} s; open {index}", markup=False)
+        return
+    lack = f" with {len(gaps)} of its steps missing" if gaps else ""
+    if "report" not in missing:
+        line = f"done in {progress.wall_s:.0f} s{lack}; open {index}"
+        console.out.print(line, markup=False)
+    if "verify" not in missing:
         console.out.print(f"evidence package, verified: {package}", markup=False)
-    return 0
+    if gaps:
+        console.out.print("give the same command again to do what is missing", markup=False)
 
 
-def _tell(bar: Progress, step: Step, number: int, total: int) -> None:
+def _tell(bar: ProgressBar, step: Step, number: int, total: int) -> None:
     bar.update(bar.task_ids[0], description=step.title)
     if not sys.stderr.isatty():
         console.note(f"[{number}/{total}] {step.title}")

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import PeerError
-from ssp_eval.demo import AT_ONCE, Step, follow
+from ssp_eval.demo import AT_ONCE, Progress, Step, follow
 
 
 class Script(Step):
@@ -78,17 +78,57 @@ def test_steps_wait_for_what_they_need_and_share_the_host(tmp_path: Path, logs: 
     assert {p.name for p in logs.iterdir()} == {f"{name}.log" for name, _ in plan}
 
 
-def test_a_step_that_fails_ends_the_others_and_shows_its_last_lines(logs: Path) -> None:
+def test_a_step_that_fails_costs_what_needs_it_and_shows_its_last_lines(logs: Path) -> None:
+    """It cost report, package and all that had been done."""
+    report = Step("report", "do report", ("pass",), after=("never", "other"))
     steps = [
         script("bad", "print('the reason'); raise SystemExit(3)"),
-        script("long", "import time; time.sleep(600)"),
+        script("other", "pass"),
         script("never", "raise SystemExit('ran')", "bad"),
+        Script(report.name, report.title, report.arguments, after=report.after),
     ]
-    began = time.monotonic()
-    with pytest.raises(PeerError, match=r"do bad: failed with status 3\n(.*\n)*the reason"):
-        follow(steps, logs, nothing, nothing)
-    assert time.monotonic() - began < 300  # of the 600 s that the other would take
+    ended: list[str] = []
+    gaps = follow(steps, logs, nothing, lambda step: ended.append(step.name))
+    assert ended == ["other", "report"]
+    bad, never = gaps
+    assert (bad.step.name, never.step.name) == ("bad", "never")
+    assert bad.why.startswith("failed with status 3\n")
+    assert bad.why.endswith("the reason")
+    assert never.why == "needs bad"
     assert not (logs / "never.log").exists()
+
+
+def test_finished_steps_are_taken_up_and_the_rest_is_made_anew(tmp_path: Path, logs: Path) -> None:
+    made = tmp_path / "made"
+    good = tmp_path / "good"
+    count = tmp_path / "count"
+    code = f"import pathlib; p = pathlib.Path({str(count)!r}); p.write_text(p.read_text() + 'x')"
+    count.write_text("")
+
+    def steps() -> list[Step]:
+        late = f"import pathlib, sys; sys.exit(0 if pathlib.Path({str(good)!r}).exists() else 1)"
+        return [
+            script("a", code),
+            Script("b", "do b", (late,), ("a",), makes=(made,)),
+            script("c", code, "b"),
+        ]
+
+    def once() -> list[str]:
+        progress = Progress.of(tmp_path, "plan")
+        gaps = follow(steps(), logs, nothing, progress.finish, progress.kept(steps()))
+        return [gap.step.name for gap in gaps]
+
+    assert once() == ["b", "c"]
+    made.mkdir()
+    (made / "half").write_text("of the step that failed")
+    good.write_text("")
+    assert once() == []
+    assert not made.exists()
+    assert count.read_text() == "xx"  # a once, c once
+    changed = [script("a", code + " "), *steps()[1:]]
+    assert Progress.of(tmp_path, "plan").kept(steps()) == {"a", "b", "c"}
+    assert Progress.of(tmp_path, "plan").kept(changed) == set()
+    assert Progress.of(tmp_path, "another plan").kept(steps()) == set()
 
 
 GRACEFUL = """
@@ -139,12 +179,15 @@ def test_a_step_that_does_not_end_is_killed(
         "import signal, time, pathlib\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
         f"pathlib.Path({str(ready)!r}).write_text('')\ntime.sleep(60)"
     )
-    wait_then_fail = (
-        "import time, pathlib\n"
-        f"while not pathlib.Path({str(ready)!r}).exists(): time.sleep(0.02)\n"
-        "raise SystemExit(1)"
-    )
-    with pytest.raises(PeerError, match="do bad: failed"):
-        follow(
-            [script("stubborn", stubborn), script("bad", wait_then_fail)], logs, nothing, nothing
-        )
+
+    def interrupt() -> None:
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline and not ready.exists():
+            time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(PeerError, match="do stubborn: interrupted"):
+        follow([script("stubborn", stubborn)], logs, nothing, nothing)
+    thread.join()

@@ -38,7 +38,7 @@ def test_every_step_is_a_command_that_exists(scenarios: tuple[str, ...]) -> None
             assert parse(step.arguments).params, step.name
     done: set[str] = set()
     for step in steps:
-        assert done.issuperset(step.needs), step.name
+        assert done.issuperset((*step.needs, *step.after)), step.name
         done.add(step.name)
     assert len(done) == len(steps)
     assert [step.name for step in steps if step.session] == [
@@ -50,7 +50,19 @@ def test_every_step_is_a_command_that_exists(scenarios: tuple[str, ...]) -> None
 def test_the_models_are_asked_about_twins_of_every_simulation() -> None:
     (evaluate,) = (s for s in demo.plan_steps(OUT, demo.SCENARIOS) if s.name == "evaluate")
     assert parse(evaluate.arguments).params["twins"] is True
-    assert {f"{scenario}/twins" for scenario in demo.SCENARIOS} <= set(evaluate.needs)
+    assert {f"{scenario}/twins" for scenario in demo.SCENARIOS} <= set(evaluate.after)
+
+
+def test_the_evaluation_goes_on_without_a_scenario_that_failed(tmp_path: Path) -> None:
+    steps = {step.name: step for step in demo.plan_steps(tmp_path, demo.DEFAULT_SCENARIOS)}
+    write_json(demo.audit_folder(tmp_path, "cut_in") / "audit.json", {})
+    asked = steps["evaluate"].command("python")
+    assert [word for word in asked if word.endswith("bag")] == [
+        str(demo.run_folder(tmp_path, "cut_in", domain) / "bag")
+        for domain in ("synthetic", "simulation", "physical")
+    ]
+    assert not any("vru_crossing" in word for word in asked)
+    assert steps["report"].needs == ()
 
 
 def test_what_a_clip_declares_is_taken_from_its_truth(tmp_path: Path) -> None:

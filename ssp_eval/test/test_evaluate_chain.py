@@ -204,15 +204,37 @@ def test_missing_answers_cost_their_records_only(
 
 
 def test_nothing_at_all_is_a_failure_of_ours(make_bag: BagMaker, tmp_path: Path) -> None:
+    calls: list[str] = []
+
     class Unreachable:
         def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
+            calls.append(model.name)
             raise PeerError("no bridge for m on its topics")
 
     (result,) = evaluate(make_bag(), tmp_path / "out", "m", clients=Unreachable())
     assert result.status == "failed"
+    assert calls == ["m", "m"]  # once more, and no more
     assert result.reasons == ("no bridge for m on its topics",)
     assert result.score is None
     assert not (result.folder / "score.json").exists()
+
+
+def test_a_bridge_that_comes_up_late_is_asked_once_more(make_bag: BagMaker, tmp_path: Path) -> None:
+    """One of 54 that did cost a report."""
+    answering = Answering()
+    calls: list[str] = []
+
+    class Late:
+        def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
+            calls.append(model.name)
+            if len(calls) == 1:
+                raise PeerError("no bridge for m on its topics")
+            return answering.client(model, options)
+
+    (result,) = evaluate(make_bag(), tmp_path / "out", "perfect", clients=Late())
+    assert result.status == "ok"
+    assert result.missing == 0
+    assert calls == ["perfect", "perfect"]
 
 
 def test_an_invalid_run_is_refused_and_never_scored(make_bag: BagMaker, tmp_path: Path) -> None:

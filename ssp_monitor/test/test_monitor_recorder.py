@@ -247,6 +247,7 @@ def test_the_bag_says_what_is_in_it_and_what_is_missing(tmp_path, clock_cdr):
         {
             "name": "/clock", "type": CLOCK_TYPE, "received": 100, "written": len(written),
             "bytes": sum(len(m.data) for m in written), "lost": 7, "dropped": state.dropped,
+            "passed_over": 0,
             "first_ns": written[0].log_time_ns, "last_ns": written[-1].log_time_ns,
         }
     ]  # fmt: skip

@@ -18,7 +18,7 @@ from ssp_core.hashing import sha256_file
 from ssp_eval.data.labels import Labels, compare_by_scenario, load_labels
 from ssp_eval.data.provenance import SAFE_NAME, bag_folder, beside_bag, find_labels
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission, keep_audits
-from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
+from ssp_eval.evaluate.cell import CellOptions, evaluate_cell_again
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers
 from ssp_eval.evaluate.model_client import ModelClients
 from ssp_eval.evaluate.models import CONDITIONS, REASONING, TWIN, ModelSpec, with_twin_conditions
@@ -403,7 +403,7 @@ def run_campaign(
         on_plan(plan_of(clips, models, not options.fresh and holds_answers(out)))
         for labelled in clips:
             for model in models_of(labelled, models):
-                result = evaluate_cell(labelled, model, clients, out, options, on_record)
+                result = evaluate_cell_again(labelled, model, clients, out, options, on_record)
                 results.append(result)
                 labelled.forget_twin(model)
             labelled.clip.forget_questions()

@@ -289,6 +289,25 @@ def _write_labels(folder: Path, labels: Labels) -> None:
             (folder / stale).unlink(missing_ok=True)
 
 
+def evaluate_cell_again(
+    labelled: LabelledClip,
+    model: ModelSpec,
+    clients: ModelClients,
+    out: Path,
+    options: CellOptions,
+    on_record: Callable[[], None],
+) -> CellResult:
+    """Evaluates a cell, and once more where its bridge wasn't there: it may have come up late.
+
+    Raises:
+        InputError: as of evaluate_cell.
+    """
+    result = evaluate_cell(labelled, model, clients, out, options, on_record)
+    if not result.failed_for_bridge:
+        return result
+    return evaluate_cell(labelled, model, clients, out, options, lambda: None)
+
+
 def evaluate_cell(
     labelled: LabelledClip,
     model: ModelSpec,

@@ -125,6 +125,8 @@ HASHED = (LABELS_FILE, RAW_FILE, REQUESTS_FILE, RECORDS_FILE, SCORE_FILE)
 SEAL = "cell"
 # Why a model under a condition may have no answer without anything being wrong.
 _BY_CONDITION = frozenset({Loss.NO_QUESTION, Loss.ERROR})
+# Why a cell has no answer that the model could have given.
+_NO_BRIDGE = frozenset({Loss.DIED, Loss.UNREACHABLE})
 
 
 @dataclass(frozen=True)
@@ -163,6 +165,11 @@ class CellResult:
     def missing(self) -> int:
         """Label times without an answer."""
         return sum(self.losses.values())
+
+    @property
+    def failed_for_bridge(self) -> bool:
+        """True where the bridge wasn't there for any question, which says nothing of its model."""
+        return self.status == "failed" and bool(self.losses) and _NO_BRIDGE.issuperset(self.losses)
 
     @property
     def is_failure(self) -> bool:

@@ -25,7 +25,7 @@ from ssp_core.terminal import ignore_stop_signals
 from ssp_eval.data.labels import labels_version
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.campaign import labelled_clip
-from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
+from ssp_eval.evaluate.cell import CellOptions, evaluate_cell_again
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip
 from ssp_eval.evaluate.model_client import (
     CONNECT_S,
@@ -123,7 +123,7 @@ class JobRunner(Closing):
             if job.twin_sha256:
                 labelled = with_twins(stack, labelled, job.model.condition)
             _check_same(job, labelled)
-            return evaluate_cell(
+            return evaluate_cell_again(
                 labelled, job.model, self._clients, self._settings.out, self._options, on_record
             )
 
