@@ -323,7 +323,7 @@ def test_why_nothing_of_a_body_is_taken_is_known() -> None:
     ours.close()
 
 
-def test_a_clock_that_is_ahead_is_named_and_forgotten_when_it_is_right() -> None:
+def test_a_clock_that_is_ahead_or_behind_is_named_and_forgotten_when_it_is_right() -> None:
     run = RunSpec.model_validate(small_run(mode="live"))
     body = StatedBody()
     live = LiveObjects(run, {"ot1": body}, lambda text: None)
@@ -340,6 +340,14 @@ def test_a_clock_that_is_ahead_is_named_and_forgotten_when_it_is_right() -> None
     live.tick(T0 + S)
     assert live.statuses(T0 + S) == [BodyStatus("ot1")]
     assert live.statuses(T0 + 2 * S) == [BodyStatus("ot1", ("its cable is out",))]
+    body.stamp_ns = T0 + 3 * S - ahead_s * S
+    live.tick(T0 + 3 * S)
+    (told,) = live.statuses(T0 + 3 * S)
+    assert told.no_state == ()
+    assert told.cannot_arm == (
+        f"what its body says is {ahead_s:.3f} s old when it comes, limit 0.3 s: its clock is "
+        "behind, or its link is slow (UTC is so far behind GPS time)",
+    )
 
 
 class StatedBody(MirrorBody):

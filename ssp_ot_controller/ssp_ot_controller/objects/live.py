@@ -123,6 +123,11 @@ def open_bodies(
     return bodies
 
 
+def _leap_hint(off_s: float, now_ns: int, hint: str) -> str:
+    """A word on leap seconds, where a clock is off by as many."""
+    return f" ({hint})" if abs(off_s - leap_seconds(now_ns)) < _NEAR_S else ""
+
+
 class LiveObjects:
     """All bodies of one process, stepped on the session's clock. Reads no clock itself.
 
@@ -137,6 +142,8 @@ class LiveObjects:
         self._specs = {t.id: t for t in run.targets if t.id in bodies}
         self._test_objects = {i: b for i, b in bodies.items() if isinstance(b, IsoBody)}
         self._ahead_s = run.limits.clock_offset_s
+        self._oldest_s = run.limits.state_age_s
+        self._late_s: dict[str, float] = {}
         self._apart_s = _STEP_SHARE * run.step_s if self._test_objects else 0.0
         self._silent_s = _SILENT_STEPS * run.step_s
         self._stepped_ns: dict[str, int] = {}
@@ -178,6 +185,7 @@ class LiveObjects:
             if reading is not None and self._is_believable(object_id, reading, now_ns):
                 self._newest[object_id] = reading
                 self._taken_ns[object_id] = now_ns
+                self._late_s[object_id] = ns_to_seconds(now_ns - reading.stamp_ns)
         truths = []
         for object_id, reading in sorted(self._newest.items()):
             if not self._is_due(object_id, now_ns, only_new):
@@ -236,10 +244,21 @@ class LiveObjects:
             problems = (ahead,) if ahead else body.problems()
             of_object = self._test_objects.get(object_id)
             check = BodyCheck() if of_object is None else of_object.check
-            found.append(
-                BodyStatus(object_id, problems if silent else (), check.cannot_arm, check.lasting)
-            )
+            late = () if silent else self._late(object_id, now_ns)
+            no_state = problems if silent else ()
+            found.append(BodyStatus(object_id, no_state, (*check.cannot_arm, *late), check.lasting))
         return found
+
+    def _late(self, object_id: str, now_ns: int) -> tuple[str, ...]:
+        """Why the newest reading was too old when it came."""
+        late_s = self._late_s[object_id]
+        if late_s <= self._oldest_s:
+            return ()
+        text = (
+            f"what its body says is {late_s:.3f} s old when it comes, limit {self._oldest_s:g} s: "
+            "its clock is behind, or its link is slow"
+        )
+        return (text + _leap_hint(late_s, now_ns, "UTC is so far behind GPS time"),)
 
     def _is_believable(self, object_id: str, reading: BodyReading, now_ns: int) -> bool:
         ahead_s = ns_to_seconds(reading.stamp_ns - now_ns)
@@ -250,8 +269,7 @@ class LiveObjects:
             f"its body's clock is {ahead_s:.3f} s ahead, limit {self._ahead_s:g} s: its readings "
             "aren't taken"
         )
-        if abs(ahead_s - leap_seconds(now_ns)) < _NEAR_S:
-            text += " (GPS time is so far ahead of UTC)"
+        text += _leap_hint(ahead_s, now_ns, "GPS time is so far ahead of UTC")
         if object_id not in self._warned:
             self._warned.add(object_id)
             self._warn(f"{object_id}: {text}")
