@@ -541,6 +541,7 @@ def test_the_death_of_the_manager_goes_on_shouting(
     assert "Objects may be moving" in tab.text("#banner")
     assert tab.evaluate("document.getElementById('ended').hidden")
     assert "keep clear" in tab.text("#next")
+    assert tab.text("#abort-hint") == "not heard now"
     found = re.search(r"`kill (\d+)` ends it now", "".join(session.lines))
     assert found is not None
     os.kill(int(found[1]), signal.SIGTERM)

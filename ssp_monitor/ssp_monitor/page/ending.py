@@ -70,7 +70,8 @@ def _standing(board: Board) -> tuple[bool, str]:
     if state in OVER:
         at_s = board.elapsed_s
         return True, "everything stood" + ("" if at_s is None else f" at {at_s:.1f} s")
-    heard = f"the session was {state.name} when it was last heard"
+    why = f" ({board.session.reason})" if board.session and board.session.reason else ""
+    heard = f"the session was {state.name}{why} when it was last heard"
     return False, f"{heard}, and nobody reported a standstill. Objects may be moving."
 
 

@@ -134,9 +134,10 @@ function show() {
   const end = snapshot?.end ?? null;
   const unheard = state.head === "NOT CONNECTED" || (snapshot?.abort_unheard ?? true);
   const hint = byId("abort-hint");
-  setText(hint, end ? "the run has ended" : unheard ? "not heard now" : "space bar");
+  const dead = unheard || end !== null;
+  setText(hint, end?.stands ? "the run has ended" : dead ? "not heard now" : "space bar");
   // Of use only where there is a keyboard.
-  setClass(hint, "key", !end && !unheard);
+  setClass(hint, "key", !dead);
   ended(end, snapshot);
   session.show(snapshot, state, allowed);
   recorder.show(snapshot, state);
