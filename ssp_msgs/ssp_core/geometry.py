@@ -158,6 +158,80 @@ def _even_odd(x_m: Any, y_m: Any, polygon: Sequence[Point]) -> Any:
     return inside
 
 
+MOST_CORNERS = 1000
+# Edges of an outline that come so near to each other touch, however their corners were rounded.
+TOUCHING_M = 1e-9
+
+
+def outline_problem(points: Sequence[Point]) -> tuple[str, str] | None:
+    """Why points, in order, are no legal outline of an area, and the remedy; None for a legal one.
+
+    Only edges that follow each other share a point, the corner between them: an outline that
+    crosses or touches itself, or doubles back on itself, has no inside that everybody agrees on.
+
+    Args:
+        points: corners, m, finite; the last is joined to the first.
+    """
+    n = len(points)
+    if not 3 <= n <= MOST_CORNERS:
+        return f"has {n} corners", f"give 3 to {MOST_CORNERS}"
+    a = np.array(points, dtype=np.float64)
+    if not np.isfinite(a).all():
+        return "has a corner that is no number", "give finite coordinates"
+    b = np.roll(a, -1, axis=0)
+    if len(set(points)) < n:
+        return "has a point twice", "list each corner once; it closes by itself"
+    low, high = np.minimum(a, b) - TOUCHING_M, np.maximum(a, b) + TOUCHING_M
+    meet = (low[:, None] <= high).all(axis=-1) & (low <= high[:, None]).all(axis=-1)
+    touching: tuple[str, str] | None = None
+    for i, k in np.argwhere(np.triu(meet, 2)).tolist():
+        if (i, k) == (0, n - 1):
+            continue
+        word = _meeting(points[i], points[(i + 1) % n], points[k], points[(k + 1) % n])
+        if word == "crosses":
+            return f"crosses itself (edges {i} and {k})", "list its corners in order"
+        if word and touching is None:
+            text = f"touches itself (edges {i} and {k})"
+            touching = text, "let no corner lie on another edge; keep the edges apart"
+    edges = list(zip(points, [*points[1:], points[0]], strict=True))
+    if abs(sum(p[0] * q[1] - q[0] * p[1] for p, q in edges)) < 1e-6:
+        return "encloses no area", "list its corners in order"
+    return touching or _spike(points)
+
+
+def _spike(points: Sequence[Point]) -> tuple[str, str] | None:
+    """The first corner at which an outline goes back on the edge that it came by."""
+    for i, corner in enumerate(points):
+        before, after = points[i - 1], points[(i + 1) % len(points)]
+        back = _to_segment_m(after, before, corner) <= TOUCHING_M
+        if back or _to_segment_m(before, corner, after) <= TOUCHING_M:
+            return f"doubles back at corner {i}", "leave out the corners of the spike"
+    return None
+
+
+def _meeting(a: Point, b: Point, c: Point, d: Point) -> str:
+    """How two edges meet: ``crosses``, ``touches``, or not at all."""
+    if _turn(a, b, c) * _turn(a, b, d) < 0.0 and _turn(c, d, a) * _turn(c, d, b) < 0.0:
+        return "crosses"
+    nearest = min(
+        _to_segment_m(a, c, d), _to_segment_m(b, c, d), _to_segment_m(c, a, b),
+        _to_segment_m(d, a, b),
+    )  # fmt: skip
+    return "touches" if nearest <= TOUCHING_M else ""
+
+
+def _turn(a: Point, b: Point, c: Point) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _to_segment_m(point: Point, a: Point, b: Point) -> float:
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    px, py = point[0] - a[0], point[1] - a[1]
+    t = (px * dx + py * dy) / (dx * dx + dy * dy)
+    t = min(max(t, 0.0), 1.0)
+    return math.hypot(px - t * dx, py - t * dy)
+
+
 # Up to so many pieces, a path is gone through one by one.
 _FEW_PIECES = 12
 

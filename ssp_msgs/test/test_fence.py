@@ -11,22 +11,33 @@ from hypothesis import strategies as st
 
 from ssp_core.geometry import Box, Pose2
 from ssp_core.motion.state import Size
-from ssp_core.safety.fence import box_excess_m, corners_of, excess_m, room_m, rooms_m, row_excess_m
+from ssp_core.safety.fence import (
+    box_excess_m,
+    moved_excess_m,
+    room_m,
+    rooms_m,
+    way_excess_m,
+    way_room_m,
+)
 
 SQUARE = [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (0.0, 50.0)]
 NOTCHED = [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (52.0, 50.0), (50.0, 25.0), (48.0, 50.0)]
 NOTCHED += [(0.0, 50.0)]
 
 
+def walled(wall_m: float) -> list[tuple[float, float]]:
+    """A thin notch that closes two lanes and more: no box can be on both sides of it."""
+    left, right = 50.0 - wall_m / 2, 50.0 + wall_m / 2
+    wall = [(right, 50.0), (right, 20.0), (left, 20.0), (left, 50.0)]
+    return [*SQUARE[:3], *wall, SQUARE[3]]
+
+
+WALLED = walled(0.01)
+SIZE = Size(4.0, 1.0, 2.0, 1.5)
+
+
 def box(x_m: float, y_m: float, yaw_rad: float = 0.0) -> Box:
     return Box(Pose2(x_m, y_m, yaw_rad), 4.0, 1.0, 2.0)
-
-
-def test_corners_are_those_of_a_box() -> None:
-    size = Size(4.0, 1.0, 2.0, 1.5)
-    yaw = 0.7
-    got = corners_of(np.array([3.0]), np.array([-2.0]), np.array([yaw]), size)
-    assert np.allclose(got[0], box(3.0, -2.0, yaw).corners())
 
 
 @pytest.mark.parametrize(
@@ -44,11 +55,58 @@ def test_a_notch_inside_the_box_counts() -> None:
     assert box_excess_m(box(48.0, 23.0), NOTCHED) == 0.0
 
 
+@pytest.mark.parametrize("wall_m", [1e-6, 0.01, 0.1, 1.0])
+def test_a_wall_that_passes_through_the_box_counts(wall_m: float) -> None:
+    fence = walled(wall_m)
+    for x_m in np.arange(40.0, 60.0, 0.25):
+        front_m, rear_m = x_m + 4.0, x_m - 1.0
+        crosses = front_m > 50.0 - wall_m / 2 and rear_m < 50.0 + wall_m / 2
+        assert (box_excess_m(box(x_m, 30.0), fence) > 0.0) == crosses
+    assert box_excess_m(box(48.0, 30.0), fence) >= 1.0
+    # Below its end at 20 m there is room.
+    assert box_excess_m(box(48.0, 19.0), fence) == 0.0
+    assert box_excess_m(box(48.0, 19.1), fence) == pytest.approx(0.1)
+
+
+def drive(*poses: tuple[float, float, float]) -> list[float]:
+    x, y, yaw = np.array(poses).T
+    return [float(one) for one in way_excess_m(x, y, yaw, SIZE, WALLED)]
+
+
+def test_what_lies_between_two_poses_counts() -> None:
+    assert drive((40.0, 30.0, 0.0), (60.0, 30.0, 0.0)) == [0.0, 1.0]
+    assert drive((40.0, 10.0, 0.0), (60.0, 10.0, 0.0)) == [0.0, 0.0]
+    assert drive((40.0, 19.0, 0.0), (60.0, 19.0, 0.0)) == [0.0, 0.0]
+    # Sideways past the end of the wall, which neither box touches.
+    assert drive((44.0, 22.0, 0.0), (51.0, 15.0, 0.0))[1] > 0.0
+    # A turn on the spot into the wall and on beyond it.
+    assert drive((48.0, 22.0, 2.0), (48.0, 22.0, -2.0)) == [0.0, 0.0]
+    assert drive((48.0, 22.0, 1.9), (48.0, 22.0, 1.0))[1] > 0.5
+
+
+def test_a_way_counts_from_pose_to_pose() -> None:
+    x, yaw = np.array([[30.0, 40.0, 60.0, 70.0], [70.0, 80.0, 90.0, 98.0]]), np.zeros((2, 4))
+    excess = way_excess_m(x, np.full((2, 4), 30.0), yaw, SIZE, WALLED)
+    assert excess.tolist() == [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, pytest.approx(2.0)]]
+
+
+def test_one_box_that_moved_is_judged_as_on_a_way() -> None:
+    random = np.random.default_rng(3)
+    for _ in range(500):
+        before = random.uniform((-5.0, -5.0, -3.1), (105.0, 55.0, 3.1))
+        after = before + random.normal(0.0, (1.0, 1.0, 0.05))
+        x, y, yaw = np.stack((before, after)).T
+        swept = float(way_excess_m(x, y, yaw, SIZE, WALLED)[1])
+        assert moved_excess_m(Pose2(*before.tolist()), box(*after.tolist()), WALLED) == swept
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_what_cannot_be_located_is_outside(bad: float) -> None:
-    corners = np.array([box(50.0, 25.0).corners(), box(50.0, 25.0).corners()])
-    corners[1, 2, 0] = bad
-    assert excess_m(corners, SQUARE).tolist() == [0.0, math.inf]
+    assert box_excess_m(box(50.0, bad), SQUARE) == math.inf
+    assert box_excess_m(box(50.0, 25.0, bad), SQUARE) == math.inf
+    x = np.array([50.0, 50.0, bad, 50.0, 50.0])
+    excess = way_excess_m(x, np.full(5, 25.0), np.zeros(5), SIZE, SQUARE)
+    assert excess.tolist() == [0.0, 0.0, math.inf, math.inf, 0.0]
 
 
 @given(st.floats(-20.0, 120.0), st.floats(-20.0, 70.0), st.floats(-3.0, 3.0))
@@ -64,8 +122,9 @@ def test_in_a_rectangle_it_is_the_distance_of_the_worst_corner(
 @given(st.floats(-10.0, 110.0), st.floats(-10.0, 60.0), st.floats(-3.2, 3.2))
 @settings(max_examples=200, deadline=None)
 def test_one_box_is_judged_as_in_a_row_of_them(x_m: float, y_m: float, yaw_rad: float) -> None:
-    b = box(x_m, y_m, yaw_rad)
-    assert box_excess_m(b, NOTCHED) == excess_m(np.array([b.corners()]), NOTCHED)[0]
+    x, y, yaw = (np.array([v]) for v in (x_m, y_m, yaw_rad))
+    (alone,) = way_excess_m(x, y, yaw, SIZE, NOTCHED)
+    assert box_excess_m(box(x_m, y_m, yaw_rad), NOTCHED) == alone
 
 
 @pytest.mark.parametrize(
@@ -87,16 +146,24 @@ def test_there_is_no_room_nowhere() -> None:
     assert not room_m(5.0, math.inf, SQUARE) > 0.0
 
 
-def test_a_row_of_boxes_is_judged_as_one_by_one() -> None:
+def test_rooms_of_many_points_are_those_of_each() -> None:
     random = np.random.default_rng(5)
     x, y = random.uniform(-10.0, 110.0, 300), random.uniform(-10.0, 60.0, 300)
-    yaw = random.uniform(-3.2, 3.2, 300)
-    size = Size(4.0, 1.0, 2.0, 1.5)
-    x[7], yaw[9] = math.nan, math.nan
-    x[9], y[9] = 20.0, 20.0
-    row = row_excess_m(x, y, yaw, size, NOTCHED)
-    assert (row == excess_m(corners_of(x, y, yaw, size), NOTCHED)).all()
-    assert row[7] == row[9] == math.inf
     rooms = rooms_m(x, y, NOTCHED)
-    for k in range(10, 300):
+    for k in range(300):
         assert rooms[k] == pytest.approx(room_m(x[k], y[k], NOTCHED), abs=1e-9)
+
+
+def test_the_room_of_a_way_is_that_of_its_nearest_point() -> None:
+    random = np.random.default_rng(6)
+    ways = random.uniform((-5.0, -5.0, -5.0, -5.0), (105.0, 55.0, 105.0, 55.0), (500, 4))
+    for xa, ya, xb, yb in ways.tolist():
+        t = np.linspace(0.0, 1.0, 2001)
+        least = float(rooms_m(xa + t * (xb - xa), ya + t * (yb - ya), NOTCHED).min())
+        room = way_room_m((xa, ya), (xb, yb), NOTCHED)
+        if least > 0.03:
+            assert least - 0.03 <= room <= least + 1e-9
+        elif least < -0.03:
+            assert room <= 0.0
+    assert way_room_m((20.0, 20.0), (20.0, 20.0), NOTCHED) == room_m(20.0, 20.0, NOTCHED)
+    assert not way_room_m((20.0, 20.0), (20.0, math.nan), NOTCHED) > 0.0

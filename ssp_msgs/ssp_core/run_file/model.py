@@ -24,7 +24,7 @@ from ssp_core.run_file.values import (
     Finite,
     NonNegative,
     ObjectId,
-    Point,
+    Outline,
     Positive,
     SiteDatum,
     Strict,
@@ -273,7 +273,7 @@ class RunSpec(Strict):
     )
     step_s: Annotated[float, Field(ge=0.005, le=0.1)] = 0.02
     road: Road
-    geofence: Annotated[list[Point], Field(min_length=3)]
+    geofence: Outline
     vut: ParticipantSpec
     driver: Driver
     targets: Annotated[list[ParticipantSpec], Field(min_length=1)]

@@ -11,6 +11,7 @@ from ssp_core.run_file.values import (
     Finite,
     NonNegative,
     ObjectId,
+    Outline,
     Path2,
     Point,
     Positive,
@@ -163,7 +164,7 @@ class InRegion(Strict):
 
     type: Literal["in_region"]
     object_id: ObjectId
-    polygon: Annotated[list[Point], Field(min_length=3)]
+    polygon: Outline
 
 
 class PhaseReached(Strict):

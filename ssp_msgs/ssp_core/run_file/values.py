@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from ssp_core.geodesy import Datum, Place
-from ssp_core.geometry import Pose2
+from ssp_core.geometry import Pose2, outline_problem
 
 
 def _finite(value: float) -> float:
@@ -21,6 +21,16 @@ Finite = Annotated[float, AfterValidator(_finite)]
 Positive = Annotated[float, Field(gt=0), AfterValidator(_finite)]
 NonNegative = Annotated[float, Field(ge=0), AfterValidator(_finite)]
 Point = tuple[Finite, Finite]
+
+
+def _legal(points: list[Point]) -> list[Point]:
+    problem = outline_problem(points)
+    if problem is not None:
+        raise ValueError(f"{problem[0]}; {problem[1]}")
+    return points
+
+
+Outline = Annotated[list[Point], Field(min_length=3), AfterValidator(_legal)]
 Path2 = Annotated[list[Point], Field(min_length=2)]
 ObjectId = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
 

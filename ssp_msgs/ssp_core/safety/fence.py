@@ -1,4 +1,9 @@
-"""Is a box, or a whole row of them, inside a geofence?"""
+"""Is a box inside a geofence, and so is all that it sweeps on its way?
+
+A box is inside if its centre is, and no edge of the fence crosses it. On the way from one pose to
+the next, straight in place and evenly in yaw, no corner of the fence may come into it either, and
+its centre crosses no edge. Touching is inside.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +11,25 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ssp_core.geometry import Box, FloatArray, Point, point_in_polygon, points_in_polygon
+from ssp_core.geometry import (
+    Box,
+    FloatArray,
+    Point,
+    Pose2,
+    point_in_polygon,
+    points_in_polygon,
+    wrap_angle,
+    wrap_angles,
+)
 from ssp_core.motion.state import Size
 
 # A corner that touches the fence is inside, however its coordinates were rounded.
 _ROUNDING_M = 1e-9
-
-
-def corners_of(x_m: FloatArray, y_m: FloatArray, yaw_rad: FloatArray, size: Size) -> FloatArray:
-    """Corners of an object at n poses of its reference point, shape (n, 4, 2), as Box.corners."""
-    front, rear, half = size.front_m, -size.rear_m, size.width_m / 2.0
-    local = np.array([[front, half], [rear, half], [rear, -half], [front, -half]])
-    c, s = np.cos(yaw_rad)[:, None], np.sin(yaw_rad)[:, None]
-    x = x_m[:, None] + c * local[:, 0] - s * local[:, 1]
-    y = y_m[:, None] + s * local[:, 0] + c * local[:, 1]
-    return np.stack((x, y), axis=-1)
+# A way that turns by more is taken in parts, in which corners of the fence move nearly straight in
+# the frame of the box: to 2 mm.
+_TURN_RAD = 0.02
 
 
 def _to_outline_m(x_m: FloatArray, y_m: FloatArray, polygon: Sequence[Point]) -> FloatArray:
@@ -44,56 +52,6 @@ def rooms_m(x_m: FloatArray, y_m: FloatArray, fence: Sequence[Point]) -> FloatAr
     """As ``room_m`` for n points, shape (n,)."""
     distance = _to_outline_m(x_m, y_m, fence)
     return np.where(points_in_polygon(x_m, y_m, fence), distance, -distance)
-
-
-def row_excess_m(
-    x_m: FloatArray,
-    y_m: FloatArray,
-    yaw_rad: FloatArray,
-    size: Size,
-    fence: Sequence[Point],
-) -> FloatArray:
-    """As ``excess_m`` for an object at n poses of its reference point, shape (n,)."""
-    reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m)
-    # Written so that what can't be located is looked at.
-    near = np.flatnonzero(~((rooms_m(x_m, y_m, fence) > reach_m) & np.isfinite(yaw_rad)))
-    excess = np.zeros(len(x_m))
-    if len(near):
-        excess[near] = excess_m(corners_of(x_m[near], y_m[near], yaw_rad[near], size), fence)
-    return excess
-
-
-def excess_m(corners: FloatArray, fence: Sequence[Point]) -> FloatArray:
-    """How far each box sticks out of the fence in m; 0 for a box that is inside.
-
-    Counted are corners outside the fence and, for a fence with a notch, fence corners inside the
-    box. A value that isn't finite gives infinity: what can't be located is not inside.
-
-    Args:
-        corners: shape (n, 4, 2), m, frame of the fence.
-        fence: simple polygon, m.
-    """
-    finite = np.isfinite(corners).all(axis=(1, 2))
-    excess = np.where(finite, 0.0, np.inf)
-    good = np.flatnonzero(finite)
-    x, y = corners[good].reshape(-1, 2).T
-    depth = np.zeros(len(x))
-    out = ~points_in_polygon(x, y, fence)
-    if out.any():
-        depth[out] = _to_outline_m(x[out], y[out], fence)
-        depth[depth < _ROUNDING_M] = 0.0
-    excess[good] = depth.reshape(-1, 4).max(axis=1)
-    # Only a fence corner within a box's circumcircle can be inside that box.
-    fx, fy = np.array(fence, dtype=np.float64).T
-    centres = corners[good].mean(axis=1)
-    radii = np.linalg.norm(corners[good] - centres[:, None, :], axis=-1).max(axis=1)
-    reach = np.hypot(centres[:, :1] - fx, centres[:, 1:] - fy).min(axis=1)
-    for i in good[(excess[good] == 0.0) & (reach < radii)]:
-        box: list[Point] = [(x, y) for x, y in corners[i].tolist()]
-        notch = points_in_polygon(fx, fy, box)
-        if notch.any():
-            excess[i] = float(_to_outline_m(fx[notch], fy[notch], box).max())
-    return excess
 
 
 def room_m(x_m: float, y_m: float, fence: Sequence[Point]) -> float:
@@ -120,13 +78,247 @@ def room_m(x_m: float, y_m: float, fence: Sequence[Point]) -> float:
     return distance_m if point_in_polygon(x_m, y_m, fence) else -distance_m
 
 
+def way_room_m(start: Point, end: Point, fence: Sequence[Point]) -> float:
+    """Distance of a straight way inside a fence to its outline in m; at most 0 for another.
+
+    Args:
+        start: of the way, m, frame of the fence; one without a number gives no room.
+        end: of the way.
+        fence: legal outline, m.
+    """
+    one_m, other_m = room_m(*start, fence), room_m(*end, fence)
+    if not (one_m > 0.0 and other_m > 0.0):
+        return -math.inf
+    room = min(one_m, other_m)
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    square = dx * dx + dy * dy
+    if square == 0.0:
+        return room
+    length = math.sqrt(square)
+    # Of two that don't cross, one has an end where they are nearest.
+    px, py = fence[-1][0] - start[0], fence[-1][1] - start[1]
+    ua, va = (dx * px + dy * py) / length, (dx * py - dy * px) / length
+    for x, y in fence:
+        px, py = x - start[0], y - start[1]
+        ub, vb = (dx * px + dy * py) / length, (dx * py - dy * px) / length
+        room = min(room, math.hypot(max(-ub, 0.0, ub - length), vb))
+        if (va > 0.0) != (vb > 0.0) and 0.0 <= ua + va * (ub - ua) / (va - vb) <= length:
+            return 0.0
+        ua, va = ub, vb
+    return room
+
+
 def box_excess_m(box: Box, fence: Sequence[Point]) -> float:
-    """As ``excess_m`` for one box."""
-    # Most boxes are far from the outline; what follows is for the few that aren't.
-    reach_m = math.hypot(max(box.front_m, box.rear_m), 0.5 * box.width_m)
-    pose = box.pose
-    if not math.isfinite(pose.yaw_rad):
-        return math.inf
-    if room_m(pose.x_m, pose.y_m, fence) > reach_m:
+    """As ``way_excess_m`` for one box where it is."""
+    if _is_inside(box, fence):
         return 0.0
-    return float(excess_m(np.array([box.corners()]), fence)[0])
+    pose, size = box.pose, Size(box.front_m, box.rear_m, box.width_m, 0.0)
+    x, y, yaw = (np.array([v]) for v in (pose.x_m, pose.y_m, pose.yaw_rad))
+    return float(way_excess_m(x, y, yaw, size, fence)[0])
+
+
+def moved_excess_m(before: Pose2, box: Box, fence: Sequence[Point]) -> float:
+    """As ``way_excess_m`` for one box that came from another pose."""
+    pose, reach_m = box.pose, math.hypot(max(box.front_m, box.rear_m), 0.5 * box.width_m)
+    moved_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
+    moved_m += abs(wrap_angle(pose.yaw_rad - before.yaw_rad)) * reach_m
+    swept = Box(pose, box.front_m + moved_m, box.rear_m + moved_m, box.width_m + 2.0 * moved_m)
+    if _is_inside(swept, fence):
+        return 0.0
+    size = Size(box.front_m, box.rear_m, box.width_m, 0.0)
+    x, y, yaw = np.array([(p.x_m, p.y_m, p.yaw_rad) for p in (before, pose)]).T
+    return float(way_excess_m(x, y, yaw, size, fence)[1])
+
+
+def _is_inside(box: Box, fence: Sequence[Point]) -> bool:
+    """Whether a box is inside, edge by edge: for one box that is quicker than with arrays."""
+    pose = box.pose
+    if not math.isfinite(pose.x_m + pose.y_m + pose.yaw_rad):
+        return False
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    half_x, half_y = 0.5 * (box.front_m + box.rear_m), 0.5 * box.width_m
+    ahead_m = 0.5 * (box.front_m - box.rear_m)
+    x, y = pose.x_m + c * ahead_m, pose.y_m + s * ahead_m
+    inside = False
+    dx, dy = fence[-1][0] - x, fence[-1][1] - y
+    xa, ya = c * dx + s * dy, c * dy - s * dx
+    for px, py in fence:
+        dx, dy = px - x, py - y
+        xb, yb = c * dx + s * dy, c * dy - s * dx
+        beyond = (
+            (xa >= half_x and xb >= half_x)
+            or (xa <= -half_x and xb <= -half_x)
+            or (ya >= half_y and yb >= half_y)
+            or (ya <= -half_y and yb <= -half_y)
+        )
+        if not beyond and _enters(xa, ya, xb, yb, half_x - _ROUNDING_M, half_y - _ROUNDING_M):
+            return False
+        if (ya > 0.0) != (yb > 0.0) and xa + ya * (xb - xa) / (ya - yb) > 0.0:
+            inside = not inside
+        xa, ya = xb, yb
+    return inside
+
+
+def _enters(xa: float, ya: float, xb: float, yb: float, half_x: float, half_y: float) -> bool:
+    """True when some of a segment lies within a rectangle around the origin."""
+    first, last = 0.0, 1.0
+    for at, step, half in ((xa, xb - xa, half_x), (ya, yb - ya, half_y)):
+        if step == 0.0:
+            if abs(at) >= half:
+                return False
+            continue
+        one, other = (-half - at) / step, (half - at) / step
+        first, last = max(first, min(one, other)), min(last, max(one, other))
+    return first < last
+
+
+def way_excess_m(
+    x_m: FloatArray,
+    y_m: FloatArray,
+    yaw_rad: FloatArray,
+    size: Size,
+    fence: Sequence[Point],
+) -> FloatArray:
+    """How far a box sticks out of the fence on its way to each of its poses, m; 0 for inside.
+
+    What sticks out is the farthest corner of the box outside the fence, or the deepest place of the
+    fence's outline inside the box. A value that isn't finite gives infinity, there and on the way
+    to the next pose: what can't be located is not inside.
+
+    Args:
+        x_m: of the reference point, frame of the fence, shape (..., n): a way along the last axis.
+        y_m: the same shape.
+        yaw_rad: the same shape.
+        size: of the box.
+        fence: legal outline (``ssp_core.geometry.outline_problem``), m.
+
+    Returns:
+        The same shape: of the first pose of a way at that pose, of each other with all between it
+        and the one before.
+    """
+    poses = np.stack((x_m, y_m, yaw_rad), axis=-1).astype(np.float64)
+    before = np.concatenate((poses[..., :1, :], poses[..., :-1, :]), axis=-2).reshape(-1, 3)
+    after = poses.reshape(-1, 3)
+    finite = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
+    excess = np.where(finite, 0.0, np.inf)
+    before, after = before[finite], after[finite]
+    reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m)
+    moved = np.hypot(*(after - before)[:, :2].T)
+    rooms = rooms_m(after[:, 0], after[:, 1], fence)
+    near = rooms <= reach_m + moved
+    if near.any():
+        which, starts, ends = _parts(before[near], after[near])
+        parts = _excess_m(starts, ends, size, fence)
+        np.maximum.at(excess, np.flatnonzero(finite)[near][which], parts)
+    return excess.reshape(np.shape(x_m))
+
+
+def _parts(
+    before: FloatArray, after: FloatArray
+) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+    """Ways between poses in parts that turn little: which way each is of, its start, its end."""
+    step = after - before
+    step[:, 2] = wrap_angles(step[:, 2])
+    counts = np.maximum(np.ceil(np.abs(step[:, 2]) / _TURN_RAD), 1.0).astype(np.intp)
+    which = np.repeat(np.arange(len(before)), counts)
+    done = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = 1.0 / counts[which][:, None]
+    starts = before[which] + step[which] * (done[:, None] * share)
+    # A part that ends where its way does ends there to the last bit.
+    last = (done + 1 == counts[which])[:, None]
+    ends = np.where(last, after[which], before[which] + step[which] * ((done[:, None] + 1) * share))
+    return which, starts, ends
+
+
+def _excess_m(
+    before: FloatArray, after: FloatArray, size: Size, fence: Sequence[Point]
+) -> FloatArray:
+    """Of n ways between two finite poses, shape (n, 3) each."""
+    half_x, half_y = 0.5 * (size.front_m + size.rear_m), 0.5 * size.width_m
+    corners = np.array([fence[-1], *fence], dtype=np.float64)
+    there, here = (_in_box(poses, size, corners) for poses in (before, after))
+    deepest = np.zeros(len(after))
+    for start, end in ((here[:, :-1], here[:, 1:]), (there[:, 1:], here[:, 1:])):
+        np.maximum(deepest, _deepest_m(start, end, half_x, half_y), out=deepest)
+    # The centre, which lies in the origin, went to the other side of an edge.
+    jumped = np.flatnonzero((np.abs(there - here) > min(half_x, half_y)).any(axis=(1, 2)))
+    if len(jumped):
+        crossed = _centre_crosses(there[jumped], here[jumped])
+        deepest[jumped[crossed]] = np.maximum(deepest[jumped[crossed]], min(half_x, half_y))
+    x, y = _points_of(after, size, [(0.0, 0.0)]).reshape(-1, 2).T
+    inside = points_in_polygon(x, y, fence)
+    out = np.flatnonzero(~inside | (deepest > _ROUNDING_M))
+    excess = np.zeros(len(after))
+    if len(out):
+        at = [(a * half_x, b * half_y) for a in (1.0, -1.0) for b in (1.0, -1.0)]
+        x, y = _points_of(after[out], size, at).reshape(-1, 2).T
+        depth = np.where(points_in_polygon(x, y, fence), 0.0, _to_outline_m(x, y, fence))
+        excess[out] = np.maximum(deepest[out], depth.reshape(-1, 4).max(axis=1))
+    excess[excess <= _ROUNDING_M] = 0.0
+    return excess
+
+
+def _points_of(poses: FloatArray, size: Size, at: Sequence[Point]) -> FloatArray:
+    """Points given ahead and to the left of a box's centre, in frame map, shape (n, k, 2)."""
+    ahead, left = np.array(at).T
+    ahead = ahead + 0.5 * (size.front_m - size.rear_m)
+    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    x, y = poses[:, :1] + c * ahead - s * left, poses[:, 1:2] + s * ahead + c * left
+    return np.stack((x, y), axis=-1)
+
+
+def _in_box(poses: FloatArray, size: Size, points: FloatArray) -> FloatArray:
+    """Points in frames of the box's centre (ahead, left), shape (n, k, 2)."""
+    dx, dy = points[:, 0] - poses[:, :1], points[:, 1] - poses[:, 1:2]
+    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    ahead = c * dx + s * dy - 0.5 * (size.front_m - size.rear_m)
+    return np.stack((ahead, c * dy - s * dx), axis=-1)
+
+
+def _deepest_m(start: FloatArray, end: FloatArray, half_x: float, half_y: float) -> FloatArray:
+    """How deep some segments go into a rectangle around the origin, shape (n,); 0 for not at all.
+
+    Args:
+        start: of k segments for each of n boxes, shape (n, k, 2).
+        end: the same shape.
+        half_x: half an extent of the rectangle.
+        half_y: the other half extent.
+    """
+    deepest = np.zeros(len(start))
+    half = np.array([half_x, half_y])
+    beyond = ((start >= half) & (end >= half)) | ((start <= -half) & (end <= -half))
+    which, segment = np.nonzero(~beyond.any(axis=-1))
+    if not len(which):
+        return deepest
+    (xa, ya), (dx, dy) = start[which, segment].T, (end - start)[which, segment].T
+    # The depth is the least of four linear functions of the place: it is greatest at an end of the
+    # segment, where it passes an axis, or where it is as far from two neighbouring sides.
+    rise = half_y - half_x
+    places = [np.zeros(len(which)), np.ones(len(which))]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        places += [-xa / dx, -ya / dy]
+        for a in (1.0, -1.0):
+            for b in (1.0, -1.0):
+                places.append((rise - b * ya + a * xa) / (b * dy - a * dx))
+    t = np.clip(np.nan_to_num(np.array(places), nan=0.0), 0.0, 1.0)
+    depth = np.minimum(half_x - np.abs(xa + t * dx), half_y - np.abs(ya + t * dy)).max(axis=0)
+    np.maximum.at(deepest, which, depth)
+    return deepest
+
+
+def _centre_crosses(there: FloatArray, here: FloatArray) -> NDArray[np.bool_]:
+    """Whether the centre's way crosses an edge, for corners seen before and after, shape (n,).
+
+    In the frame of a box its centre stands in the origin, and an edge sweeps the quadrangle between
+    where it was and where it is.
+    """
+    sweep = (there[:, :-1], there[:, 1:], here[:, 1:], here[:, :-1])
+    inside = np.zeros(sweep[0].shape[:2], dtype=bool)
+    a = sweep[-1]
+    for b in sweep:
+        (xa, ya), (xb, yb) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            right = xa + ya * (xb - xa) / (ya - yb) > 0.0
+        inside ^= ((ya > 0.0) != (yb > 0.0)) & right
+        a = b
+    return np.asarray(inside.any(axis=1))

@@ -12,6 +12,7 @@ one that doesn't, and the manager dispatches none.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,7 +21,7 @@ import numpy as np
 from ssp_core.geometry import FloatArray
 from ssp_core.motion.state import Size
 from ssp_core.run_file.model import Limits
-from ssp_core.safety.fence import row_excess_m
+from ssp_core.safety.fence import way_excess_m
 from ssp_core.vocabulary import ObjectClass
 
 # For noise of localisation and for the creeping end of a stop.
@@ -98,10 +99,12 @@ def stopping_of(cls: ObjectClass, limits: Limits, step_s: float) -> Stopping:
 # on its reference: to each side, and in the way that a stop takes.
 SLACK_M = 0.2
 SLACK_STOP_M = 0.2
-# Places on an arc are looked at so far apart, and at no more of them: whoever may drive on blindly
-# for a kilometre leaves any fence.
+# An arc is swept from place to place. They are so far apart at most, and nearer where it bends, so
+# that chords stay within 5 mm of it. There are no more of them than this: an object that may drive
+# on blindly for a kilometre leaves any fence.
 _ARC_M = 4.0
-_MOST_PLACES = 256
+_SAGITTA_M = 0.005
+_MOST_PLACES = 512
 # An object that turns less than this on its way needs no telling of arc and chord apart.
 STRAIGHT_RAD = 1e-9
 # What the emergency brake of each class can be relied upon for, m/s^2.
@@ -133,6 +136,12 @@ def blind_stopping(cls: ObjectClass, limits: Limits, step_s: float) -> Stopping:
     return Stopping(usual.reaction_s, EMERGENCY_BRAKE_MPS2[cls])
 
 
+def arc_places(way_m: float, curvature_1pm: float) -> int:
+    """How many places on an arc, its end among them, are enough to sweep it."""
+    bends = math.sqrt(abs(curvature_1pm) / (8.0 * _SAGITTA_M))
+    return 2 + int(min(way_m * max(1.0 / _ARC_M, bends), _MOST_PLACES))
+
+
 def blind_excess_m(
     columns: FloatArray,
     cls: ObjectClass,
@@ -141,7 +150,9 @@ def blind_excess_m(
     fence: Sequence[tuple[float, float]],
     step_s: float,
 ) -> FloatArray:
-    """How far a blind stop from each of a reference's points would end outside, m; shape (n,).
+    """How far blind stops from a reference's points would lead outside, m; shape (n,).
+
+    All that an object sweeps on such a stop counts, from where it is on.
 
     Args:
         columns: reference points, shape (7, n) with n >= 1.
@@ -155,19 +166,19 @@ def blind_excess_m(
     stop = blind_stopping(cls, limits, step_s)
     way = speed * (blind_s(limits) + stop.reaction_s) + stop.margin_m
     way += speed**2 / (2.0 * stop.deceleration_mps2) + SLACK_STOP_M
-    places = 2 + int(min(way.max() / _ARC_M, _MOST_PLACES))
-    shares = np.linspace(0.0, 1.0, places)[1:]
-    along = way[:, None] * shares
+    places = arc_places(float(way.max()), float(np.abs(curvature).max()))
+    # From where the slack behind the object ends at its rear: there is no way to the back.
+    along = SLACK_M + (way[:, None] - SLACK_M) * np.linspace(0.0, 1.0, places)
     half = 0.5 * curvature[:, None] * along
     bend = np.abs(half) > STRAIGHT_RAD
     chord = along * np.where(bend, np.sin(half) / np.where(bend, half, 1.0), 1.0)
     heading = yaw[:, None] + half
-    excess = row_excess_m(
-        (x[:, None] + chord * np.cos(heading)).ravel(),
-        (y[:, None] + chord * np.sin(heading)).ravel(),
-        (heading + half).ravel(),
+    excess = way_excess_m(
+        x[:, None] + chord * np.cos(heading),
+        y[:, None] + chord * np.sin(heading),
+        heading + half,
         grown(size),
         fence,
-    ).reshape(len(speed), -1)
+    )
     worst: FloatArray = excess.max(axis=1)
     return worst

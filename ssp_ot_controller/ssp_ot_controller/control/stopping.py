@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.geometry import Box, FloatArray, Pose2
+from ssp_core.geometry import FloatArray, Point, Pose2, wrap_angle
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.model import Limits
-from ssp_core.safety.fence import box_excess_m, room_m, row_excess_m
+from ssp_core.safety.fence import way_excess_m, way_room_m
 from ssp_core.safety.stopping import (
     SLACK_STOP_M,
     STRAIGHT_RAD,
+    arc_places,
     blind_excess_m,
     blind_s,
     blind_stopping,
@@ -62,7 +63,7 @@ _POINTS_M = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Shortfall:
-    """A stop that would end outside.
+    """A stop that would lead outside.
 
     Args:
         excess_m: how far the object would stick out.
@@ -74,25 +75,50 @@ class Shortfall:
     how: str
 
 
-class _Clear:
-    """The last place that was measured: nothing within its room is outside.
+# A way that is measured goes on for so much longer, and holds for the steps that follow.
+_AHEAD_M = 10.0
 
-    An object is judged at places a few centimetres apart, nearly all far from the outline.
+
+class _Clear:
+    """The last straight way that was measured: nothing within its room is outside.
+
+    An object is judged along ways that are a few centimetres apart, nearly all far from the
+    outline.
     """
 
-    def __init__(self, fence: Sequence[tuple[float, float]]) -> None:
+    def __init__(self, fence: Sequence[Point]) -> None:
         self._fence = fence
-        self._x_m = self._y_m = 0.0
+        self._start: Point = (0.0, 0.0)
+        self._end: Point = (0.0, 0.0)
         self._room_m = -math.inf
 
-    def is_sure(self, x_m: float, y_m: float, reach_m: float) -> bool:
-        """True when no point within ``reach_m`` is outside; False when that isn't known."""
-        dx, dy, left_m = x_m - self._x_m, y_m - self._y_m, self._room_m - reach_m
-        if left_m > 0.0 and dx * dx + dy * dy < left_m * left_m:
+    def is_sure(self, start: Point, end: Point, radius_m: float) -> bool:
+        """True when nothing within a radius of a straight way is outside; False: nobody knows."""
+        if self._holds(start, end, radius_m):
             return True
-        self._x_m, self._y_m = x_m, y_m
-        self._room_m = room_m(x_m, y_m, self._fence)
-        return self._room_m > reach_m
+        dx, dy = end[0] - start[0], end[1] - start[1]
+        length_m = math.hypot(dx, dy)
+        if not math.isfinite(length_m + radius_m):
+            return False
+        ahead = _AHEAD_M / length_m if length_m > 0.0 else 0.0
+        for share in (ahead, 0.0):
+            self._start, self._end = start, (end[0] + share * dx, end[1] + share * dy)
+            self._room_m = way_room_m(self._start, self._end, self._fence)
+            if self._room_m > radius_m:
+                return True
+        return False
+
+    def _holds(self, start: Point, end: Point, radius_m: float) -> bool:
+        """A way whose ends are near to the measured one is all along as near to it."""
+        left_m = self._room_m - radius_m
+        return left_m > 0.0 and self._off_m(start) < left_m and self._off_m(end) < left_m
+
+    def _off_m(self, point: Point) -> float:
+        dx, dy = self._end[0] - self._start[0], self._end[1] - self._start[1]
+        px, py = point[0] - self._start[0], point[1] - self._start[1]
+        square = dx * dx + dy * dy
+        t = min(max((px * dx + py * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
+        return math.hypot(px - t * dx, py - t * dy)
 
 
 class StoppingRoom:
@@ -108,13 +134,14 @@ class StoppingRoom:
         cls: ObjectClass,
         size: Size,
         limits: Limits,
-        fence: Sequence[tuple[float, float]],
+        fence: Sequence[Point],
         step_s: float,
     ) -> None:
         self._cls, self._limits, self._step_s = cls, limits, step_s
         self._size = size
         self._fence = list(fence)
-        self._here, self._halfway, self._there = (_Clear(self._fence) for _ in range(3))
+        self._here, self._ahead, self._past = (_Clear(self._fence) for _ in range(3))
+        self._last: Pose2 | None = None
         self._reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m)
         self._turns = cls is not ObjectClass.PEDESTRIAN
         self._along = stopping_of(cls, limits, step_s)
@@ -122,42 +149,66 @@ class StoppingRoom:
         self._blind_s = blind_s(limits)
 
     def outside_m(self, state: ObjectState) -> float:
-        """How far the object sticks out of the fence now, 0 for inside, inf for nowhere."""
-        return self._excess_m(state.x_m, state.y_m, state.yaw_rad, self._here)
+        """How far the object sticks out of the fence, here or on its way from the last state on.
+
+        0 for inside, inf for nowhere.
+        """
+        here = Pose2(state.x_m, state.y_m, state.yaw_rad)
+        if not math.isfinite(here.x_m + here.y_m + here.yaw_rad):
+            return math.inf
+        last, self._last = self._last or here, here
+        turn_rad = abs(wrap_angle(here.yaw_rad - last.yaw_rad))
+        moved_m = math.hypot(here.x_m - last.x_m, here.y_m - last.y_m) + turn_rad * self._reach_m
+        if self._here.is_sure(*self._axis(here, here), 0.5 * self._size.width_m + moved_m):
+            return 0.0
+        return self._swept_m([last, here])
 
     def excess_m(self, state: ObjectState, left_m: float | None, track: Track | None) -> float:
-        """How far a stop from here would end outside at the worst; 0 when it ends inside.
+        """How far a stop from here would lead outside at the worst; 0 when all of it is inside.
 
         Args:
             state: of the object, with finite values.
             left_m: path ahead of it; None without a reference.
             track: the reference that it drives; None without one.
         """
-        x, y, yaw, speed = state.x_m, state.y_m, state.yaw_rad, abs(state.speed_mps)
+        here, speed = Pose2(state.x_m, state.y_m, state.yaw_rad), abs(state.speed_mps)
         blind_m = self._blind.distance_m(speed, self._blind_s)
         curvature = state.yaw_rate_radps / speed if self._turns and speed > 0.5 else 0.0
-        worst = max(
-            self._excess_m(*_on_arc(x, y, yaw, curvature, 0.5 * blind_m), self._halfway),
-            self._excess_m(*_on_arc(x, y, yaw, curvature, blind_m), self._there),
-        )
+        worst = self._stop_excess_m(here, curvature, blind_m, self._ahead)
         if left_m is not None and track is not None:
             over_m = self._along.distance_m(speed, 0.0) - left_m
             if over_m > 0.0:
-                e = track.end
-                past = _on_arc(e.x_m, e.y_m, e.yaw_rad, 0.0, over_m)
-                worst = max(worst, self._excess_m(*past, self._there))
+                end = Pose2(track.end.x_m, track.end.y_m, track.end.yaw_rad)
+                worst = max(worst, self._stop_excess_m(end, 0.0, over_m, self._past))
         return worst
 
-    def _excess_m(self, x_m: float, y_m: float, yaw_rad: float, clear: _Clear) -> float:
-        if not math.isfinite(yaw_rad):
-            return math.inf
-        if clear.is_sure(x_m, y_m, self._reach_m):
+    def _stop_excess_m(
+        self, here: Pose2, curvature_1pm: float, way_m: float, clear: _Clear
+    ) -> float:
+        """How far the object sticks out anywhere on an arc."""
+        there = _on_arc(here, curvature_1pm, way_m)
+        # Ends of the object's axis included, the arc strays no further from its chord.
+        size, bend = self._size, abs(curvature_1pm)
+        chord_m = way_m + size.front_m + size.rear_m
+        stray_m = bend * (chord_m**2 / 8.0 + max(size.front_m, size.rear_m) ** 2 / 2.0)
+        if bend * chord_m < 1.0 and clear.is_sure(
+            *self._axis(here, there), 0.5 * size.width_m + stray_m
+        ):
             return 0.0
-        size, pose = self._size, Pose2(x_m, y_m, yaw_rad)
-        return box_excess_m(Box(pose, size.front_m, size.rear_m, size.width_m), self._fence)
+        places = arc_places(way_m, curvature_1pm)
+        shares = (k / (places - 1) for k in range(places))
+        return self._swept_m([_on_arc(here, curvature_1pm, way_m * share) for share in shares])
+
+    def _axis(self, start: Pose2, end: Pose2) -> tuple[Point, Point]:
+        """From the middle of its rear at one pose to the middle of its front at another."""
+        return start.to_parent(-self._size.rear_m, 0.0), end.to_parent(self._size.front_m, 0.0)
+
+    def _swept_m(self, way: Sequence[Pose2]) -> float:
+        x, y, yaw = np.array([(p.x_m, p.y_m, p.yaw_rad) for p in way]).T
+        return float(way_excess_m(x, y, yaw, self._size, self._fence).max())
 
     def lack(self, columns: FloatArray) -> Shortfall | None:
-        """The first point of a reference from which a stop would end outside, None for a good one.
+        """The first point of a reference from which a stop would lead outside, None for a good one.
 
         Args:
             columns: of the reference, finite.
@@ -177,10 +228,11 @@ class StoppingRoom:
         point = int(np.argmax(over))
         if over[point] <= 0.0:
             return None
-        steps = np.linspace(0.0, over[point], 2 + int(over[point] / _POINTS_M))
-        xs, ys = x[-1] + steps * np.cos(yaw[-1]), y[-1] + steps * np.sin(yaw[-1])
-        yaws = np.full(len(steps), yaw[-1])
-        excess = float(row_excess_m(xs, ys, yaws, grown(self._size), self._fence).max())
+        # Straight on, so that its two ends sweep all of it.
+        past = np.array([0.0, over[point]])
+        xs, ys = x[-1] + past * np.cos(yaw[-1]), y[-1] + past * np.sin(yaw[-1])
+        yaws = np.array([yaw[-1], yaw[-1]])
+        excess = float(way_excess_m(xs, ys, yaws, grown(self._size), self._fence).max())
         return Shortfall(point, excess, "a stop goes past its end and") if excess > 0.0 else None
 
     def _blindly(self, columns: FloatArray, points: NDArray[np.intp]) -> Shortfall | None:
@@ -193,11 +245,10 @@ class StoppingRoom:
         return Shortfall(int(points[first]), float(worst[first]), "a stop that holds its steering")
 
 
-def _on_arc(
-    x_m: float, y_m: float, yaw_rad: float, curvature_1pm: float, along_m: float
-) -> tuple[float, float, float]:
+def _on_arc(start: Pose2, curvature_1pm: float, along_m: float) -> Pose2:
     """A pose further on along the arc of a curvature."""
     half = 0.5 * curvature_1pm * along_m
     chord = along_m * (math.sin(half) / half if abs(half) > STRAIGHT_RAD else 1.0)
-    heading = yaw_rad + half
-    return x_m + chord * math.cos(heading), y_m + chord * math.sin(heading), heading + half
+    heading = start.yaw_rad + half
+    x_m, y_m = start.x_m + chord * math.cos(heading), start.y_m + chord * math.sin(heading)
+    return Pose2(x_m, y_m, heading + half)

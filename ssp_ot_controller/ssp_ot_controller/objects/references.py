@@ -14,7 +14,7 @@ from ssp_core.geometry import FloatArray, Pose2, wrap_angle
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
-from ssp_core.safety.fence import row_excess_m
+from ssp_core.safety.fence import way_excess_m
 from ssp_core.vocabulary import ControlState, ObjectClass
 from ssp_ot_controller.bodies.dynamics import BodyLimits
 from ssp_ot_controller.control.stopping import StoppingRoom
@@ -272,13 +272,13 @@ def _check_fence(
     reference: Reference, current: ObjectState, geofence: Sequence[tuple[float, float]]
 ) -> Refusal | None:
     _, x, y, yaw, _, _, _ = reference.columns
-    excess = row_excess_m(x, y, yaw, current.size, geofence)
+    excess = way_excess_m(x, y, yaw, current.size, geofence)
     i = int(np.argmax(excess))
     if excess[i] > 0.0:
         return Refusal(
             RefusalCode.FENCE,
-            f"at point {i} (x {x[i]:.2f} m, y {y[i]:.2f} m) the object is {excess[i]:.3f} m "
-            "outside the geofence, limit is 0 m",
+            f"on its way to point {i} (x {x[i]:.2f} m, y {y[i]:.2f} m) the object is "
+            f"{excess[i]:.3f} m outside the geofence, limit is 0 m",
         )
     return None
 
@@ -292,7 +292,7 @@ def _check_stops(reference: Reference, stop_room: StoppingRoom) -> Refusal | Non
     return Refusal(
         RefusalCode.FENCE,
         f"{lack.how} from point {lack.point} (x {point.x_m:.2f} m, y {point.y_m:.2f} m, "
-        f"{point.speed_mps:.1f} m/s) on ends {lack.excess_m:.3f} m outside the geofence, "
+        f"{point.speed_mps:.1f} m/s) on leads {lack.excess_m:.3f} m outside the geofence, "
         "limit is 0 m",
     )
 

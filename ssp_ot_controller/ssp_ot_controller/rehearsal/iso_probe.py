@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import click
-from pydantic import BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict
 from rich.markup import escape
 from rich.table import Table
 
@@ -16,11 +16,11 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.geodesy import Datum, Place
-from ssp_core.geometry import Point
+from ssp_core.geometry import Point, outline_problem
 from ssp_core.motion.state import Size
 from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import Motion
-from ssp_core.run_file.values import SiteDatum, Strict
+from ssp_core.run_file.values import Outline, SiteDatum, Strict
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Rejected
 from ssp_ot_controller.bodies.iso22133.link import Link
 from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay, motion_of
@@ -51,7 +51,7 @@ def _points(value: Any) -> Any:
 class _Place(Strict):
     """What a probe needs of a site file or a run file."""
 
-    geofence: Annotated[list[Point], BeforeValidator(_points), Field(min_length=3)]
+    geofence: Annotated[Outline, BeforeValidator(_points)]
     datum: SiteDatum | None = None
 
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -104,7 +104,11 @@ def load_fence(text: str) -> tuple[tuple[Point, ...], Datum | None]:
             remedy="write four as 'X,Y X,Y X,Y X,Y' in m, or name a site file or a run file",
         )
     pairs = [parse_numbers(corner, 2, "--fence", "write a corner as X,Y") for corner in corners]
-    return tuple((x, y) for x, y in pairs), None
+    fence = tuple((x, y) for x, y in pairs)
+    problem = outline_problem(fence)
+    if problem is not None:
+        raise InputError(problem[0], field="--fence", value=text, remedy=problem[1])
+    return fence, None
 
 
 def load_motion(path: Path, datum: Datum) -> Motion:

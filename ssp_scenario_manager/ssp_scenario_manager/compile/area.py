@@ -8,15 +8,24 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
-from ssp_core.geometry import Box, Polyline, point_in_polygon
+from ssp_core.geometry import (
+    Box,
+    FloatArray,
+    Polyline,
+    Pose2,
+    outline_problem,
+    point_in_polygon,
+)
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look, RunSpec
 from ssp_core.run_file.participants import FollowPath, LaneChange, ParticipantSpec, TrafficSpec
-from ssp_core.run_file.values import Point, Start
+from ssp_core.run_file.values import Point
+from ssp_core.safety.fence import way_excess_m
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.compile.task import PlaceLink
 from ssp_scenario_manager.event_spec.fields import Span
@@ -115,12 +124,20 @@ class OperatingArea:
         return next((found for found in blocks if found.id == block.block_id), None)
 
     def geofence(self, block: Block) -> list[Point]:
-        """The site's fence; for a map, one around the block and its sidewalks."""
+        """The site's fence; for a map, one around the block and its sidewalks.
+
+        Raises:
+            CannotPlace: the block comes back to itself, so that its fence encloses no area.
+        """
         if self.site is not None:
             return region_polygon(self.site, self.site.geofence, "geofence")
         right = right_kerb_m(block) - block.sidewalk_right_m - FENCE_MARGIN_M
         left = left_kerb_m(block) + block.sidewalk_left_m + FENCE_MARGIN_M
-        return strip_polygon(block.line, 0.0, block.length_m, right, left)
+        fence = strip_polygon(block.line, 0.0, block.length_m, right, left)
+        problem = outline_problem(fence)
+        if problem is not None:
+            raise CannotPlace(f"a fence around the block {problem[0]}")
+        return fence
 
     def regions(self, name: Literal["ot_reachable", "safe_stop_zones"]) -> list[list[Point]]:
         """Where an OT can be, or where a run may end in a hurry; empty for a map."""
@@ -142,29 +159,19 @@ def strip_polygon(
     return [*line.path(low, high, right), *line.path(high, low, left)]
 
 
-def outside(points: Sequence[Point], polygons: Sequence[Sequence[Point]]) -> Point | None:
-    """The first point that lies in none of the polygons; None when all lie in one."""
-    for x, y in points:
-        if not any(point_in_polygon(x, y, polygon) for polygon in polygons):
-            return x, y
-    return None
-
-
-THE_FENCE = "the geofence"
-# Paths are looked at in steps of this.
+# Paths are swept in steps of this.
 _STEP_M = 1.0
+_SEAM_M = 0.0005
 # A safe-stop zone can be reached from the VUT's path within this distance to a side.
 SAFE_STOP_REACH_M = 8.0
 
 
-def _swept(start: Start, path: Sequence[Point], spec: ParticipantSpec) -> Iterator[Point]:
-    """Corners of a participant at its start and along a path."""
-    yield from Box(start.pose, spec.size.front_m, spec.size.rear_m, spec.size.width_m).corners()
+def _way(path: Sequence[Point]) -> FloatArray:
+    """Poses along a path, shape (n, 3)."""
     line = Polyline(path)
     steps = max(1, round(line.length_m / _STEP_M))
-    for i in range(steps + 1):
-        pose = line.pose(line.length_m * i / steps)
-        yield from Box(pose, spec.size.front_m, spec.size.rear_m, spec.size.width_m).corners()
+    stations = (line.length_m * i / steps for i in range(steps + 1))
+    return np.array([(p.x_m, p.y_m, p.yaw_rad) for p in map(line.pose, stations)])
 
 
 def _paths(run: RunSpec, block: Block, plan: Plan) -> Iterator[tuple[ParticipantSpec, list[Point]]]:
@@ -186,23 +193,50 @@ def _paths(run: RunSpec, block: Block, plan: Plan) -> Iterator[tuple[Participant
                 yield spec, block.line.path(plan.expected.s_m, drive.end_s_m, y)
 
 
-def check_inside(
-    run: RunSpec, block: Block, plan: Plan, regions: Sequence[Sequence[Point]], what: str
-) -> None:
-    """Nobody leaves the geofence, or no target what targets can reach.
-
-    Args:
-        what: the regions are, ``the geofence`` for the VUT too.
+def check_in_fence(run: RunSpec, block: Block, plan: Plan) -> None:
+    """Check that nothing that anybody sweeps on a whole path lies outside the fence.
 
     Raises:
-        CannotPlace: somebody would; with the place.
+        CannotPlace: something does; with the place.
     """
     for spec, path in _paths(run, block, plan):
-        if spec.id == VUT_ID and what != THE_FENCE:
+        start = spec.start
+        for way in (np.array([(start.x_m, start.y_m, start.yaw_rad)]), _way(path)):
+            excess = way_excess_m(way[:, 0], way[:, 1], way[:, 2], spec.size, run.geofence)
+            if excess.max() > 0.0:
+                raise _leaves(spec, "the geofence", way[int(np.argmax(excess > 0.0))])
+
+
+def check_reachable(
+    run: RunSpec, block: Block, plan: Plan, regions: Sequence[Sequence[Point]]
+) -> None:
+    """Check that targets stay in what they can reach, which is all regions together.
+
+    Raises:
+        CannotPlace: one doesn't; with the place.
+    """
+    import shapely  # type: ignore[import-untyped]  # slow to import, no types
+
+    # Regions that follow each other along a road meet at a seam.
+    drawn = [shapely.Polygon(region).buffer(_SEAM_M, join_style="mitre") for region in regions]
+    together = shapely.union_all(drawn)
+    shapely.prepare(together)
+    for spec, path in _paths(run, block, plan):
+        if spec.id == VUT_ID:
             continue
-        out = outside(list(_swept(spec.start, path, spec)), regions)
-        if out is not None:
-            raise CannotPlace(f"{spec.id} would leave {what} at x {out[0]:.1f} m, y {out[1]:.1f} m")
+        start, size = spec.start.pose, spec.size
+        way = [start, *(Pose2(*pose) for pose in _way(path).tolist())]
+        boxes = [Box(pose, size.front_m, size.rear_m, size.width_m).corners() for pose in way]
+        # The start and, from each pose of the path to the next, the hull of both boxes.
+        swept = shapely.multipoints([2 * boxes[0], *(a + b for a, b in pairwise(boxes[1:]))])
+        inside = shapely.covers(together, shapely.convex_hull(swept))
+        if not inside.all():
+            at = way[int(np.argmin(inside))]
+            raise _leaves(spec, "what OTs can reach", (at.x_m, at.y_m))
+
+
+def _leaves(spec: ParticipantSpec, what: str, at: Sequence[float] | FloatArray) -> CannotPlace:
+    return CannotPlace(f"{spec.id} would leave {what} at x {at[0]:.1f} m, y {at[1]:.1f} m")
 
 
 def check_safe_stop(block: Block, plan: Plan, zones: list[list[Point]]) -> None:
@@ -227,7 +261,7 @@ def _crosses(block: Block, s_m: float, l_m: float, zones: list[list[Point]]) -> 
     for beside in range(int(2 * SAFE_STOP_REACH_M) + 1):
         with suppress(NotOneToOne):
             point = block.line.to_map(s_m, l_m - SAFE_STOP_REACH_M + beside)
-            if outside([point], zones) is None:
+            if any(point_in_polygon(*point, zone) for zone in zones):
                 return True
     return False
 

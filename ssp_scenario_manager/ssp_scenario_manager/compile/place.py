@@ -14,9 +14,9 @@ from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.compile.area import (
-    THE_FENCE,
     OperatingArea,
-    check_inside,
+    check_in_fence,
+    check_reachable,
     check_safe_stop,
     clear_traffic,
 )
@@ -205,9 +205,9 @@ def _realised(order: Order, block: Block, plan: Plan) -> Realisation:
     traffic, left_out = _traffic(block, area, plan)
     run = _run(order, block, plan, told).model_copy(update={"traffic": traffic})
     reachable, zones = area.regions("ot_reachable"), area.regions("safe_stop_zones")
-    check_inside(run, block, plan, [run.geofence], THE_FENCE)
+    check_in_fence(run, block, plan)
     if area.site is not None and area.site.domain == "physical":
-        check_inside(run, block, plan, reachable, "what OTs can reach")
+        check_reachable(run, block, plan, reachable)
     if area.site is not None:
         check_safe_stop(block, plan, zones)
     problems = cannot_fire(run) or why_not(run)

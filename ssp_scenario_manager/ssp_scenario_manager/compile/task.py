@@ -12,7 +12,7 @@ from ssp_core.files import load_model
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
 from ssp_core.run_file.road import CurvePiece, Lane
-from ssp_core.run_file.values import Finite, Point, Start, Strict
+from ssp_core.run_file.values import Finite, Outline, Point, Start, Strict
 
 SCHEMA: Literal["ssp.task/1"] = "ssp.task/1"
 TASK_FILE = "task.json"
@@ -124,7 +124,7 @@ class Task(Strict):
     trigger: TriggerRegion
     conflict_zone: list[Place]
     limits: Limits
-    geofence: Annotated[list[Point], Field(min_length=3)]
+    geofence: Outline
     ot_reachable: list[list[Point]] = []
     safe_stop_zones: list[list[Point]] = []
     tunings: list[Tuning]

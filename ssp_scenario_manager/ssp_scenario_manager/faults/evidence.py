@@ -23,7 +23,7 @@ from ssp_core.files import read_mapping
 from ssp_core.geometry import Box, FloatArray, Pose2, boxes_overlap
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.model import RunSpec, load_run
-from ssp_core.safety.fence import corners_of, excess_m
+from ssp_core.safety.fence import way_excess_m
 from ssp_core.safety.limits import STANDSTILL_MPS
 from ssp_core.safety.stopping import Stopping
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase
@@ -69,8 +69,7 @@ class Track:
         """How far it ever stuck out of the fence, m; 0 when it never did."""
         if len(self.t_s) == 0:
             return 0.0
-        corners = corners_of(self.x_m, self.y_m, self.yaw_rad, size)
-        return float(excess_m(corners, fence).max())
+        return float(way_excess_m(self.x_m, self.y_m, self.yaw_rad, size, fence).max())
 
 
 def touch(a: Track, a_size: Size, b: Track, b_size: Size) -> bool:

@@ -12,6 +12,7 @@ from pydantic import Discriminator, Field, SerializerFunctionWrapHandler, Tag, m
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_whole_model, read_mapping
+from ssp_core.geometry import outline_problem
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
 from ssp_core.run_file.participants import TrafficSpec
@@ -158,7 +159,8 @@ def find_shipped(name_or_path: str, kind: Literal["site", "event"]) -> Path:
 
 
 _REGION_ERROR_M = 0.02
-_MOST_CORNERS = 1000
+# Regions lie inside the fence to so much.
+_INSIDE_M = 0.001
 
 
 def site_line(block: SiteBlock, field: str) -> ReferenceLine:
@@ -312,13 +314,17 @@ def _contradictions(site: Site) -> Iterator[InputError]:
     regions = {f"ot_reachable[{i}]": region for i, region in enumerate(site.ot_reachable)}
     regions |= {f"safe_stop_zones[{i}]": region for i, region in enumerate(site.safe_stop_zones)}
     regions["geofence"] = site.geofence
+    polygons: dict[str, list[Point]] = {}
     for field, region in regions.items():
         try:
-            region_polygon(site, region, field)
+            polygons[field] = region_polygon(site, region, field)
         except InputError as error:
             # A block without a line is an error of its own.
             if not (error.field or "").startswith("blocks"):
                 yield error
+    fence = polygons.pop("geofence", None)
+    if fence is not None:
+        yield from _outside_fence(polygons, fence)
 
 
 def region_polygon(site: Site, region: Region, field: str = "region") -> list[Point]:
@@ -330,8 +336,7 @@ def region_polygon(site: Site, region: Region, field: str = "region") -> list[Po
         InputError: it names no block, is empty, or lies where the block has no coordinates.
     """
     if not isinstance(region, Strip):
-        _check_outline(region.points, field)
-        return list(region.points)
+        return _legal(list(region.points), f"{field}.points")
     index = next((i for i, b in enumerate(site.blocks) if b.id == region.block), None)
     if index is None:
         raise InputError(
@@ -356,31 +361,33 @@ def region_polygon(site: Site, region: Region, field: str = "region") -> list[Po
         raise InputError(str(error), field=field, remedy="give it as a polygon") from error
     except ValueError as error:
         raise InputError(str(error), field=field) from error
-    return [*right, *left]
+    return _legal([*right, *left], field)
 
 
-def _turn(a: Point, b: Point, c: Point) -> float:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+def _legal(points: list[Point], field: str) -> list[Point]:
+    problem = outline_problem(points)
+    if problem is not None:
+        raise InputError(problem[0], field=field, remedy=problem[1])
+    return points
 
 
-def _check_outline(points: list[Point], field: str) -> None:
-    """A polygon that crosses itself has no inside."""
-    n = len(points)
-    if n > _MOST_CORNERS:
-        raise InputError(
-            f"has {n} corners", field=f"{field}.points", remedy=f"at most {_MOST_CORNERS}"
+def _outside_fence(polygons: dict[str, list[Point]], fence: list[Point]) -> Iterator[InputError]:
+    """Regions that leave the fence by more than 1 mm, or that the fence cuts into."""
+    import shapely  # type: ignore[import-untyped]  # slow to import, no types
+
+    inside = shapely.Polygon(fence)
+    shapely.prepare(inside)
+    for name, polygon in polygons.items():
+        whole = shapely.Polygon(polygon)
+        # What is thinner than that counts as it is.
+        core = whole.buffer(-_INSIDE_M, join_style="mitre")
+        if inside.covers(whole if core.is_empty else core):
+            continue
+        out = shapely.get_coordinates(whole.difference(inside))
+        far_m = shapely.distance(inside, shapely.points(out))
+        x, y = out[int(far_m.argmax())]
+        yield InputError(
+            f"leaves the geofence by {far_m.max():.3f} m at x {x:.2f} m, y {y:.2f} m",
+            field=name,
+            remedy="draw it inside the fence, to 1 mm",
         )
-    if len(set(points)) < n:
-        raise InputError("has a point twice", field=f"{field}.points")
-    edges = [(points[i], points[(i + 1) % n]) for i in range(n)]
-    for i, (a, b) in enumerate(edges):
-        for j in range(i + 2, n - (1 if i == 0 else 0)):
-            c, d = edges[j]
-            if _turn(a, b, c) * _turn(a, b, d) < 0 and _turn(c, d, a) * _turn(c, d, b) < 0:
-                raise InputError(
-                    f"crosses itself (edges {i} and {j})",
-                    field=f"{field}.points",
-                    remedy="list its corners in order",
-                )
-    if abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in edges)) < 1e-6:
-        raise InputError("encloses no area", field=f"{field}.points")

@@ -11,7 +11,8 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.safety.limits import Continuity, follow
+from ssp_core.safety.fence import box_excess_m, moved_excess_m
+from ssp_core.safety.limits import Continuity, LimitViolation, follow, outside_geofence
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.dispatch.adaptation import Adaptations
 from ssp_scenario_manager.dispatch.references import (
@@ -113,8 +114,18 @@ class Run:
         """Judges a state that arrived by those before it."""
         memory = self.continuity.get(state.object_id, Continuity())
         self.continuity[state.object_id], passed = follow(memory, state, self.spec.limits)
+        if memory.before is not None and self.continuity[state.object_id].before is state:
+            crossed = self._crossed_fence(memory.before, state)
+            passed += [] if crossed is None else [crossed]
         found = (of_object(p, state.object_id, state.stamp_ns) for p in passed)
         self._breaks += [violation for violation in found if violation is not None]
+
+    def _crossed_fence(self, before: ObjectState, state: ObjectState) -> LimitViolation | None:
+        """What an object was outside of between two states; each state is judged by itself."""
+        excess_m = moved_excess_m(before.pose, state.box, self.spec.geofence)
+        if excess_m > 0.0 and box_excess_m(state.box, self.spec.geofence) > 0.0:
+            return None
+        return outside_geofence(excess_m)
 
     @property
     def has_breaks(self) -> bool:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssp_core.geometry import Point, Polyline, Pose2, wrap_angle
+from ssp_core.geometry import Box, Point, Polyline, Pose2, wrap_angle
 from ssp_core.motion.approach import approach_points
 from ssp_core.motion.reference import Points
 from ssp_core.motion.state import Size
 from ssp_core.run_file.participants import Motion
-from ssp_core.safety.fence import row_excess_m
+from ssp_core.safety.fence import box_excess_m, way_excess_m
 
 # A default way, and the fastest that a probe drives.
 DEFAULT_WAY_M = 20.0
@@ -89,16 +89,17 @@ class FencedWay:
         """How far the object would stick out of the fence at the worst, with every stop."""
         _, x, y, yaw, speed = points.columns[:5]
         way = speed * REACTION_S + speed**2 / (2.0 * DECELERATION_MPS2) + MARGIN_M
-        shares = np.linspace(0.0, 1.0, 9)
-        along = way[:, None] * shares
-        xs = x[:, None] + along * np.cos(yaw)[:, None]
-        ys = y[:, None] + along * np.sin(yaw)[:, None]
-        yaws = np.repeat(yaw, len(shares))
-        return float(row_excess_m(xs.ravel(), ys.ravel(), yaws, self.size, self.fence).max())
+        # The way itself, and each stop: straight on, so that its two ends sweep all of it.
+        stops_x = np.stack((x, x + way * np.cos(yaw)), axis=-1)
+        stops_y = np.stack((y, y + way * np.sin(yaw)), axis=-1)
+        stops_yaw = np.stack((yaw, yaw), axis=-1)
+        stops = way_excess_m(stops_x, stops_y, stops_yaw, self.size, self.fence)
+        return float(max(stops.max(), way_excess_m(x, y, yaw, self.size, self.fence).max()))
 
     def holds(self, pose: Pose2) -> bool:
-        x, y, yaw = (np.array([v]) for v in (pose.x_m, pose.y_m, pose.yaw_rad))
-        return not float(row_excess_m(x, y, yaw, self.size, self.fence)[0]) > 0.0
+        size = self.size
+        box = Box(pose, size.front_m, size.rear_m, size.width_m)
+        return not box_excess_m(box, self.fence) > 0.0
 
     def _rest(self, pose: Pose2) -> Motion | str:
         """What is left of its way from here."""
