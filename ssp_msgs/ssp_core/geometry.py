@@ -7,6 +7,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -167,7 +168,8 @@ def outline_problem(points: Sequence[Point]) -> tuple[str, str] | None:
     """Why points, in order, are no legal outline of an area, and the remedy; None for a legal one.
 
     Only edges that follow each other share a point, the corner between them: an outline that
-    crosses or touches itself, or doubles back on itself, has no inside that everybody agrees on.
+    crosses or touches itself has no inside that everybody agrees on. A spike touches the edge that
+    it goes back on.
 
     Args:
         points: corners, m, finite; the last is joined to the first.
@@ -193,20 +195,9 @@ def outline_problem(points: Sequence[Point]) -> tuple[str, str] | None:
         if word and touching is None:
             text = f"touches itself (edges {i} and {k})"
             touching = text, "let no corner lie on another edge; keep the edges apart"
-    edges = list(zip(points, [*points[1:], points[0]], strict=True))
-    if abs(sum(p[0] * q[1] - q[0] * p[1] for p, q in edges)) < 1e-6:
+    if abs(sum(_turn(points[0], p, q) for p, q in pairwise(points))) < 1e-6:
         return "encloses no area", "list its corners in order"
-    return touching or _spike(points)
-
-
-def _spike(points: Sequence[Point]) -> tuple[str, str] | None:
-    """The first corner at which an outline goes back on the edge that it came by."""
-    for i, corner in enumerate(points):
-        before, after = points[i - 1], points[(i + 1) % len(points)]
-        back = _to_segment_m(after, before, corner) <= TOUCHING_M
-        if back or _to_segment_m(before, corner, after) <= TOUCHING_M:
-            return f"doubles back at corner {i}", "leave out the corners of the spike"
-    return None
+    return touching
 
 
 def _meeting(a: Point, b: Point, c: Point, d: Point) -> str:

@@ -423,6 +423,26 @@ def test_a_fence_is_that_of_a_run_file_or_of_a_site_file(tmp_path: Path, geofenc
     assert load_fence(str(file))[1] is None
 
 
+def test_a_fence_without_an_inside_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--fence: crosses itself .* list its corners in order"):
+        load_fence("0,0 9,9 9,0 0,8")
+    file = tmp_path / "place.json"
+    file.write_text(json.dumps({"geofence": [[0, 0], [9, 0], [9, 9], [4, 0], [0, 9]]}))
+    with pytest.raises(InputError, match=r"place.json: geofence: touches itself"):
+        load_fence(str(file))
+
+
+def test_a_thin_wall_across_the_way_is_part_of_the_fence() -> None:
+    low, high = -40.0, 40.0
+    for at_m in (8.0, 12.34, 23.0):
+        wall = [(at_m + 0.01, high), (at_m + 0.01, -5.0), (at_m, -5.0), (at_m, high)]
+        fence = ((low, low), (60.0, low), (60.0, high), *wall, (low, high))
+        found = FencedWay(fence, SIZE).plan(HERE)
+        assert isinstance(found, str)
+        assert "outside of the fence" in found
+        assert not FencedWay(fence, SIZE).holds(Pose2(at_m - 0.5 * SIZE.front_m, 0.0, 0.0))
+
+
 def test_a_fence_that_is_a_strip_of_road_names_what_to_give_instead(tmp_path: Path) -> None:
     file = tmp_path / "site.json"
     file.write_text(json.dumps({"geofence": {"block": "b1", "from_s_m": 0.0}}))

@@ -208,6 +208,18 @@ def test_the_whole_path_with_its_corners_must_be_inside() -> None:
         assert outside in refusal.message
 
 
+@pytest.mark.parametrize("at_m", [20.0, 101.37, 150.0])
+def test_a_thin_wall_between_the_points_is_part_of_the_fence(at_m: float) -> None:
+    for low_m, good in ((1.25, True), (0.85, False), (-5.0, False)):
+        wall = [(at_m + 0.01, 9.0), (at_m + 0.01, low_m), (at_m, low_m), (at_m, 9.0)]
+        fence = [(-10.0, -9.0), (300.0, -9.0), (300.0, 9.0), *wall, (-10.0, 9.0)]
+        refusal = refused(reference(), geofence=fence)
+        assert (refusal is None) == good
+        if refusal is not None:
+            assert refusal.code is RefusalCode.FENCE
+            assert "on its way to point" in refusal.message
+
+
 def test_a_stop_must_end_inside() -> None:
     end = 200.0 + DEFAULT_SIZES[ObjectClass.CAR].front_m
     short = [(-10.0, -5.0), (end + 0.5, -5.0), (end + 0.5, 5.0), (-10.0, 5.0)]

@@ -70,6 +70,67 @@ def test_a_blind_stop_follows_the_arc_that_the_object_is_on() -> None:
     assert room(right_m=lowest + 0.01).excess_m(state(), None, None) == 0.0
 
 
+def walled(at_m: float, low_m: float, wall_m: float = 0.01) -> list[tuple[float, float]]:
+    """A thin notch from the left side of the fence down to a place beside or on the path."""
+    wall = [(at_m + wall_m, 50.0), (at_m + wall_m, low_m), (at_m, low_m), (at_m, 50.0)]
+    return [(-20.0, -50.0), (300.0, -50.0), (300.0, 50.0), *wall, (-20.0, 50.0)]
+
+
+@pytest.mark.parametrize("at_m", [54.0, 57.3, 58.9, 62.0])
+@pytest.mark.parametrize(("low_m", "good"), [(0.95, True), (0.85, False), (-5.0, False)])
+def test_all_that_a_blind_stop_sweeps_counts(at_m: float, low_m: float, good: bool) -> None:
+    """A wall that lies anywhere between here and the end of the stop."""
+    judge = StoppingRoom(CAR, DEFAULT_SIZES[CAR], LIMITS, walled(at_m, low_m), 0.02)
+    assert at_m < 50.0 + blind_m(10.0) + 3.6
+    assert (judge.excess_m(state(), None, None) == 0.0) == good
+    assert judge.outside_m(state()) == (0.0 if good or at_m > 53.6 else pytest.approx(0.05))
+    reference = drive_along(PATH, 0.0, 0.0, 12.0, 2.0, 2.0)
+    # A reference needs 0.2 m more to each side.
+    assert judge.lack(reference.columns) is not None
+    wide = StoppingRoom(CAR, DEFAULT_SIZES[CAR], LIMITS, walled(at_m, low_m + 0.2), 0.02)
+    assert (wide.lack(reference.columns) is None) == good
+
+
+def test_a_wall_past_the_end_of_the_path_counts() -> None:
+    reference = Reference("r", "ot", "v", "approach", 0, 0, S, DRIVE)
+    needed_m = stopping_of(CAR, LIMITS, 0.02).distance_m(10.0, 0.0)
+    near, track = state(x_m=150.0), Track(reference)
+    for share, good in ((0.5, False), (1.01, True)):
+        at_m = 203.6 + share * (needed_m - 10.0)
+        judge = StoppingRoom(CAR, DEFAULT_SIZES[CAR], LIMITS, walled(at_m, -5.0), 0.02)
+        assert (judge.excess_m(near, 10.0, track) == 0.0) == good
+        assert (judge.lack(DRIVE.columns) is None) == (at_m > 205.0)
+
+
+def test_what_an_object_sweeps_between_two_states_counts() -> None:
+    fence = walled(50.0, -5.0)
+    for gap_m, out in ((0.4, False), (4.6, True)):
+        judge = StoppingRoom(WALKER, DEFAULT_SIZES[WALKER], LIMITS, fence, 0.02)
+        assert judge.outside_m(state(WALKER, x_m=50.0 - gap_m / 2)) == 0.0 or not out
+        there = judge.outside_m(state(WALKER, x_m=50.01 + gap_m / 2))
+        assert there > 0.0
+        assert (judge.outside_m(state(WALKER, x_m=50.01 + gap_m / 2)) == 0.0) == out
+
+
+def test_a_stop_that_was_clear_is_judged_as_if_nothing_had_been_remembered() -> None:
+    """The way that was measured last answers for the next only where that is sure."""
+    random = np.random.default_rng(1)
+    fence = walled(80.0, 4.0, 2.0)
+    fence[:2] = [(-20.0, -6.0), (300.0, -6.0)]
+    remembers = StoppingRoom(CAR, DEFAULT_SIZES[CAR], LIMITS, fence, 0.02)
+    x_m, y_m, yaw_rad, found = 0.0, 0.0, 0.0, {True: 0, False: 0}
+    for _ in range(400):
+        rate = float(random.normal(0.0, 0.3))
+        yaw_rad += 0.05 * rate - 0.1 * yaw_rad
+        x_m, y_m = x_m + 0.5, y_m + 0.5 * math.sin(yaw_rad) - 0.02 * y_m
+        here = state(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad, yaw_rate_radps=rate)
+        anew = StoppingRoom(CAR, DEFAULT_SIZES[CAR], LIMITS, fence, 0.02)
+        excess_m = remembers.excess_m(here, None, None)
+        assert excess_m == anew.excess_m(here, None, None)
+        found[excess_m == 0.0] += 1
+    assert min(found.values()) > 20, found
+
+
 def test_a_walker_that_turns_on_the_spot_stops_straight_on() -> None:
     walker = state(WALKER, speed_mps=1.5, yaw_rate_radps=-2.0)
     assert room(WALKER, right_m=-0.3).excess_m(walker, None, None) == 0.0

@@ -168,18 +168,27 @@ def test_preferred_values_are_taken() -> None:
 
 
 STRIP = {"block": "straight", "from_s_m": 0.0, "to_s_m": 420.0}
+
+
+def fenced(**fence: Any) -> dict[str, Any]:
+    """A fence, with all regions inside of it."""
+    inside = {**STRIP, **fence, "to_l_m": 17.0}
+    fence = {**inside, "to_l_m": 19.0}
+    return {"geofence": fence, "ot_reachable": [inside], "safe_stop_zones": [inside]}
+
+
 REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
     # event, site, changes, reason
     "geofence": (
         "vru_crossing",
         "north_track",
-        {"geofence": {**STRIP, "from_l_m": -2.0, "to_l_m": 19.0}},
+        fenced(from_l_m=-2.0),
         "ot1 would leave the geofence at x ",
     ),
     "vut out of the fence": (
         "cut_in",
         "north_track",
-        {"geofence": {**STRIP, "to_s_m": 300.0, "from_l_m": -8.0, "to_l_m": 19.0}},
+        fenced(to_s_m=300.0, from_l_m=-8.0),
         "vut would leave the geofence",
     ),
     "reachable": (
@@ -226,6 +235,20 @@ REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
         r"the place allows 0 to 3 m/s\^2",
     ),
 }
+
+
+@pytest.mark.parametrize(("event_name", "who"), [("cut_in", "vut"), ("vru_crossing", "vut")])
+@pytest.mark.parametrize("wall_m", [1e-6, 0.01, 0.1])
+def test_a_thin_wall_across_the_lanes_is_part_of_the_fence(
+    event_name: str, who: str, wall_m: float
+) -> None:
+    low, high, at = -6.75, 17.25, 200.3
+    wall = [(at + wall_m, high), (at + wall_m, -1.0), (at, -1.0), (at, high)]
+    fence = [(0.0, low), (400.0, low), (400.0, high), *wall, (0.0, high)]
+    beyond = {"block": "main", "from_s_m": 201.0, "to_s_m": 400.0, "from_l_m": -4.0, "to_l_m": 15.0}
+    changes = {"geofence": {"points": fence}, "ot_reachable": [beyond], "safe_stop_zones": [beyond]}
+    with pytest.raises(CannotPlace, match=rf"{who} would leave the geofence at x (19\d|20\d)\."):
+        make(event_name, changed("boulevard", changes))
 
 
 @pytest.mark.parametrize("case", REFUSED)

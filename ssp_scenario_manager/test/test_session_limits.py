@@ -326,6 +326,34 @@ def test_a_position_that_jumps(
 
 
 @pytest.mark.parametrize("who", ["vut", "ot1"])
+@pytest.mark.parametrize("phase", ["ARMED", "RUNNING"])
+def test_a_thin_notch_of_the_fence_between_two_states(
+    make_driver: Callable[[RunSpec], Any],
+    run_mapping: dict[str, Any],
+    tools: Any,
+    phase: str,
+    who: str,
+) -> None:
+    """Neither state is outside, but what is swept from one to the other is."""
+    start = make_driver(strict(run_mapping))
+    before = start.vut if who == "vut" else start.targets[who]
+    at_m, low_m = before.x_m + before.size.front_m + 0.1, before.y_m + 0.5
+    for corner_m, found in ((low_m, [SafetyCode.OUTSIDE_GEOFENCE]), (low_m + 0.4, [])):
+        fence = [tuple(corner) for corner in run_mapping["geofence"]]
+        wall = [(at_m + 0.001, 10.0), (at_m + 0.001, corner_m), (at_m, corner_m), (at_m, 10.0)]
+        assert fence[2:] == [(300.0, 10.0), (-10.0, 10.0)]
+        run = strict({**run_mapping, "geofence": [*fence[:3], *wall, fence[3]]})
+        driver = make_driver(run)
+        driver.until(phase)
+        driver.acknowledge()
+        driver.step()
+        # Its front left corner passes by the end of the wall.
+        driver.move(who, x_m=before.x_m + 0.6, y_m=before.y_m - 0.6)
+        driver.step()
+        assert tools.violations(driver.session.outbox) == found
+
+
+@pytest.mark.parametrize("who", ["vut", "ot1"])
 def test_a_position_that_stands_while_its_object_moves(
     make_driver: Callable[[RunSpec], Any], run_mapping: dict[str, Any], tools: Any, who: str
 ) -> None:

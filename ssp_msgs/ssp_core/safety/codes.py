@@ -69,7 +69,7 @@ _MEANT: dict[SafetyCode, tuple[str, str]] = {
     SafetyCode.STATE_NOT_FINITE: ("", "The object's own state holds a value that is no number."),
     SafetyCode.OUTSIDE_GEOFENCE: (
         "m",
-        "A corner of the object is outside the geofence, by this much.",
+        "Part of the object, or of its way here, is outside the geofence, by this much.",
     ),
     SafetyCode.OVER_SPEED: ("m/s", "The object is too fast."),
     SafetyCode.OVER_ACCELERATION: ("m/s^2", "The object accelerates or brakes too hard."),
@@ -84,7 +84,7 @@ _MEANT: dict[SafetyCode, tuple[str, str]] = {
     ),
     SafetyCode.STOPPING_ROOM: (
         "m",
-        "Stopping any later would end outside the geofence, by this much at the worst.",
+        "Stopping any later would lead outside the geofence, by this much at the worst.",
     ),
     SafetyCode.SEPARATION: ("m", "Two objects came closer than the minimum separation."),
     SafetyCode.COLLISION: ("m", "Two objects touch."),

@@ -93,6 +93,16 @@ def seen(at_s: float) -> Changes:
     return {**SILENT, "safety": (SafetyNote(at_s, "object_silent", BY, "ot1"),)}
 
 
+def test_a_thin_wall_that_was_driven_through_is_found(make: Make) -> None:
+    evidence = make(**moving())
+    for x_m, found in ((46.01, True), (300.0, False)):
+        wall = [(x_m + 0.001, 50.0), (x_m + 0.001, -9.0), (x_m, -9.0), (x_m, 50.0)]
+        fence = [(-50.0, -50.0), (400.0, -50.0), (400.0, 50.0), *wall, (-50.0, 50.0)]
+        spec = evidence.spec.model_copy(update={"geofence": fence})
+        told = findings(replace(evidence, spec=spec))
+        assert any("ot1 was" in one and "outside the geofence" in one for one in told) == found
+
+
 @pytest.mark.parametrize(
     ("given", "found"),
     [

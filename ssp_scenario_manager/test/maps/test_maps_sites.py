@@ -132,12 +132,44 @@ def test_a_strip_along_a_bend_follows_it() -> None:
         ("geofence.points", [[0, 0], [1, 1], [0, 0]], "geofence.points", "twice"),
         ("geofence.points", [[0, 0], [1, 1], [2, 2]], "geofence.points", "no area"),
         ("geofence.points", [[i, i * i] for i in range(1200)], "geofence.points", "1200 corners"),
+        ("geofence.points", [[0, 0], [8, 0], [8, 8], [4, 0], [0, 8]], "geofence.points", "touches"),
+        (
+            "geofence.points",
+            [[0, 0], [9, 0], [9, 9], [9, 12], [9, 5], [0, 9]],
+            "geofence.points",
+            "touches itself",
+        ),
+        ("safe_stop_zones.2.from_l_m", -60.0, r"safe_stop_zones\[2\]", "leaves the geofence by"),
+        ("ot_reachable.1.to_s_m", 400.0, r"ot_reachable\[1\]", "leaves the geofence by"),
         ("ot_reachable.0.to_s_m", 1e12, r"ot_reachable\[0\]", "within"),
     ],
 )
 def test_a_site_that_contradicts_itself(path: str, value: Any, field: str, problem: str) -> None:
     with pytest.raises(InputError, match=rf"(^|\n  ){field}: .*{problem}"):
         site_library(changed(path, value))
+
+
+@pytest.mark.parametrize(("beyond_m", "good"), [(0.0, True), (0.0009, True), (0.0011, False)])
+def test_regions_lie_inside_the_fence_to_a_millimetre(beyond_m: float, good: bool) -> None:
+    whole = mapping("north_track")
+    whole["safe_stop_zones"][0]["from_l_m"] = whole["geofence"]["from_l_m"] - beyond_m
+    if good:
+        assert site_library(Site.model_validate(whole)).blocks
+        return
+    with pytest.raises(InputError, match=r"safe_stop_zones\[0\]: leaves the geofence by 0.001 m"):
+        site_library(Site.model_validate(whole))
+
+
+def test_a_region_that_a_thin_notch_of_the_fence_cuts_is_outside() -> None:
+    whole = mapping("boulevard")
+    wall = [[200.01, 17.25], [200.01, 5.0], [200.0, 5.0], [200.0, 17.25]]
+    whole["geofence"] = {"points": [[0, -6.75], [400, -6.75], [400, 17.25], *wall, [0, 17.25]]}
+    with pytest.raises(InputError) as caught:
+        site_library(Site.model_validate(whole))
+    told = str(caught.value)
+    assert "ot_reachable[0]: leaves the geofence" in told
+    assert "safe_stop_zones[1]: leaves the geofence" in told
+    assert "safe_stop_zones[0]" not in told
 
 
 def test_a_block_needs_a_forward_lane() -> None:
