@@ -104,7 +104,9 @@ def test_legal_fences_and_boxes_are_judged_alike() -> None:
     while seen["legal"] < FENCES:
         points = outline(random)
         fence, legal = shapely.Polygon(points), outline_problem(points) is None
-        assert legal == fence.is_valid, points
+        # Edges that come as near as a touch are edges that touch, for us alone.
+        nearly = fence.minimum_clearance <= 2.0 * TOUCH_M
+        assert legal == fence.is_valid or (nearly and not legal), points
         seen["legal" if legal else "illegal"] += 1
         if not legal:
             continue
