@@ -19,9 +19,10 @@ import pytest
 from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
+from ssp_core.files import TAKEN_FILE, taken_folder
 from ssp_eval.data.labels import labels_version, load_labels
 from ssp_eval.data.provenance import find_labels
-from ssp_eval.evaluate.campaign import campaign_folder, run_campaign
+from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import evaluate
 from ssp_eval.evaluate.executors import (
@@ -302,12 +303,12 @@ def test_a_folder_has_one_command_at_a_time(
     bags: list[tuple[Path, Path | None]], tmp_path: Path
 ) -> None:
     out, models = tmp_path / "out", [bridge_spec("constant_velocity")]
-    with campaign_folder(out):
-        with pytest.raises(InputError, match="another command evaluates into"):
+    with taken_folder(out):
+        with pytest.raises(InputError, match="another command writes into"):
             run_campaign(bags, models, InProcessClients(), out, CellOptions(), True)
-        with pytest.raises(InputError, match="another command evaluates into"):
+        with pytest.raises(InputError, match="another command writes into"):
             run_parallel(bags, models, settings(out), 2, propose_labels=True)
-        assert not list(out.iterdir())
+        assert [entry.name for entry in out.iterdir()] == [TAKEN_FILE]
     assert run_campaign(bags[:1], models, InProcessClients(), out, CellOptions())[0].status == "ok"
 
 

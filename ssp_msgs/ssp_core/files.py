@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
 import os
 import re
@@ -352,6 +354,92 @@ def make_folder(path: str | Path) -> Path:
     return path
 
 
+# In a folder that a command writes into, until it has ended.
+TAKEN_FILE = ".ssp-taken"
+
+
+@contextmanager
+def taken_folder(path: str | Path, *, empty: bool = False) -> Iterator[Path]:
+    """Makes a folder and keeps it from other commands until the end of the block.
+
+    A file that is created exclusively says that it is taken. One whose writer died is taken over.
+
+    Args:
+        empty: what holds anything is refused.
+
+    Raises:
+        InputError: another command writes into it, it holds something, or it can't be made.
+    """
+    folder = make_folder(path)
+    file = folder / TAKEN_FILE
+    handle = _created_alone(file)
+    try:
+        if empty and any(entry.name != TAKEN_FILE for entry in folder.iterdir()):
+            raise InputError("is not empty", file=folder, remedy="name a new folder with --out")
+        yield folder
+    finally:
+        with suppress(OSError):
+            file.unlink()
+        os.close(handle)
+
+
+def _created_alone(file: Path) -> int:
+    """Creates a file that isn't there, and locks it for as long as this process lives.
+
+    Raises:
+        InputError: another process has, or it can't be made.
+    """
+    while True:
+        try:
+            handle = os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
+        except FileExistsError:
+            if _is_left_behind(file):
+                continue
+            raise InputError(
+                "is what another command writes into just now",
+                file=file.parent,
+                remedy=f"wait until that has ended, or name another folder ({file.name} says so)",
+            ) from None
+        except OSError as error:
+            raise InputError(f"can't be written to: {error.strerror}", file=file.parent) from error
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:  # somebody takes it for one that was left behind
+            os.close(handle)
+            continue
+        except OSError:  # some network file systems have no locks
+            return handle
+        if _is_still(file, handle):
+            return handle
+        os.close(handle)
+
+
+def _is_left_behind(file: Path) -> bool:
+    """Whether the process that created it is gone; it is removed then."""
+    try:
+        handle = os.open(file, os.O_WRONLY)
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if _is_still(file, handle):
+            file.unlink()
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return True
+
+
+def _is_still(file: Path, handle: int) -> bool:
+    try:
+        return os.path.samestat(os.stat(file), os.fstat(handle))
+    except FileNotFoundError:
+        return False
+
+
 @contextmanager
 def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[Path]:
     """Gives a path at which a folder is made; it becomes the target, or there is none.
@@ -371,6 +459,8 @@ def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[P
         yield scratch / "new"
         (scratch / "new").rename(target)
     except OSError as error:
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # made in the meantime
+            raise InputError("exists already", file=target, remedy=remedy) from error
         raise HostError(f"{target}: can't be written: {error.strerror or error}") from error
     finally:
         shutil.rmtree(scratch, ignore_errors=True)

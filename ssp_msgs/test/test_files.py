@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,12 +19,15 @@ from pydantic import BaseModel, ConfigDict, Field
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import (
     MAX_TEXT_BYTES,
+    TAKEN_FILE,
     field_path,
     load_model,
+    new_folder,
     parse_mapping,
     parse_model,
     read_mapping,
     read_text,
+    taken_folder,
     write_bytes,
     write_json,
 )
@@ -322,3 +329,87 @@ def test_json_that_cannot_be_written_leaves_the_old_file(tmp_path: Path) -> None
         write_json(path, {"a": float("nan")})
     assert json.loads(path.read_text()) == {"a": 2, "b": 1}
     assert os.listdir(tmp_path) == ["x.json"]
+
+
+HOLDER = """
+import sys
+from pathlib import Path
+from ssp_core.errors import InputError
+from ssp_core.files import taken_folder
+try:
+    with taken_folder(Path(sys.argv[1]), empty=sys.argv[2] == "empty"):
+        print("has it", flush=True)
+        sys.stdin.read()
+except InputError as error:
+    print(error, flush=True)
+"""
+
+
+@contextmanager
+def another_command(folder: Path, *, empty: bool = True) -> Iterator[subprocess.Popen[str]]:
+    """A command that takes the folder until its input ends, and says whether it has it."""
+    command = [sys.executable, "-c", HOLDER, str(folder), "empty" if empty else "any"]
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+    with process:
+        yield process
+        process.kill()
+
+
+def said(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline().strip()
+
+
+def test_a_folder_has_one_writer(tmp_path: Path) -> None:
+    """Two runs into one new folder destroyed each other's recording."""
+    out = tmp_path / "out"
+    with another_command(out) as first:
+        assert said(first) == "has it"
+        with another_command(out) as second:
+            assert "another command writes into just now" in said(second)
+        with (
+            pytest.raises(InputError, match="another command writes into"),
+            taken_folder(out),
+        ):
+            pass
+        assert names(out) == [TAKEN_FILE]
+        assert first.stdin is not None
+        first.stdin.close()
+        first.wait(60.0)
+    assert names(out) == []
+    with taken_folder(out, empty=True) as folder:
+        (folder / "result").write_text("ours")
+    with pytest.raises(InputError, match="is not empty"), taken_folder(out, empty=True):
+        pass
+    with taken_folder(out):
+        assert names(out) == [TAKEN_FILE, "result"]
+
+
+def test_of_many_that_come_at_once_one_gets_the_folder(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with ExitStack() as stack:
+        many = [stack.enter_context(another_command(out)) for _ in range(6)]
+        assert sorted(said(one) == "has it" for one in many) == [False] * 5 + [True]
+
+
+def test_a_folder_whose_writer_was_killed_is_taken_over(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with another_command(out) as first:
+        assert said(first) == "has it"
+        first.kill()
+        first.wait(60.0)
+        assert names(out) == [TAKEN_FILE]
+        with another_command(out) as second:
+            assert said(second) == "has it"
+
+
+def test_a_new_folder_that_another_made_meanwhile_is_left_alone(tmp_path: Path) -> None:
+    making = new_folder(tmp_path / "new")
+    making.__enter__().mkdir()
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "theirs").write_text("theirs")
+    with pytest.raises(InputError, match="exists already"):
+        making.__exit__(None, None, None)
+    assert names(tmp_path / "new") == ["theirs"]
+    assert names(tmp_path) == ["new"]

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder
+from ssp_core.files import make_folder, taken_folder
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.labels import Labels, compare_by_scenario, load_labels
 from ssp_eval.data.provenance import SAFE_NAME, bag_folder, beside_bag, find_labels
@@ -344,31 +342,6 @@ def _with_all_twins(stack: ExitStack, clips: Sequence[LabelledClip]) -> list[Lab
     return found
 
 
-@contextmanager
-def campaign_folder(out: Path) -> Iterator[None]:
-    """Makes a campaign folder and holds it: two commands would ask, and pay for, the same twice.
-
-    Raises:
-        InputError: it can't be made, or another command evaluates into it.
-    """
-    folder = os.open(make_folder(out), os.O_RDONLY)
-    try:
-        fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        os.close(folder)
-        raise InputError(
-            "is what another command evaluates into just now",
-            file=out,
-            remedy="wait until that has ended, or name another folder",
-        ) from error
-    except OSError:  # some network file systems have no locks
-        pass
-    try:
-        yield
-    finally:
-        os.close(folder)
-
-
 def run_campaign(
     bags: Sequence[tuple[Path, Path | None]],
     models: Sequence[ModelSpec],
@@ -398,7 +371,7 @@ def run_campaign(
     with ExitStack() as stack:
         rules = models[0].rules if models else None
         clips = open_clips(stack, bags, propose_labels, admissions, rules, twins)
-        stack.enter_context(campaign_folder(out))
+        stack.enter_context(taken_folder(out))
         keep_audits(out, (labelled.admission for labelled in clips))
         on_plan(plan_of(clips, models, not options.fresh and holds_answers(out)))
         for labelled in clips:

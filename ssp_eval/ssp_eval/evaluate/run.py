@@ -11,6 +11,7 @@ from rich.table import Table
 
 from ssp_core import console
 from ssp_core.errors import InputError
+from ssp_core.files import taken_folder
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import labels_version
 from ssp_eval.data.provenance import find_labels
@@ -18,7 +19,6 @@ from ssp_eval.evaluate.admission import ADMITTED, REFUSED, UNAUDITED, Admission,
 from ssp_eval.evaluate.campaign import (
     NO_CONTROLS,
     Plan,
-    campaign_folder,
     models_of,
     open_clips,
     plan_of,
@@ -227,7 +227,7 @@ def run_parallel(
         import_ray()
     with ExitStack() as stack:
         clips = open_clips(stack, bags, propose_labels, admissions, twins=twins)
-        stack.enter_context(campaign_folder(settings.out))
+        stack.enter_context(taken_folder(settings.out))
         keep_audits(settings.out, (labelled.admission for labelled in clips))
         on_plan(plan_of(clips, models, not settings.options.fresh and holds_answers(settings.out)))
         jobs: list[Job] = []

@@ -12,6 +12,7 @@ from click.core import ParameterSource
 
 from ssp_core import console
 from ssp_core.errors import InputError
+from ssp_core.files import taken_folder
 from ssp_eval.causes.answers import Asked
 from ssp_eval.causes.findings import answers_in, moved_by
 from ssp_eval.causes.tables import moved_tables
@@ -108,6 +109,12 @@ class _Formats(click.ParamType[tuple[str, ...]]):
             if name not in FORMATS:
                 self.fail(f"{name!r} is no format; known are {', '.join(FORMATS)}", param, ctx)
         return names
+
+
+def _take(*folders: Path | None) -> None:
+    """Keeps other commands out of the folders that are written into, until this command ends."""
+    for folder in sorted({one.resolve() for one in folders if one is not None}):
+        click.get_current_context().with_resource(taken_folder(folder))
 
 
 @dataclass(frozen=True)
@@ -230,6 +237,7 @@ def report(
             )
         if out is None and (drawn is None or tables is not None):
             raise click.UsageError("--from-cells needs --out DIR, or --figures DIR alone")
+        _take(out, tables, figures)
         rows = rows_from_csv(from_cells, console.note)
         if drawn is not None:
             draw_figures(drawn, rows)
@@ -244,6 +252,7 @@ def report(
         raise click.UsageError("--out belongs to --from-cells; use --tables DIR")
     if tables is None and figures is None and (reference is not None or repeats):
         raise click.UsageError("--reference and --repeat need --tables DIR or --figures DIR")
+    _take(out_dir if out_dir.is_dir() else None, tables, figures)
     changed: dict[Path, str] = {}
 
     def check(cell: CellData) -> None:

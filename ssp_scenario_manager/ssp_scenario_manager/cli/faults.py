@@ -12,7 +12,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_json, write_text
+from ssp_core.files import taken_folder, write_json, write_text
 from ssp_scenario_manager.faults.campaign import (
     CellResult,
     FaultScenario,
@@ -108,7 +108,7 @@ def faults(
     for scenario in scenarios:
         find_shipped(scenario, "event")
     find_shipped(site, "site")
-    make_folder(out)
+    click.get_current_context().with_resource(taken_folder(out))
     way: Way = "in_process" if in_process else "sessions"
     results = _run(
         scenarios or SCENARIOS,

@@ -14,7 +14,7 @@ import click
 
 from ssp_core import console, names
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder
+from ssp_core.files import taken_folder
 from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
@@ -213,7 +213,9 @@ def run(
         if junit is not None:
             # Whatever ends the runner before the run: a build server finds no older verdict here.
             write_junit(junit, "ssp run", [_case(spec, folder)])
-        shutil.move(draft / TASK_FOLDER, make_folder(folder) / TASK_FOLDER)
+        # Two commands into one folder would destroy each other's recording.
+        click.get_current_context().with_resource(taken_folder(folder, empty=True))
+        shutil.move(draft / TASK_FOLDER, folder / TASK_FOLDER)
     if in_process:
         told = run_one(spec, folder, as_json)
         if junit is not None:

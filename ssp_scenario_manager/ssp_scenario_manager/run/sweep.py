@@ -27,7 +27,7 @@ import numpy as np
 from ssp_core import console
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import make_folder, parse_model, write_json, write_text
+from ssp_core.files import parse_model, taken_folder, write_json, write_text
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.terminal import ignore_stop_signals
 from ssp_core.vocabulary import Phase
@@ -421,7 +421,6 @@ def run_many(
         )
     sweep = Sweep(spec, variations, runs if runs is not None else len(grid(variations)))
     sweep.check()
-    make_folder(folder)
     verdicts: Counter[str] = Counter()
     reasons: Counter[str] = Counter()
     with console.progress("runs", sweep.runs) as bar:
@@ -433,7 +432,8 @@ def run_many(
                 reasons[reason.partition(":")[0]] += 1
             bar.advance(bar.task_ids[0])
 
-        rows = run_sweep(sweep, folder, jobs, count)
+        with taken_folder(folder):
+            rows = run_sweep(sweep, folder, jobs, count)
     if as_json:
         click.echo(json.dumps([dict(zip(sweep.header, row, strict=True)) for row in rows]))
     else:
