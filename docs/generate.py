@@ -28,6 +28,7 @@ from ssp_ot_controller.bodies.iso22133 import states as iso
 from ssp_ot_controller.bodies.iso22133.probe.clauses import CLAUSES
 from ssp_ot_controller.objects import state_machine
 from ssp_ot_controller.ros import parameters as ot_controller_params
+from ssp_scenario_manager.ros import parameters as scenario_manager_params
 from ssp_scenario_manager.session import limits as supervisor
 from ssp_scenario_manager.session import progress, supervision
 from ssp_scenario_manager.session import state_machine as session_machine
@@ -477,6 +478,7 @@ def with_tables(text: str) -> str:
 
 
 PARAMETERS = {
+    "ssp_scenario_manager": scenario_manager_params.NODES,
     "ssp_ot_controller": ot_controller_params.NODES,
     "ssp_monitor": ssp_monitor.ros.parameters.NODES,
     "ssp_vla_bridge": vla_bridge_params.NODES,
@@ -496,8 +498,8 @@ def parameters() -> str:
 `python docs/generate.py` makes this page from each package's `ros/parameters.py`; don't edit it.
 `ros2 param describe` says the same. Nodes read parameters when they start: `ros2 param set` is
 refused as read-only unless the table says *can be set*. A value of another type or out of its
-range ends the node with one message. `scenario_manager` has no parameters of its own: it is given
-the run file with `load_scenario` or `run_scenario`.
+range ends the node with one message. `scenario_manager` loads a run with `load_scenario` or
+`run_scenario`; its parameter says which session it belongs to ([safety](safety.md#whose-session)).
 """
     ]
     for package, nodes in PARAMETERS.items():

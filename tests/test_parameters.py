@@ -17,6 +17,7 @@ from ssp_core.processes import free_domain, remove_shared_ports
 from ssp_eval.ros import parameters as ssp_eval_params
 from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.ros import parameters as scenario_manager_params
 from ssp_vla_bridge.ros import parameters as vla_bridge_params
 
 pytestmark = pytest.mark.ros
@@ -25,7 +26,7 @@ TABLES: dict[str, tuple[Parameter, ...]] = {
     **ssp_monitor.ros.parameters.NODES,
     **vla_bridge_params.NODES,
     **ssp_eval_params.NODES,
-    "scenario_manager": (),
+    **scenario_manager_params.NODES,
 }
 # rclpy's own, of any node.
 ROS_OWN = {"use_sim_time", "start_type_description_service"}

@@ -16,7 +16,7 @@ import pytest
 from ssp_core.errors import HostError
 from ssp_monitor.page import server, viewers
 from ssp_monitor.page.server import FOLDER, PageServer, load_assets
-from ssp_monitor.status.board import Answer
+from ssp_monitor.status.board import Answer, Shown
 
 TOKEN = "the-right-token-of-this-test"
 DEADLINE_S = 120.0
@@ -28,10 +28,12 @@ class Manager:
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, str]] = []
+        self.shown: list[Shown | None] = []
         self.silent: set[str] = set()
 
-    def ask(self, command: str, who: str) -> Future[Answer]:
+    def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
         self.asked.append((command, who))
+        self.shown.append(shown)
         answer: Future[Answer] = Future()
         if command not in self.silent:
             answer.set_result(Answer(True, state="ABORTING"))
@@ -67,6 +69,8 @@ def post(
         headers = {**({"Authorization": f"Bearer {token}"} if token is not None else {}),
                    **more.pop("headers", {})}  # fmt: skip
         url = f"{page.url}api/command/{name}"
+        if name != "abort" and not {"data", "json"} & more.keys():
+            more["json"] = {"shown": "4@1"}
         async with client.post(url, headers=headers, **more) as response:
             text = await response.text()
             return response.status, json.loads(text) if text.startswith("{") else text
@@ -179,12 +183,24 @@ def test_no_answer_is_told_as_none(page, manager, monkeypatch):
     assert answer["text"] == "the scenario manager gave no answer within 0.2 s"
 
 
+def test_a_press_says_which_state_the_page_showed(page, manager):
+    """A press that was meant for an earlier state must not count for the present one."""
+    assert post(page, "start", json={"shown": "4@1700000000000000001"})[0] == 200
+    assert manager.shown == [Shown(4, 1_700_000_000_000_000_001)]
+    for body in (b"", b"{", b"[]", b'{"shown": 4}', b'{"shown": "0@1"}', b'{"shown": "4"}'):
+        status, answer = post(page, "start", data=body)
+        assert (status, answer["accepted"]) == (400, False), body
+    assert len(manager.asked) == 1
+    assert post(page, "abort", data=b"whatever")[0] == 200
+    assert manager.shown[-1] is None
+
+
 def test_a_flood_of_commands_is_bounded_and_leaves_abort_free(page, manager):
     async def flood(client: aiohttp.ClientSession) -> list[int]:
         async def one(name: str, token: str) -> int:
             headers = {"Authorization": f"Bearer {token}"}
             url = f"{page.url}api/command/{name}"
-            async with client.post(url, headers=headers) as response:
+            async with client.post(url, headers=headers, json={"shown": "4@1"}) as response:
                 return response.status
 
         guesses = await asyncio.gather(*(one("abort", f"guess{k}") for k in range(60)))

@@ -26,6 +26,43 @@ def car(object_id: str, x_m: float, **changes: float) -> ObjectState:
 # -- one manager ----------------------------------------------------------------------------------
 
 
+def test_a_manager_of_another_session_is_never_followed() -> None:
+    """A simulated session that reached a live object armed it."""
+    line = ManagerArbiter(0.5, "live-1", "live")
+    assert not line.is_ours("sim", 1, 0, may_move=False, token="sim-1")
+    assert not line.is_ours("others", 1, 0, may_move=False, token="live-2")
+    assert not line.is_ours("old", 1, 0, may_move=False)
+    assert line.strangers(0) == 3
+    assert line.is_ours("ours", 1, 0, may_move=False, token="live-1")
+    assert line.command_problem("live-1", 0) == ""
+    for token in ("", "sim-1", "live-2"):
+        assert line.command_problem(token, 0)
+    # Also when ours has gone.
+    assert not line.is_ours("others", 2, 10 * S, may_move=False, token="live-2")
+    assert line.command_problem("live-2", 10 * S)
+
+
+def test_without_a_token_of_its_own_an_object_follows_the_first_manager_of_its_kind() -> None:
+    line = ManagerArbiter(0.5, "", "live")
+    assert line.command_problem("sim-1", 0)
+    assert line.command_problem("live-1", 0) == ""
+    assert not line.is_ours("sim", 1, 0, may_move=False, token="sim-1")
+    assert line.is_ours("first", 1, 0, may_move=False, token="live-1")
+    assert not line.is_ours("second", 1, 0, may_move=False, token="live-2")
+    assert line.command_problem("live-1", 0) == ""
+    assert line.command_problem("live-2", 0)
+    # The first has gone, and nothing may move.
+    assert line.command_problem("live-2", S) == ""
+    assert line.is_ours("second", 2, S, may_move=False, token="live-2")
+    assert line.command_problem("live-1", S)
+
+
+def test_others_programs_without_a_token_keep_working() -> None:
+    line = ManagerArbiter(0.5, "", "live")
+    assert line.is_ours("theirs", 1, 0, may_move=False)
+    assert line.command_problem("", 0) == ""
+
+
 def test_a_rising_sequence_of_one_sender_is_ours_gaps_or_not() -> None:
     line = ManagerArbiter(0.5)
     for sequence in (3, 4, 9, 10):

@@ -54,7 +54,7 @@ def _session(context: LaunchContext) -> list[Node | ExecuteProcess | LogInfo]:
         _node("ssp_ot_controller", "sil_world", run),
         _node("ssp_ot_controller", "front_camera", run),
         _node("ssp_ot_controller", "object_target", run),
-        _node("ssp_scenario_manager", "scenario_manager", {}),
+        _node("ssp_scenario_manager", "scenario_manager", run),
     ]
     goal = ["ros2", "action", "send_goal", "--feedback", "/ssp/run_scenario"]
     goal += ["ssp_msgs/action/RunScenario", f"{{run_file: '{path}'}}"]

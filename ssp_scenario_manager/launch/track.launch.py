@@ -64,7 +64,8 @@ def _session(context: LaunchContext) -> list[Node | LogInfo]:
         return str(LaunchConfiguration(name).perform(context))
 
     run_file, roles = given("run_file"), _roles(given("roles"))
-    if load_run(run_file).mode != "live":
+    spec = load_run(run_file)
+    if spec.mode != "live":
         raise InputError(
             "is no live session's",
             file=run_file,
@@ -97,11 +98,13 @@ def _session(context: LaunchContext) -> list[Node | LogInfo]:
                 [],
             )
         ],
-        "manager": [_node("ssp_scenario_manager", "scenario_manager", {}, remappings)],
+        "manager": [_node("ssp_scenario_manager", "scenario_manager", {**run}, remappings)],
     }
     if "manager" in roles:
         goal = f"ros2 action send_goal --feedback {names.absolute(names.RUN_SCENARIO)}"
-        goal += f" ssp_msgs/action/RunScenario \"{{run_file: '{run_file}'}}\""
+        token = spec.session_token or "THE ONE THAT THE MANAGER LOGS"
+        request = f"{{run_file: '{run_file}', session_token: '{token}'}}"
+        goal += f' ssp_msgs/action/RunScenario "{request}"'
         made["manager"] += [
             LogInfo(msg=f"to see what is connected: ssp doctor --session {run_file}"),
             LogInfo(msg=f"to start the run: {goal}"),

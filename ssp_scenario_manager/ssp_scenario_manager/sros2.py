@@ -122,7 +122,10 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
         ),
         names.RUNNER: Rights(
             CONTROL,
-            hears=(*events, *states, vut, names.FAULT_EVENT, names.LINK_STATUS),
+            hears=(
+                *(*events, *states, vut, names.FAULT_EVENT, names.LINK_STATUS),
+                *(names.RECORDER_STATUS, names.CAMERA_INFO),
+            ),
             calls=(*commands,),
             starts=(names.RUN_SCENARIO,),
         ),

@@ -92,8 +92,6 @@ def executables(package: str) -> list[str]:
 def declared_parameters(package: str, executable: str) -> set[str]:
     """Names that a node declares."""
     node = {"page": "monitor_page"}.get(executable, executable)
-    if package == "ssp_scenario_manager":
-        return set()
     return {one.name for one in import_module(f"{package}.ros.parameters").NODES[node]}
 
 
@@ -172,11 +170,9 @@ def test_a_session_has_five_nodes_and_waits(
         check_node(node)
         executable = node.kwargs["executable"]
         expected: dict[str, str] = {"run_file": str(out / "run.yaml")}
-        if executable == "scenario_manager":
-            expected = {}  # it is given the file with the goal
         if executable == "monitor":
             expected["bag_dir"] = str(out / "bag")
-        assert node.kwargs["parameters"] == ([expected] if expected else [])
+        assert node.kwargs["parameters"] == [expected]
     run = load_run(out / "run.yaml")
     assert (run.scenario, run.site, run.seed, run.mode) == (
         "vru_crossing",

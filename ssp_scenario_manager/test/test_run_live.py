@@ -23,7 +23,8 @@ from ssp_scenario_manager.run.live import LiveSetup, describe, doctor_command
 def options(**given: Any) -> dict[str, Any]:
     return {
         "bodies": (), "odometry": None, "navsat": None, "heading": None, "velocity": None,
-        "least_fix": None, "unit": None, "remappings": (), "wait": False, **given
+        "least_fix": None, "unit": None, "remappings": (), "wait": False, "start_at_once": False,
+        **given
     }  # fmt: skip
 
 
@@ -117,6 +118,8 @@ def test_the_nodes_of_a_host(tmp_path: Path) -> None:
     [
         ("lockstep", {"bodies": ("ot1=mirror",)}, "--body: only with --mode live"),
         ("realtime", {"wait": True}, "--wait: only with --mode live"),
+        ("realtime", {"start_at_once": True}, "--start-at-once: only with --mode live"),
+        ("live", {"wait": True, "start_at_once": True}, "--start-at-once for none"),
         ("live", {"unit": (1.0, 0.0, 0.0)}, "--odometry"),
         ("live", {"odometry": "/a", "navsat": "/b", "heading": "/c"}, "has one GNSS/INS"),
         ("live", {"odometry": "/a", "least_fix": "fix"}, "has one GNSS/INS"),
@@ -191,3 +194,13 @@ def test_the_doctors_command_can_be_pasted_into_any_shell(
     params = doctor.make_context("doctor", words[4:]).params
     assert params["run_file"] == run_file
     assert (params["odometry"], params["remappings"]) == ("/ins/odometry", ("a/b:=/c d",))
+
+
+def test_a_live_run_asks_unless_it_is_told_to_start_at_once() -> None:
+    asks, waits = (LiveSetup.of_options("live", options(wait=wait)) for wait in (False, True))
+    assert asks == waits
+    assert asks is not None
+    assert not asks.start_at_once
+    at_once = LiveSetup.of_options("live", options(start_at_once=True))
+    assert at_once is not None
+    assert at_once.start_at_once

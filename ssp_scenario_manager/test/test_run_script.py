@@ -147,6 +147,60 @@ def test_it_says_what_it_waits_for() -> None:
     assert script.waits_for == ""
 
 
+def word(loaded: str = "") -> RunScript:
+    """A goal that a person's word began, which holds for ten seconds."""
+    return RunScript("run.yaml", 0, 10 * S, loaded)
+
+
+def test_a_word_that_ran_out_starts_nothing() -> None:
+    """Each step was tried for 45 s, so that objects drove off long after the word."""
+    script = word()
+    assert script.next(P.IDLE, 0) is E.LOAD
+    script.on_answer(YES)
+    assert script.next(P.LOADED, 1) is E.CONNECT
+    assert script.next(P.CONNECTED, 5 * S) is E.ARM
+    assert script.next(P.ARMED, 10 * S) is E.START
+    script.on_answer(no("ot1 is PRE_ARMING, not ARMED"))
+    assert script.next(P.ARMED, 10 * S + 1) is None
+    assert (script.finished, script.not_in_time) == (True, True)
+    assert script.problems == ("ot1 is PRE_ARMING, not ARMED",)
+    assert script.next(P.ARMED, 11 * S) is None
+
+
+def test_a_word_that_came_too_late_does_nothing_at_all() -> None:
+    for state in (P.IDLE, P.LOADED, P.CONNECTED, P.ARMED):
+        script = RunScript("run.yaml", 5, 4, "run.yaml")
+        assert script.next(state, 5) is None
+        assert (script.finished, script.not_in_time, script.begun) == (True, True, False)
+
+
+def test_a_run_that_started_in_time_is_followed_to_its_end() -> None:
+    script = word("run.yaml")
+    assert script.next(P.ARMED, 1) is E.START
+    script.on_answer(YES)
+    assert script.next(P.RUNNING, 60 * S) is None
+    assert not script.finished
+    script.next(P.FINISHED, 61 * S)
+    assert (script.finished, script.problems, script.not_in_time) == (True, (), False)
+
+
+@pytest.mark.parametrize(("state", "event"), [(P.CONNECTED, E.ARM), (P.ARMED, E.START)])
+def test_a_word_goes_on_from_where_its_own_run_stands(state: P, event: E) -> None:
+    script = word("run.yaml")
+    assert script.next(state, 0) is event
+    assert script.begun
+    other = word("another.yaml")
+    assert other.next(state, 0) is None
+    assert "already" in other.problems[0]
+
+
+def test_a_word_for_a_run_that_is_over_begins_none() -> None:
+    for state in (P.RUNNING, P.STOPPING, P.FINISHED, P.ABORTING, P.ABORTED):
+        script = word("run.yaml")
+        assert script.next(state, 0) is None
+        assert not script.begun
+
+
 def test_the_first_verdict_that_says_more_than_valid_stays() -> None:
     outcome = RunOutcome(V.VALID, ()).with_reason(V.INVALID_HARNESS, "died")
     assert outcome == RunOutcome(V.INVALID_HARNESS, ("died",))

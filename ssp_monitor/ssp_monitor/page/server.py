@@ -22,9 +22,10 @@ from aiohttp.http_exceptions import HttpProcessingError
 
 from ssp_core import names
 from ssp_core.errors import HostError
+from ssp_core.files import parse_strict
 from ssp_monitor.page.access import AccessRules, TokenBucket, bearer, same_token
 from ssp_monitor.page.viewers import Hub, Payload
-from ssp_monitor.status.board import Answer
+from ssp_monitor.status.board import Answer, Shown
 
 FOLDER = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
@@ -83,8 +84,12 @@ _LOG.addFilter(_is_ours)
 class Commands(Protocol):
     """Who passes commands on to the manager."""
 
-    def ask(self, command: str, who: str) -> Future[Answer]:
-        """Sends one of names.SESSION_COMMANDS; may be called in any thread."""
+    def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
+        """Sends one of names.SESSION_COMMANDS; may be called in any thread.
+
+        Args:
+            shown: state for which it was pressed; None for an abort, which counts in each.
+        """
 
 
 class PageServer:
@@ -217,8 +222,8 @@ class PageServer:
             return _answer(404, Answer(False, f"there is no command {name[:20]}"))
         if not self._buckets.get(name, self._buckets[""]).take(now_ns):
             return _answer(429, Answer(False, "too many commands at once; wait a second"))
-        try:  # bounded by client_max_size; what it says doesn't matter
-            await asyncio.wait_for(request.read(), REQUEST_S)
+        try:  # bounded by client_max_size
+            body = await asyncio.wait_for(request.read(), REQUEST_S)
         except TimeoutError:
             return _closing(408, "the request did not end")
         except (web.RequestPayloadError, HttpProcessingError):
@@ -226,7 +231,11 @@ class PageServer:
         if self._retired:
             return _answer(200, Answer(False, "the run has ended, and its processes with it"))
         limit_s = ABORT_ANSWER_S if name == "abort" else ANSWER_S
-        asked = self._commands.ask(name, f"operator page at {request.remote}")
+        try:
+            shown = None if name == "abort" else _shown(body)
+        except ValueError as error:
+            return _answer(400, Answer(False, f"not sent: {error}; load the page again"))
+        asked = self._commands.ask(name, f"operator page at {request.remote}", shown)
         try:
             answer = await asyncio.wait_for(asyncio.wrap_future(asked), limit_s)
         except TimeoutError:
@@ -241,6 +250,12 @@ class PageServer:
         # After the answer.
         self._loop.call_later(0.05, self._stop.set)
         return web.Response(text="leaves")
+
+
+def _shown(body: bytes) -> Shown:
+    """The state that the page showed. Raises ValueError where its request doesn't say."""
+    told = parse_strict(body)
+    return Shown.parse(told.get("shown") if isinstance(told, dict) else None)
 
 
 def _answer(status: int, answer: Answer) -> web.Response:

@@ -24,6 +24,7 @@ from ssp_monitor.status.board import (
     LinkFact,
     Received,
     RecorderFact,
+    Shown,
     age_s,
     links_of,
     object_age_s,
@@ -179,6 +180,7 @@ class Snapshots:
         return {
             "state": state.name,
             "shown": ARMING if arming else state.name,
+            "press": str(Shown(int(state), fact.stamp_ns)) if fact else "",
             "event": fact.event if fact else "",
             "reason": fact.reason if fact else "",
             "run_id": (fact.run_id if fact else "") or (run.run_id if run else ""),

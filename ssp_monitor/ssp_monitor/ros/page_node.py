@@ -34,7 +34,7 @@ from ssp_monitor.page.viewers import Payload
 from ssp_monitor.ros.parameters import PAGE
 from ssp_monitor.ros.session_subscriptions import LOOK_PERIOD_S, SessionSubscriptions
 from ssp_monitor.status import messages
-from ssp_monitor.status.board import Answer, Board, Event
+from ssp_monitor.status.board import Answer, Board, Event, Shown
 from ssp_msgs.msg import FaultEvent, ReferenceAck, SafetyEvent, TriggerEvent
 from ssp_msgs.srv import SessionCommand
 
@@ -50,9 +50,13 @@ class ManagerCommands:
     """Passes commands on to the manager's services.
 
     rclpy's clients may be called in any thread, so that an abort waits for no timer of ours.
+
+    Args:
+        session_token: of the session that the page shows.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, session_token: Callable[[], str]) -> None:
+        self._session_token = session_token
         self._clients = {
             word: node.create_client(SessionCommand, word) for word in names.SESSION_COMMANDS
         }
@@ -61,7 +65,7 @@ class ManagerCommands:
         """Commands whose services were found."""
         return frozenset(word for word, one in self._clients.items() if one.service_is_ready())
 
-    def ask(self, command: str, who: str) -> Future[Answer]:
+    def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
         """As PageServer's Commands; an answer that never comes leaves the future as it is."""
         answer: Future[Answer] = Future()
         client = self._clients[command]
@@ -69,7 +73,11 @@ class ManagerCommands:
             text = f"no scenario manager offers {command} in this ROS domain"
             answer.set_result(Answer(False, text, answered=False))
             return answer
-        asked = client.call_async(SessionCommand.Request(requested_by=who))
+        request = SessionCommand.Request(requested_by=who, session_token=self._session_token())
+        if shown is not None:
+            request.shown_state = shown.state
+            request.shown_since = ros.stamp_from_ns(shown.since_ns)
+        asked = client.call_async(request)
         asked.add_done_callback(partial(_pass_on, answer))
         answer.add_done_callback(lambda done: _forget(client, asked, done))
         return answer
@@ -108,7 +116,7 @@ class MonitorPage(Node):
         self._pictures = Pictures(self._board, int(NS_PER_S / given["camera_rate_hz"]))
         self._acks: set[str] = set()
         self._subscribe()
-        self._commands = ManagerCommands(self)
+        self._commands = ManagerCommands(self, self._session_token)
         self.server = PageServer(given["host"], given["port"], token, self._commands)
         self.server.push({"site": json.dumps({"type": "site", **site_message(run)})})
         self._announce(not own, token)
@@ -118,6 +126,11 @@ class MonitorPage(Node):
         self.create_timer(LOOK_PERIOD_S, self._look_around, clock=steady)
         if given["led_by_runner"]:
             threading.Thread(target=self._hear_runner, name="runner", daemon=True).start()
+
+    def _session_token(self) -> str:
+        """The run file's, or where that names none the one of the manager that is heard."""
+        run = self._board.run
+        return (run.session_token if run is not None else "") or self._board.session_token
 
     def _announce(self, made: bool, token: str) -> None:
         if not is_loopback(self.server.door.bound):

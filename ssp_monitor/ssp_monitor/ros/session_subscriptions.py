@@ -79,7 +79,9 @@ class SessionSubscriptions:
             return
         data, self._heartbeat = self._heartbeat, None
         try:
-            self._board.manager_stamp_ns = decode_heartbeat(data).stamp_ns
+            beat = decode_heartbeat(data)
+            self._board.manager_stamp_ns = beat.stamp_ns
+            self._board.session_token = beat.session_token
         except ValueError as error:
             self.tell_once(f"{names.HEARTBEAT}: {error}")
 

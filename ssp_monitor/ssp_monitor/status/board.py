@@ -6,6 +6,7 @@ Here and wherever a board is looked at, ``at_ns`` and ``now_ns`` are of this hos
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -48,6 +49,30 @@ class SessionFact:
     scenario: str = ""
     verdict: Verdict = Verdict.NONE
     reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """The session state that a page shows, which a press on it is meant for.
+
+    Args:
+        state: SessionState.STATE_*.
+        since_ns: its stamp.
+    """
+
+    state: int
+    since_ns: int
+
+    def __str__(self) -> str:
+        return f"{self.state}@{self.since_ns}"
+
+    @staticmethod
+    def parse(text: object) -> Shown:
+        """Reads what ``str`` gives. Raises ValueError for another text or value."""
+        found = re.fullmatch(r"([1-9]\d?)@(\d{1,19})", text) if isinstance(text, str) else None
+        if found is None:
+            raise ValueError("it doesn't say which state the page showed")
+        return Shown(int(found[1]), int(found[2]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +185,7 @@ class Board:
     phase: Phase = Phase.UNKNOWN
     manager_at_ns: int | None = None
     manager_stamp_ns: int | None = None
+    session_token: str = ""
     started_ns: int | None = None
     ended_ns: int | None = None
     links: dict[str, LinkFact] = field(default_factory=dict)

@@ -293,12 +293,15 @@ class RunSpec(Strict):
     look: Look = Look()
     end: EndCondition = EndCondition()
     datum: SiteDatum | None = Field(None, description="of frame map; null: nobody knows")
+    session_token: Annotated[str, Field(pattern=r"^((live|sim)-[0-9a-z]{1,40})?$")] = Field(
+        "", description="of the session that `ssp run` led with this file; empty: of none"
+    )
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     @model_serializer(mode="wrap")
-    def _without_unknown_datum(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(dump(self), datum=None)
+    def _without_what_nobody_gave(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(dump(self), datum=None, session_token="")
 
     @model_validator(mode="after")
     def _real_objects_are_left_alone(self) -> RunSpec:

@@ -22,6 +22,7 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.session_token import mode_problem, token_problem
 from ssp_core.vocabulary import SessionPhase
 from ssp_ot_controller.sil.disturbance import LinkSizes
 
@@ -128,36 +129,56 @@ _REMEMBERED_S = 1.0
 
 
 class ManagerArbiter:
-    """Tells our manager's heartbeats from others'. Reads no clock.
+    """Tells our manager's heartbeats and commands from others'. Reads no clock.
 
     Args:
         silence_s: our manager has gone when it wasn't heard for longer.
+        token: of the session; empty: the run file names none, and that of the first manager counts.
+        mode: of the run file; a manager of another kind of session is never ours.
     """
 
-    def __init__(self, silence_s: float) -> None:
+    def __init__(self, silence_s: float, token: str = "", mode: str = "lockstep") -> None:
         self._silence_ns = seconds_to_ns(silence_s)
+        self._token, self._mode = token, mode
+        self._followed_token = token
         self._sender: str | None = None
         self._sequence = 0
         self._heard_ns = 0
         self._strangers: dict[str, int] = {}
 
-    def is_ours(self, sender: str, sequence: int, steady_ns: int, *, may_move: bool) -> bool:
+    def is_ours(
+        self, sender: str, sequence: int, steady_ns: int, *, may_move: bool, token: str = ""
+    ) -> bool:
         """True for a heartbeat that is to be obeyed.
 
         Args:
             sender: node that sent it.
+            token: of the session that it leads.
             steady_ns: when it came, on the steady clock.
             may_move: an object moves or is about to, so that nobody new may take over.
         """
-        gone = not may_move and steady_ns - self._heard_ns > self._silence_ns
-        if self._sender is None or gone:
-            self._sender, self._sequence = sender, 0
+        is_of_session = token == self._token if self._token else not mode_problem(token, self._mode)
+        gone = not may_move and self._is_gone(steady_ns)
+        if is_of_session and (self._sender is None or gone):
+            self._sender, self._sequence, self._followed_token = sender, 0, token
             self._strangers.pop(sender, None)
         if sender != self._sender or sequence <= self._sequence:
             self._strangers[sender] = steady_ns
             return False
         self._sequence, self._heard_ns = sequence, steady_ns
         return True
+
+    def command_problem(self, token: str, steady_ns: int) -> str:
+        """Why a command isn't of our manager's session; empty where it is.
+
+        Args:
+            token: that came with it.
+        """
+        follows = self._token or (self._sender is not None and not self._is_gone(steady_ns))
+        return token_problem(self._followed_token if follows else "", token, self._mode)
+
+    def _is_gone(self, steady_ns: int) -> bool:
+        return steady_ns - self._heard_ns > self._silence_ns
 
     def strangers(self, steady_ns: int) -> int:
         """How many others were heard of late."""

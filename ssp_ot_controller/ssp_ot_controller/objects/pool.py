@@ -24,7 +24,12 @@ from ssp_ot_controller.objects.messages import (
     in_step,
 )
 from ssp_ot_controller.objects.references import Refusal, RefusalCode
-from ssp_ot_controller.objects.state_machine import REFUSED_CONDITION, CommandResponse, ObjectEvent
+from ssp_ot_controller.objects.state_machine import (
+    REFUSED_CONDITION,
+    REFUSED_SESSION,
+    CommandResponse,
+    ObjectEvent,
+)
 from ssp_ot_controller.objects.target import Target
 from ssp_ot_controller.sil.disturbance import Channel, FaultChange, LinkSizes
 
@@ -166,7 +171,7 @@ class ObjectPool:
         self._members = {i: _Member(i, run) for i in self.object_ids}
         self.active = True
         self._buffer = MessageBuffer(self.object_ids)
-        self._arbiter = ManagerArbiter(run.limits.heartbeat_s)
+        self._arbiter = ManagerArbiter(run.limits.heartbeat_s, run.session_token, run.mode)
         self._nearby = NearbyObjects(run.limits)
         self._counts = Counts()
         self._now_ns = 0
@@ -184,7 +189,9 @@ class ObjectPool:
         Another sender than before is not obeyed, but stops us.
         """
         may_move = any(m.target.state in _MAY_MOVE for m in self._members.values())
-        if self._arbiter.is_ours(beat.sender, beat.sequence, steady_ns, may_move=may_move):
+        if self._arbiter.is_ours(
+            beat.sender, beat.sequence, steady_ns, may_move=may_move, token=beat.session_token
+        ):
             self._buffer.on_heartbeat(beat)
 
     def take_reference(self, reference: Reference) -> None:
@@ -203,9 +210,18 @@ class ObjectPool:
         self._buffer.on_tick(tick)
 
     def command(
-        self, object_id: str, event: ObjectEvent, event_version: str, steady_ns: int
+        self,
+        object_id: str,
+        event: ObjectEvent,
+        event_version: str,
+        steady_ns: int,
+        session_token: str = "",
     ) -> CommandResponse:
-        """A command of the manager to one object."""
+        """A command of the manager to one object; an abort counts from anybody."""
+        if event is not ObjectEvent.ABORT and (
+            problem := self._arbiter.command_problem(session_token, steady_ns)
+        ):
+            return CommandResponse(False, REFUSED_SESSION, problem)
         if event is ObjectEvent.ALL_CLEAR:
             # Beats that came before this command must not abort the object again after it.
             beats = self._buffer.heartbeats(None, holding=False)

@@ -99,6 +99,7 @@ def transition(state: ControlState, event: ObjectEvent) -> ControlState:
 REFUSED_TRANSITION = 1
 REFUSED_CONDITION = 2
 REFUSED_VERSION = 3
+REFUSED_SESSION = 4
 REFUSED_LASTING = 5
 # What the manager may ask for; the other events are for the object itself to notice.
 COMMANDS = frozenset(

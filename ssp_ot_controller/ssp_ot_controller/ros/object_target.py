@@ -329,7 +329,9 @@ class ObjectProcess:
             response.error_msg = f"command {request.command} is unknown"
         else:
             steady_ns = time.monotonic_ns()
-            reply = self.pool.command(object_id, event, request.event_version, steady_ns)
+            reply = self.pool.command(
+                object_id, event, request.event_version, steady_ns, request.session_token
+            )
             response.accepted = reply.accepted
             response.error_code = reply.error_code
             response.error_msg = reply.error_msg

@@ -24,7 +24,7 @@ from ssp_scenario_manager.event_spec.log import Record
 
 # What belongs to one run, and what says which versions and what kind of site it was made for: never
 # a change on site.
-OF_THE_RUN = frozenset({"run_id", "seed", "mode"})
+OF_THE_RUN = frozenset({"run_id", "seed", "mode", "session_token"})
 LINKS = frozenset(
     {
         "schema",
@@ -62,6 +62,7 @@ def run_mapping(run: RunSpec) -> dict[str, Any]:
     mapping: dict[str, Any] = run.model_dump(mode="json", by_alias=True)
     # Files leave these out where nobody gave them.
     mapping.setdefault("datum", None)
+    mapping.setdefault("session_token", "")
     mapping["limits"].setdefault("stop_reaction_s", run.limits.stop_reaction_s)
     return mapping
 

@@ -162,6 +162,7 @@ class ObjectEndpoints:
         self._publishers: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
         self.references_sent: dict[str, int] = {}
+        self.session_token = ""
 
     def connect(self, object_ids: Iterable[str], states_in_one: bool) -> None:
         """Makes the endpoints of objects that are new; the others keep theirs.
@@ -199,7 +200,11 @@ class ObjectEndpoints:
     def command(self, spec: RunSpec, command: outbox.ObjectCommand) -> None:
         """Sends a command to each object of a run; only refusals are reported back."""
         for target in spec.targets:
-            request = ObjectCommand.Request(command=command.value, event_version=spec.event_version)
+            request = ObjectCommand.Request(
+                command=command.value,
+                event_version=spec.event_version,
+                session_token=self.session_token,
+            )
             future = self._clients[target.id].call_async(request)
             future.add_done_callback(partial(self._on_answer, target.id, command))
 
@@ -278,6 +283,7 @@ class Publications:
         self._tf_static = pub(TFMessage, names.TF_STATIC, ros.TF_STATIC)
         self._poses = TransformFilter()
         self._count = 0
+        self.session_token = ""
 
     def state_changed(self, change: outbox.StateChanged, spec: RunSpec | None) -> None:
         """A transition, on its topic and in the log."""
@@ -370,7 +376,9 @@ class Publications:
         """
         self._count += 1
         sent_ns = time.time_ns()
-        beat = steps.Heartbeat(now_ns, self._sender, self._count, sent_ns, session, sent)
+        beat = steps.Heartbeat(
+            now_ns, self._sender, self._count, sent_ns, session, sent, self.session_token
+        )
         self._heartbeats.publish(steps.encode_heartbeat(beat))
         return self._count, sent_ns
 

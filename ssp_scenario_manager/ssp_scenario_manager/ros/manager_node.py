@@ -26,6 +26,7 @@ from ssp_core.safety import body_status
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import Exchange
 from ssp_core.safety.liveness import WATCHED
+from ssp_core.session_token import draw_token, mode_problem
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import (
     BodyStatus,
@@ -44,11 +45,12 @@ from ssp_scenario_manager.ros.endpoints import (
     reply_of,
     violation_of,
 )
-from ssp_scenario_manager.ros.services import SessionServices
+from ssp_scenario_manager.ros.parameters import SCENARIO_MANAGER
+from ssp_scenario_manager.ros.services import OwnSession, SessionServices
 from ssp_scenario_manager.session import limits, outbox
 from ssp_scenario_manager.session.inputs import StateInput, StepInputs
 from ssp_scenario_manager.session.session import Session
-from ssp_scenario_manager.session.state_machine import Answer, SessionEvent
+from ssp_scenario_manager.session.state_machine import REFUSED_SESSION, Answer, SessionEvent
 from ssp_scenario_manager.session.supervision import LivenessMonitor, Supervisor
 
 WATCHDOG_PERIOD_S = 0.05
@@ -66,7 +68,9 @@ class ScenarioManager(Node):
 
     def __init__(self) -> None:
         super().__init__(names.SCENARIO_MANAGER, namespace=names.NAMESPACE)
+        given = ros.declare(self, SCENARIO_MANAGER)
         self._session = Session()
+        self._own = OwnSession()
         self._now_ns = 0
         self._liveness = LivenessMonitor()
         self._supervisor = Supervisor(self._session, self._liveness)
@@ -87,8 +91,11 @@ class ScenarioManager(Node):
         self._links = ObjectEndpoints(
             self, self._on_target_state, self._on_array, self._on_ack, self._on_object_refusal
         )
-        self._commands = SessionServices(self, self._session, self._load, self._command)
         self._publications = Publications(self)
+        if given["run_file"]:
+            spec = load_run(given["run_file"])
+            self._lead(spec.session_token or draw_token(spec.mode), spec.mode)
+        self._commands = SessionServices(self, self._session, self._own, self._load, self._command)
         self._others = PublisherWatch(self, self._liveness)
         self._subscribe()
         # The watchdog must go on when simulated time stands still.
@@ -338,7 +345,15 @@ class ScenarioManager(Node):
             self._send_heartbeat()
             self._answer_world()
 
+    def _lead(self, token: str, mode: str) -> None:
+        """Leads the session of this token from here on, and says so to who may lead it by hand."""
+        if token != self._own.token:
+            self.get_logger().info(f"session_token {token}: goals and commands must carry it")
+        self._own.token, self._own.mode = token, mode
+        self._publications.session_token = self._links.session_token = token
+
     def _announce(self, change: outbox.StateChanged) -> None:
+        self._own.state, self._own.since_ns = change.state, change.stamp_ns
         self._publications.state_changed(change, self._session.spec)
         if change.event == SessionEvent.ARM_FAILED.value:
             self._commands.on_setback(change.reason)
@@ -372,11 +387,16 @@ class ScenarioManager(Node):
             spec = load_run(run_file)
         except InputError as error:
             return Answer(False, 2, str(error), (str(error),))
+        if problem := mode_problem(self._own.token, spec.mode):
+            text = f"{run_file}: {problem}; start another manager for it"
+            return Answer(False, REFUSED_SESSION, text, (text,))
         self._input.waiting()
         if spec.mode == "live":
             self._now_ns = time.time_ns()
         answer = self._session.load(spec, self._now_ns)
         if answer.accepted:
+            self._lead(spec.session_token or self._own.token or draw_token(spec.mode), spec.mode)
+            self._own.run_file = run_file
             self._input.losses.forget()
             self._publications.loaded(spec)
             self._links.connect((t.id for t in spec.targets), spec.states_in_one)

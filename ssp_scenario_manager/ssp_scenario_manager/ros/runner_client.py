@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ssp_core import names, ros
-from ssp_core.clock import ns_to_seconds
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import PeerError
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
@@ -37,6 +37,8 @@ from ssp_scenario_manager.session.state_machine import STANDSTILL_GIVEN_UP, Answ
 RunListener = Callable[[str], None]
 # How long the goal's result may come after the session's last word.
 RESULT_GRACE_S = 1.0
+# How long the result of a word that ran out may take.
+_RESULT_LOST_S = 5.0
 # What one call of ``spin`` counts at most as silence: this process may have stood still itself.
 _LISTENED_S = 0.5
 _TELL_AGAIN_S = 5.0  # what a step waits for, this long after the last line
@@ -93,17 +95,26 @@ class RunClient:
     Args:
         env: environment of the session's processes; this process joins their domain with it.
         run: whose objects are listened to while they arm.
+        remappings: ``from:=to``, as the session's nodes have them.
 
     Attributes:
         node: for further endpoints, which this client then spins.
     """
 
-    def __init__(self, env: Mapping[str, str], say: RunListener, run: RunSpec) -> None:
+    def __init__(
+        self,
+        env: Mapping[str, str],
+        say: RunListener,
+        run: RunSpec,
+        remappings: Sequence[str] = (),
+    ) -> None:
         os.environ.update(
             {k: v for k, v in env.items() if k.startswith(("ROS_", "RMW_", "FASTRTPS_"))}
         )
         self._context = rclpy.Context()
+        rules = [word for rule in remappings for word in ("-r", rule)]
         rclpy.init(
+            args=["--ros-args", *rules] if rules else None,
             context=self._context,
             domain_id=int(env["ROS_DOMAIN_ID"]),
             signal_handler_options=SignalHandlerOptions.NO,
@@ -113,6 +124,8 @@ class RunClient:
         self._executor.add_node(self.node)
         self._client = ActionClient(self.node, RunScenario, names.RUN_SCENARIO)
         self._say, self._run = say, run
+        self._token = run.session_token
+        self._not_after_ns = 0
         self._abort = self.node.create_client(SessionCommand, "abort")
         self._load = self.node.create_client(LoadScenario, names.LOAD_SCENARIO)
         self.loaded: tuple[str, ...] | None = None
@@ -155,7 +168,8 @@ class RunClient:
 
     def load(self, run_file: str) -> None:
         """Asks the manager to load a run without beginning it; ``loaded`` has its answer."""
-        future = self._load.call_async(LoadScenario.Request(run_file=run_file))
+        request = LoadScenario.Request(run_file=run_file, session_token=self._token)
+        future = self._load.call_async(request)
         future.add_done_callback(self._on_loaded)
 
     @property
@@ -163,13 +177,51 @@ class RunClient:
         """The session left the states before a run, and it wasn't this client that began it."""
         return not self._begun and self._last_state in _UNDER_WAY
 
-    def begin(self, run_file: str) -> None:
-        """Sends the goal; the answer is awaited by spinning."""
-        self._begun = True
-        future = self._client.send_goal_async(
-            RunScenario.Goal(run_file=run_file), feedback_callback=self._on_feedback
-        )
+    def begin(self, run_file: str, not_after_ns: int = 0) -> None:
+        """Sends the goal; the answer is awaited by spinning.
+
+        Args:
+            not_after_ns: a person's word holds until then, on the system clock; 0: no word.
+        """
+        self._begun, self._not_after_ns = True, not_after_ns
+        self._goal = self._result = None
+        goal = RunScenario.Goal(run_file=run_file, session_token=self._token)
+        goal.not_after = ros.stamp_from_ns(not_after_ns)
+        future = self._client.send_goal_async(goal, feedback_callback=self._on_feedback)
         future.add_done_callback(self._on_accepted)
+
+    @property
+    def not_in_time(self) -> tuple[str, ...] | None:
+        """What kept the run from starting while the word for it held; None while it may start.
+
+        A result that DDS loses is not waited for: nothing starts after the word has run out.
+        """
+        if not self._begun or not self._not_after_ns:
+            return None
+        if self._result is not None:
+            result = self._result.result
+            late = result.error_code == RunScenario.Result.NOT_IN_TIME
+            return tuple(result.reasons) if late else None
+        over_ns = self._not_after_ns + seconds_to_ns(_RESULT_LOST_S)
+        waits = self._last_state is None or self._last_state < SessionPhase.RUNNING
+        if waits and self._end is None and time.time_ns() > over_ns:
+            return ("the manager gave no answer in time",)
+        return None
+
+    def ask_again(self) -> None:
+        """Forgets a goal whose word ran out; the run may still be begun from elsewhere."""
+        self._begun, self._goal, self._result = False, None, None
+
+    def other_managers(self) -> tuple[str, ...]:
+        """Nodes beside our manager that publish heartbeats, by what discovery tells of the graph.
+
+        A publisher of a process that has ended may stay there for some seconds.
+        """
+        known = self.node.get_publishers_info_by_topic(
+            self.node.resolve_topic_name(names.HEARTBEAT)
+        )
+        found = sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in known)
+        return tuple(found) if len(found) > 1 else ()
 
     def cancel(self) -> None:
         """Asks the manager to abort."""
@@ -191,6 +243,8 @@ class RunClient:
         DDS may lose a goal's response when the two ends have just found each other, and with it
         the result. The session's own last word says the same, and it is latched.
         """
+        if self.not_in_time is not None:
+            return None
         if self._result is None:
             grace_s = RESULT_GRACE_S if self._begun else 0.0
             if self._end is None or time.monotonic() - self._ended_at < grace_s:
@@ -338,6 +392,7 @@ class StepwiseClient:
 
     def __init__(self, node: Node, run: RunSpec, run_file: str) -> None:
         self._script = RunScript(run_file, time.monotonic_ns())
+        self._token = run.session_token
         self._session = SessionPhase.IDLE
         self._armed = ArmedObjects(node, run)
         self._waiting: Any = None
@@ -389,17 +444,22 @@ class StepwiseClient:
         if wish is SessionEvent.START:
             self._start_asked_at = self._start_asked_at or self._asked_at
         if wish is SessionEvent.LOAD:
-            request: Any = LoadScenario.Request(run_file=self._script.run_file)
+            request: Any = LoadScenario.Request(
+                run_file=self._script.run_file, session_token=self._token
+            )
             self._waiting = self._load.call_async(request)
         else:
-            request = SessionCommand.Request(requested_by=WHO)
+            request = SessionCommand.Request(requested_by=WHO, session_token=self._token)
             self._waiting = self._commands[wish].call_async(request)
         self._waiting.add_done_callback(partial(self._on_answer, self._waiting))
 
     def give_up(self) -> None:
         """Disarms what can't be started."""
         if self._session is SessionPhase.ARMED:
-            request = SessionCommand.Request(requested_by=WHO, reason="the run can't start")
+            why = "the run can't start"
+            request = SessionCommand.Request(
+                requested_by=WHO, reason=why, session_token=self._token
+            )
             self._commands[SessionEvent.DISARM].call_async(request)
 
     # -- callbacks -------------------------------------------------------------------------------

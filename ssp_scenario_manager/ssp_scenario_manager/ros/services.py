@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -11,16 +12,60 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
-from ssp_core import names
+from ssp_core import names, ros
+from ssp_core.clock import seconds_to_ns
+from ssp_core.session_token import token_problem
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.action import RunScenario
 from ssp_msgs.msg import SessionState
 from ssp_msgs.srv import LoadScenario, SessionCommand
 from ssp_scenario_manager.session.run_script import RunScript
 from ssp_scenario_manager.session.session import Session
-from ssp_scenario_manager.session.state_machine import Answer, SessionEvent
+from ssp_scenario_manager.session.state_machine import (
+    REFUSED_OUTDATED,
+    REFUSED_SESSION,
+    Answer,
+    SessionEvent,
+)
 
 WHO = "run_scenario"
+# What a person's word may last at most, whatever a goal says of it and whatever clocks do.
+LONGEST_WORD_S = 60.0
+
+
+@dataclass(slots=True)
+class OwnSession:
+    """What a command must name to be for this manager's session.
+
+    Args:
+        token: of the session; empty before the first run of a manager that was given none.
+        mode: of its run file.
+        state: that was published last.
+        since_ns: stamp of that.
+        run_file: that is loaded; empty: none.
+    """
+
+    token: str = ""
+    mode: str = ""
+    state: SessionPhase = SessionPhase.UNKNOWN
+    since_ns: int = 0
+    run_file: str = ""
+
+    def problem(self, token: str) -> str:
+        """Why a command with this token isn't for the session; empty where it is."""
+        return token_problem(self.token, token, self.mode) if self.token else ""
+
+    def outdated(self, shown_state: int, shown_since_ns: int) -> str:
+        """Why a press isn't for the present state; empty where it is, or nobody looked at one."""
+        if not shown_state or (shown_state, shown_since_ns) == (self.state, self.since_ns):
+            return ""
+        known = shown_state in tuple(SessionPhase)
+        shown = SessionPhase(shown_state).name if known else str(shown_state)
+        again = ", which came after it" if shown == self.state.name else ""
+        return (
+            f"pressed for {shown}, and the session is {self.state.name}{again}: look again, then "
+            "press again"
+        )
 
 
 class SessionServices:
@@ -29,6 +74,7 @@ class SessionServices:
     Args:
         node: owns services and action.
         session: that they command.
+        own: what commands must name.
         load: loads a run file into the session.
         command: gives the session a command (event, who asks, reason).
     """
@@ -37,14 +83,17 @@ class SessionServices:
         self,
         node: Node,
         session: Session,
+        own: OwnSession,
         load: Callable[[str], Answer],
         command: Callable[[SessionEvent, str, str], Answer],
     ) -> None:
         self._session = session
+        self._own = own
         self._load = load
         self._command = command
         self._goal: Any = None
         self._script: RunScript | None = None
+        self._refused: dict[bytes, str] = {}
         node.create_service(LoadScenario, names.LOAD_SCENARIO, self._on_load)
         for word in names.SESSION_COMMANDS:
             node.create_service(SessionCommand, word, partial(self._on_command, SessionEvent(word)))
@@ -97,20 +146,37 @@ class SessionServices:
             self._script.standstill_unconfirmed()
 
     def _on_goal(self, request: RunScenario.Goal) -> GoalResponse:
-        return GoalResponse.ACCEPT if self._goal is None else GoalResponse.REJECT
+        """Another session's goal is taken too, for a rejection has no room for the reason."""
+        busy = self._goal is not None and not self._own.problem(request.session_token)
+        return GoalResponse.REJECT if busy else GoalResponse.ACCEPT
 
     def _on_accepted(self, goal: Any) -> None:
+        request = goal.request
+        if problem := self._own.problem(request.session_token):
+            self._refused[bytes(goal.goal_id.uuid)] = problem
+            goal.execute()
+            return
+        now_ns, start_by_ns = time.monotonic_ns(), None
+        not_after_ns = ros.ns_from_stamp(request.not_after)
+        if not_after_ns:
+            holds_ns = min(not_after_ns - time.time_ns(), seconds_to_ns(LONGEST_WORD_S))
+            start_by_ns = now_ns + holds_ns
         self._goal = goal
-        self._script = RunScript(goal.request.run_file, time.monotonic_ns())
+        self._script = RunScript(request.run_file, now_ns, start_by_ns, self._own.run_file)
 
     def _on_cancel(self, _: Any) -> CancelResponse:
         self._command(SessionEvent.ABORT, WHO, "goal cancelled")
         return CancelResponse.ACCEPT
 
     def _result(self, goal: Any) -> RunScenario.Result:
+        result = RunScenario.Result()
+        if foreign := self._refused.pop(bytes(goal.goal_id.uuid), ""):
+            result.error_code = RunScenario.Result.FAILED_START
+            result.error_msg, result.reasons = foreign, [foreign]
+            goal.abort()
+            return result
         script = self._script
         problems = script.problems if script else ()
-        result = RunScenario.Result()
         if script is not None and script.begun:
             # Otherwise the session is somebody else's, and so is its verdict.
             result.verdict = int(self._session.verdict)
@@ -118,10 +184,12 @@ class SessionServices:
             result.run_id = self._session.spec.run_id if self._session.spec else ""
         result.reasons = list(result.reasons) or list(problems)
         if problems:
-            result.error_code = 1
+            late = script is not None and script.not_in_time
+            codes = RunScenario.Result
+            result.error_code = codes.NOT_IN_TIME if late else codes.FAILED_START
             result.error_msg = "; ".join(problems)
         elif result.verdict != SessionState.VERDICT_VALID:
-            result.error_code = 2
+            result.error_code = RunScenario.Result.NOT_VALID
             result.error_msg = "; ".join(result.reasons)
         if goal.is_cancel_requested:
             goal.canceled()
@@ -134,7 +202,10 @@ class SessionServices:
     def _on_load(
         self, request: LoadScenario.Request, response: LoadScenario.Response
     ) -> LoadScenario.Response:
-        answer = self._load(request.run_file)
+        problem = self._own.problem(request.session_token)
+        answer = (
+            Answer(False, REFUSED_SESSION, problem) if problem else self._load(request.run_file)
+        )
         response.accepted = answer.accepted
         response.error_code = answer.error_code
         response.error_msg = answer.error_msg
@@ -148,10 +219,20 @@ class SessionServices:
         request: SessionCommand.Request,
         response: SessionCommand.Response,
     ) -> SessionCommand.Response:
-        answer = self._command(event, request.requested_by or "unknown", request.reason)
+        answer = self._answer(event, request)
         response.accepted = answer.accepted
         response.error_code = answer.error_code
         response.error_msg = answer.error_msg
         response.missing = list(answer.missing)
         response.session_state = int(self._session.state)
         return response
+
+    def _answer(self, event: SessionEvent, request: SessionCommand.Request) -> Answer:
+        """An abort counts whoever asks for it, and whatever state he saw."""
+        if event is not SessionEvent.ABORT:
+            if problem := self._own.problem(request.session_token):
+                return Answer(False, REFUSED_SESSION, problem)
+            shown_since_ns = ros.ns_from_stamp(request.shown_since)
+            if problem := self._own.outdated(request.shown_state, shown_since_ns):
+                return Answer(False, REFUSED_OUTDATED, problem)
+        return self._command(event, request.requested_by or "unknown", request.reason)

@@ -10,13 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import names
+from ssp_core.clock import seconds_to_ns
 from ssp_core.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.ros.fault_injector import FaultEndpoints
 from ssp_scenario_manager.ros.runner_client import RunClient, StepwiseClient
+from ssp_scenario_manager.ros.start_listener import StartListener
 from ssp_scenario_manager.run import faults
-from ssp_scenario_manager.run.live import Go
+from ssp_scenario_manager.run.live import LiveSetup
+from ssp_scenario_manager.run.summary import PROMPT, summary
+from ssp_scenario_manager.run.word import ABORT, HOLDS_S, TypedWords, Word
 from ssp_scenario_manager.session.run_script import RunOutcome
 
 START_TIMEOUT_S = 30.0
@@ -30,6 +35,13 @@ NOTICED_S = 0.5
 WORLD_GONE_S = 2.0
 # The manager tells of itself every second; objects stop long before. A busy host may delay it.
 SILENT_S = 10.0
+# A live network tells of the managers in it within this time.
+SETTLE_S = 1.5
+# A publisher of a process that has ended is gone from discovery by then.
+OTHERS_S = 25.0
+OTHERS = "more than one manager is reached from here"
+# The summary above the prompt waits so long for somebody to be connected.
+LOOK_S = 3.0
 # For what a session that has given its result, or gives up, still has to say.
 LAST_WORDS_S = 8.0
 
@@ -72,17 +84,18 @@ def follow(
     bag: Path,
     say: Callable[[str], None],
     interrupt: Interrupt,
-    go: Go | None = None,
+    live: LiveSetup | None = None,
 ) -> Followed:
     """Waits for the manager, has the run done, and watches processes and signals meanwhile.
 
     Args:
         interrupt: counts what the user asks for.
-        go: the run is loaded, and begins when this says so; None: at once.
+        live: of a live session, which begins on a person's word unless it says otherwise.
     """
-    client = RunClient(group.env, say, spec)
+    remappings = live.remappings if live is not None else ()
+    client = RunClient(group.env, say, spec, remappings)
     try:
-        return _Following(spec, group, client, bag, say, interrupt).until_the_end(run_file, go)
+        return _Following(spec, group, client, bag, say, interrupt, live).until_the_end(run_file)
     finally:
         client.close()
 
@@ -96,8 +109,11 @@ class _Following:
         bag: Path,
         say: Callable[[str], None],
         interrupt: Interrupt,
+        live: LiveSetup | None,
     ) -> None:
         self._spec = spec
+        self._live = live
+        self._words = TypedWords() if live is not None else None
         self._group = group
         self._client = client
         self._say = say
@@ -111,17 +127,23 @@ class _Following:
             self._hands = FaultEndpoints(client.node, spec, time.monotonic())
             self._injector = faults.FaultInjector(spec, group, bag, self._hands, say)
 
-    def until_the_end(self, run_file: Path, go: Go | None) -> Followed:
+    def until_the_end(self, run_file: Path) -> Followed:
         if faults.strikes_armed(self._spec):
             self._by_hand = StepwiseClient(self._client.node, self._spec, str(run_file))
-        failure = self._wait_for_manager()
-        if failure is None and go is not None:
-            failure = self._wait_for_go(run_file, go)
+        failure = self._wait_for_manager() or self._wait_for_others_to_go()
         if failure is not None:
             return Followed(failure)
-        if self._by_hand is None and not self._client.under_way:
-            self._client.begin(str(run_file))
-        outcome = self._wait()
+        outcome = None
+        while outcome is None:
+            not_after_ns = 0
+            if self._live is not None and not self._live.start_at_once:
+                word = self._wait_for_word(run_file, self._live)
+                if isinstance(word, RunOutcome):
+                    return Followed(word)
+                not_after_ns = word
+            if self._by_hand is None and not self._client.under_way:
+                self._client.begin(str(run_file), not_after_ns)
+            outcome = self._wait()
         return self._followed(outcome)
 
     def _wait_for_manager(self) -> RunOutcome | None:
@@ -162,35 +184,92 @@ class _Following:
         self._group.processes[names.SCENARIO_MANAGER].kill()
         return silent
 
-    def _wait_for_go(self, run_file: Path, go: Go) -> RunOutcome | None:
-        """None once somebody says that the run may begin; otherwise why there is none."""
-        self._client.load(str(run_file))
+    def _wait_for_others_to_go(self) -> RunOutcome | None:
+        """None once there is one manager; otherwise why there is no run: two would take the goal.
+
+        A publisher of a process that has ended is seen for some seconds more.
+        """
+        began_s, told = time.monotonic(), False
+        settle_s = SETTLE_S if self._live is not None else 0.0
+        while True:
+            self._client.spin(0.05)
+            if (failure := self._failed_before()) is not None:
+                return failure
+            waited_s = time.monotonic() - began_s
+            others = self._client.other_managers()
+            if not others and waited_s >= settle_s:
+                return None
+            if others and not told:
+                told = True
+                self._say(f"{OTHERS}: {', '.join(others)}")
+            if others and waited_s > OTHERS_S:
+                code = SafetyCode.FOREIGN_MANAGER
+                reason = (
+                    f"{MEANINGS[code].limit_name}: {' and '.join(others)} send heartbeats; end the "
+                    "other session, or give this one a ROS_DOMAIN_ID of its own"
+                )
+                return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
+
+    def _wait_for_word(self, run_file: Path, live: LiveSetup) -> RunOutcome | int:
+        """Loads the run and asks for the word.
+
+        Returns:
+            When the word runs out, ns on the system clock; 0: the run was begun from elsewhere; or
+            why there is no run.
+        """
+        if self._client.loaded is None:
+            self._client.load(str(run_file))
         while self._client.loaded is None:
             self._client.spin(0.05)
             if (failure := self._failed_before()) is not None:
                 return failure
         if self._client.loaded:
             return RunOutcome(Verdict.INVALID_HARNESS, self._client.loaded)
-        self._say(
-            "loaded: look at what is connected, then press Enter here to connect, arm and start "
-            "(or do so on the operator page); Ctrl-C gives up, later it aborts"
-        )
-        while (word := go.poll()) is None:
-            self._client.spin(0.05)
-            if self._client.under_way:
-                self._say("begun or aborted from elsewhere; following it")
-                return None
-            if (failure := self._failed_before()) is not None:
-                return failure
-        return None if word else RunOutcome(Verdict.ABORTED, ("nobody began the run",))
+        words = self._words or TypedWords()
+        listener = StartListener(self._client.node, self._spec)
+        try:
+            word: Word | None = Word.OTHER
+            while word is not Word.START:
+                if word in (Word.ABORT, Word.END_OF_INPUT):
+                    return RunOutcome(Verdict.ABORTED, (f"{word.value} before the start",))
+                if word is Word.OTHER:
+                    self._ask(listener, live, words)
+                self._client.spin(0.05)
+                if self._client.under_way:
+                    self._say("begun or aborted from elsewhere; following it")
+                    return 0
+                if (failure := self._failed_before()) is not None:
+                    return failure
+                word = words.poll(time.monotonic_ns())
+                if word is Word.START and (others := self._client.other_managers()):
+                    self._say(f"{OTHERS}: {', '.join(others)}")
+                    word = Word.OTHER
+        finally:
+            listener.close()
+        return time.time_ns() + seconds_to_ns(HOLDS_S)
 
-    def _wait(self) -> RunOutcome:
-        cancelled = 0
+    def _ask(self, listener: StartListener, live: LiveSetup, words: TypedWords) -> None:
+        """Shows what is connected, and the prompt; only what is typed from here on counts."""
+        heard_s = time.monotonic()
+        while not listener.states and time.monotonic() - heard_s < LOOK_S:
+            self._client.spin(0.05)
+        words.ask()
+        for line in summary(self._spec, live, listener.facts(), listener.states):
+            self._say(line)
+        self._say(PROMPT)
+
+    def _wait(self) -> RunOutcome | None:
+        """The outcome of the run; None where it didn't start while the word for it held."""
+        cancelled, typed = 0, False
         deadline: float | None = None
         outcome: RunOutcome | None = None
         while outcome is None:
             self._client.spin(0.05)
             self._inject()
+            if (missing := self._client.not_in_time) is not None and not self._told:
+                self._say(f"not started within {HOLDS_S:g} s: {'; '.join(missing)}")
+                self._client.ask_again()
+                return None
             outcome = self._client.outcome or self._cannot_start()
             for node in self._group.ended():
                 if node.name not in self._told:
@@ -208,6 +287,11 @@ class _Following:
                 # Nothing was armed: there is nothing that has to come to stand.
                 self._client.cancel()
                 break
+            if self._words and self._words.poll(time.monotonic_ns()) is Word.ABORT and not typed:
+                typed = True
+                self._say(f"{ABORT} typed: aborting the session")
+                self._client.cancel()
+                deadline = time.monotonic() + END_TIMEOUT_S
             if self._interrupt.count > cancelled:
                 cancelled = self._interrupt.count
                 if cancelled > 1:
@@ -218,6 +302,8 @@ class _Following:
             if deadline is not None and time.monotonic() > deadline:
                 break
         outcome = outcome or RunOutcome(Verdict.INVALID_HARNESS, ())
+        if typed:
+            outcome = RunOutcome(outcome.verdict, (f"{ABORT} typed", *outcome.reasons))
         if cancelled:
             outcome = RunOutcome(
                 outcome.verdict, (f"interrupted by {self._interrupt.first}", *outcome.reasons)

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
 import re
-import select
 import shlex
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -73,7 +70,12 @@ _OPTIONS = (
     click.option(
         "--wait",
         is_flag=True,
-        help="With --mode live: start the nodes and load the run, and begin it on Enter.",
+        help="With --mode live: load the run and begin it on the word `start`. [default]",
+    ),
+    click.option(
+        "--start-at-once",
+        is_flag=True,
+        help="With --mode live: arm and start without a person's word, for unattended hosts.",
     ),
 )
 
@@ -106,14 +108,14 @@ class LiveSetup:
             least_fix; empty: somebody else publishes ``vut/state``.
         unit: where the unit sits: forward m, left m, yaw to the left rad.
         remappings: ``from:=to``, for all nodes.
-        wait: the run begins when somebody says so.
+        start_at_once: the run begins without a person's word.
     """
 
     bodies: dict[str, str]
     receiver: dict[str, str] = field(default_factory=dict)
     unit: tuple[float, float, float] = (0.0, 0.0, 0.0)
     remappings: tuple[str, ...] = ()
-    wait: bool = False
+    start_at_once: bool = False
 
     @classmethod
     def of_options(cls, mode: str, options: dict[str, Any]) -> LiveSetup | None:
@@ -132,6 +134,8 @@ class LiveSetup:
             if given:
                 raise click.UsageError(f"{', '.join(given)}: only with --mode live")
             return None
+        if options["wait"] and options["start_at_once"]:
+            raise click.UsageError("--wait waits for a person's word, --start-at-once for none")
         receiver = _receiver(options)
         if options["unit"] is not None and not receiver:
             raise click.UsageError("--unit says where the unit of --odometry or --navsat sits")
@@ -156,7 +160,7 @@ class LiveSetup:
             receiver,
             options["unit"] or (0.0, 0.0, 0.0),
             tuple(options["remappings"]),
-            options["wait"],
+            options["start_at_once"],
         )
 
     def check(self, spec: RunSpec) -> None:
@@ -209,7 +213,7 @@ class LiveSetup:
                 "unit_left_m": left_m,
                 "unit_yaw_left_rad": yaw_left_rad,
             }
-        found[names.SCENARIO_MANAGER] = {}
+        found[names.SCENARIO_MANAGER] = {"run_file": run_file}
         return found
 
 
@@ -264,19 +268,3 @@ def _receiver(options: dict[str, Any]) -> dict[str, str]:
     if found and "odometry" not in found and not {"navsat", "heading"} <= found.keys():
         raise click.UsageError("--navsat and --heading go together, --velocity and --least-fix too")
     return found
-
-
-class Go:
-    """Enter on standard input. Its end, before that, means that nobody is there to begin."""
-
-    def poll(self) -> bool | None:
-        """True: begin; False: nobody will; None: not yet."""
-        if not select.select([sys.stdin.fileno()], [], [], 0.0)[0]:
-            return None
-        try:
-            data = os.read(sys.stdin.fileno(), 1024)
-        except OSError:  # of a terminal that was closed
-            return False
-        if b"\n" in data:
-            return True
-        return None if data else False

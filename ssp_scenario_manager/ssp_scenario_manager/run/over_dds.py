@@ -24,6 +24,7 @@ from ssp_core.processes import (
 )
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.verdict import EndWord, read_verdict, write_verdict
+from ssp_core.session_token import draw_token
 from ssp_core.terminal import on_stop_signals
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run import faults
@@ -35,7 +36,7 @@ from ssp_scenario_manager.run.companions import (
     page_companion,
 )
 from ssp_scenario_manager.run.follow import Followed, Interrupt, follow, obituary
-from ssp_scenario_manager.run.live import Go, LiveSetup, describe
+from ssp_scenario_manager.run.live import LiveSetup, describe
 from ssp_scenario_manager.run.report import measured
 from ssp_scenario_manager.run.result import happened_by, misses, result_keys
 from ssp_scenario_manager.session.run_script import RunOutcome
@@ -118,6 +119,7 @@ def run_session(
         nodes[names.MONITOR]["include"] = RECORDED
     faults.check(spec, nodes)
     spec = faults.with_conditions_never_met(spec)
+    spec = spec.model_copy(update={"session_token": draw_token(spec.mode)})
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
     interrupt = Interrupt()
     with (
@@ -137,14 +139,13 @@ def run_session(
         remappings = live.remappings if live is not None else ()
         for name, parameters in nodes.items():
             group.start_node(name, NODE_MODULES[name], parameters, remappings)
-        go = Go() if live is not None and live.wait else None
         page = []
         if page_port is not None:
             page.append(page_companion(group.env, run_file, page_port))
         bodies = live.bodies if live is not None else {}
         with beside(group, page, say, remappings) as tell_end:
             with beside(group, shadows, say, remappings):
-                followed = follow(spec, group, run_file, bag, say, interrupt, go)
+                followed = follow(spec, group, run_file, bag, say, interrupt, live)
                 # Before its processes end, so that their silence is known to be the end.
                 tell_end(_end_word(followed.outcome, folder, final=False))
                 outcome = _shut_down(group, followed.outcome)
@@ -236,7 +237,7 @@ def _simulated(spec: RunSpec, run_file: Path, bag: Path) -> dict[str, dict[str, 
     }
     if spec.camera is not None:
         found[names.FRONT_CAMERA] = {"run_file": run_file}
-    found[names.SCENARIO_MANAGER] = {}
+    found[names.SCENARIO_MANAGER] = {"run_file": run_file}
     return found
 
 

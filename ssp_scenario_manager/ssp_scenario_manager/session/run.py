@@ -9,7 +9,7 @@ from ssp_core.geometry import Polyline
 from ssp_core.motion.event import PhaseWatch
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.fence import box_excess_m, moved_excess_m
 from ssp_core.safety.limits import Continuity, LimitViolation, follow, outside_geofence
@@ -23,6 +23,14 @@ from ssp_scenario_manager.dispatch.references import (
 )
 from ssp_scenario_manager.session.limits import Violation, of_object
 from ssp_scenario_manager.triggers.evaluator import TriggerWatch
+
+
+def blind_text(limits: Limits) -> str:
+    """How far an object may drive before it knows that its link is cut."""
+    return (
+        f"blind distance on link loss: {limits.speed_mps * limits.heartbeat_s:.1f} m "
+        f"({limits.speed_mps:g} m/s for {limits.heartbeat_s:g} s)"
+    )
 
 
 @dataclass
@@ -60,12 +68,8 @@ class Run:
 
     @property
     def blind_text(self) -> str:
-        """How far an object may drive before it knows that its link is cut."""
-        limits = self.spec.limits
-        return (
-            f"blind distance on link loss: {limits.speed_mps * limits.heartbeat_s:.1f} m "
-            f"({limits.speed_mps:g} m/s for {limits.heartbeat_s:g} s)"
-        )
+        """As blind_text, of this run."""
+        return blind_text(self.spec.limits)
 
     # -- verdict -------------------------------------------------------------------------------
 

@@ -25,11 +25,23 @@ _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 class RunScript:
     """Which command to try next. Times are steady-clock nanoseconds.
 
-    A goal begins with loading its own file; a session that is somewhere else already is refused.
+    A goal begins with loading its own file; a session that is somewhere else already is refused. A
+    person's word goes on from where the session stands with this very file.
+
+    Args:
+        run_file: of the goal.
+        start_by_ns: a person's word holds until then, and no step is tried later; None: each step
+            is tried for PATIENCE_S.
+        loaded: run file that the session has loaded; empty: none.
     """
 
-    def __init__(self, run_file: str, now_ns: int) -> None:
+    def __init__(
+        self, run_file: str, now_ns: int, start_by_ns: int | None = None, loaded: str = ""
+    ) -> None:
         self.run_file = run_file
+        self.not_in_time = False
+        self._start_by_ns = start_by_ns
+        self._goes_on = start_by_ns is not None and loaded == run_file
         self.problems: tuple[str, ...] = ()
         self.finished = False
         self.begun = False
@@ -42,6 +54,10 @@ class RunScript:
         """The command to try now, None to wait."""
         if self.finished:
             return None
+        if self._is_late(state, now_ns):
+            return None
+        if not self.begun and self._goes_on and state in _NEXT:
+            self.begun = True
         if not self.begun:
             if state in (SessionPhase.IDLE, SessionPhase.LOADED):
                 return SessionEvent.LOAD
@@ -59,7 +75,7 @@ class RunScript:
             self._refusal = ()
             self._deadline_ns = now_ns + seconds_to_ns(PATIENCE_S)
         event = _NEXT.get(state)
-        if event is not None and now_ns > self._deadline_ns:
+        if event is not None and self._start_by_ns is None and now_ns > self._deadline_ns:
             self._end(self._refusal or (f"{event.value} was not possible in {PATIENCE_S:g} s",))
             return None
         return event
@@ -68,6 +84,16 @@ class RunScript:
         """No waiting lets the run begin."""
         if self.begun and not self.finished:
             self._end(problems)
+
+    def _is_late(self, state: SessionPhase, now_ns: int) -> bool:
+        """Ends the goal when the word for it has run out before the start."""
+        waits = not self.begun or state in _NEXT
+        if self._start_by_ns is None or not waits or now_ns <= self._start_by_ns:
+            return False
+        self.not_in_time = True
+        event = _NEXT.get(state, SessionEvent.LOAD)
+        self._end(self._refusal or (f"{event.value} was not possible in time",))
+        return True
 
     def on_answer(self, answer: Answer) -> None:
         """The answer to the command that next() named; one that is final ends the goal."""
@@ -92,6 +118,10 @@ class RunScript:
     def standstill_unconfirmed(self) -> None:
         """The session aborts and nobody is left to report a standstill."""
         self._unconfirmed = True
+
+    def refuse(self, problem: str) -> None:
+        """Ends a goal that isn't for this session."""
+        self._end((problem,))
 
     def _end(self, problems: tuple[str, ...]) -> None:
         self.finished = True

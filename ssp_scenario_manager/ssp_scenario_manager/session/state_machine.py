@@ -77,6 +77,8 @@ def next_state(state: SessionPhase, event: SessionEvent) -> SessionPhase:
 
 REFUSED_TRANSITION = 1
 REFUSED_CONDITION = 2
+REFUSED_SESSION = 3
+REFUSED_OUTDATED = 4
 
 
 @dataclass(frozen=True, slots=True)

@@ -147,10 +147,17 @@ class Peers:
         return future.result()
 
     def command(self, name: str) -> Any:
-        return self.ask(self.services[name], SessionCommand.Request(requested_by="test"))
+        request = SessionCommand.Request(requested_by="test", session_token=self.token)
+        return self.ask(self.services[name], request)
+
+    @property
+    def token(self) -> str:
+        """Of the session, as the manager's newest heartbeat says."""
+        return self.beats[-1].session_token if self.beats else ""
 
     def load(self, run_file: Path | str) -> Any:
-        return self.ask(self.loading, LoadScenario.Request(run_file=str(run_file)))
+        request = LoadScenario.Request(run_file=str(run_file), session_token=self.token)
+        return self.ask(self.loading, request)
 
     def obtain(self, name: str) -> None:
         """Asks until it is accepted: what was published needs a moment to arrive."""
@@ -169,7 +176,7 @@ class Peers:
         """Sends a goal; it is accepted."""
         self.spin_until(self.action.server_is_ready, "the action server")
         goal = self.action.send_goal_async(
-            RunScenario.Goal(run_file=str(run_file)),
+            RunScenario.Goal(run_file=str(run_file), session_token=self.token),
             feedback_callback=lambda told: self.feedback.append(told.feedback),
         )
         self.spin_until(goal.done, "the goal's answer")

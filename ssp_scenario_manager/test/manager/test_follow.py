@@ -33,6 +33,7 @@ def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
     group = MagicMock(processes={names.OBJECT_TARGET: node, names.SCENARIO_MANAGER: MagicMock()})
     client = MagicMock(outcome=None, silent_s=0.0, was_armed=armed, under_way=False)
     client.not_in_time = None
+    client.other_managers.return_value = ()
     client.elapsed_s = client.running_wall_s = 0.0
     # It comes up, and ends when the run has begun.
     group.ended.side_effect = lambda: [node] if client.begin.called else []

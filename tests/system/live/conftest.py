@@ -37,6 +37,8 @@ DATUM = SiteDatum(latitude_deg=57.7775, longitude_deg=12.7805, altitude_m=201.3,
 # Where the machine may be busy, and only what happens is judged, not how soon.
 SILENCE_S = 2.0
 SITE = "north_track"
+# The prompt of a live run.
+ASKS = 'type "start" to connect'
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,8 @@ class Stage:
         mine = {k: v for k, v in os.environ.items() if k != "FASTRTPS_DEFAULT_PROFILES_FILE"}
         self.env = {**mine, **env, "PYTHONUNBUFFERED": "1"}
         self._started: list[subprocess.Popen[Any]] = []
+        self._begun: subprocess.Popen[Any] | None = None
+        self._answered = 0
 
     @property
     def log(self) -> Path:
@@ -86,6 +90,7 @@ class Stage:
         while not condition():
             if time.monotonic() > end:
                 pytest.fail(f"waited {DEADLINE_S:g} s in vain for {what}")
+            self._answer_prompts()
             time.sleep(0.05)
 
     def wait_for_motion(self, run: subprocess.Popen[Any], speed_mps: float) -> None:
@@ -133,10 +138,16 @@ class Stage:
         self, arguments: Sequence[str], host: Sequence[str] = ()
     ) -> subprocess.Popen[Any]:
         """``ssp`` with these arguments, up to where a loaded session waits."""
-        command = [sys.executable, "-m", "ssp_core.cli", *arguments]
-        process = self.start("ssp_run", command, host, stdin=subprocess.PIPE)
-        self.said_after(process, "press Enter")
+        process = self.call(arguments, host)
+        self.said_after(process, ASKS)
         return process
+
+    def call(
+        self, arguments: Sequence[str], host: Sequence[str] = (), stdin: int = subprocess.PIPE
+    ) -> subprocess.Popen[Any]:
+        """``ssp`` with these arguments; its output is that of ``ssp_run``."""
+        command = [sys.executable, "-m", "ssp_core.cli", *arguments]
+        return self.start("ssp_run", command, host, stdin=stdin)
 
     def said_after(self, run: subprocess.Popen[Any], words: str) -> str:
         """What `ssp run` has said once these words are in it."""
@@ -185,14 +196,23 @@ class Stage:
         pytest.fail(f"the doctor found {bad}")
 
     def begin(self, process: subprocess.Popen[Any]) -> None:
-        """Presses Enter."""
-        assert process.stdin is not None
-        process.stdin.write(b"\n")
-        process.stdin.flush()
+        """Types the word that starts; again, where a busy machine took longer than it holds."""
+        self._begun = process
+        self._answer_prompts()
+
+    def _answer_prompts(self) -> None:
+        run = self._begun
+        if run is None or run.stdin is None or run.poll() is not None:
+            return
+        if self.said("ssp_run").count(ASKS) > self._answered:
+            self._answered = self.said("ssp_run").count(ASKS)
+            run.stdin.write(b"start\n")
+            run.stdin.flush()
 
     def finish(self, process: subprocess.Popen[Any]) -> dict[str, Any]:
         """Waits for the end of a run; its result, with the exit status as ``status``."""
-        status = process.wait(DEADLINE_S)
+        self.wait_for(lambda: process.poll() is not None, "the end of the run")
+        status = process.wait()
         result: dict[str, Any] = json.loads((self.folder / "run" / "result.json").read_text())
         return {**result, "status": status}
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import shlex
 import subprocess
 import sys
-import urllib.error
-import urllib.request
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import aiohttp
 import pytest
 
 from ssp_core import names
@@ -54,17 +54,28 @@ def rehearsed(stage: Any, task: Path) -> Path:
 
 
 def pressed(url: str, token: str, command: str) -> bool:
-    """A button of the page; False while it isn't taken."""
-    request = urllib.request.Request(
-        f"{url}api/command/{command}",
-        data=b"",
-        headers={"Authorization": f"Bearer {token}", "Origin": url.rstrip("/")},
-    )
-    try:
-        with urllib.request.urlopen(request, timeout=5.0) as response:
-            return bool(json.load(response)["accepted"])
-    except urllib.error.HTTPError:
-        return False
+    """A button of the page, pressed for the state that it shows; False while it isn't taken."""
+    return asyncio.run(_press(url, token, command))
+
+
+async def _press(url: str, token: str, command: str) -> bool:
+    bearer = {"Authorization": f"Bearer {token}", "Origin": url.rstrip("/")}
+    async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(20.0)) as client:
+        async with client.ws_connect(f"{url}api/live", headers={"Origin": url.rstrip("/")}) as page:
+            await page.send_json({"type": "hello", "token": token})
+            told: dict[str, Any] = {}
+            while told.get("type") != "snapshot":
+                message = await page.receive()
+                if message.type is not aiohttp.WSMsgType.TEXT:
+                    continue
+                told = json.loads(message.data)
+                if told.get("type") == "mark":
+                    await page.send_json({"echo": told["n"]})
+        shown = {"shown": told["session"]["press"]}
+        async with client.post(
+            f"{url}api/command/{command}", json=shown, headers=bearer
+        ) as response:
+            return bool((await response.json())["accepted"])
 
 
 def check_policy(stage: Any) -> None:

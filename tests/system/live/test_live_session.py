@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import pty
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import pytest
 
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile.task import RUN_FILE
-from tests.system.live.conftest import DATUM, GNSS
+from tests.system.live.conftest import ASKS, DATUM, GNSS, ODOMETRY
 
 PORT = 18000
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -45,20 +47,64 @@ def start_driving(stage: Any, task: Path) -> tuple[Any, Any, Any]:
     return run, bodies, vut
 
 
+def test_only_the_word_after_the_prompt_starts_anything(
+    stage: Any, task: Callable[[str], Path]
+) -> None:
+    """At a real terminal: what is typed ahead, other words, a paste, and ``abort``."""
+    folder, run_folder = task("cut_in"), stage.folder / "run"
+    hand, terminal = pty.openpty()
+    arguments = ["run", str(folder), "--mode", "live", "--wait", "--no-camera"]
+    arguments += ["--out", str(run_folder), "--odometry", ODOMETRY, *bodies_of(stage)]
+    run = stage.call(arguments, stdin=terminal)
+    try:
+        stage.said_after(run, "live session in ROS domain")
+        os.write(hand, b"\nstart\n")
+        stage.said_after(run, ASKS)
+        play_bodies(stage)
+        play_vut(stage)
+        shown = partial(stage.said, "ssp_run")
+
+        def asked_again(text: bytes) -> None:
+            before = shown().count(ASKS)
+            os.write(hand, text)
+            stage.wait_for(lambda: shown().count(ASKS) > before, f"a new prompt after {text!r}")
+
+        for text in (b"\n", b"go\n", b"start\nls\n"):
+            asked_again(text)
+
+        def both_connected() -> bool:
+            asked_again(b"\n")
+            return "NOT CONNECTED" not in shown().rpartition("mode live")[2]
+
+        stage.wait_for(both_connected, "everybody to be connected")
+        os.write(hand, b"abort\n")
+        result = stage.finish(run)
+    finally:
+        os.close(hand)
+        os.close(terminal)
+    assert (result["verdict"], result["status"]) == ("aborted", 1), result
+    assert result["reasons"][0] == "abort before the start"
+    assert "session CONNECTED" not in stage.said("ssp_run")
+    assert all(row.speed_mps == 0.0 for row in stage.rows())
+
+
 PRESS = """
 import sys, time
 import rclpy
 from ssp_core import names
+from ssp_core.run_file.model import load_run
 from ssp_msgs.srv import SessionCommand
 
 rclpy.init()
 node = rclpy.create_node("page_of_somebody", namespace=names.NAMESPACE)
-for command in sys.argv[1:]:
+token = load_run(sys.argv[1]).session_token
+for command in sys.argv[2:]:
     client = node.create_client(SessionCommand, command)
     client.wait_for_service(20.0)
     until = time.monotonic() + 40.0
     while time.monotonic() < until:
-        call = client.call_async(SessionCommand.Request(requested_by="page_of_somebody"))
+        call = client.call_async(SessionCommand.Request(
+            requested_by="page_of_somebody", session_token="" if command == "abort" else token))
         rclpy.spin_until_future_complete(node, call, timeout_sec=20.0)
         if call.result().accepted:
             break
@@ -70,7 +116,7 @@ for command in sys.argv[1:]:
 def test_a_start_and_an_abort_from_elsewhere_are_followed(
     stage: Any, task: Callable[[str], Path]
 ) -> None:
-    """After a GNSS/INS that the doctor doesn't let arm; nobody presses Enter at the terminal."""
+    """After a GNSS/INS that the doctor doesn't let arm; nobody types the word at the terminal."""
     run = stage.run_live(task("cut_in"), *bodies_of(stage))
     play_bodies(stage)
     stage.play("camera", "--play", "camera")
@@ -83,10 +129,11 @@ def test_a_start_and_an_abort_from_elsewhere_are_followed(
     bad.terminate()
     bad.wait()
     play_vut(stage)
-    stage.start("pressed", [sys.executable, "-c", PRESS, "connect", "arm", "start"])
+    run_file = str(stage.folder / "run" / RUN_FILE)
+    stage.start("pressed", [sys.executable, "-c", PRESS, run_file, "connect", "arm", "start"])
     stage.wait_for_motion(run, 1.0)
     assert "begun or aborted from elsewhere" in stage.said("ssp_run")
-    stage.start("pressed", [sys.executable, "-c", PRESS, "abort"])
+    stage.start("pressed", [sys.executable, "-c", PRESS, run_file, "abort"])
     result = stage.finish(run)
     assert (result["verdict"], result["status"]) == ("aborted", 1), result
     assert "page_of_somebody" in " ".join(result["reasons"]), result

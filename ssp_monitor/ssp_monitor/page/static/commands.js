@@ -8,9 +8,10 @@ const ABORT_GIVE_UP_MS = 60000;
 const MOST_OPEN = 4;
 let open = 0;
 
-async function ask(name, token, limitMs) {
+async function ask(name, token, limitMs, body) {
   const response = await fetch(`/api/command/${name}`, {
     method: "POST",
+    body,
     headers: token ? { Authorization: `Bearer ${token}` } : {},
     signal: AbortSignal.timeout(limitMs),
     cache: "no-store",
@@ -22,10 +23,11 @@ async function ask(name, token, limitMs) {
   return { ...answer, again, refused };
 }
 
-export async function command(name, token) {
+// shown: the session state that the page showed at the press, as the snapshot names it.
+export async function command(name, token, shown) {
   const began = performance.now();
   try {
-    const answer = await ask(name, token, LIMIT_MS);
+    const answer = await ask(name, token, LIMIT_MS, JSON.stringify({ shown }));
     return { ...answer, tookMs: performance.now() - began };
   } catch (error) {
     return { accepted: false, answered: false, text: cause(error), missing: [] };

@@ -179,10 +179,10 @@ setInterval(show, 200);
 
 // -- commands ----------------------------------------------------------------------------------
 
-async function run(name, button) {
+async function run(name, button, shown) {
   const line = answers.begin(name);
   button.classList.add("waiting");
-  finish(line, await command(name, token));
+  finish(line, await command(name, token, shown));
   button.classList.remove("waiting");
 }
 

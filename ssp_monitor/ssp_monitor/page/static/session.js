@@ -6,7 +6,7 @@ const BUTTONS = ["connect", "arm", "start", "stop", "disarm", "all_clear", "rese
 const MOST_REASONS = 7;
 
 export class SessionPanel {
-  // press(name, button) runs a command.
+  // press(name, button, shown) runs a command for the state that was shown when it was pressed.
   constructor(press) {
     this.buttons = new Map();
     for (const name of BUTTONS) {
@@ -14,12 +14,18 @@ export class SessionPanel {
       button.type = "button";
       button.id = `command-${name}`;
       button.disabled = true;
-      button.addEventListener("click", () => press(name, button));
+      let pressedFor = "";
+      button.addEventListener("pointerdown", () => { pressedFor = this.shown; });
+      button.addEventListener("click", (event) => {
+        // The keyboard's click, and assistive technology's, has no press before it.
+        press(name, button, event.detail === 0 ? this.shown : pressedFor);
+      });
       byId("commands").append(button);
       this.buttons.set(name, button);
     }
     this.state = byId("state");
     this.told = "";
+    this.shown = "";
   }
 
   show(snapshot, stale, allowed) {
@@ -27,6 +33,7 @@ export class SessionPanel {
     const session = snapshot.session;
     const known = !stale.leaderless;
     setText(this.state, session.shown);
+    this.shown = session.press;
     const className = `state ${session.state.toLowerCase()}${known ? "" : " old"}`;
     if (this.state.className !== className) this.state.className = className;
     setText(byId("state-why"), known ? this.why(session) : `last known: ${session.shown}`);

@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_bytes, write_json, write_text
@@ -259,7 +259,10 @@ def prepare_run(
         )
     else:
         run = _compile(what, site, folder, 1 if seed is None else seed)
-    changes = {"run_id": folder.name} if seed is None else {"run_id": folder.name, "seed": seed}
+    # Another session than the one that the file may be of.
+    changes: dict[str, Any] = {"run_id": folder.name, "session_token": ""}
+    if seed is not None:
+        changes["seed"] = seed
     run = run.model_copy(update=changes)
     return as_live(run) if mode == "live" else run.model_copy(update={"mode": mode})
 

@@ -1,0 +1,82 @@
+"""Hears who is connected to a live session before its start, for the summary above the prompt."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
+
+from ssp_core import names, ros
+from ssp_core.cdr.states import StateArray, decode_state, decode_states
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.arming import Facts
+from ssp_msgs.msg import ObjectState, ObjectStates, RecorderStatus
+
+
+class StartListener:
+    """Remembers the newest states, and what recorder and camera say. Spun by the node's owner.
+
+    Args:
+        node: owns the subscriptions until ``close``.
+    """
+
+    def __init__(self, node: Node, spec: RunSpec) -> None:
+        self._node, self._ids = node, set(spec.object_ids)
+        self._states: dict[str, tuple[State, float]] = {}
+        self._recorder_ready = False
+        self._heard_s: dict[str, float] = {}
+        alone = [spec.vut.id] if spec.states_in_one else spec.object_ids
+        self._subscriptions: list[Any] = [
+            ros.subscribe_raw(
+                node, ObjectState, names.state_topic(i), decode_state, self._on_state, ros.STATE
+            )
+            for i in alone
+        ]
+        if spec.states_in_one:
+            topic = names.OBJECT_STATES
+            self._subscriptions.append(
+                ros.subscribe_raw(
+                    node, ObjectStates, topic, decode_states, self._on_array, ros.STATE
+                )
+            )
+        sub = node.create_subscription
+        self._subscriptions += [
+            sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE),
+            sub(CameraInfo, names.CAMERA_INFO, self._on_camera, ros.SENSOR),
+        ]
+
+    @property
+    def states(self) -> dict[str, State]:
+        """The newest of each object, by id."""
+        return {object_id: state for object_id, (state, _) in self._states.items()}
+
+    def facts(self) -> Facts:
+        """What was heard beside the states, and their ages; nothing of links."""
+        now_s = time.monotonic()
+        heard_s = {object_id: at_s for object_id, (_, at_s) in self._states.items()}
+        ages_s = {who: now_s - at_s for who, at_s in {**heard_s, **self._heard_s}.items()}
+        return Facts(ages_s=ages_s, recorder_ready=self._recorder_ready)
+
+    def close(self) -> None:
+        """Hears nothing any more."""
+        for one in self._subscriptions:
+            self._node.destroy_subscription(one)
+        self._subscriptions.clear()
+
+    def _on_state(self, state: State) -> None:
+        if state.object_id in self._ids:
+            self._states[state.object_id] = (state, time.monotonic())
+
+    def _on_array(self, array: StateArray) -> None:
+        for state in array.states:
+            self._on_state(state)
+
+    def _on_recorder(self, message: RecorderStatus) -> None:
+        self._recorder_ready = bool(message.ready)
+        self._heard_s[names.MONITOR] = time.monotonic()
+
+    def _on_camera(self, _: CameraInfo) -> None:
+        self._heard_s[names.FRONT_CAMERA] = time.monotonic()

@@ -1,0 +1,82 @@
+"""What people must see before they give the word that starts a live session."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from ssp_core import names
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.safety.arming import Facts
+from ssp_scenario_manager.run.live import LiveSetup
+from ssp_scenario_manager.run.word import ABORT, HOLDS_S, START
+from ssp_scenario_manager.session.preconditions import FRESH_S
+from ssp_scenario_manager.session.run import blind_text
+
+PROMPT = (
+    f'type "{START}" to connect, arm and start: objects drive off at once. It holds for '
+    f'{HOLDS_S:g} s. "{ABORT}" and Ctrl-C give up, later they abort; anything else asks again'
+)
+
+
+def summary(
+    spec: RunSpec, setup: LiveSetup, facts: Facts, states: Mapping[str, ObjectState]
+) -> list[str]:
+    """Who is connected and real, mode, distances to the starts, limits, and blind distance.
+
+    Args:
+        facts: what is heard beside the states, and their ages.
+        states: the newest one of the VUT and of each object, by id.
+    """
+    limits = spec.limits
+    lines = [f"mode {spec.mode}: {spec.scenario} on {spec.site}, session {spec.session_token}"]
+    lines += [
+        f"  {one.id}, {_kind(spec, setup, one.id)}: {_place(spec, one, facts, states.get(one.id))}"
+        for one in (spec.vut, *spec.targets)
+    ]
+    recorder = "ready" if facts.recorder_ready else "not ready"
+    if _age_s(facts, names.MONITOR) > FRESH_S:
+        recorder = "not heard"
+    camera = "" if spec.camera is None else ", camera "
+    if camera:
+        camera += "sends" if _age_s(facts, names.FRONT_CAMERA) <= FRESH_S else "silent"
+    return [
+        *lines,
+        f"  recorder {recorder}{camera}",
+        f"  limits: {limits.speed_mps:g} m/s, {limits.acceleration_mps2:g} m/s², "
+        f"{limits.separation_m:g} m apart, {limits.duration_s:g} s long, "
+        f"stop at {limits.stop_deceleration_mps2:g} m/s²",
+        f"  {blind_text(limits)}",
+    ]
+
+
+def _age_s(facts: Facts, who: str) -> float:
+    return facts.ages_s.get(who, math.inf)
+
+
+def _kind(spec: RunSpec, setup: LiveSetup, object_id: str) -> str:
+    """Whether something real moves with it."""
+    if object_id == spec.vut.id:
+        topic = setup.receiver.get("odometry") or setup.receiver.get("navsat")
+        return f"real, by {topic}" if topic else "taken for real, by who publishes its states"
+    address = setup.bodies.get(object_id)
+    if address is None:
+        return "taken for real, led from another host"
+    return "mirror, nothing real moves" if address == "mirror" else f"real, body {address}"
+
+
+def _place(spec: RunSpec, one: ParticipantSpec, facts: Facts, state: ObjectState | None) -> str:
+    age_s = _age_s(facts, one.id)
+    if state is None:
+        return f"NOT CONNECTED, nothing comes on {names.absolute(names.state_topic(one.id))}"
+    if age_s > spec.limits.state_age_s:
+        return f"NOT CONNECTED, last heard {age_s:.1f} s ago"
+    away_m = math.hypot(state.x_m - one.start.x_m, state.y_m - one.start.y_m)
+    far = "" if away_m <= spec.limits.start_region_m else "TOO FAR, "
+    control = "" if one.id == spec.vut.id else f"{state.control_state.name}, "
+    return (
+        f"connected, {control}{far}{away_m:.2f} m from its start (limit "
+        f"{spec.limits.start_region_m:g} m), {state.speed_mps:.1f} m/s"
+    )

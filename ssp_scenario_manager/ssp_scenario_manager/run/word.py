@@ -1,0 +1,150 @@
+"""A person's word at the terminal: what is typed after the prompt that asks for it.
+
+Only the word ``start``, alone on its line and typed after the prompt, starts a live session.
+``abort`` counts whenever it is typed. What was typed before the prompt is discarded.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from enum import Enum
+
+from ssp_core.clock import seconds_to_ns
+
+START = "start"
+ABORT = "abort"
+# How long a word holds: what can't be armed and started by then asks again.
+HOLDS_S = 10.0
+# Lines that follow each other faster than this are one paste, and a paste is one answer.
+PASTE_S = 0.3
+_MOST_BYTES = 4096
+
+
+class Word(Enum):
+    """What a person answered."""
+
+    START = "start"
+    ABORT = "abort"
+    END_OF_INPUT = "end of input"
+    OTHER = "something else"
+
+
+def word_of(text: bytes) -> Word | None:
+    """What a text that came in one piece says; None while no line of it is ended.
+
+    Args:
+        text: all that came since the prompt, with line ends.
+    """
+    lines = text.decode(errors="replace").splitlines(keepends=True)
+    ended = [line.strip() for line in lines if line.endswith(("\n", "\r"))]
+    if not ended:
+        return None
+    if ABORT in ended:
+        return Word.ABORT
+    return Word.START if ended == [START] and len(lines) == 1 else Word.OTHER
+
+
+class TypedWords:
+    """The words that are typed on a stream, which a terminal or a pipe may be. Waits for nothing.
+
+    Args:
+        fd: file descriptor of the stream; None: of standard input.
+    """
+
+    def __init__(self, fd: int | None = None) -> None:
+        if fd is None:
+            with suppress(AttributeError, OSError, ValueError):
+                fd = sys.stdin.fileno()
+        self._fd = fd
+        self._ended = fd is None
+        self._text = b""
+        self._newest_ns = 0
+        self._asked = False
+
+    def ask(self) -> None:
+        """Begins a question: what was typed before it doesn't count, but for ``abort``."""
+        self._read()
+        self._text = b"abort\n" if word_of(self._text) is Word.ABORT else b""
+        if self._is_terminal():
+            with suppress(termios.error):
+                termios.tcflush(self._fd or 0, termios.TCIFLUSH)
+        self._asked = True
+
+    def poll(self, now_ns: int) -> Word | None:
+        """The answer to the question, once it is there; without a question, ``abort`` alone.
+
+        Args:
+            now_ns: on the steady clock.
+        """
+        if self._read():
+            self._newest_ns = now_ns
+        word = word_of(self._text)
+        if word is Word.ABORT:
+            return self._take(word)
+        if not self._asked:
+            self._text = self._text.rpartition(b"\n")[2]
+            return None
+        if word is None:
+            return self._take(Word.END_OF_INPUT) if self._ended else None
+        if not self._ended and now_ns - self._newest_ns < seconds_to_ns(PASTE_S):
+            return None
+        self._text += self._line_not_ended()
+        return self._take(word_of(self._text) or Word.OTHER)
+
+    def _take(self, word: Word) -> Word:
+        self._text, self._asked = b"", False
+        return word
+
+    def _is_terminal(self) -> bool:
+        """Whether this is a terminal that may be read: one in the background would be stopped."""
+        if self._fd is None or not os.isatty(self._fd):
+            return False
+        try:
+            return os.tcgetpgrp(self._fd) == os.getpgrp()
+        except OSError:  # no job control of ours stops who reads it
+            return True
+
+    def _read(self) -> bool:
+        """Takes what is there; True if it was something."""
+        if self._ended or self._fd is None or (os.isatty(self._fd) and not self._is_terminal()):
+            return False
+        found = b""
+        while select.select([self._fd], [], [], 0.0)[0]:
+            try:
+                data = os.read(self._fd, 1024)
+            except OSError:  # of a terminal that was closed
+                data = b""
+            if not data:
+                # Of a terminal it is Ctrl-D, which ends nothing where nothing was asked.
+                self._ended = self._asked or not self._is_terminal()
+                break
+            found += data
+            self._text = (self._text + data)[-_MOST_BYTES:]
+        return bool(found)
+
+    def _line_not_ended(self) -> bytes:
+        """What a terminal holds back until its line is ended: the rest of a paste."""
+        if not self._is_terminal() or self._fd is None:
+            return b""
+        with suppress(termios.error, OSError), _unbuffered(self._fd):
+            if select.select([self._fd], [], [], 0.0)[0]:
+                return os.read(self._fd, 1024)
+        return b""
+
+
+@contextmanager
+def _unbuffered(fd: int) -> Iterator[None]:
+    kept = termios.tcgetattr(fd)
+    changed = [*kept[:6], list(kept[6])]
+    changed[3] &= ~termios.ICANON
+    changed[6][termios.VMIN], changed[6][termios.VTIME] = 0, 0
+    termios.tcsetattr(fd, termios.TCSANOW, changed)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(fd, termios.TCSANOW, kept)

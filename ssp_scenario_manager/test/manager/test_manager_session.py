@@ -1,0 +1,120 @@
+"""Whose commands a manager takes: those of its own session, and an abort from anybody."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.ros import stamp_from_ns
+from ssp_core.vocabulary import SessionPhase
+from ssp_msgs.action import RunScenario
+from ssp_msgs.srv import LoadScenario, SessionCommand
+
+pytestmark = pytest.mark.ros
+
+LIVE = {"mode": "live", "disturbance": {}, "disturbances": {}, "faults": [], "traffic": []}
+
+
+def send(peers: Any, run_file: Path, token: str, **more: Any) -> Any:
+    """A goal's result."""
+    peers.spin_until(peers.action.server_is_ready, "the action server")
+    goal = RunScenario.Goal(run_file=str(run_file), session_token=token, **more)
+    asked = peers.action.send_goal_async(goal)
+    peers.spin_until(asked.done, "the goal's answer")
+    result = asked.result().get_result_async()
+    peers.spin_until(result.done, "the goal's result")
+    return result.result().result
+
+
+def told(peers: Any, name: str, **given: Any) -> Any:
+    return peers.ask(peers.services[name], SessionCommand.Request(requested_by="test", **given))
+
+
+@pytest.fixture
+def live(peers: Any, run_mapping: dict[str, Any], tmp_path: Path) -> Path:
+    """A manager that leads a live session, everybody in place."""
+    path = tmp_path / "live.yaml"
+    path.write_text(json.dumps({**run_mapping, **LIVE, "session_token": "live-1"}))
+    peers.live = True
+    peers.appear()
+    assert peers.load(path).accepted
+    peers.spin_until(lambda: peers.token == "live-1", "a heartbeat with the token")
+    return path
+
+
+def test_a_live_manager_takes_nothing_of_a_simulated_session(
+    peers: Any, live: Path, run_mapping: dict[str, Any], tmp_path: Path
+) -> None:
+    """Its goal went through connect and armed the live object."""
+    simulated = tmp_path / "simulated.yaml"
+    simulated.write_text(json.dumps({**run_mapping, "session_token": "sim-2"}))
+    for token in ("sim-2", "live-9", ""):
+        result = send(peers, simulated, token)
+        assert result.error_code == RunScenario.Result.FAILED_START
+        assert "session" in result.error_msg
+        assert not peers.ask(
+            peers.loading, LoadScenario.Request(run_file=str(live), session_token=token)
+        ).accepted
+        for name in ("connect", "arm", "start", "reset"):
+            answer = told(peers, name, session_token=token)
+            assert answer.error_code == SessionCommand.Response.REFUSED_SESSION, answer
+    # Its run isn't this manager's either, whatever token comes with it.
+    result = send(peers, simulated, "live-1")
+    assert "start another manager" in result.error_msg
+    assert peers.commands == []
+    assert peers.seen[-1].state == SessionPhase.LOADED
+    assert told(peers, "connect", session_token="live-1").accepted
+
+
+def test_a_simulated_manager_takes_no_live_run(
+    peers: Any, run_file: Path, run_mapping: dict[str, Any], tmp_path: Path
+) -> None:
+    peers.appear()
+    assert peers.load(run_file).accepted
+    path = tmp_path / "live.yaml"
+    path.write_text(json.dumps({**run_mapping, **LIVE}))
+    answer = peers.ask(peers.loading, LoadScenario.Request(run_file=str(path)))
+    assert not answer.accepted
+    assert "is simulated, and the run's mode is live" in answer.error_msg
+    # Without a token, a simulated session is led as before.
+    assert told(peers, "connect").accepted
+
+
+def test_an_abort_counts_from_anybody(peers: Any, live: Path) -> None:
+    given = {"session_token": "sim-2", "shown_state": 3, "shown_since": stamp_from_ns(7)}
+    assert told(peers, "abort", **given).accepted
+    peers.wait_for(SessionPhase.ABORTED)
+
+
+def test_a_press_counts_for_the_state_that_was_shown(peers: Any, live: Path) -> None:
+    loaded = peers.seen[-1]
+    shown = {"shown_state": loaded.state, "shown_since": loaded.header.stamp}
+    assert told(peers, "connect", session_token="live-1", **shown).accepted
+    answer = told(peers, "reset", session_token="live-1", **shown)
+    assert answer.error_code == SessionCommand.Response.REFUSED_OUTDATED
+    assert "pressed for LOADED, and the session is CONNECTED" in answer.error_msg
+    # The same state again is another one: somebody reset and loaded in between.
+    assert told(peers, "reset", session_token="live-1").accepted
+    assert peers.load(live).accepted
+    answer = told(peers, "connect", session_token="live-1", **shown)
+    assert "which came after it" in answer.error_msg
+    assert peers.seen[-1].state in (SessionPhase.IDLE, SessionPhase.LOADED)
+
+
+def test_a_word_that_ran_out_moves_nothing(peers: Any, live: Path) -> None:
+    late = stamp_from_ns(time.time_ns() - 1)
+    result = send(peers, live, "live-1", not_after=late)
+    assert result.error_code == RunScenario.Result.NOT_IN_TIME
+    assert peers.commands == []
+    # One that holds, with an object that refuses: given up when it has run out, not after 45 s.
+    peers.obeys = False
+    began_s = time.monotonic()
+    result = send(peers, live, "live-1", not_after=stamp_from_ns(time.time_ns() + 2_000_000_000))
+    assert result.error_code == RunScenario.Result.NOT_IN_TIME
+    assert result.error_msg
+    assert time.monotonic() - began_s < 30.0
+    peers.wait_for(SessionPhase.CONNECTED)

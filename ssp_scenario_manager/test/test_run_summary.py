@@ -1,0 +1,56 @@
+"""What stands above the prompt before real objects start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.arming import Facts
+from ssp_core.vocabulary import ControlState
+from ssp_scenario_manager.run.live import LiveSetup
+from ssp_scenario_manager.run.summary import PROMPT, summary
+
+
+def test_nobody_is_connected(run: RunSpec) -> None:
+    lines = summary(run, LiveSetup({}), Facts(), {})
+    for object_id in run.object_ids:
+        (line,) = [line for line in lines if line.strip().startswith(f"{object_id},")]
+        assert "NOT CONNECTED" in line
+    assert any("recorder not heard" in line for line in lines)
+
+
+def test_who_is_real_and_how_far_from_the_start(
+    run: RunSpec, state: Callable[..., ObjectState]
+) -> None:
+    run = run.model_copy(update={"session_token": "live-1", "mode": "live"})
+    start = run.targets[0].start
+    here = state("ot1", x_m=start.x_m + 0.25, y_m=start.y_m, control_state=ControlState.DISARMED)
+    vut = state("vut", x_m=run.vut.start.x_m + 40.0, y_m=run.vut.start.y_m)
+    facts = Facts({"ot1": 0.0, "vut": 0.0, "monitor": 0.1}, recorder_ready=True)
+    setup = LiveSetup({"ot1": "udp://10.0.0.21:9001"}, {"odometry": "/ins"})
+    text = "\n".join(summary(run, setup, facts, {"ot1": here, "vut": vut}))
+    for part in (
+        "mode live",
+        "session live-1",
+        "ot1, real, body udp://10.0.0.21:9001: connected, DISARMED, 0.25 m from its start",
+        "vut, real, by /ins: connected, TOO FAR, 40.00 m from its start",
+        "recorder ready",
+        f"limits: {run.limits.speed_mps:g} m/s",
+        "blind distance on link loss",
+    ):
+        assert part in text
+    mirrored = summary(run, LiveSetup({"ot1": "mirror"}), facts, {"ot1": here, "vut": vut})
+    assert any("ot1, mirror, nothing real moves" in line for line in mirrored)
+    elsewhere = summary(run, LiveSetup({}), facts, {"ot1": here, "vut": vut})
+    assert any("ot1, taken for real, led from another host" in line for line in elsewhere)
+    late = replace(facts, ages_s={"ot1": 7.0})
+    assert any(
+        "NOT CONNECTED, last heard 7.0 s" in t for t in summary(run, setup, late, {"ot1": here})
+    )
+
+
+def test_the_prompt_names_the_words() -> None:
+    assert '"start"' in PROMPT
+    assert '"abort"' in PROMPT

@@ -1,0 +1,211 @@
+"""A person's word at the terminal: only `start`, typed after the prompt, starts anything."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import termios
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from ssp_scenario_manager.run.word import PASTE_S, TypedWords, Word, word_of
+
+S = 1_000_000_000
+LATER = int(PASTE_S * S) + 1
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (b"", None),
+        (b"start", None),
+        (b"start\n", Word.START),
+        (b"  start \r\n", Word.START),
+        (b"\n", Word.OTHER),
+        (b"go\n", Word.OTHER),
+        (b"START\n", Word.OTHER),
+        (b"start now\n", Word.OTHER),
+        (b"start\nstart\n", Word.OTHER),
+        (b"\nstart\n", Word.OTHER),
+        (b"start\nx", Word.OTHER),
+        (b"abort\n", Word.ABORT),
+        (b"start\nabort\n", Word.ABORT),
+        (b"\xff\xfe\n", Word.OTHER),
+    ],
+)
+def test_one_word_starts(text: bytes, word: Word | None) -> None:
+    assert word_of(text) is word
+
+
+class Hand:
+    """A person at a stream, and the words that are heard from it. Time is counted by hand."""
+
+    def __init__(self, read: int, write: int) -> None:
+        self.words, self.fd, self._write, self.now_ns = TypedWords(read), read, write, 0
+
+    def types(self, text: str) -> None:
+        os.write(self._write, text.encode())
+
+    def arrives_at_terminal(self, text: str) -> None:
+        """Waits until a terminal has echoed all of it: its line discipline has it then."""
+        echo = b""
+        while text != "\x04" and not echo.endswith(text.replace("\n", "\r\n").encode()):
+            echo += os.read(self._write, 1024)
+
+    def hears(self) -> Word | None:
+        """What is heard at once, and what is when a paste would be over."""
+        at_once = self.words.poll(self.now_ns)
+        self.now_ns += LATER
+        return at_once or self.words.poll(self.now_ns)
+
+    def awaits(self) -> Word:
+        """The next word; a terminal passes on in its own time."""
+        deadline = time.monotonic() + 20.0
+        while (word := self.hears()) is None:
+            assert time.monotonic() < deadline, "no word was heard within 20 s"
+            select.select([self.fd], [], [], 0.01)
+        return word
+
+    def closes(self) -> None:
+        os.close(self._write)
+        self._write = -1
+
+    def end(self) -> None:
+        if self._write >= 0:
+            self.closes()
+
+
+@pytest.fixture
+def pipe() -> Iterator[Hand]:
+    read, write = os.pipe()
+    hand = Hand(read, write)
+    yield hand
+    hand.end()
+    os.close(read)
+
+
+@pytest.mark.parametrize("early", ["\n", "start\n", "start\nstart\n", "sta"])
+def test_what_a_pipe_held_before_the_prompt_does_not_count(pipe: Hand, early: str) -> None:
+    pipe.types(early)
+    pipe.words.ask()
+    assert pipe.hears() is None
+    pipe.types("start\n")
+    assert pipe.hears() is Word.START
+
+
+def test_a_paste_is_one_wrong_answer(pipe: Hand) -> None:
+    pipe.words.ask()
+    pipe.types("start\nls -l\n")
+    assert pipe.hears() is Word.OTHER
+    assert pipe.hears() is None
+    pipe.words.ask()
+    # Also when it comes in pieces.
+    pipe.types("start\n")
+    assert pipe.words.poll(pipe.now_ns) is None
+    pipe.now_ns += int(0.9 * PASTE_S * S)
+    pipe.types("start\n")
+    assert pipe.words.poll(pipe.now_ns) is None
+    assert pipe.hears() is Word.OTHER
+
+
+def test_abort_and_the_end_of_input_give_up(pipe: Hand) -> None:
+    pipe.words.ask()
+    pipe.types("abort\n")
+    assert pipe.hears() is Word.ABORT
+    pipe.words.ask()
+    pipe.closes()
+    assert pipe.hears() is Word.END_OF_INPUT
+
+
+def test_a_pipe_that_ended_before_the_prompt_starts_nothing(pipe: Hand) -> None:
+    pipe.types("start\n")
+    pipe.closes()
+    assert pipe.hears() is None
+    pipe.words.ask()
+    assert pipe.hears() is Word.END_OF_INPUT
+
+
+def test_a_word_that_ends_the_input_counts(pipe: Hand) -> None:
+    pipe.words.ask()
+    pipe.types("start\n")
+    pipe.closes()
+    assert pipe.hears() is Word.START
+
+
+def test_abort_counts_without_a_question_and_before_it(pipe: Hand) -> None:
+    pipe.types("start\n")
+    assert pipe.hears() is None
+    pipe.types("abort\n")
+    assert pipe.hears() is Word.ABORT
+    pipe.types("abort\n")
+    pipe.words.ask()
+    assert pipe.hears() is Word.ABORT
+
+
+@pytest.fixture
+def terminal() -> Iterator[Hand]:
+    """A real terminal, with its line discipline; the hand holds its other end."""
+    master, slave = pty.openpty()
+    hand = Hand(slave, master)
+    yield hand
+    hand.end()
+    os.close(slave)
+
+
+@pytest.mark.parametrize("early", ["\n", "start\n", "start\nstart\n", "sta"])
+def test_type_ahead_starts_nothing(terminal: Hand, early: str) -> None:
+    """Enter, a second after the command was started, armed and started everything."""
+    terminal.types(early)
+    terminal.arrives_at_terminal(early)
+    terminal.words.ask()
+    assert terminal.hears() is None
+    terminal.types("start\n")
+    assert terminal.awaits() is Word.START
+
+
+def test_the_words_of_a_terminal(terminal: Hand) -> None:
+    for text, word in [
+        ("\n", Word.OTHER),
+        ("yes\n", Word.OTHER),
+        ("abort\n", Word.ABORT),
+        ("start\nls\n", Word.OTHER),
+        ("start\nls", Word.OTHER),
+        ("\x04", Word.END_OF_INPUT),
+    ]:
+        terminal.words.ask()
+        terminal.types(text)
+        terminal.arrives_at_terminal(text)
+        assert terminal.awaits() is word, text
+
+
+def test_a_terminal_keeps_its_settings(terminal: Hand) -> None:
+    before = termios.tcgetattr(terminal.fd)
+    terminal.words.ask()
+    terminal.types("start\n")
+    assert terminal.awaits() is Word.START
+    assert termios.tcgetattr(terminal.fd) == before
+
+
+def test_a_terminal_that_is_closed_gives_up(terminal: Hand) -> None:
+    terminal.words.ask()
+    terminal.closes()
+    assert terminal.awaits() is Word.END_OF_INPUT
+
+
+def test_ctrl_d_before_the_prompt_is_no_end(terminal: Hand) -> None:
+    terminal.types("\x04")
+    assert terminal.hears() is None
+    terminal.words.ask()
+    terminal.types("start\n")
+    assert terminal.awaits() is Word.START
+
+
+def test_who_has_no_input_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", None)
+    words = TypedWords()
+    assert words.poll(0) is None
+    words.ask()
+    assert words.poll(0) is Word.END_OF_INPUT
