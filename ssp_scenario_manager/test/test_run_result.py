@@ -128,8 +128,22 @@ def replace_mode(run: RunSpec) -> RunSpec:
             "initiator",
             (0.2, None),
             passed(True, None),
-            "none, the VUT never reached the conflict zone, or ot1 never left it; "
-            "K* wants 0.2 to inf s",
+            "none, ot1 never left the conflict zone (more road beyond it, or a longer run, would "
+            "do); K* wants 0.2 to inf s",
+        ),
+        (
+            "initiator",
+            (0.2, None),
+            Passing("merge", None, 1.0, None, None),
+            "none, the VUT never reached the conflict zone (more road up to it, or a longer run, "
+            "would do); K* wants 0.2 to inf s",
+        ),
+        (
+            "vut",
+            (0.2, None),
+            passed(False, None),
+            "none, the VUT never left the conflict zone (more road beyond it, or a longer run, "
+            "would do); K* wants 0.2 to inf s",
         ),
         ("initiator", (0.2, 6.0), passed(None, None), "passing order: ot1 never came into"),
         (

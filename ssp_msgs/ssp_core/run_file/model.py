@@ -108,7 +108,12 @@ class WantedPassing(Strict):
         )
 
     def misses(
-        self, initiator: str, initiator_first: bool | None, gap_s: float | None
+        self,
+        initiator: str,
+        initiator_first: bool | None,
+        gap_s: float | None,
+        *,
+        vut_arrived: bool,
     ) -> list[str]:
         """What of a passing isn't as K* wants it, each with quantity, value and range.
 
@@ -117,6 +122,7 @@ class WantedPassing(Strict):
         Args:
             initiator_first: it arrived before the VUT; None: it never arrived.
             gap_s: time gap at the conflict point; None: one of them never arrived or never left.
+            vut_arrived: it reached the conflict zone.
         """
         names = (initiator, "the VUT")
         first, second = names if self.initiator_first else names[::-1]
@@ -130,8 +136,12 @@ class WantedPassing(Strict):
             return []
         wanted = f"K* wants {least:g} to {most:g} s"
         if gap_s is None:
-            last = f"{second} never reached the conflict zone, or {first} never left it"
-            return [f"time gap at the conflict point: none, {last}; {wanted}"]
+            if vut_arrived:
+                why, where = f"{first} never left the conflict zone", "beyond"
+            else:
+                why, where = "the VUT never reached the conflict zone", "up to"
+            why += f" (more road {where} it, or a longer run, would do)"
+            return [f"time gap at the conflict point: none, {why}; {wanted}"]
         if not least - _TOLERANCE_S <= gap_s <= most + _TOLERANCE_S:
             return [f"time gap at the conflict point: {gap_s:.3f} s, {wanted}"]
         return []

@@ -78,8 +78,8 @@ DEFAULT_SITE = "boulevard"
     "--vary",
     multiple=True,
     metavar="FIELD=VALUES",
-    help="With --in-process: values of a field of run.yaml, a:b (evenly between) or a,b,c (in "
-    "turn); may be repeated.",
+    help="With --in-process: values of a field of run.yaml: a:b (drawn at random for each run, "
+    "uniformly from a to b, by the seed) or a,b,c (in turn); may be repeated.",
 )
 @click.option(
     "--jobs",

@@ -165,7 +165,12 @@ def misses(spec: RunSpec, happened: Happened) -> list[str]:
     if spec.passing is None:
         return []
     seen = happened.passing
-    found = spec.passing.misses(spec.initiator_id, seen.other_first, seen.time_gap_s)
+    found = spec.passing.misses(
+        spec.initiator_id,
+        seen.other_first,
+        seen.time_gap_s,
+        vut_arrived=seen.own_arrival_s is not None,
+    )
     announced = any(p.phase is Phase.RESOLUTION for p in happened.phases)
     if announced and happened.resolution_ns is None:
         found.append(

@@ -68,7 +68,7 @@ class Variation:
 
 
 def parse_variation(text: str) -> Variation:
-    """``driver.cruise_mps=11:15`` (evenly between), or ``disturbance.reorder=0,0.1`` (in turn).
+    """``driver.cruise_mps=11:15`` (drawn from between), or ``disturbance.reorder=0,0.1`` (in turn).
 
     Raises:
         InputError: no such form, or bounds that are no rising numbers.
