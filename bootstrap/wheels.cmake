@@ -1,11 +1,12 @@
 # How ssp_msgs is built on the PyPI wheels of ROS: read at the end of project(). On a machine with a
 # ROS distribution this file is not used.
 
-# SSP's nodes are Python on Fast DDS. The C++ messages and the introspection type support would be
-# two thirds of the build, and nothing here loads them.
+# SSP's nodes are Python on Fast DDS. The C++ messages would be half of the build, and nothing here
+# loads them. The introspection type support in C stays: rmw_fastrtps makes type objects with it, and
+# without it no subscription can be created.
 find_package(ament_cmake REQUIRED)
 find_package(rosidl_default_generators QUIET)
-list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:|_introspection_c:")
+list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
 
 # The wheels export targets whose include folder is one of the machine that built them
 # (/opt/python/...). CMake refuses a folder that does not exist, so it is taken out of the imported
