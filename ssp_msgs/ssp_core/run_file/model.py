@@ -36,6 +36,7 @@ _TOLERANCE_S = 1e-9
 
 
 STOP_REACTION_S = 1.0
+START_YAW_RAD = 0.35
 
 
 class Limits(Strict):
@@ -58,6 +59,9 @@ class Limits(Strict):
     clock_offset_s: Positive = 0.05
     link_delay_s: Positive = Field(0.5, description="there and back")
     start_region_m: Positive = Field(1.5, description="from an object's start when it is armed")
+    start_yaw_rad: Positive = Field(
+        START_YAW_RAD, description="from an object's heading at its start when it is armed"
+    )
     trigger_age_s: Positive | None = Field(
         None, description="no trigger is judged on an older state of the VUT; null: two periods"
     )
@@ -65,9 +69,18 @@ class Limits(Strict):
         STOP_REACTION_S, description="from an abort until an object that drives becomes slower"
     )
 
+    omnidirectional: list[ObjectId] = Field(
+        [], description="objects that may move in any direction, whatever their heading"
+    )
+
     @model_serializer(mode="wrap")
-    def _as_before_stop_reaction(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(dump(self), stop_reaction_s=STOP_REACTION_S)
+    def _as_before_these(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(
+            dump(self),
+            start_yaw_rad=START_YAW_RAD,
+            stop_reaction_s=STOP_REACTION_S,
+            omnidirectional=[],
+        )
 
 
 class ConflictThresholds(Strict):

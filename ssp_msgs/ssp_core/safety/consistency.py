@@ -1,0 +1,579 @@
+"""The motion that an object states, held against its places (METHOD 4.3b).
+
+A source that gives the twist in other axes than it says, another unit, another heading or no twist
+at all contradicts itself as soon as its object moves. Each window of places gives a way: the chord
+between its ends. Stated speed and yaw must fit it, or must have fitted it up to DELAY_S before or
+after. Reads no clock, and needs no state of an object: recordings are judged by the same rules.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import wrap_angle
+from ssp_core.run_file.model import Limits
+from ssp_core.vocabulary import ObjectClass
+
+# A window lasts so long, or longer until it holds so many samples.
+WINDOW_S = 0.5
+LEAST_SAMPLES = 3
+# Stated speed against the way travelled; a share is of the larger of both.
+SPEED_SHARE = 0.25
+SPEED_MPS = 0.5
+# A direction needs so long a way and counts above so fast a motion.
+LEAST_WAY_M = 1.0
+DIRECTION_MPS = 1.0
+DIRECTION_RAD = math.radians(20.0)
+_DIRECTION_RAD = {
+    ObjectClass.CYCLIST: math.radians(30.0),
+    ObjectClass.PEDESTRIAN: math.radians(60.0),
+}
+# Parts of one state may be measured so far apart.
+DELAY_S = 0.3
+_DELAYS_S = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
+# Three sigma of the distance between two places.
+_SIGMAS = 3.0 * math.sqrt(2.0)
+# A contradiction ends a session when it holds for so long on end; a shorter one is kept in mind
+# from so many windows on: single places may be wrong by more than three sigma.
+HOLDS_S = 0.5
+_DOUBT_S = 0.1
+_DOUBT_WINDOWS = 3
+# A place that steps again so soon after it stepped doesn't step: it moves.
+_STEP_APART_S = 1.0
+# Without a state for longer than this a window begins anew.
+_PAUSE_S = 0.5
+# A stamp that lies so far before the newest one comes of a clock that was set back.
+_SET_BACK_S = 1.0
+# So much is remembered.
+_REMEMBERED_S = 3.0
+_NO_SPEED_MPS = 0.05
+# A window this near to its bound, or beyond it, is worth a look before a day on the track.
+NEAR_SHARE = 0.8
+
+MAP_AXES = "the twist looks like map axes"
+EMPTY_TWIST = "empty twist"
+TURNED = "yaw turned by 180°"
+NED_YAW = "NED yaw"
+CLOCKWISE = "clockwise yaw"
+# Factor to m/s, and how far from it a ratio may be; a delay spoils ratios while the speed changes.
+_UNITS = ((3.6, 0.25, "km/h"), (2.23694, 0.06, "miles per hour"), (1.94384, 0.06, "knots"))
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What an object's stated motion is judged by.
+
+    Args:
+        direction_rad: between its yaw and the way that it goes; None: not judged.
+        signed: the sign of its speed says whether it goes forwards; False: it may go either way.
+        jump_m: a place may step so far at once, as corrections of a receiver do.
+        position_std_m: no place counts as less certain than this.
+        pause_s: between two states of one window.
+    """
+
+    direction_rad: float | None = DIRECTION_RAD
+    signed: bool = True
+    jump_m: float = 1.0
+    position_std_m: float = 0.5
+    pause_s: float = _PAUSE_S
+
+    @staticmethod
+    def of(object_id: str, object_class: ObjectClass, limits: Limits) -> Bounds:
+        """Give the bounds of an object on a site."""
+        any_way = object_id in limits.omnidirectional
+        return Bounds(
+            None if any_way else _DIRECTION_RAD.get(object_class, DIRECTION_RAD),
+            object_class is not ObjectClass.PEDESTRIAN,
+            limits.jump_m,
+            limits.position_std_m,
+            max(_PAUSE_S, 1.5 * limits.state_age_s),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """Windows on end in which what is stated doesn't fit the places.
+
+    Args:
+        kind: what explains it best, for people.
+        text: kind, with the newest window's figures.
+        held_s: from the first of them to the newest.
+        windows: how many.
+        moving: the object moved, by its places.
+    """
+
+    kind: str
+    text: str
+    held_s: float
+    windows: int
+    moving: bool
+
+    @property
+    def holds(self) -> bool:
+        """It has held long enough to end a session."""
+        return self.held_s >= HOLDS_S
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """Means over one window.
+
+    Args:
+        vx_mps: of the chord, along the parent's x; vy_mps: along its y.
+        speed_mps: as stated, with its sign.
+        yaw_rad: as stated.
+    """
+
+    span_s: float
+    vx_mps: float
+    vy_mps: float
+    speed_mps: float
+    yaw_rad: float
+
+    @property
+    def way_mps(self) -> float:
+        return math.hypot(self.vx_mps, self.vy_mps)
+
+    @property
+    def speed_excess_mps(self) -> float:
+        """Stated speed minus that of the way."""
+        return abs(self.speed_mps) - self.way_mps
+
+    def turned_rad(self, *, signed: bool) -> float:
+        """How far the way lies to the left of where the yaw leads."""
+        turned = wrap_angle(math.atan2(self.vy_mps, self.vx_mps) - self.yaw_rad)
+        if signed:
+            return wrap_angle(turned + math.pi) if self.speed_mps < 0.0 else turned
+        return math.remainder(turned, math.pi)
+
+
+class ConsistencyWatch:
+    """The states of one object, as they come; each is judged by those before it.
+
+    Attributes:
+        contradiction: of the newest windows; None: they agree, or there is none yet.
+        doubt: the last contradiction, until the same object has moved without one for as long as
+            a contradiction takes to hold.
+        windows: judged so far.
+        near_misses: windows of them that came near to their bound, or passed it.
+        nearest: the largest share of its bound that a window reached.
+    """
+
+    def __init__(self, bounds: Bounds) -> None:
+        self.windows = self.near_misses = 0
+        self.nearest = 0.0
+        self._bounds = bounds
+        self._direction_rad = bounds.direction_rad
+        self._least_cosine = math.cos(NEAR_SHARE * (bounds.direction_rad or 0.0))
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all states."""
+        self.contradiction: Contradiction | None = None
+        self.doubt: Contradiction | None = None
+        self._zero_ns = 0
+        self._t: list[float] = []
+        self._x: list[float] = []
+        self._y: list[float] = []
+        self._yaw: list[float] = []  # without jumps by a whole turn
+        self._speed: list[float] = []
+        self._std: list[float] = []
+        self._odo: list[float] = []  # integral of the stated speed
+        self._turn: list[float] = []  # integral of the yaw
+        self._begin = self._speed_from = self._way_from = 0
+        self._since = 0.0
+        self._kinds: Counter[str] = Counter()
+        self._agrees_since: float | None = None
+        self._stepped_s = -math.inf
+
+    # -- what arrives --------------------------------------------------------------------------
+
+    def see(
+        self,
+        stamp_ns: int,
+        x_m: float,
+        y_m: float,
+        yaw_rad: float,
+        speed_mps: float,
+        position_std_m: float = 0.0,
+    ) -> None:
+        """Take a state, and judge it by those before it; an older one has no effect.
+
+        Args:
+            x_m: with y_m the place of the reference point, under the rear axle of a vehicle.
+            speed_mps: along the yaw, backwards is negative; all values are finite.
+            position_std_m: as stated; not finite: unknown.
+        """
+        if self._t:
+            t = ns_to_seconds(stamp_ns - self._zero_ns)
+            if t <= self._t[-1]:
+                if self._t[-1] - t <= _SET_BACK_S:
+                    return
+                self.clear()
+        if not self._t:
+            self._zero_ns, t = stamp_ns, 0.0
+        self._append(t, x_m, y_m, yaw_rad, speed_mps, position_std_m)
+        self._judge()
+
+    def _append(
+        self, t: float, x_m: float, y_m: float, yaw_rad: float, speed_mps: float, std_m: float
+    ) -> None:
+        most = self._bounds.position_std_m
+        odo = turn = 0.0
+        if self._t:
+            before = self._yaw[-1]
+            yaw_rad = before + math.remainder(yaw_rad - before, math.tau)
+            dt = t - self._t[-1]
+            odo = self._odo[-1] + 0.5 * (self._speed[-1] + speed_mps) * dt
+            turn = self._turn[-1] + 0.5 * (before + yaw_rad) * dt
+            if dt > self._bounds.pause_s:
+                self._restart(len(self._t))
+        self._t.append(t)
+        self._x.append(x_m)
+        self._y.append(y_m)
+        self._yaw.append(yaw_rad)
+        self._speed.append(speed_mps)
+        self._std.append(std_m if std_m <= most else most)
+        self._odo.append(odo)
+        self._turn.append(turn)
+        # Now and then, so that it costs nothing.
+        if len(self._t) >= 64 and self._t[len(self._t) // 2] < t - _REMEMBERED_S:
+            self._forget(len(self._t) // 2)
+
+    def _forget(self, number: int) -> None:
+        columns = (self._t, self._x, self._y, self._yaw, self._speed, self._std)
+        for column in (*columns, self._odo, self._turn):
+            del column[:number]
+        self._begin = max(self._begin - number, 0)
+        self._speed_from = max(self._speed_from - number, 0)
+        self._way_from = max(self._way_from - number, 0)
+
+    def _restart(self, at: int) -> None:
+        """Let windows begin with the sample of this number at the earliest."""
+        self._begin = self._speed_from = self._way_from = at
+        self.contradiction = None
+        self._agrees_since = None
+
+    # -- judgement -----------------------------------------------------------------------------
+
+    def _judge(self) -> None:
+        n = len(self._t) - 1
+        start = self._window_start(n)
+        if start is None:
+            return
+        self.windows += 1
+        share, moves = self._share(start, n)
+        if share <= NEAR_SHARE:
+            self.contradiction = None
+            if self.doubt is not None:
+                self._agrees(moves)
+            return
+        self.near_misses += 1
+        self.nearest = max(self.nearest, share)
+        found = self._found(start, n) if share > 1.0 else None
+        if found is None:
+            self._agrees(moves)
+        elif not self._steps(start if self._direction_rad is None else self._way_from, n):
+            self._contradicts(found)
+
+    def _share(self, start: int, n: int) -> tuple[float, bool]:
+        """Give the larger share of their bounds that speed and direction reach, without a delay.
+
+        Spelt out in numbers: it is asked for each state of each object.
+
+        Returns:
+            The share, and whether the object moves, as it says or by its places.
+        """
+        span = self._t[n] - self._t[start]
+        dx, dy = self._x[n] - self._x[start], self._y[n] - self._y[start]
+        way = math.hypot(dx, dy) / span
+        speed = (self._odo[n] - self._odo[start]) / span
+        stated = abs(speed)
+        larger = stated if stated > way else way
+        noise = max(self._std[start], self._std[n]) * _SIGMAS / span
+        share = abs(stated - way) / max(SPEED_SHARE * larger, SPEED_MPS, noise)
+        moves = larger >= DIRECTION_MPS
+        if not moves or self._direction_rad is None:
+            return share, moves
+        if way * span < LEAST_WAY_M:
+            window = self._direction_window(start, n)
+            turned = 0.0 if window is None else self._direction_share(window, self._way_from)
+            return max(share, turned), moves
+        self._way_from = start
+        if self._bounds.signed and stated < SPEED_MPS:
+            return share, moves
+        yaw = (self._turn[n] - self._turn[start]) / span
+        c, s = math.cos(yaw), math.sin(yaw)
+        along = c * dx + s * dy
+        if speed < 0.0 or not self._bounds.signed:
+            along = -along if self._bounds.signed else abs(along)
+        if along > self._least_cosine * way * span:
+            return share, moves
+        window = self._window(start, n)
+        if noise >= way:
+            return share, moves
+        return max(share, self._direction_share(window, start)), moves
+
+    def _found(self, start: int, n: int) -> _Window | None:
+        """Give the window in which no delay explains what is stated; None: one does."""
+        way = self._direction_window(start, n)
+        fast = self._window(start, n)
+        if abs(fast.speed_excess_mps) > self._speed_bound(fast, start):
+            if not self._fits(start, self._speed_fit(start)):
+                return way or fast
+        if way is None or self._direction_share(way, self._way_from) <= 1.0:
+            return None
+        first = self._way_from
+        return None if self._fits(first, self._direction_fit(first)) else way
+
+    def _window_start(self, n: int) -> int | None:
+        """Give the newest sample from which a window ends now; None: there is none."""
+        latest = self._t[n] - WINDOW_S + 1e-9
+        first = self._speed_from
+        while first + 1 <= n - (LEAST_SAMPLES - 1) and self._t[first + 1] <= latest:
+            first += 1
+        self._speed_from = first
+        fits = first <= n - (LEAST_SAMPLES - 1) and self._t[first] <= latest
+        return first if fits else None
+
+    def _window(self, first: int, last: int) -> _Window:
+        span = self._t[last] - self._t[first]
+        return _Window(
+            span,
+            (self._x[last] - self._x[first]) / span,
+            (self._y[last] - self._y[first]) / span,
+            (self._odo[last] - self._odo[first]) / span,
+            (self._turn[last] - self._turn[first]) / span,
+        )
+
+    def _speed_bound(self, window: _Window, first: int) -> float:
+        share = SPEED_SHARE * max(abs(window.speed_mps), window.way_mps)
+        return max(share, SPEED_MPS, self._noise_m(first) / window.span_s)
+
+    def _noise_m(self, first: int) -> float:
+        return _SIGMAS * max(self._std[first], self._std[-1])
+
+    def _direction_window(self, start: int, n: int) -> _Window | None:
+        """Give the shortest window that is long enough to say where the object goes, if any."""
+        if self._direction_rad is None:
+            return None
+        first = min(self._way_from, start)
+        while first < start and self._chord_m(first + 1, n) >= LEAST_WAY_M:
+            first += 1
+        self._way_from = first
+        window = self._window(first, n)
+        way_m = window.way_mps * window.span_s
+        if not (window.way_mps > DIRECTION_MPS and way_m >= LEAST_WAY_M):
+            return None
+        # Without a speed of which the sign could be told the speed itself is what contradicts.
+        if self._bounds.signed and abs(window.speed_mps) < SPEED_MPS:
+            return None
+        return window if self._noise_m(first) < way_m else None
+
+    def _chord_m(self, first: int, last: int) -> float:
+        return math.hypot(self._x[last] - self._x[first], self._y[last] - self._y[first])
+
+    def _direction_share(self, way: _Window, first: int) -> float:
+        return abs(way.turned_rad(signed=self._bounds.signed)) / self._direction_bound(way, first)
+
+    def _direction_bound(self, way: _Window, first: int) -> float:
+        noise_rad = math.atan2(self._noise_m(first), way.way_mps * way.span_s)
+        return max(self._direction_rad or 0.0, noise_rad)
+
+    # -- a delay between place and motion ------------------------------------------------------
+
+    def _speed_fit(self, first: int) -> Callable[[_Window], tuple[float, float]]:
+        return lambda w: (w.speed_excess_mps, self._speed_bound(w, first))
+
+    def _direction_fit(self, first: int) -> Callable[[_Window], tuple[float, float]]:
+        def fit(window: _Window) -> tuple[float, float]:
+            turned = window.turned_rad(signed=self._bounds.signed)
+            return turned, self._direction_bound(window, first)
+
+        return fit
+
+    def _fits(self, first: int, fit: Callable[[_Window], tuple[float, float]]) -> bool:
+        """True where a delay of at most DELAY_S makes place and motion agree.
+
+        Args:
+            fit: gives what is left over, and what may be.
+        """
+        before: float | None = None
+        for delay_s in _DELAYS_S:
+            window = self._shifted(first, delay_s)
+            if window is None:
+                before = None
+                continue
+            left, bound = fit(window)
+            # Between two delays of which one is too short and the other too long lies the right one.
+            crosses = before is not None and before * left < 0.0 and abs(before - left) < math.pi
+            if abs(left) <= bound or crosses:
+                return True
+            before = left
+        return False
+
+    def _shifted(self, first: int, delay_s: float) -> _Window | None:
+        """Give the window with its motion, or its places, so much older; both end by now."""
+        begin, end = self._t[first], self._t[-1]
+        older = abs(delay_s)
+        if begin - older < self._t[self._begin]:
+            return None
+        span = end - begin
+        old, new = (begin - older, end - older), (begin, end)
+        places, motion = (new, old) if delay_s > 0.0 else (old, new)
+
+        def rate(column: list[float], of: tuple[float, float]) -> float:
+            return (self._at(column, of[1]) - self._at(column, of[0])) / span
+
+        return _Window(
+            span,
+            rate(self._x, places),
+            rate(self._y, places),
+            rate(self._odo, motion),
+            rate(self._turn, motion),
+        )
+
+    def _at(self, column: list[float], t: float) -> float:
+        """Give a value between two samples."""
+        i = min(max(bisect_right(self._t, t) - 1, 0), len(self._t) - 2)
+        share = (t - self._t[i]) / (self._t[i + 1] - self._t[i])
+        return column[i] + share * (column[i + 1] - column[i])
+
+    # -- places that step ----------------------------------------------------------------------
+
+    def _steps(self, first: int, n: int) -> bool:
+        """True where one step of the place explains what was found; windows then begin after it.
+
+        A receiver that gets a better fix moves its place at once. One that does so again and again
+        is one that moves.
+        """
+        span = self._t[n] - self._t[first]
+        vx, vy = (self._x[n] - self._x[first]) / span, (self._y[n] - self._y[first]) / span
+
+        def off_m(k: int) -> float:
+            dt = self._t[k] - self._t[k - 1]
+            return math.hypot(
+                self._x[k] - self._x[k - 1] - vx * dt, self._y[k] - self._y[k - 1] - vy * dt
+            )
+
+        k = max(range(first + 1, n + 1), key=off_m)
+        dt = self._t[k] - self._t[k - 1]
+        share = span / (span - dt)
+        step_x, step_y = self._x[k] - self._x[k - 1], self._y[k] - self._y[k - 1]
+        vx, vy = (vx - step_x / span) * share, (vy - step_y / span) * share
+        if math.hypot(step_x - vx * dt, step_y - vy * dt) > self._bounds.jump_m:
+            return False
+        whole = self._window(first, n)
+        left = _Window(span, vx, vy, whole.speed_mps, whole.yaw_rad)
+        excess = abs(left.speed_excess_mps) > self._speed_bound(left, first)
+        if excess or (self._judges_direction(left) and self._direction_share(left, first) > 1.0):
+            return False
+        again = self._t[k] - self._stepped_s < _STEP_APART_S
+        self._stepped_s = self._t[k]
+        if again:
+            return False
+        self._restart(k)
+        return True
+
+    def _judges_direction(self, window: _Window) -> bool:
+        if self._direction_rad is None or window.way_mps <= DIRECTION_MPS:
+            return False
+        return not self._bounds.signed or abs(window.speed_mps) >= SPEED_MPS
+
+    # -- findings ------------------------------------------------------------------------------
+
+    def _agrees(self, moves: bool) -> None:
+        now = self._t[-1]
+        self.contradiction = None
+        doubt = self.doubt
+        if doubt is None:
+            return
+        if doubt.moving and not moves:
+            self._agrees_since = None
+        elif self._agrees_since is None:
+            self._agrees_since = now
+        elif now - self._agrees_since >= HOLDS_S:
+            self.doubt = None
+
+    def _contradicts(self, window: _Window) -> None:
+        before, now = self.contradiction, self._t[-1]
+        if before is None:
+            self._since = now
+            self._kinds.clear()
+        # A delay hides the mistake while the speed changes; the faster the clearer.
+        self._kinds[self._kind(window)] += window.way_mps
+        kind = self._kinds.most_common(1)[0][0]
+        self.contradiction = Contradiction(
+            kind,
+            f"{kind} ({self._figures(window)})",
+            now - self._since,
+            1 if before is None else before.windows + 1,
+            window.way_mps >= DIRECTION_MPS,
+        )
+        self._agrees_since = None
+        found = self.contradiction
+        if found.windows >= _DOUBT_WINDOWS and found.held_s >= _DOUBT_S:
+            self.doubt = found
+
+    def _figures(self, window: _Window) -> str:
+        turned = math.degrees(window.turned_rad(signed=self._bounds.signed))
+        text = f"{window.speed_mps:.2f} m/s stated, way of {window.way_mps:.2f} m/s"
+        if window.way_mps > DIRECTION_MPS and self._direction_rad is not None:
+            text += f" at {turned:+.0f}° to the yaw"
+        return f"{text} in {window.span_s:.2f} s"
+
+    def _kind(self, w: _Window) -> str:
+        """Name the mistake that explains a window best."""
+        newest = self._t[-1] - w.span_s - 1e-9
+        stated = [abs(s) for s, t in zip(self._speed, self._t, strict=True) if t >= newest]
+        if w.way_mps > _NO_SPEED_MPS and max(stated) <= _NO_SPEED_MPS:
+            return EMPTY_TWIST
+        course = math.atan2(w.vy_mps, w.vx_mps)
+        forwards = abs(wrap_angle(course - w.yaw_rad)) < math.pi / 2.0
+        along = w.way_mps * math.cos(course - w.yaw_rad)
+        in_parent = abs(w.speed_mps - w.vx_mps) < 0.5 * abs(w.speed_mps - along)
+        is_other_speed = abs(w.speed_excess_mps) > max(SPEED_SHARE * w.way_mps, SPEED_MPS)
+        if in_parent and (is_other_speed or (forwards and w.speed_mps < 0.0)):
+            return MAP_AXES
+        if is_other_speed:
+            ratio = abs(w.speed_mps) / max(w.way_mps, 1e-9)
+            for factor, share, unit in _UNITS:
+                if abs(ratio / factor - 1.0) < share:
+                    return f"speed in {unit}"
+            return "speed contradicts the way"
+        signed = self._bounds.signed
+        bound = 0.5 * (self._direction_rad or DIRECTION_RAD)
+        meant = course + (math.pi if signed and w.speed_mps < 0.0 else 0.0)
+        for kind, yaw in (
+            (TURNED, w.yaw_rad + math.pi),
+            (NED_YAW, math.pi / 2.0 - w.yaw_rad),
+            (CLOCKWISE, -w.yaw_rad),
+        ):
+            if abs(wrap_angle(meant - yaw)) <= bound:
+                return kind
+        return "yaw contradicts the way"
+
+    # -- standstill ----------------------------------------------------------------------------
+
+    def net_way_m(self, span_s: float) -> tuple[float, float]:
+        """Give the chord of the last seconds, and how many of them the states cover.
+
+        Returns:
+            Way in m and time in s, at most ``span_s``; 0 and 0 where there is no state.
+        """
+        if not self._t:
+            return 0.0, 0.0
+        since = self._t[-1] - span_s
+        first = max(bisect_right(self._t, since + 1e-9) - 1, 0)
+        covered = min(self._t[-1] - self._t[first], span_s)
+        return self._chord_m(first, len(self._t) - 1), covered
+
+    @property
+    def position_std_m(self) -> float:
+        """How uncertain the newest place is; no more than counts."""
+        return self._std[-1] if self._std else 0.0
