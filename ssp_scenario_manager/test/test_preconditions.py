@@ -13,6 +13,7 @@ from ssp_core import names
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.arming import Facts, Gate, obstacles
+from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.session.preconditions import moving, stands
@@ -281,22 +282,26 @@ def test_everything_that_is_missing_is_named_at_once(
     ],
 )
 def test_one_object(state: StateMaker, changed: dict[str, Any], expected: bool) -> None:
-    assert stands(state("ot1", **{"stamp_ns": NOW_NS, **changed}), NOW_NS) is expected
+    known = state("ot1", **{"stamp_ns": NOW_NS, **changed})
+    assert stands(known, ConsistencyWatch(Bounds()), NOW_NS) is expected
 
 
 @pytest.mark.parametrize("control", ControlState)
 def test_in_an_abort_everybody_must_have_heard_it(state: StateMaker, control: ControlState) -> None:
     could_go = {"ARMED", "PRE_ARMING", "PRE_RUNNING", "RUNNING", "REMOTE_CONTROLLED"}
     known = state("ot1", stamp_ns=NOW_NS, control_state=control)
-    assert stands(known, NOW_NS, aborting=True) is (control.name not in could_go)
+    assert stands(known, ConsistencyWatch(Bounds()), NOW_NS, aborting=True) is (
+        control.name not in could_go
+    )
 
 
 def test_who_is_asked(run: RunSpec, state: StateMaker) -> None:
     vut, ot1 = state("vut", stamp_ns=NOW_NS), state("ot1", stamp_ns=NOW_NS)
     fast = state("ot1", stamp_ns=NOW_NS, speed_mps=1.0)
-    assert moving(run, vut, {"ot1": ot1}, NOW_NS, armed=True) == []
-    assert moving(run, vut, {"ot1": fast}, NOW_NS, armed=True) == ["ot1"]
-    assert moving(run, vut, {"ot1": fast}, NOW_NS, armed=True, without=["ot1"]) == []
+    places = {"vut": ConsistencyWatch(Bounds()), "ot1": ConsistencyWatch(Bounds())}
+    assert moving(run, vut, {"ot1": ot1}, places, NOW_NS, armed=True) == []
+    assert moving(run, vut, {"ot1": fast}, places, NOW_NS, armed=True) == ["ot1"]
+    assert moving(run, vut, {"ot1": fast}, places, NOW_NS, armed=True, without=["ot1"]) == []
     # What was never heard must prove that it stands only once it could have been set in motion.
-    assert moving(run, None, {}, NOW_NS, armed=False) == []
-    assert moving(run, None, {}, NOW_NS, armed=True) == ["vut", "ot1"]
+    assert moving(run, None, {}, places, NOW_NS, armed=False) == []
+    assert moving(run, None, {}, places, NOW_NS, armed=True) == ["vut", "ot1"]

@@ -13,13 +13,14 @@ from enum import Enum
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds
-from ssp_core.geometry import box_distance
+from ssp_core.geometry import box_distance, wrap_angle
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.consistency import ConsistencyWatch
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.safety.link_quality import LinkEstimate
@@ -65,7 +66,10 @@ class Need(Enum):
     NOT_AHEAD = "the state of {who} is stamped {measured:.3f} s ahead of time, limit {limit:g} s"
     LOCALISED = "the position of {who} is uncertain by {measured:.2f} m, limit {limit:g} m"
     AT_START = "{who} is {measured:.2f} m from its start, limit {limit:g} m"
+    HEADING = "{who} is turned by {measured:+.2f} rad from its start's heading, limit {limit:g} rad"
     STANDING = "{who} moves at {measured:.2f} m/s, limit {limit:g} m/s"
+    STAYING = "{who} says that it stands and went {measured:.2f} m{detail}, limit {limit:.2f} m"
+    CONSISTENT = "the states of {who} contradict its places: {detail}"
     INSIDE = "{who} is outside the geofence by {measured:.2f} m, limit 0 m"
     TRIGGERS = (
         "states of {who} are {measured:.3f} s old when they come, limit for triggers "
@@ -127,6 +131,7 @@ class Facts:
         recorder_missing: what the recorder waits for.
         vut_refused: why no state is made of what the VUT's receiver says now; empty: one is, or
             nobody says.
+        motion: what the VUT and the objects state, held against their places, by id.
         other_managers: how many nodes publish what the manager alone may.
         foreign: which, for people.
         bodies: by object, what its process knows of its body; where there is nothing to say, or
@@ -141,6 +146,7 @@ class Facts:
     recorder_missing: tuple[str, ...] = ()
     recorder_lost: int = 0
     vut_refused: str = ""
+    motion: Mapping[str, ConsistencyWatch] = field(default_factory=dict)
     other_managers: int = 0
     foreign: str = ""
     bodies: Mapping[str, BodyStatus] = field(default_factory=dict)
@@ -345,8 +351,17 @@ def _at_its_start(
     away_m = math.hypot(state.x_m - start.x_m, state.y_m - start.y_m)
     if not away_m <= limits.start_region_m:
         yield Obstacle(Need.AT_START, who, away_m, limits.start_region_m)
+    turned_rad = wrap_angle(state.yaw_rad - start.yaw_rad)
+    if not abs(turned_rad) <= limits.start_yaw_rad:
+        yield Obstacle(Need.HEADING, who, turned_rad, limits.start_yaw_rad)
+    watch = at.facts.motion.get(who)
+    went = None if watch is None else judge.net_way_m(watch)
     if not abs(state.speed_mps) <= judge.STANDSTILL_MPS:
         yield Obstacle(Need.STANDING, who, state.speed_mps, judge.STANDSTILL_MPS)
+    elif went is not None:
+        yield Obstacle(Need.STAYING, who, *went, f" in {judge.STOOD_S:g} s")
+    if watch is not None and watch.doubt is not None:
+        yield Obstacle(Need.CONSISTENT, who, detail=watch.doubt.text)
     excess_m = box_excess_m(state.box, at.spec.geofence)
     yield from _passed(Need.INSIDE, who, judge.outside_geofence(excess_m))
 

@@ -43,6 +43,7 @@ class SafetyCode(IntEnum):
     NOT_STOPPING = 38
     OBJECT_CONTRADICTS = 39
     CONNECTION_LOST = 40
+    STATE_CONTRADICTS = 41
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +138,10 @@ _MEANT: dict[SafetyCode, tuple[str, str]] = {
     SafetyCode.CONNECTION_LOST: (
         "",
         "The control connection to a test object was lost while it was armed or running.",
+    ),
+    SafetyCode.STATE_CONTRADICTS: (
+        "s",
+        "Stated speed, direction or yaw contradicts the places, on end for this long.",
     ),
 }
 MEANINGS = {code: SafetyMeaning(code.name.lower(), *meant) for code, meant in _MEANT.items()}

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import wrap_angle
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.vocabulary import ObjectClass
 
@@ -25,6 +25,8 @@ LEAST_SAMPLES = 3
 # Stated speed against the way travelled; a share is of the larger of both.
 SPEED_SHARE = 0.25
 SPEED_MPS = 0.5
+# A twist that fits map axes is told from here on.
+AXES_SHARE = 0.1
 # A direction needs so long a way and counts above so fast a motion.
 LEAST_WAY_M = 1.0
 DIRECTION_MPS = 1.0
@@ -104,7 +106,7 @@ class Contradiction:
         text: kind, with the newest window's figures.
         held_s: from the first of them to the newest.
         windows: how many.
-        moving: the object moved, by its places.
+        moving: the object moved meanwhile, by its places.
     """
 
     kind: str
@@ -117,6 +119,9 @@ class Contradiction:
     def holds(self) -> bool:
         """It has held long enough to end a session."""
         return self.held_s >= HOLDS_S
+
+
+_NEVER = Contradiction("", "", 0.0, 0, False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,13 +164,13 @@ class ConsistencyWatch:
         contradiction: of the newest windows; None: they agree, or there is none yet.
         doubt: the last contradiction, until the same object has moved without one for as long as
             a contradiction takes to hold.
-        windows: judged so far.
+        windows: judged so far; moving_windows: those of them in which it moved.
         near_misses: windows of them that came near to their bound, or passed it.
         nearest: the largest share of its bound that a window reached.
     """
 
     def __init__(self, bounds: Bounds) -> None:
-        self.windows = self.near_misses = 0
+        self.windows = self.moving_windows = self.near_misses = 0
         self.nearest = 0.0
         self._bounds = bounds
         self._direction_rad = bounds.direction_rad
@@ -187,13 +192,24 @@ class ConsistencyWatch:
         self._turn: list[float] = []  # integral of the yaw
         self._begin = self._speed_from = self._way_from = 0
         self._since = 0.0
-        self._kinds: Counter[str] = Counter()
+        self._kinds: dict[str, float] = {}
         self._agrees_since: float | None = None
         self._stepped_s = -math.inf
 
     # -- what arrives --------------------------------------------------------------------------
 
-    def see(
+    def see(self, state: ObjectState) -> None:
+        """Take a state whose values are finite; see ``take``."""
+        self.take(
+            state.stamp_ns,
+            state.x_m,
+            state.y_m,
+            state.yaw_rad,
+            state.speed_mps,
+            state.position_std_m,
+        )
+
+    def take(
         self,
         stamp_ns: int,
         x_m: float,
@@ -202,7 +218,7 @@ class ConsistencyWatch:
         speed_mps: float,
         position_std_m: float = 0.0,
     ) -> None:
-        """Take a state, and judge it by those before it; an older one has no effect.
+        """Judge a state by those before it; an older one has no effect.
 
         Args:
             x_m: with y_m the place of the reference point, under the rear axle of a vehicle.
@@ -267,7 +283,11 @@ class ConsistencyWatch:
         if start is None:
             return
         self.windows += 1
-        share, moves = self._share(start, n)
+        share, moves, off = self._share(start, n)
+        self.moving_windows += moves
+        if off and share <= 1.0 and self._in_map_axes(start, n):
+            self._contradicts(self._window(start, n), MAP_AXES)
+            return
         if share <= NEAR_SHARE:
             self.contradiction = None
             if self.doubt is not None:
@@ -279,15 +299,16 @@ class ConsistencyWatch:
         if found is None:
             self._agrees(moves)
         elif not self._steps(start if self._direction_rad is None else self._way_from, n):
-            self._contradicts(found)
+            self._contradicts(found, self._kind(found))
 
-    def _share(self, start: int, n: int) -> tuple[float, bool]:
+    def _share(self, start: int, n: int) -> tuple[float, bool, bool]:
         """Give the larger share of their bounds that speed and direction reach, without a delay.
 
         Spelt out in numbers: it is asked for each state of each object.
 
         Returns:
-            The share, and whether the object moves, as it says or by its places.
+            The share; whether the object moves, as it says or by its places; and whether its speed
+            is off by more than AXES_SHARE.
         """
         span = self._t[n] - self._t[start]
         dx, dy = self._x[n] - self._x[start], self._y[n] - self._y[start]
@@ -297,35 +318,49 @@ class ConsistencyWatch:
         larger = stated if stated > way else way
         noise = max(self._std[start], self._std[n]) * _SIGMAS / span
         share = abs(stated - way) / max(SPEED_SHARE * larger, SPEED_MPS, noise)
+        off = abs(stated - way) > max(AXES_SHARE * larger, SPEED_MPS, noise)
         moves = larger >= DIRECTION_MPS
         if not moves or self._direction_rad is None:
-            return share, moves
+            return share, moves, False
         if way * span < LEAST_WAY_M:
             window = self._direction_window(start, n)
             turned = 0.0 if window is None else self._direction_share(window, self._way_from)
-            return max(share, turned), moves
+            return max(share, turned), moves, off
         self._way_from = start
         if self._bounds.signed and stated < SPEED_MPS:
-            return share, moves
+            return share, moves, off
         yaw = (self._turn[n] - self._turn[start]) / span
         c, s = math.cos(yaw), math.sin(yaw)
         along = c * dx + s * dy
         if speed < 0.0 or not self._bounds.signed:
             along = -along if self._bounds.signed else abs(along)
-        if along > self._least_cosine * way * span:
-            return share, moves
+        if along > self._least_cosine * way * span or noise >= way:
+            return share, moves, off
+        return max(share, self._direction_share(self._window(start, n), start)), moves, off
+
+    def _in_map_axes(self, start: int, n: int) -> bool:
+        """True where the twist fits the parent's frame, and no delay makes it fit the object's.
+
+        It may be off by less than a speed may be: on a road that leads a little off the map's x.
+        """
         window = self._window(start, n)
-        if noise >= way:
-            return share, moves
-        return max(share, self._direction_share(window, start)), moves
+        if abs(window.speed_mps - window.vx_mps) >= 0.5 * abs(window.speed_excess_mps):
+            return False
+        return not self._fits(
+            start,
+            lambda w: (
+                w.speed_excess_mps,
+                max(AXES_SHARE * w.way_mps, SPEED_MPS, self._noise_m(start) / w.span_s),
+            ),
+        )
 
     def _found(self, start: int, n: int) -> _Window | None:
         """Give the window in which no delay explains what is stated; None: one does."""
         way = self._direction_window(start, n)
         fast = self._window(start, n)
-        if abs(fast.speed_excess_mps) > self._speed_bound(fast, start):
-            if not self._fits(start, self._speed_fit(start)):
-                return way or fast
+        is_off = abs(fast.speed_excess_mps) > self._speed_bound(fast, start)
+        if is_off and not self._fits(start, self._speed_fit(start)):
+            return way or fast
         if way is None or self._direction_share(way, self._way_from) <= 1.0:
             return None
         first = self._way_from
@@ -398,7 +433,7 @@ class ConsistencyWatch:
         return fit
 
     def _fits(self, first: int, fit: Callable[[_Window], tuple[float, float]]) -> bool:
-        """True where a delay of at most DELAY_S makes place and motion agree.
+        """True where a delay of at most DELAY_S makes place and motion agree, or might.
 
         Args:
             fit: gives what is left over, and what may be.
@@ -407,10 +442,10 @@ class ConsistencyWatch:
         for delay_s in _DELAYS_S:
             window = self._shifted(first, delay_s)
             if window is None:
-                before = None
-                continue
+                # Nobody knows yet.
+                return True
             left, bound = fit(window)
-            # Between two delays of which one is too short and the other too long lies the right one.
+            # Between a delay that is too short and one that is too long lies the right one.
             crosses = before is not None and before * left < 0.0 and abs(before - left) < math.pi
             if abs(left) <= bound or crosses:
                 return True
@@ -500,20 +535,20 @@ class ConsistencyWatch:
         elif now - self._agrees_since >= HOLDS_S:
             self.doubt = None
 
-    def _contradicts(self, window: _Window) -> None:
+    def _contradicts(self, window: _Window, kind: str) -> None:
         before, now = self.contradiction, self._t[-1]
         if before is None:
             self._since = now
             self._kinds.clear()
         # A delay hides the mistake while the speed changes; the faster the clearer.
-        self._kinds[self._kind(window)] += window.way_mps
-        kind = self._kinds.most_common(1)[0][0]
+        self._kinds[kind] = self._kinds.get(kind, 0.0) + window.way_mps
+        kind = max(self._kinds, key=self._kinds.__getitem__)
         self.contradiction = Contradiction(
             kind,
-            f"{kind} ({self._figures(window)})",
+            f"{kind}: {self._figures(window)}",
             now - self._since,
             1 if before is None else before.windows + 1,
-            window.way_mps >= DIRECTION_MPS,
+            window.way_mps >= DIRECTION_MPS or (before or self.doubt or _NEVER).moving,
         )
         self._agrees_since = None
         found = self.contradiction

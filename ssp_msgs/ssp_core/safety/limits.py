@@ -16,6 +16,7 @@ from ssp_core.geometry import box_distance
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.consistency import HOLDS_S, ConsistencyWatch
 
 # What is slower stands.
 STANDSTILL_MPS = 0.05
@@ -208,6 +209,29 @@ def duration(running_s: float, limits: Limits) -> LimitViolation | None:
 def link_delay(delay_s: float, limits: Limits) -> LimitViolation | None:
     """A message to an object and its answer take too long, s, there and back."""
     return _judge(SafetyCode.LINK_DELAY, delay_s, limits.link_delay_s)
+
+
+# Who stands goes no farther in this time, net, than this and two deviations of its place.
+STOOD_S = 1.0
+STOOD_WAY_M = 0.1
+
+
+def state_contradicts(watch: ConsistencyWatch) -> LimitViolation | None:
+    """What an object states of its motion hasn't fitted its places for too long, s."""
+    found = watch.contradiction
+    if found is None or not found.holds:
+        return None
+    return LimitViolation(SafetyCode.STATE_CONTRADICTS, found.held_s, HOLDS_S)
+
+
+def net_way_m(watch: ConsistencyWatch) -> tuple[float, float] | None:
+    """How far an object went in STOOD_S, and the limit, where its places don't say that it stands.
+
+    None: they do, as far as they are known.
+    """
+    way_m, _ = watch.net_way_m(STOOD_S)
+    limit_m = STOOD_WAY_M + 2.0 * watch.position_std_m
+    return None if way_m <= limit_m else (way_m, limit_m)
 
 
 # An object whose own state says that it is faster than this can't stay where it is.

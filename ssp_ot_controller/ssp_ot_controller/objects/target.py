@@ -9,7 +9,14 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.safety.limits import Continuity, LimitViolation, follow
+from ssp_core.safety.consistency import Bounds, ConsistencyWatch
+from ssp_core.safety.limits import (
+    Continuity,
+    LimitViolation,
+    follow,
+    net_way_m,
+    state_contradicts,
+)
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.bodies.body import BodyCheck, Decided
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command, brake_command, tightened
@@ -87,6 +94,7 @@ class Target:
         self._stop_room = StoppingRoom(spec.cls, spec.size, run.limits, run.geofence, run.step_s)
         self._own: ObjectState | None = None
         self._continuity = Continuity()
+        self._motion = ConsistencyWatch(Bounds.of(object_id, spec.cls, run.limits))
         self._queue = ReferenceQueue()
         self._error: TrackingError | None = None
         self._refused = 0
@@ -128,6 +136,9 @@ class Target:
             )
             if refusal is not None:
                 return refusal
+            if (doubt := self._motion.doubt) is not None:
+                text = f"its states contradict its places: {doubt.text}"
+                return CommandResponse(False, REFUSED_CONDITION, text)
         if event is ObjectEvent.ALL_CLEAR and not self._stands():
             return CommandResponse(False, REFUSED_CONDITION, "the object still moves")
         try:
@@ -236,6 +247,8 @@ class Target:
             other_managers: how many managers beside ours send heartbeats.
         """
         self._own = own
+        if own.is_finite:
+            self._motion.see(own)
         self._advance(own)
         running = self.state is ControlState.RUNNING
         running_s = self._running_s(now_ns)
@@ -245,6 +258,8 @@ class Target:
         reference = self._queue.current
         asked_mps = self._asked_mps(now_ns) if running else 0.0
         self._continuity, broken = follow(self._continuity, own, self._run.limits, asked_mps)
+        if (contradicts := state_contradicts(self._motion)) is not None:
+            broken.append(contradicts)
         lost = lost_its_place(own, now_ns, broken, self._run.limits)
         if lost is not None and self.state in _MAY_MOVE:
             self._blind = True
@@ -363,7 +378,9 @@ class Target:
         )
 
     def _stands(self) -> bool:
-        return self._own is not None and abs(self._own.speed_mps) <= STANDSTILL_MPS
+        own = self._own
+        stands = own is not None and abs(own.speed_mps) <= STANDSTILL_MPS
+        return stands and net_way_m(self._motion) is None
 
     def _drop_references(self) -> None:
         self._queue.clear()

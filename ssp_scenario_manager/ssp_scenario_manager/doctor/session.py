@@ -18,6 +18,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.arming import Facts, Gate, obstacles
 from ssp_core.safety.body_status import BodyStatus
+from ssp_core.safety.consistency import ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.doctor.checks import Finding, Status, fail, ok
@@ -117,6 +118,7 @@ class SessionHeard:
         session: its state by the newest heartbeat; UNKNOWN without one.
         now_ns: end of listening, system clock.
         frames: what objects that speak ISO 22133 sent to their gateway, by id; its clock.
+        motion: what the VUT and the objects state, held against their places, by id.
     """
 
     streams: dict[str, Stream]
@@ -131,6 +133,7 @@ class SessionHeard:
     frames: dict[str, Stream] = field(default_factory=dict)
     vut_refused: str = ""
     bodies: Mapping[str, BodyStatus] = field(default_factory=dict)
+    motion: dict[str, ConsistencyWatch] = field(default_factory=dict)
 
 
 def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
@@ -152,6 +155,7 @@ def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
         silent = fail(f"state of {object_id}", missing, remedy)
         stream, lost = heard.streams[object_id], heard.lost.get(object_id, 0)
         findings.append(_stream(silent, stream, rate_hz, oldest_s, lost))
+    findings += [_motion(i, heard.motion[i]) for i in ids if i in heard.motion]
     findings += [_frames(spec, i, stream) for i, stream in sorted(heard.frames.items())]
     if spec.camera is not None:
         findings.append(_camera(spec.camera.rate_hz, heard))
@@ -174,6 +178,22 @@ def _stream(
     worst = next((s for s in (Status.FAIL, Status.WARN) if s in statuses), Status.OK)
     text = "; ".join([_stream_text(stream), *(problem for _, problem in problems)])
     return Finding(silent.name, worst, text, "" if worst is Status.OK else _remedy(stream))
+
+
+def _motion(object_id: str, watch: ConsistencyWatch) -> Finding:
+    """Stated motion against places; near misses are for tuning before a day on the track."""
+    name = f"motion of {object_id}"
+    if watch.doubt is not None:
+        remedy = "look at the axes, units and mounting of its source; then drive it again"
+        return fail(name, f"contradicts its places: {watch.doubt.text}", remedy)
+    if not watch.moving_windows:
+        return ok(name, "it stood: speed, direction and yaw are judged while it moves")
+    text = f"agrees with its places in {watch.windows} windows, {watch.moving_windows} moving"
+    if not watch.near_misses:
+        return ok(name, text)
+    near = f"{watch.near_misses} near misses, at most {watch.nearest:.0%} of the bound"
+    remedy = "look at delays between places, heading and speed, and at the stated deviation"
+    return Finding(name, Status.WARN, f"{text}; {near}", remedy)
 
 
 def _frames(spec: RunSpec, object_id: str, stream: Stream) -> Finding:
@@ -295,6 +315,7 @@ def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
         recorder_missing=heard.recorder_missing,
         vut_refused=heard.vut_refused,
         bodies=heard.bodies,
+        motion=heard.motion,
         links={i: replace(link, age_s=0.0) for i, link in heard.links.items()},
         other_managers=max(0, len(heard.managers) - 1),
     )

@@ -21,6 +21,7 @@ from ssp_core.motion.state import ObjectState as State
 from ssp_core.ros.conversions import body_status_of
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import BodyStatus
+from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import BodyStatus as BodyStatusMsg
@@ -50,6 +51,7 @@ class SessionListener(Node):
         self._navsat = navsat
         self._vut_refused = ""
         self._bodies: dict[str, BodyStatus] = {}
+        self._spec = spec
         self._ids = spec.object_ids
         self._streams: dict[str, Stream] = {}
         self._states: dict[str, State] = {}
@@ -91,6 +93,10 @@ class SessionListener(Node):
         if self._navsat is not None:
             self._streams[self._navsat] = Stream()
         self._lost, self._frames = {}, {}
+        self._motion = {
+            one.id: ConsistencyWatch(Bounds.of(one.id, one.cls, self._spec.limits))
+            for one in (self._spec.vut, *self._spec.targets)
+        }
 
     def heard(self) -> SessionHeard:
         """All of it until now."""
@@ -108,6 +114,7 @@ class SessionListener(Node):
             now_ns=time.time_ns(),
             session=self._session,
             frames=self._frames,
+            motion=self._motion,
         )
 
     def _hear(self, topic: str, message: Any) -> None:
@@ -127,6 +134,8 @@ class SessionListener(Node):
             gap = state.sequence - known.sequence - 1
             self._lost[state.object_id] = self._lost.get(state.object_id, 0) + max(gap, 0)
         self._states[state.object_id] = state
+        if state.is_finite:
+            self._motion[state.object_id].see(state)
         self._hear(state.object_id, message)
 
     def _on_states(self, message: ObjectStates) -> None:

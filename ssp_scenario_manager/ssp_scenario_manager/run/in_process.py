@@ -170,7 +170,13 @@ class InProcessSession:
 
     def _waits_in_vain(self) -> bool:
         """An abort whose end nobody reports: of what is not heard no standstill is known."""
-        return self._abort.unconfirmed(self.session, self._liveness, self._steady_ns, self._now_ns)
+        in_vain = self._abort.unconfirmed(
+            self.session, self._liveness, self._steady_ns, self._now_ns
+        )
+        if in_vain:
+            self.session.give_up_on_standstill(self._now_ns)
+            self._flush()
+        return in_vain
 
     def _take(self, report: StepReport) -> None:
         session = self.session

@@ -8,6 +8,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
+from ssp_core.safety.consistency import ConsistencyWatch
 from ssp_core.vocabulary import ControlState
 
 FRESH_S = 1.0
@@ -21,16 +22,27 @@ _NOT_ABORTED = (
 )
 
 
-def stands(state: ObjectState, now_ns: int, aborting: bool = False) -> bool:
-    """True when a fresh state says that the object stands and is not on the move.
+def stands(
+    state: ObjectState,
+    watch: ConsistencyWatch,
+    now_ns: int,
+    *,
+    aborting: bool = False,
+    least_s: float = 0.0,
+) -> bool:
+    """True when a fresh state and the places say that the object stands and is not on the move.
 
     A stamp far ahead of the session's time is no fresh one either.
 
     Args:
+        watch: knows the object's places.
         aborting: the session aborts, and the object must have heard it.
+        least_s: that its places must cover.
     """
     return (
-        abs(state.speed_mps) <= judge.STANDSTILL_MPS
+        judge.net_way_m(watch) is None
+        and watch.net_way_m(judge.STOOD_S)[1] >= least_s
+        and abs(state.speed_mps) <= judge.STANDSTILL_MPS
         and abs(ns_to_seconds(now_ns - state.stamp_ns)) <= FRESH_S
         and state.control_state not in (_NOT_ABORTED if aborting else _MOVING)
     )
@@ -40,6 +52,7 @@ def moving(
     spec: RunSpec,
     vut: ObjectState | None,
     targets: Mapping[str, ObjectState],
+    motion: Mapping[str, ConsistencyWatch],
     now_ns: int,
     *,
     armed: bool,
@@ -49,15 +62,23 @@ def moving(
     """Who isn't known to stand, by id.
 
     Args:
+        motion: the places of each, by id.
         armed: the session has armed its objects. Before that, what was never heard need not prove
             that it stands.
         aborting: the session aborts; every object must have heard it.
         without: objects that are not asked, because nothing can be heard of them.
     """
+    # The time of a simulated world stands still while it holds: nothing moves, and places that
+    # cover a second may never come.
+    least_s = judge.STOOD_S if spec.mode == "live" else 0.0
+
+    def is_still(state: ObjectState, watch: ConsistencyWatch) -> bool:
+        return stands(state, watch, now_ns, aborting=aborting, least_s=least_s)
+
     known = {spec.vut.id: vut}
     known |= {t.id: targets.get(t.id) for t in spec.targets if t.id not in without}
     return [
         object_id
         for object_id, state in known.items()
-        if (armed if state is None else not stands(state, now_ns, aborting))
+        if (armed if state is None else not is_still(state, motion[object_id]))
     ]

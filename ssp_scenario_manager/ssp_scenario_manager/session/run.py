@@ -11,8 +11,15 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.fence import box_excess_m, moved_excess_m
-from ssp_core.safety.limits import Continuity, LimitViolation, follow, outside_geofence
+from ssp_core.safety.limits import (
+    Continuity,
+    LimitViolation,
+    follow,
+    outside_geofence,
+    state_contradicts,
+)
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.dispatch.adaptation import Adaptations
 from ssp_scenario_manager.dispatch.references import (
@@ -58,9 +65,15 @@ class Run:
     reasons: list[str] = field(default_factory=list)
     closed: bool = False
     continuity: dict[str, Continuity] = field(default_factory=dict)
+    motion: dict[str, ConsistencyWatch] = field(default_factory=dict)
     _breaks: list[Violation] = field(default_factory=list)
     _blamed: set[tuple[SafetyCode, str]] = field(default_factory=set)
     _given: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        limits = self.spec.limits
+        for one in (self.spec.vut, *self.spec.targets):
+            self.motion[one.id] = ConsistencyWatch(Bounds.of(one.id, one.cls, limits))
 
     def elapsed_s(self, now_ns: int) -> float:
         """Session time since the start, 0 before it."""
@@ -121,7 +134,12 @@ class Run:
         if memory.before is not None and self.continuity[state.object_id].before is state:
             crossed = self._crossed_fence(memory.before, state)
             passed += [] if crossed is None else [crossed]
-        found = (of_object(p, state.object_id, state.stamp_ns) for p in passed)
+        found = [of_object(p, state.object_id, state.stamp_ns) for p in passed]
+        watch = self.motion.get(state.object_id)
+        if watch is not None and state.is_finite:
+            watch.see(state)
+            kind = "" if watch.contradiction is None else watch.contradiction.text
+            found.append(of_object(state_contradicts(watch), state.object_id, state.stamp_ns, kind))
         self._breaks += [violation for violation in found if violation is not None]
 
     def _crossed_fence(self, before: ObjectState, state: ObjectState) -> LimitViolation | None:

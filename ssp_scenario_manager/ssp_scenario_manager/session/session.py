@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from ssp_core import names
 from ssp_core.clock import seconds_to_ns
@@ -235,9 +236,9 @@ class Session:
             return
         self._standstill_given_up = True
         who = preconditions.moving(
-            run.spec, self.vut, self.targets, now_ns, armed=run.armed, aborting=True
+            run.spec, self.vut, self.targets, run.motion, now_ns, armed=run.armed, aborting=True
         )
-        text = f"nobody reports a standstill of {' and '.join(who) or 'everything'}"
+        text = f"not known to stand: {', '.join(who) or 'everything'}"
         self._tell(SessionPhase.ABORTING, STANDSTILL_GIVEN_UP, now_ns, text)
 
     def judge_triggers(
@@ -365,13 +366,15 @@ class Session:
         if run is None:
             return []
         if event in _GATES:
-            found = arming.obstacles(_GATES[event], run.spec, self.facts, vut, targets, now_ns)
+            facts = replace(self.facts, motion=run.motion)
+            found = arming.obstacles(_GATES[event], run.spec, facts, vut, targets, now_ns)
             return [obstacle.text for obstacle in found]
         if event is not SessionEvent.ALL_CLEAR:
             return []
         # What was heard before the abort is no proof.
         known = {*targets, *([] if vut is None else [run.spec.vut.id])}
-        unknown = set(preconditions.moving(run.spec, vut, targets, now_ns, armed=run.armed))
+        moving = preconditions.moving
+        unknown = set(moving(run.spec, vut, targets, run.motion, now_ns, armed=run.armed))
         who = sorted(unknown | (known - self._heard))
         return [f"it is not known of {i} that it stands" for i in who]
 
@@ -402,6 +405,7 @@ class Session:
             run.spec,
             self.vut,
             self.targets,
+            run.motion,
             now_ns,
             armed=run.armed,
             aborting=self.state is SessionPhase.ABORTING,

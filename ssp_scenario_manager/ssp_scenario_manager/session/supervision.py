@@ -182,7 +182,7 @@ class AbortWatch:
     """Whether anybody is left who could report the standstill that an abort ends with."""
 
     def __init__(self) -> None:
-        self._since_ns: int | None = None
+        self._since_ns: tuple[int, int] | None = None
 
     def unconfirmed(
         self, session: Session, liveness: LivenessMonitor, steady_ns: int, now_ns: int
@@ -192,17 +192,19 @@ class AbortWatch:
             self._since_ns = None
             return False
         if self._since_ns is None:
-            self._since_ns = steady_ns
-        waited_s = ns_to_seconds(steady_ns - self._since_ns)
+            self._since_ns = steady_ns, now_ns
+        waited_s = ns_to_seconds(steady_ns - self._since_ns[0])
         # The world was silent while it waited for a participant that died; it goes on after that.
         spec = session.spec
         has_world = spec is None or spec.mode != "live"
+        # A simulated world that goes on may be far ahead of the steady clock.
+        simulated_s = ns_to_seconds(now_ns - self._since_ns[1]) if has_world else 0.0
         world_age_s = liveness.age_s(names.SIL_WORLD, steady_ns)
         world_dead = has_world and min(world_age_s, waited_s) > SILENT_S
         ids = [t.id for t in spec.targets] if spec else []
         silent = [i for i in ids if liveness.age_s(i, steady_ns) > SILENT_S]
         others_stand = bool(silent) and session.stands(now_ns, without=silent)
-        return world_dead or others_stand or waited_s > ABORT_STANDSTILL_S
+        return world_dead or others_stand or max(waited_s, simulated_s) > ABORT_STANDSTILL_S
 
 
 class Supervisor:

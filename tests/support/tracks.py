@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,27 +58,26 @@ def measured(
             minute, as errors of satellite positioning do.
     """
     late_s = random.uniform(-0.2, 0.2)
-    slow = random.normal(0.0, std_m * math.sqrt(1.0 - white**2), 2)
-    keep = math.exp(-1.0 / (rate_hz * 30.0))
+    scale = random.uniform(0.97, 1.03)
     gap_s = random.uniform(5.0, 10.0) if true.manoeuvre == "dropout" else math.inf
     fine = true.rows
     stamps = np.arange(0.5, fine[-1, 0] - 0.5, 1.0 / rate_hz)
-    stamps = stamps + random.uniform(-0.1, 0.1, len(stamps)) / rate_hz
-    for t in stamps.tolist():
-        slow = keep * slow + math.sqrt(1.0 - keep**2) * std_m * math.sqrt(
-            1.0 - white**2
-        ) * random.normal(size=2)
-        new = white * std_m * random.normal(size=2)
-        if gap_s < t < gap_s + 1.5:
-            continue
-        at = [float(np.interp(t, fine[:, 0], fine[:, k])) for k in (1, 2)]
-        yaw, speed = (float(np.interp(t - late_s, fine[:, 0], fine[:, k])) for k in (3, 4))
-        yaw += 0.01 * random.normal()
-        speed += 0.03 * random.normal()
-        yield t, at[0] + slow[0] + new[0], at[1] + slow[1] + new[1], yaw, speed, std_m
-
-
-Falsify = Callable[[Row], Row]
+    n = len(stamps)
+    stamps = stamps + random.uniform(-0.1, 0.1, n) / rate_hz
+    keep = math.exp(-1.0 / (rate_hz * 30.0))
+    slow = np.empty((n, 2))
+    slow[0] = random.normal(size=2)
+    steps = math.sqrt(1.0 - keep**2) * random.normal(size=(n, 2))
+    for i in range(1, n):
+        slow[i] = keep * slow[i - 1] + steps[i]
+    off = math.sqrt(1.0 - white**2) * slow + white * random.normal(size=(n, 2))
+    at = [np.interp(stamps, fine[:, 0], fine[:, k]) + std_m * off[:, k - 1] for k in (1, 2)]
+    yaw, speed = (np.interp(stamps - late_s, fine[:, 0], fine[:, k]) for k in (3, 4))
+    yaw = yaw + 0.01 * random.normal(size=n)
+    speed = scale * speed + 0.03 * random.normal(size=n)
+    for t, x, y, turned, v in zip(*(c.tolist() for c in (stamps, *at, yaw, speed)), strict=True):
+        if not gap_s < t < gap_s + 1.5:
+            yield t, x, y, turned, v, std_m
 
 
 def falsified(rows: Sequence[Row], kind: str) -> Iterator[Row]:

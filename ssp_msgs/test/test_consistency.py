@@ -1,0 +1,234 @@
+"""Stated speed, direction and yaw against places: what contradicts itself, and what doesn't."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from itertools import product
+
+import numpy as np
+import pytest
+
+from ssp_core.run_file.model import Limits
+from ssp_core.safety import consistency
+from ssp_core.safety.consistency import Bounds, ConsistencyWatch, Contradiction
+from ssp_core.safety.limits import net_way_m
+from ssp_core.vocabulary import ObjectClass
+from tests.support.tracks import (
+    MANOEUVRES,
+    RATES_HZ,
+    SOURCES,
+    Motion,
+    Row,
+    falsified,
+    measured,
+    motion,
+)
+
+S = 1_000_000_000
+LIMITS = Limits(speed_mps=30.0, acceleration_mps2=5.0)
+
+
+def bounds(manoeuvre: str) -> Bounds:
+    cls = ObjectClass.PEDESTRIAN if manoeuvre == "walk" else ObjectClass.CAR
+    any_way = ["one"] if manoeuvre == "sideways" else []
+    return Bounds.of("one", cls, LIMITS.model_copy(update={"omnidirectional": any_way}))
+
+
+def watched(rows: Iterable[Row], by: Bounds) -> Iterator[ConsistencyWatch]:
+    """The watch after each of these states."""
+    watch = ConsistencyWatch(by)
+    for t_s, *values in rows:
+        watch.take(round(t_s * S), *values)
+        yield watch
+
+
+def ended(rows: Iterable[Row], by: Bounds) -> tuple[float, Contradiction] | None:
+    """When a session would have ended, and why."""
+    rows = list(rows)
+    for row, watch in zip(rows, watched(rows, by), strict=True):
+        if watch.contradiction is not None and watch.contradiction.holds:
+            return row[0], watch.contradiction
+    return None
+
+
+def track(seed: int, manoeuvre: str, source: str, rate_hz: float, white: float) -> list[Row]:
+    random = np.random.default_rng(seed)
+    true = motion(manoeuvre, random)
+    return list(measured(true, SOURCES[source], rate_hz, random, white=white))
+
+
+@pytest.mark.parametrize("white", [0.4, 1.0])
+def test_of_200_sound_tracks_none_is_refused_and_none_ended(white: float) -> None:
+    cases = list(product(MANOEUVRES, SOURCES, RATES_HZ))
+    for seed in range(200):
+        manoeuvre, source, rate_hz = case = cases[seed % len(cases)]
+        rows = track(seed, manoeuvre, source, rate_hz, white)
+        for watch in watched(rows, bounds(manoeuvre)):
+            assert watch.doubt is None, (seed, case, watch.doubt)
+            assert watch.contradiction is None or not watch.contradiction.holds, (seed, case)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("source", ["rtk", "float"])
+@pytest.mark.parametrize(
+    ("false", "kind"),
+    [
+        ("map axes", consistency.MAP_AXES),
+        ("180", consistency.TURNED),
+        ("ned", consistency.NED_YAW),
+        ("km/h", "speed in km/h"),
+        ("empty", consistency.EMPTY_TWIST),
+    ],
+)
+def test_a_source_that_contradicts_itself_ends_a_session(
+    false: str, kind: str, source: str, rate_hz: float
+) -> None:
+    for heading_rad in (2.0, -1.1, -2.6):
+        random = np.random.default_rng(int(10 * rate_hz))
+        true = _straight(heading_rad, 9.3)
+        sound = list(measured(true, SOURCES[source], rate_hz, random))
+        found = ended(falsified(sound, false), bounds("drive"))
+        assert found is not None
+        assert found[1].kind == kind
+        # It sets off at 2 s.
+        assert found[0] < 5.0
+
+
+def _straight(yaw_rad: float, top_mps: float) -> Motion:
+    t = np.arange(0.0, 12.0, 0.01)
+    speed = np.clip((t - 2.0) * 3.0, 0.0, top_mps)
+    way = np.cumsum(speed) * 0.01
+    columns = [t, way * math.cos(yaw_rad), way * math.sin(yaw_rad), 0.0 * t + yaw_rad, speed]
+    return Motion("drive", np.column_stack(columns))
+
+
+def test_a_twist_in_map_axes_shows_although_its_speed_is_off_by_less_than_a_quarter() -> None:
+    sound = list(measured(_straight(0.64, 10.0), 0.02, 50.0, np.random.default_rng(1)))
+    found = ended(falsified(sound, "map axes"), Bounds())
+    assert found is not None
+    assert found[1].kind == consistency.MAP_AXES
+
+
+def drive(
+    seconds: float,
+    place: Callable[[float], tuple[float, float]],
+    yaw_rad: float = 0.0,
+    speed_mps: float = 10.0,
+    rate_hz: float = 50.0,
+) -> list[Row]:
+    """States of a source without noise."""
+    stamps = (np.arange(round(seconds * rate_hz)) / rate_hz).tolist()
+    return [(t, *place(t), yaw_rad, speed_mps, 0.0) for t in stamps]
+
+
+@pytest.mark.parametrize("step_m", [0.3, 0.6, 0.99])
+@pytest.mark.parametrize("rate_hz", [5.0, 50.0])
+@pytest.mark.parametrize("speed_mps", [0.0, 5.0])
+def test_one_step_of_the_place_is_a_correction(
+    step_m: float, rate_hz: float, speed_mps: float
+) -> None:
+    def place(t: float) -> tuple[float, float]:
+        return speed_mps * t, step_m * (t > 2.0)
+
+    rows = drive(5.0, place, speed_mps=speed_mps, rate_hz=rate_hz)
+    assert all(watch.contradiction is None for watch in watched(rows, Bounds()))
+
+
+def test_a_place_that_steps_again_and_again_moves() -> None:
+    def place(t: float) -> tuple[float, float]:
+        return 0.9 * math.floor(t * 10.0), 0.0
+
+    found = ended(drive(5.0, place, speed_mps=0.0, rate_hz=10.0), Bounds())
+    assert found is not None
+    assert found[1].kind == consistency.EMPTY_TWIST
+
+
+@pytest.mark.parametrize("late_s", [-0.29, -0.15, 0.15, 0.29])
+@pytest.mark.parametrize("rate_hz", [5.0, 20.0, 100.0])
+def test_a_delay_between_place_and_twist_is_no_contradiction(late_s: float, rate_hz: float) -> None:
+    def speed(t: float) -> float:
+        return min(max(4.0 * (t - 1.0), 0.0), 12.0)
+
+    way = [0.0]
+    for i in range(600):
+        way.append(way[-1] + 0.01 * speed(i * 0.01))
+    stamps = np.arange(0.5, 5.0, 1.0 / rate_hz).tolist()
+    rows = [
+        (t, float(np.interp(t, np.arange(601) * 0.01, way)), 0.0, 0.0, speed(t - late_s), 0.0)
+        for t in stamps
+    ]
+    assert all(watch.doubt is None for watch in watched(rows, Bounds()))
+    assert ended(rows, Bounds()) is None
+
+
+def test_of_a_person_the_amount_counts_and_of_what_is_omnidirectional_no_direction() -> None:
+    backwards = drive(3.0, lambda t: (-1.5 * t, 0.0), speed_mps=1.5)
+    assert ended(backwards, bounds("drive")) is not None
+    assert ended(backwards, bounds("walk")) is None
+    assert ended(backwards, bounds("sideways")) is None
+    sideways = drive(3.0, lambda t: (0.0, 1.5 * t), speed_mps=1.5)
+    assert ended(sideways, bounds("walk")) is not None
+    assert ended(sideways, bounds("sideways")) is None
+    assert (
+        ended(drive(3.0, lambda t: (0.0, 1.5 * t), speed_mps=0.0), bounds("sideways")) is not None
+    )
+
+
+def test_a_doubt_lasts_until_the_object_has_moved_without_one() -> None:
+    def states(begin_s: float, seconds: float, mps: float, stated_mps: float) -> list[Row]:
+        rows = drive(seconds, lambda t: (begin + mps * t, 0.0), speed_mps=stated_mps)
+        return [(t + begin_s, *values) for t, *values in rows]
+
+    watch, begin = ConsistencyWatch(Bounds()), 0.0
+
+    def see(rows: list[Row]) -> Contradiction | None:
+        for t_s, *values in rows:
+            watch.take(round(t_s * S), *values)
+        return watch.doubt
+
+    assert see(states(0.0, 1.0, 5.0, 0.0)) is not None
+    begin = 5.0
+    # It stands, and what it states fits; that it will when it moves is not known.
+    assert see(states(1.0, 5.0, 0.0, 0.0)) is not None
+    assert watch.contradiction is None
+    assert see(states(6.0, 0.4, 5.0, 5.0)) is not None
+    begin = 7.0
+    assert see(states(6.4, 0.5, 5.0, 5.0)) is None
+
+
+def test_a_pause_and_a_clock_that_is_set_back_begin_anew() -> None:
+    before = drive(2.0, lambda t: (10.0 * t, 0.0))
+    after = [(t + 4.0, x + 60.0, y, yaw, v, std) for t, x, y, yaw, v, std in before]
+    assert all(watch.contradiction is None for watch in watched(before + after, Bounds()))
+    back = [(t - 30.0, *values) for t, *values in after]
+    *_, watch = watched(before + back, Bounds())
+    assert watch.windows > 1.4 * 75
+    assert watch.contradiction is None
+    late = [(1.5, 0.0, 0.0, 0.0, 10.0, 0.0)]
+    *_, watch = watched(before + late, Bounds())
+    assert watch.contradiction is None
+    assert watch.net_way_m(1.0) == pytest.approx((10.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("std_m", "mps", "stands"),
+    [(0.0, 0.09, True), (0.0, 0.11, False), (0.2, 0.49, True), (0.2, 0.51, False),
+     (math.inf, 1.09, True), (math.nan, 1.11, False)],
+)  # fmt: skip
+def test_standing_is_a_net_way_of_a_decimetre_and_two_deviations(
+    std_m: float, mps: float, stands: bool
+) -> None:
+    rows = [(t, x, y, yaw, 0.0, std_m) for t, x, y, yaw, *_ in drive(2.0, lambda t: (mps * t, 0.0))]
+    *_, watch = watched(rows, Bounds())
+    assert (net_way_m(watch) is None) is stands
+
+
+def test_near_misses_are_counted() -> None:
+    rows = drive(2.0, lambda t: (8.1 * t, 0.0))
+    *_, watch = watched(rows, Bounds())
+    assert watch.contradiction is None
+    assert (watch.windows, watch.moving_windows, watch.near_misses) == (75, 75, 0)
+    *_, watch = watched(drive(2.0, lambda t: (7.9 * t, 0.0)), Bounds())
+    assert (watch.contradiction, watch.near_misses) == (None, 75)
+    assert watch.nearest == pytest.approx(0.84)
