@@ -21,6 +21,7 @@ from ssp_core.node_interface import Parameter
 from ssp_core.run_file.model import Limits
 from ssp_core.safety import liveness
 from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.consistency import HOLDS_S
 from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_eval.ros import parameters as ssp_eval_params
@@ -271,6 +272,7 @@ def iso_states() -> str:
 # -- limits ---------------------------------------------------------------------------------------
 
 OBJECT, MANAGER, WORLD, RECORDER, PERSON = "object", "manager", "world", "recorder", "a person"
+BOTH = (OBJECT, MANAGER)
 # The limit of each event (a field of the site's limits, or words), and who judges it. A test
 # compares object and manager with what the code of both judges.
 JUDGED: dict[SafetyCode, tuple[str, tuple[str, ...]]] = {
@@ -308,6 +310,7 @@ JUDGED: dict[SafetyCode, tuple[str, tuple[str, ...]]] = {
     S.NOT_STOPPING: ("stop_reaction_s", (OBJECT,)),
     S.OBJECT_CONTRADICTS: ("[contradictions](iso-22133.md)", (OBJECT,)),
     S.CONNECTION_LOST: ("none", (OBJECT,)),
+    S.STATE_CONTRADICTS: (f"[on end](#states-that-contradict-themselves) for {HOLDS_S:g} s", BOTH),
 }
 
 

@@ -237,7 +237,7 @@ def test_a_standstill_that_nobody_reports_is_given_up_once_and_by_name(driver: A
         session.give_up_on_standstill(driver.now_ns)
     (told,) = session.outbox
     assert (told.state, told.previous) == (SessionPhase.ABORTING, SessionPhase.ABORTING)
-    assert (told.event, told.reason) == (STANDSTILL_GIVEN_UP, "nobody reports a standstill of ot1")
+    assert (told.event, told.reason) == (STANDSTILL_GIVEN_UP, "not known to stand: ot1")
     assert (told.verdict, session.state) == (Verdict.ABORTED, SessionPhase.ABORTING)
     driver.command("abort")
     session.outbox.clear()
