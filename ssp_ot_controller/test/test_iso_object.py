@@ -290,6 +290,9 @@ def test_a_trajectory_that_cant_be_driven_while_it_runs_stops_it() -> None:
     assert centre.monr.error_code == SafetyCode.REFERENCE_REFUSED
     assert centre.monr.error_status & ObjectError.ABORT_REQUEST
     stop_way_m(centre)
+    assert centre.command(ObjectCommand.ALL_CLEAR) == ResponseCode.GENERAL_ERROR
+    # It is known to stand once it has stood for a second.
+    centre.run(1.0)
     assert centre.command(ObjectCommand.ALL_CLEAR) == OK
     centre.run(0.05)
     assert (centre.monr.error_code, centre.monr.error_status) == (0, 0)

@@ -64,24 +64,27 @@ def test_a_run_from_load_to_reset(driver: Any, tools: Any) -> None:
     driver.move("ot1", yaw_rad=0.0, y_m=0.0, x_m=34.0)
     driver.step()
     driver.move("ot1", speed_mps=12.0)
-    for _ in range(60):
-        driver.step()
+    driver.drive(60)
     facts = driver.acknowledge()
     began = [f for f in facts if isinstance(f, PhaseBegan)]
     assert [f.phase for f in began] == [Phase.TRIGGER, Phase.CONFLICT, Phase.RESOLUTION]
     # Confirmed after a second of resolution, complete 1.5 s after that.
     end_ns = began[-1].stamp_ns + S + 3 * S // 2
     while driver.now_ns < end_ns - 20 * MS:
-        driver.step()
+        driver.drive(1)
     assert driver.session.state is SessionPhase.RUNNING
-    driver.step()
+    driver.drive(1)
     assert tools.changes(driver.acknowledge()) == [("RUNNING", "complete", "STOPPING")]
     assert driver.session.elapsed_s(driver.now_ns) == driver.now_ns / S == end_ns / S
     driver.step()
     assert driver.session.state is SessionPhase.STOPPING  # they still move
     driver.move("vut", speed_mps=0.0)
     driver.move("ot1", speed_mps=0.0)
-    driver.step(control_state=ControlState.POSTRUN)
+    for _ in range(40):
+        driver.step(control_state=ControlState.POSTRUN)
+    assert driver.session.state is SessionPhase.STOPPING  # they haven't stood for a second
+    for _ in range(10):
+        driver.step(control_state=ControlState.POSTRUN)
     assert tools.changes(driver.acknowledge()) == [("STOPPING", "standstill", "FINISHED")]
     assert driver.session.verdict is Verdict.VALID
     assert driver.session.reasons == ()
