@@ -588,3 +588,36 @@ def test_an_object_that_does_not_hear_the_manager_is_not_armed(rig: Rig) -> None
         assert "no heartbeat" in reply.error_msg
         assert rig.target.state is before
     assert rig.target.command(ObjectEvent.ARM, VERSION, limit_s).accepted
+
+
+def test_an_object_whose_states_contradict_its_places_stops_and_is_not_armed() -> None:
+    rig = Rig()
+    rig.drive(seconds=4.0)
+    for _ in range(60):
+        outcome = rig.step(speed_mps=0.6 * rig.body.speed_mps)
+        if outcome.stopped is not None:
+            break
+    assert outcome.stopped is not None
+    assert outcome.stopped.code is SafetyCode.STATE_CONTRADICTS
+    assert outcome.command.emergency_stop
+    while rig.body.speed_mps > 0.0:
+        rig.step(speed_mps=0.6 * rig.body.speed_mps)
+    for _ in range(100):
+        rig.step()
+    rig.session = SessionPhase.CONNECTED
+    rig.step()
+    assert rig.target.command(ObjectEvent.ALL_CLEAR, VERSION, 0.0).accepted
+    refusal = rig.target.command(ObjectEvent.ARM, VERSION, 0.0)
+    assert not refusal.accepted
+    assert "its states contradict its places: speed contradicts the way" in refusal.error_msg
+
+
+def test_an_object_with_an_empty_twist_is_not_cleared_while_it_moves() -> None:
+    rig = Rig()
+    rig.drive(seconds=4.0)
+    rig.session = SessionPhase.ABORTING
+    rig.step(speed_mps=0.0)
+    rig.session = SessionPhase.CONNECTED
+    while rig.body.speed_mps > 0.5:
+        rig.step(speed_mps=0.0)
+        assert not rig.target.command(ObjectEvent.ALL_CLEAR, VERSION, 0.0).accepted

@@ -8,6 +8,7 @@ import pytest
 from ssp_core import names
 from ssp_core.cli import main
 from ssp_core.clock import seconds_to_ns
+from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_scenario_manager.compile.compiler import Request, compile_task
@@ -253,3 +254,23 @@ def test_only_a_live_session_can_be_listened_to(live, tmp_path, capsys):
     path.write_text(live.model_copy(update={"mode": "lockstep"}).model_dump_json(by_alias=True))
     assert main(["doctor", "--session", str(path)]) == 1
     assert "mode" in capsys.readouterr().err
+
+
+def test_motion_that_contradicts_its_places_fails_and_near_misses_are_counted(live, sound):
+    def watched(stated_mps):
+        watch = ConsistencyWatch(Bounds())
+        for k in range(100):
+            watch.take(k * 20_000_000, 0.16 * k, 0.0, 0.0, stated_mps)
+        return replace(sound, motion={"vut": watch})
+
+    name = "motion of vut"
+    still = replace(sound, motion={"vut": ConsistencyWatch(Bounds())})
+    assert finding(live, still, name).text.startswith("it stood: ")
+    good = finding(live, watched(8.0), name)
+    assert (good.status, "agrees with its places in 75 windows" in good.text) == (Status.OK, True)
+    near = finding(live, watched(10.4), name)
+    assert (near.status, "75 near misses, at most 92%" in near.text) == (Status.WARN, True)
+    bad = watched(0.0)
+    assert finding(live, bad, name).status is Status.FAIL
+    assert "empty twist: 0.00 m/s stated, way of 8.00 m/s" in finding(live, bad, name).text
+    assert "the states of vut contradict its places" in session_findings(live, bad)[-1].text

@@ -260,6 +260,30 @@ def test_everything_that_is_missing_is_named_at_once(
     ]
 
 
+@pytest.mark.parametrize(
+    ("yaw_rad", "says"),
+    [
+        (0.35, []),
+        (-0.35, []),
+        (0.36, ["vut is turned by +0.36 rad from its start's heading, limit 0.35 rad"]),
+        (math.pi, ["vut is turned by +3.14 rad from its start's heading, limit 0.35 rad"]),
+    ],
+)
+@pytest.mark.parametrize("event", [ARM, START])
+def test_who_is_turned_is_named(ask: Ask, event: Gate, yaw_rad: float, says: list[str]) -> None:
+    assert ask(event, vut={"yaw_rad": yaw_rad}) == says
+    assert ask(CONNECT, vut={"yaw_rad": yaw_rad}) == []
+
+
+def test_who_contradicts_its_places_is_named(ask: Ask) -> None:
+    watch = ConsistencyWatch(Bounds())
+    for k in range(100):
+        watch.take(k * S // 50, 0.2 * k, 0.0, 0.0, 0.0)
+    went, contradicts = ask(facts={"motion": {"vut": watch}})
+    assert went == "vut says that it stands and went 10.00 m in 1 s, limit 0.10 m"
+    assert contradicts.startswith("the states of vut contradict its places: empty twist: ")
+
+
 # -- who is known to stand -------------------------------------------------------------------------
 
 

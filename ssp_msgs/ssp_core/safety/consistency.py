@@ -296,7 +296,10 @@ class ConsistencyWatch:
         self.near_misses += 1
         self.nearest = max(self.nearest, share)
         found = self._found(start, n) if share > 1.0 else None
-        if found is None:
+        if found is None and share > 1.0:
+            # Only a delay explains it: no proof that the last contradiction is mended.
+            self.contradiction = self._agrees_since = None
+        elif found is None:
             self._agrees(moves)
         elif not self._steps(start if self._direction_rad is None else self._way_from, n):
             self._contradicts(found, self._kind(found))
