@@ -92,7 +92,7 @@ install_python() {
 }
 
 apt_offers() {
-  apt-cache policy "$1" 2>/dev/null | grep -q 'Candidate: [0-9]'
+  [[ "$(apt-cache policy "$1" 2>/dev/null)" == *"Candidate: "[0-9]* ]]
 }
 
 advise() {
