@@ -12,7 +12,7 @@ import click
 import ssp_core
 from ssp_core import names
 from ssp_core.bag.reader import BagReader
-from ssp_core.errors import InputError
+from ssp_core.environment import require_sound
 from ssp_core.options import Number, usage_errors
 from ssp_core.processes import live_environment, session_environment
 from ssp_monitor.recorder.topics import Pattern
@@ -26,8 +26,7 @@ def _environment(network: bool) -> dict[str, str]:
     if network:
         return live_environment(_PROFILES / "fastdds_hosts.xml")
     domain = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not domain.isdecimal() or int(domain) > 232:
-        raise InputError("must be a whole number up to 232", field="ROS_DOMAIN_ID", value=domain)
+    require_sound({"ROS_DOMAIN_ID": domain})
     return session_environment(int(domain), _PROFILES / "fastdds_one_host.xml")
 
 

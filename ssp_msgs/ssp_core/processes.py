@@ -17,6 +17,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ssp_core.environment import isolated, require_sound
 from ssp_core.errors import HostError
 
 # Below 102 no DDS port of the domain lies in Linux's ephemeral range; the low ones are left to
@@ -90,6 +91,7 @@ _SHM = Path("/dev/shm")
 _PORT = re.compile(r"(?:sem\.)?fastrtps_port(\d+)(?:_mutex|_el|_sl)?")
 _NEW_S = 10.0
 _MIN_FREE_SHM_BYTES = 512 << 20
+_ONE_HOST = Path(__file__).parent / "config" / "fastdds_one_host.xml"
 _ANSWER_S = 1.0
 # A node's matrices are small, and threads for large ones cost each start 40 ms of a processor.
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
@@ -98,20 +100,22 @@ _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
 def session_environment(domain_id: int, profile: Path | None = None) -> dict[str, str]:
     """Environment for node processes: loopback only, a domain of their own, our DDS profile.
 
+    What this process was given to find others by is left out: with a discovery server, say, nodes
+    meet whatever their domains are, and a simulated session would reach a live one.
+
     Args:
-        profile: Fast DDS profile with a large shared-memory segment; left out where /dev/shm is
-            too small for it (a container's default is 64 MB), since a write beyond its end kills
-            the process.
+        profile: Fast DDS profile with a large shared-memory segment, None for the shipped one; left
+            out where /dev/shm is too small for it (a container's default is 64 MB), since a write
+            beyond its end kills the process.
     """
-    env = dict(os.environ)
+    env = isolated(os.environ)
     env["ROS_DOMAIN_ID"] = str(domain_id)
     env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     env["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
     env["PYTHONUNBUFFERED"] = "1"
     env.setdefault(*_ONE_THREAD)
-    env.pop("ROS_STATIC_PEERS", None)
-    if profile is not None and _SHM.is_dir() and shutil.disk_usage(_SHM).free > _MIN_FREE_SHM_BYTES:
-        env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+    if _SHM.is_dir() and shutil.disk_usage(_SHM).free > _MIN_FREE_SHM_BYTES:
+        env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile or _ONE_HOST)
     return env
 
 
@@ -121,9 +125,13 @@ def live_environment(profile: Path) -> dict[str, str]:
 
     Args:
         profile: Fast DDS profile for where the environment names none.
+
+    Raises:
+        InputError: with these variables no node could start, or none would meet another.
     """
+    require_sound(os.environ, asks_servers=True)
     env = dict(os.environ)
-    env.setdefault("ROS_DOMAIN_ID", "0")
+    env["ROS_DOMAIN_ID"] = env.get("ROS_DOMAIN_ID") or "0"
     env.setdefault("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
     if not env.get("FASTRTPS_DEFAULT_PROFILES_FILE"):
         env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)

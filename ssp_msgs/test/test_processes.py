@@ -179,7 +179,6 @@ def test_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert env["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
     assert "ROS_STATIC_PEERS" not in env
     assert env["SOMETHING"] == "kept"
-    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in env
     assert "ROS_DOMAIN_ID" not in os.environ or os.environ["ROS_DOMAIN_ID"] != "42"
 
 

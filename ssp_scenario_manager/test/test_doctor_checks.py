@@ -7,7 +7,12 @@ from pathlib import Path
 import pytest
 
 from ssp_core.leap_seconds import day_ns
-from ssp_scenario_manager.doctor.checks import Status, leap_seconds_table
+from ssp_scenario_manager.doctor.checks import (
+    Status,
+    environment,
+    leap_seconds_table,
+    one_checkout,
+)
 
 # As tzdata ships it; expires on 2027-06-28.
 LISTED = """#	comment
@@ -48,3 +53,49 @@ def test_an_old_table_without_a_newer_list_is_told_with_its_date(
     assert found.status is Status.WARN
     assert "good until 2026-06-28" in found.text
     assert "tzdata" in found.remedy
+
+
+def test_the_environment_has_a_row_for_each_wrong_variable() -> None:
+    wrong = {"ROS_DOMAIN_ID": "abc", "ROS_DISCOVERY_SERVER": "127.0.0.1:11811", "LANG": "C"}
+    found = environment(wrong, lambda *_: True)
+    assert [finding.status for finding in found] == [Status.FAIL, Status.FAIL]
+    for finding, words in zip(found, ("ROS_DOMAIN_ID=abc", "ROS_DISCOVERY_SERVER="), strict=True):
+        assert finding.text.startswith(words)
+        assert finding.remedy
+
+
+def test_the_environment_names_what_a_live_session_uses() -> None:
+    env = {"ROS_DOMAIN_ID": "7", "SSP_PYTHONPATH": "/mine", "HTTPS_PROXY": "http://x"}
+    (found,) = environment(env, lambda *_: False)
+    assert found.status is Status.OK
+    assert "ROS_DOMAIN_ID=7" in found.text
+    assert "/mine" in found.text
+    assert "HTTPS_PROXY" not in found.text
+
+
+def test_packages_of_two_checkouts_are_told(tmp_path: Path) -> None:
+    for root in ("a", "b"):
+        for folder in ("ssp_msgs/ssp_core", "ssp_eval/ssp_eval"):
+            (tmp_path / root / folder).mkdir(parents=True)
+            (tmp_path / root / folder).parent.joinpath("package.xml").touch()
+    a = {
+        "ssp_core": tmp_path / "a" / "ssp_msgs" / "ssp_core",
+        "ssp_eval": tmp_path / "a" / "ssp_eval" / "ssp_eval",
+    }
+    assert one_checkout(a).status is Status.OK
+    mixed = a | {"ssp_eval": tmp_path / "b" / "ssp_eval" / "ssp_eval"}
+    found = one_checkout(mixed)
+    assert found.status is Status.FAIL
+    assert str(tmp_path / "b") in found.text
+
+
+@pytest.mark.parametrize("isolated", [False, True])
+def test_a_workspace_is_one_whether_its_packages_are_merged_or_not(
+    tmp_path: Path, isolated: bool
+) -> None:
+    def place(package: str, name: str) -> Path:
+        prefix = tmp_path / "install" / package if isolated else tmp_path / "install"
+        return prefix / "lib" / "python3.12" / "site-packages" / name
+
+    places = {"ssp_core": place("ssp_msgs", "ssp_core"), "ssp_eval": place("ssp_eval", "ssp_eval")}
+    assert one_checkout(places).status is Status.OK

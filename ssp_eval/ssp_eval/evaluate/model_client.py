@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import importlib
 import json
-import os
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Protocol
 
 import ssp_core
+from ssp_core.environment import adopted
 from ssp_core.errors import HostError, InputError, PeerError
 from ssp_core.files import Closing
 from ssp_core.processes import NodeProcess, ProcessGroup, free_domain, session_environment
@@ -447,12 +447,6 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 _SHARE_OF_BACKEND = 0.95
 # Of the time to start, this much may go by until a service behind the bridge is ready.
 _SHARE_OF_SERVICE = 0.6
-_VARIABLES = (
-    "ROS_DOMAIN_ID",
-    "ROS_AUTOMATIC_DISCOVERY_RANGE",
-    "RMW_IMPLEMENTATION",
-    "FASTRTPS_DEFAULT_PROFILES_FILE",
-)
 
 
 class TopicClients(Closing):
@@ -525,7 +519,7 @@ class TopicClients(Closing):
                 # the domain's shared memory, whoever uses it.
                 domain_id = self._stack.enter_context(free_domain())
                 environment = session_environment(domain_id, PROFILE)
-                self._stack.enter_context(_variables(environment))
+                self._stack.enter_context(adopted(environment))
                 self._group = self._stack.enter_context(ProcessGroup(environment, self._log_dir))
             try:
                 node = importlib.import_module("ssp_eval.ros.model_node")
@@ -567,18 +561,3 @@ def _in_time(model: ModelSpec, options: Mapping[str, Any], timeouts: Timeouts) -
         # The rest is for the process to start and to be found.
         times["start_s"] = timeouts.start_s * _SHARE_OF_SERVICE
     return {**options, **times}
-
-
-@contextmanager
-def _variables(environment: Mapping[str, str]) -> Iterator[None]:
-    """Gives this process the bridges' ROS environment, and its own back afterwards."""
-    before = {name: os.environ.get(name) for name in _VARIABLES}
-    os.environ.update({n: environment[n] for n in _VARIABLES if n in environment})
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections import Counter, deque
@@ -14,6 +15,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from ssp_core import names
+from ssp_core.environment import require_sound
 from ssp_core.errors import HostError, SspError
 from ssp_monitor.recorder.disk import DiskOutlook, WriteRate, free_bytes, outlook
 from ssp_monitor.recorder.losses import losses_beside
@@ -319,9 +321,10 @@ def record(
         What became of the bag, and why the recording ended by itself; empty when it was told to.
 
     Raises:
-        InputError: the bag can't be made.
+        InputError: the bag can't be made, or a variable of the environment is wrong.
         HostError: the bag can't be written, or reception failed.
     """
+    require_sound(os.environ)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         # Nothing is spun: of a node that only looks at the graph, nobody asks anything.

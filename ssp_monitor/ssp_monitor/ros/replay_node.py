@@ -26,6 +26,7 @@ from ssp_core import names, ros
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.console import err, note
+from ssp_core.environment import adopt
 from ssp_core.errors import HostError
 from ssp_monitor.replay.plan import ReplayOptions, make_plan, session_signs
 from ssp_monitor.replay.player import MessageSource, Player
@@ -255,6 +256,7 @@ def _refusal(signs: list[str]) -> str:
 
 def replay(reader: BagReader, wishes: ReplayOptions, environment: dict[str, str]) -> int:
     """Replays a bag in this process, which ends with it; see ros.run_node."""
+    adopt(environment)
     os.environ.update(environment)
     return ros.run_node(
         lambda stop: ReplayNode(reader, wishes, stop),

@@ -25,7 +25,8 @@ from rclpy.signals import SignalHandlerOptions
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import NS_PER_S, time_ns
 from ssp_core.console import report_error
-from ssp_core.errors import SspError
+from ssp_core.environment import require_sound
+from ssp_core.errors import InputError, SspError
 from ssp_core.names import NAMESPACE
 from ssp_core.node_interface import QOS, Parameter, Status
 from ssp_core.terminal import catch_stop_signals, survive_lost_output
@@ -204,13 +205,19 @@ def run_node(
         afterwards: what is left to do without ROS after an orderly stop; takes the node.
 
     Returns:
-        Never: the process ends with status 0 after an orderly stop, 1 when the node raised: an
-        SspError is one message on standard error, anything else is a traceback.
+        Never: the process ends with status 0 after an orderly stop, 1 when the node raised or a
+        variable of the environment is wrong: an SspError is one message on standard error, anything
+        else is a traceback.
     """
     # A process that has to be killed says first where it hung (ProcessGroup.stop sends SIGABRT).
     faulthandler.enable()
     survive_lost_output()
     stop = StopRequest()
+    try:
+        require_sound(os.environ)
+    except InputError as error:
+        report_error(str(error))
+        sys.exit(1)
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     catch_stop_signals(lambda number: stop.set(number.name))
     status = 0

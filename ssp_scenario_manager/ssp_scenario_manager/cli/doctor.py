@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ssp_core import console
+from ssp_core.environment import require_sound
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.doctor.checks import Finding, LinkMeasurement, Status, all_checks
@@ -107,6 +109,7 @@ def _listen(
             value=spec.mode,
             remedy="give the run file of a session without a simulated world (mode: live)",
         )
+    require_sound(os.environ, asks_servers=True)
     from ssp_scenario_manager.ros.session_listener import listen
 
     with console.progress("listening", _STEPS) as bar:

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
+import importlib.util
 import os
 import platform
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
 from ssp_core.clock import NS_PER_S
+from ssp_core.environment import (
+    environment_errors,
+    finds_sessions,
+    installed_middlewares,
+    nobody_listens,
+)
 from ssp_core.errors import HostError
 from ssp_core.leap_seconds import TABLE_GOOD_UNTIL, leap_seconds, leap_seconds_may_be_old
 from ssp_core.processes import DOMAINS, free_domain
@@ -146,6 +153,69 @@ def domain() -> Finding:
         return fail("ROS domain", str(error))
 
 
+# What SSP consists of; another copy of one of them would be another checkout's limits.
+_OURS = (
+    "ssp_core",
+    "ssp_scenario_manager",
+    "ssp_ot_controller",
+    "ssp_monitor",
+    "ssp_vla_bridge",
+    "ssp_eval",
+)
+
+
+def environment(
+    env: Mapping[str, str], is_dead: Callable[[str, int], bool] = nobody_listens
+) -> list[Finding]:
+    """The variables that nodes of a live session find each other by, and whose code runs."""
+    name = "environment"
+    wrong = environment_errors(env, installed_middlewares(env), is_dead)
+    if wrong:
+        return [
+            fail(name, f"{one.field}={one.value} {one.problem}", one.remedy or "") for one in wrong
+        ]
+    variables = sorted(one for one in env if finds_sessions(one) and env[one])
+    text = ", ".join(f"{one}={env[one]}" for one in variables) or "names no session"
+    behind = [one for one in env.get("SSP_PYTHONPATH", "").split(os.pathsep) if one]
+    if behind:
+        text += f"; behind SSP's own packages: {', '.join(behind)}"
+    return [ok(name, f"{text} (a simulated session drops what finds others)")]
+
+
+def one_checkout(places: Mapping[str, Path]) -> Finding:
+    """All packages of SSP come from one checkout or one workspace.
+
+    Args:
+        places: the folder that each package was found in.
+    """
+    roots: dict[Path, list[str]] = {}
+    for one, place in places.items():
+        roots.setdefault(_root_of(one, place), []).append(one)
+    if len(roots) == 1:
+        return ok("checkout", str(next(iter(roots))))
+    text = "; ".join(f"{', '.join(names)} from {root}" for root, names in roots.items())
+    return fail("checkout", text, "unset PYTHONPATH, and source one workspace alone")
+
+
+def _root_of(name: str, place: Path) -> Path:
+    """The checkout or workspace that a package's folder lies in."""
+    if (place.parent / "package.xml").is_file():  # a checkout: a folder around each package
+        return place.parent.parent
+    if place.parent.name not in ("site-packages", "dist-packages"):
+        return place.parent
+    prefix = place.parents[3]  # of lib/python3.x/site-packages
+    return prefix.parent if prefix.name in (name, "ssp_msgs") else prefix
+
+
+def _places() -> dict[str, Path]:
+    found = {name: importlib.util.find_spec(name) for name in _OURS}
+    return {
+        name: Path(spec.origin).resolve().parent
+        for name, spec in found.items()
+        if spec is not None and spec.origin is not None
+    }
+
+
 # Of the package tzdata, by NTP's clock: seconds since 1900, and TAI minus UTC.
 _LISTED = Path("/usr/share/zoneinfo/leap-seconds.list")
 _NTP_S = 2_208_988_800
@@ -219,6 +289,7 @@ def all_checks(measure_link: Callable[[], LinkMeasurement]) -> list[Finding]:
     """
     findings = [python_version(), *(package(*one) for one in _PACKAGES), interfaces()]
     findings += [libsumo(), netconvert(), shared_memory(), disk(), domain()]
+    findings += [one_checkout(_places()), *environment(os.environ)]
     findings.append(leap_seconds_table(time.time_ns()))
     if any(f.status is Status.FAIL for f in findings if f.name in ("rclpy", "ssp_msgs")):
         return [*findings, fail("DDS discovery", "not tried: rclpy or ssp_msgs is missing")]

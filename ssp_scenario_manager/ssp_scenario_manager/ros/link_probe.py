@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 import time
@@ -13,6 +12,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ssp_core import names, ros
+from ssp_core.environment import adopt
 from ssp_core.errors import HostError
 from ssp_core.processes import ProcessGroup, free_domain, session_environment
 from ssp_msgs.msg import Heartbeat
@@ -41,7 +41,7 @@ def measure_link() -> LinkMeasurement:
     """
     with free_domain() as domain_id, tempfile.TemporaryDirectory(prefix="ssp-doctor-") as folder:
         env = session_environment(domain_id)
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = env["ROS_AUTOMATIC_DISCOVERY_RANGE"]
+        adopt(env)
         context = rclpy.Context()
         rclpy.init(
             context=context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -15,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ssp_core import names, ros
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.environment import adopt
 from ssp_core.errors import PeerError
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
@@ -108,9 +108,7 @@ class RunClient:
         run: RunSpec,
         remappings: Sequence[str] = (),
     ) -> None:
-        os.environ.update(
-            {k: v for k, v in env.items() if k.startswith(("ROS_", "RMW_", "FASTRTPS_"))}
-        )
+        adopt(env)
         self._context = rclpy.Context()
         rules = [word for rule in remappings for word in ("-r", rule)]
         rclpy.init(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from collections.abc import Callable
@@ -155,9 +156,11 @@ class _Following:
             if (failure := self._failed_before("did not come up: ")) is not None:
                 return failure
             if time.monotonic() > deadline:
-                reason = (
-                    f"the scenario manager did not answer within {START_TIMEOUT_S:g} s; "
-                    "`ssp doctor` tests whether processes can talk on this host"
+                server = os.environ.get("ROS_DISCOVERY_SERVER")
+                reason = f"the scenario manager did not answer within {START_TIMEOUT_S:g} s; " + (
+                    f"does ROS_DISCOVERY_SERVER={server} answer? No node finds another without it"
+                    if server
+                    else "`ssp doctor` tests whether processes can talk on this host"
                 )
                 return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
         self._client.hear_manager()

@@ -1,0 +1,205 @@
+"""Environment variables of ROS and DDS: which an isolated session drops, and which can't be right.
+
+A variable that somebody set for another purpose must neither lead a session to strangers nor end it
+30 s later without a reason. Variables that choose Python's own code are settled by ./ssp before the
+first interpreter starts.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from ssp_core.errors import InputError
+
+# Whatever finds sessions or code of ROS and DDS starts like this.
+_PREFIXES = ("ROS_", "RMW_", "FAST", "CYCLONEDDS_")
+# These say where logs go and which distribution is sourced.
+_KEPT = {"ROS_DISTRO", "ROS_HOME", "ROS_LOG_DIR", "ROS_PYTHON_VERSION", "ROS_VERSION"}
+
+LARGEST_DOMAIN = 232
+_RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
+_FILES = (
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_ENVIRONMENT_FILE",
+)
+_SERVER_PORT = 11811
+# A header of RTPS without a submessage: a server reads it and does nothing.
+_RTPS_HEADER = b"RTPS\x02\x03" + bytes(14)
+# The kernel says after 3 s that a host of the same network doesn't answer.
+_UNREACHABLE_S = 3.5
+_REFUSED_S = 0.3
+_ARP = Path("/proc/net/arp")
+_ARP_COMPLETE = 0x2
+
+
+def finds_sessions(name: str) -> bool:
+    """True for a variable by which ROS or DDS find sessions, security or code."""
+    return name.startswith(_PREFIXES) and name not in _KEPT
+
+
+def isolated(env: Mapping[str, str]) -> dict[str, str]:
+    """Drop whatever finds sessions or code; keys, proxies and what models need stay."""
+    return {name: value for name, value in env.items() if not finds_sessions(name)}
+
+
+def adopt(env: Mapping[str, str]) -> None:
+    """Give this process the ROS variables of a session, and take away those that it hasn't."""
+    for name in [name for name in os.environ if finds_sessions(name) and name not in env]:
+        del os.environ[name]
+    os.environ.update({name: value for name, value in env.items() if finds_sessions(name)})
+
+
+@contextmanager
+def adopted(env: Mapping[str, str]) -> Iterator[None]:
+    """Give this process the ROS variables of a session, and its own back afterwards."""
+    before = dict(os.environ)
+    adopt(env)
+    try:
+        yield
+    finally:
+        adopt(before)
+
+
+def installed_middlewares(env: Mapping[str, str]) -> set[str]:
+    """The middlewares that the sourced or installed ROS has, by the names that RMW_IMPLEMENTATION
+    takes."""
+    found = set()
+    for prefix in filter(None, env.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+        folder = Path(prefix) / "share" / "ament_index" / "resource_index" / "rmw_typesupport"
+        if folder.is_dir():
+            found |= {file.name for file in folder.iterdir()}
+    return found - {"rmw_implementation"}
+
+
+def environment_errors(
+    env: Mapping[str, str],
+    middlewares: Collection[str] = (),
+    is_dead: Callable[[str, int], bool] | None = None,
+) -> list[InputError]:
+    """Find the variables with which no node can start, or none would meet another.
+
+    Args:
+        middlewares: those installed; empty where that isn't known.
+        is_dead: says that nobody listens at a host and a UDP port; None doesn't ask.
+
+    Returns:
+        Each with variable, value and remedy.
+    """
+    errors = []
+
+    def wrong(name: str, problem: str, remedy: str) -> None:
+        errors.append(InputError(problem, field=name, value=env[name], remedy=remedy))
+
+    domain = env.get("ROS_DOMAIN_ID", "")
+    if domain and not (domain.isascii() and domain.isdigit() and int(domain) <= LARGEST_DOMAIN):
+        problem = f"must be a whole number from 0 to {LARGEST_DOMAIN}"
+        wrong("ROS_DOMAIN_ID", problem, "export ROS_DOMAIN_ID=7, the same on all hosts")
+    middleware = env.get("RMW_IMPLEMENTATION", "")
+    if middleware and middlewares and middleware not in middlewares:
+        there = ", ".join(sorted(middlewares))
+        wrong("RMW_IMPLEMENTATION", f"isn't installed here; there is {there}", f"export {_RMW}")
+    discovery = env.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
+    if discovery and discovery not in _RANGES:
+        problem = f"must be one of {', '.join(_RANGES)}"
+        wrong("ROS_AUTOMATIC_DISCOVERY_RANGE", problem, "unset it, or export one of these")
+    for name in _FILES:
+        if env.get(name) and not Path(env[name]).is_file():
+            wrong(name, "there is no such file", f"unset {name}, or name the file by its full path")
+    _check_security(env, wrong)
+    for problem in _server_problems(env.get("ROS_DISCOVERY_SERVER", ""), is_dead):
+        remedy = "start it (docs/deployment.md), correct the address, or unset the variable"
+        wrong("ROS_DISCOVERY_SERVER", problem, remedy)
+    return errors
+
+
+_RMW = "RMW_IMPLEMENTATION=rmw_fastrtps_cpp"
+
+
+def _check_security(env: Mapping[str, str], wrong: Callable[[str, str, str], None]) -> None:
+    enable = env.get("ROS_SECURITY_ENABLE", "")
+    if enable not in ("", "true", "false"):
+        # ROS takes every other word for false: nothing would be encrypted, and nothing says so.
+        wrong("ROS_SECURITY_ENABLE", "must be the word true or false", "export it as true")
+    if enable != "true":
+        return
+    if env.get("ROS_SECURITY_STRATEGY", "Enforce") not in ("Enforce", "Permissive"):
+        problem = "must be Enforce or Permissive"
+        wrong("ROS_SECURITY_STRATEGY", problem, "export ROS_SECURITY_STRATEGY=Enforce")
+    keystore = env.get("ROS_SECURITY_KEYSTORE", "")
+    if not (keystore and (Path(keystore) / "enclaves").is_dir()):
+        remedy = "make the keys (docs/deployment.md), or unset ROS_SECURITY_ENABLE"
+        name = "ROS_SECURITY_KEYSTORE" if keystore else "ROS_SECURITY_ENABLE"
+        wrong(name, "needs ROS_SECURITY_KEYSTORE with a folder enclaves", remedy)
+
+
+def _server_problems(servers: str, is_dead: Callable[[str, int], bool] | None) -> Iterator[str]:
+    """Say what is wrong with the addresses of discovery servers, HOST:PORT with ; between them."""
+    for server in filter(None, (one.strip() for one in servers.split(";"))):
+        if server.startswith(("TCP", "UDP", "[")):  # the longer spellings of Fast DDS
+            continue
+        host, _, port_text = server.partition(":")
+        port = int(port_text) if port_text.isascii() and port_text.isdigit() else None
+        if not port_text:
+            port = _SERVER_PORT
+        if port is None or not 0 < port < 1 << 16 or not host:
+            yield f"{server} is no HOST:PORT"
+            continue
+        try:
+            socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)
+        except OSError:
+            yield f"{host} is no known host"
+            continue
+        if is_dead is not None and is_dead(host, port):
+            yield f"nobody listens at {host}:{port}, so no node would find another"
+
+
+def nobody_listens(host: str, port: int) -> bool:
+    """Say whether a host refuses a UDP port, or doesn't exist in its network.
+
+    A host behind a router that says nothing passes for one that listens.
+    """
+    until_s = time.monotonic() + _UNREACHABLE_S
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((host, port))
+            probe.send(_RTPS_HEADER)
+            while time.monotonic() < until_s:
+                if select.select([probe], [], [], _REFUSED_S)[0]:
+                    probe.recv(1 << 16)  # raises what the kernel was told
+                    return False
+                if not _asks_for(probe.getpeername()[0]):
+                    return False
+        except OSError:
+            return True
+    return True
+
+
+def _asks_for(address: str) -> bool:
+    """Say whether the kernel still asks its network for an address."""
+    try:
+        lines = [line.split() for line in _ARP.read_text().splitlines()[1:]]
+        flags = [int(words[2], 16) for words in lines if words[0] == address]
+    except (OSError, ValueError, IndexError):
+        return False
+    return bool(flags) and not any(one & _ARP_COMPLETE for one in flags)
+
+
+def require_sound(env: Mapping[str, str], *, asks_servers: bool = False) -> None:
+    """Refuse an environment with which nodes can't start or meet.
+
+    Args:
+        asks_servers: also asks the discovery servers, which takes up to 3.5 s for one that is gone.
+
+    Raises:
+        InputError: names every variable, with its value and what would be right.
+    """
+    dead = nobody_listens if asks_servers else None
+    if errors := environment_errors(env, installed_middlewares(env), dead):
+        raise InputError.of_all(errors, "the environment")

@@ -1,0 +1,134 @@
+"""A simulated session and a live one on one discovery server don't meet by their environments."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ssp_core.processes import free_domain, live_environment, session_environment
+
+pytestmark = pytest.mark.ros
+
+_CONFIG = Path(__file__).resolve().parents[2] / "ssp_msgs" / "ssp_core" / "config"
+# Long, since nothing is judged by time.
+_DEADLINE_S = 120.0
+_HEARD = 20
+
+# Publishes until its input ends.
+TALKER = """
+import select, sys, rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("talker")
+publisher = node.create_publisher(String, "/isolation", 10)
+print("up", flush=True)
+while not select.select([sys.stdin], [], [], 0.05)[0]:
+    publisher.publish(String(data="live"))
+"""
+# Says how many messages came: at the number given, and when its input ends.
+LISTENER = """
+import select, sys, rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("listener")
+heard = []
+node.create_subscription(String, "/isolation", heard.append, 10)
+print("up", flush=True)
+told = False
+while not select.select([sys.stdin], [], [], 0.0)[0]:
+    rclpy.spin_once(node, timeout_sec=0.05)
+    if not told and len(heard) >= int(sys.argv[1]):
+        told = True
+        print(len(heard), flush=True)
+print("end", len(heard), flush=True)
+"""
+
+
+class Processes:
+    """Nodes in processes of their own, all ended with the block."""
+
+    def __init__(self) -> None:
+        self.started: list[subprocess.Popen[str]] = []
+
+    def start(self, env: dict[str, str], *command: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            command, env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        self.started.append(process)
+        return process
+
+    def node(self, env: dict[str, str], code: str) -> subprocess.Popen[str]:
+        """Starts a node and waits until it is up."""
+        process = self.start(env, sys.executable, "-c", code, str(_HEARD))
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n", "the node didn't start"
+        return process
+
+    def close(self) -> None:
+        for process in self.started:
+            process.kill()
+            process.communicate()
+
+
+@pytest.fixture
+def processes() -> Iterator[Processes]:
+    made = Processes()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def server(processes: Processes) -> str:
+    """A discovery server; its address."""
+    program = shutil.which("fast-discovery-server")
+    if program is None:
+        pytest.skip("this ROS has no fast-discovery-server")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    env = {k: v for k, v in os.environ.items() if k != "FASTRTPS_DEFAULT_PROFILES_FILE"}
+    started = processes.start(env, program, "-i", "0", "-l", "127.0.0.1", "-p", str(port))
+    until_s = time.monotonic() + _DEADLINE_S
+    while True:
+        assert started.poll() is None, "the discovery server ended"
+        assert time.monotonic() < until_s, "the discovery server doesn't listen"
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:  # it has the port
+                return f"127.0.0.1:{port}"
+        time.sleep(0.05)
+
+
+def say_end(process: subprocess.Popen[str]) -> str:
+    out, _ = process.communicate(timeout=_DEADLINE_S)
+    return out.splitlines()[-1]
+
+
+@pytest.mark.parametrize("same_domain", [False, True])
+def test_a_simulated_session_hears_nothing_of_a_live_one(
+    processes: Processes, server: str, same_domain: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    with free_domain() as domain, free_domain() as other:
+        monkeypatch.setenv("ROS_DISCOVERY_SERVER", server)
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        live = live_environment(_CONFIG / "fastdds_hosts.xml")
+        simulated = session_environment(
+            domain if same_domain else other, _CONFIG / "fastdds_one_host.xml"
+        )
+        aside = processes.node(simulated, LISTENER)
+        processes.node(live, TALKER)
+        # With a discovery server a domain of one's own keeps nobody out, so this one hears it.
+        control = processes.node({**live, "ROS_DOMAIN_ID": str(other)}, LISTENER)
+        assert control.stdout is not None
+        assert int(control.stdout.readline()) >= _HEARD
+        assert say_end(aside) == "end 0"
