@@ -173,6 +173,7 @@ def sound_video(path: Path, end_s: float | None = None) -> Soundness:
             own_s = length_s if len(container.streams) == 1 else None
             if stream.duration is not None:
                 own_s = float(stream.duration * scale)
+            told_frames = stream.frames  # a closed container says nothing
     except (av.error.FFmpegError, IndexError, ValueError, OverflowError) as error:
         raise InputError(
             f"is no video that can be decoded: {error}", file=path,
@@ -181,8 +182,8 @@ def sound_video(path: Path, end_s: float | None = None) -> Soundness:
     slack_s = (_SLACK_FRAMES + damaged) / rate
     if not times_s:
         raise InputError("has no frame that can be decoded", file=path)
-    if is_whole and 2 * (len(times_s) + damaged) < stream.frames:
-        raise _no_axis(path, f"of {stream.frames} frames it shows {len(times_s)}")
+    if is_whole and 2 * (len(times_s) + damaged) < told_frames:
+        raise _no_axis(path, f"of {told_frames} frames it shows {len(times_s)}")
     if why := _against_times(times_s, rate, slack_s):
         raise _no_axis(path, why)
     shown_s = times_s[-1] - times_s[0] + 1.0 / rate
