@@ -53,6 +53,13 @@ def test_the_library_of_another_python_is_left_out(tmp_path: Path) -> None:
     assert "unset PYTHONHOME" in done.stderr
 
 
+def test_a_middleware_that_is_not_there_is_left_out() -> None:
+    done = launch({"RMW_IMPLEMENTATION": "rmw_of_nobody"}, "--help")
+    assert done.returncode == 0, done.stderr
+    assert "RMW_IMPLEMENTATION=rmw_of_nobody" in done.stderr
+    assert "rmw_fastrtps_cpp" in done.stderr
+
+
 def test_entries_of_the_caller_are_found_behind_the_packages(tmp_path: Path) -> None:
     if not list(Path(sys.prefix).glob("lib/python3.*/site-packages/ssp_sources.pth")):
         pytest.skip("not the environment of ./ssp")
