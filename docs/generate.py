@@ -16,12 +16,16 @@ from enum import Enum
 from pathlib import Path
 
 import ssp_monitor.ros.parameters
+from ssp_core import names
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.node_interface import Parameter
-from ssp_core.run_file.model import Limits
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.run_file.values import Start
 from ssp_core.safety import liveness
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.consistency import HOLDS_S
+from ssp_core.safety.publishers import Part, expected_publishers
 from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_eval.ros import parameters as ssp_eval_params
@@ -460,12 +464,42 @@ def probe_clauses() -> str:
     return _table(["clause", "expected", "at most"], rows)
 
 
+PARTS = {
+    Part.MANAGER: "manager",
+    Part.WORLD: "world",
+    Part.OBJECTS: "each process of objects",
+    Part.RECORDER: "recorder",
+    Part.CAMERA: "camera",
+    Part.RUNNER: "`ssp run`",
+}
+
+
+def publishers() -> str:
+    """Who may publish what in a session, and who sees that another one does."""
+    start = Start(x_m=0.0, y_m=0.0, yaw_rad=0.0)
+    target = ParticipantSpec(id="object", object_class="car", start=start)
+    rows = []
+    for topic, parts in expected_publishers(
+        RunSpec.model_construct(targets=[target], faults=[])
+    ).items():
+        seen = ["manager", "recorder"] if not parts else ["manager"]
+        if topic == names.HEARTBEAT:
+            seen.append("objects")
+        if topic == names.rules_topic(target.id):
+            seen = ["manager"]
+        shown = topic.replace(f"{target.id}/", "OBJECT/", 1)
+        who = ", ".join(PARTS[part] for part in parts) or "one"
+        rows.append((f"`{shown}`", who, ", ".join(seen)))
+    return _table(("topic", "publishers", "watched by"), rows)
+
+
 BLOCKS: dict[str, Callable[[], str]] = {
     "limits": limits,
     "verdicts": verdicts,
     "times": times,
     "blind": blind,
     "stopping": stopping,
+    "publishers": publishers,
     "probe_clauses": probe_clauses,
 }
 MARKED = ("safety.md", "iso-probe.md")

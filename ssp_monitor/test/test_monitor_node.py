@@ -204,6 +204,50 @@ def test_a_kill_leaves_everything_up_to_the_last_flush(session, monitor, tmp_pat
     assert check_bag(tmp_path / "recovered").ok
 
 
+@pytest.mark.parametrize("rival", [True, False])
+def test_messages_of_two_publishers_in_turn_make_no_valid_recording(
+    session, monitor, tmp_path, rival
+):
+    """A second publisher of states; or one that takes the place of one that ended before arming."""
+    session.offer_all()
+    session.wait_ready()
+    first = session.publishers["ot1/state"]
+    second = session.node.create_publisher(ObjectState, "ot1/state", ros.STATE)
+    session.spin_until(lambda: second.get_subscription_count() > 0, "reader of the second")
+    pub = session.publishers[names.SESSION_STATE]
+
+    def say(state: int, verdict: int = SessionState.VERDICT_NONE) -> None:
+        pub.publish(SessionState(state=state, run_id="run_1", verdict=verdict))
+        recorded(1)
+
+    def recorded(more: int) -> None:
+        nonlocal count
+        count += more
+        session.spin_until(lambda: session.status[-1].messages >= count, f"{count} messages")
+
+    def speak(*publishers: Any) -> None:
+        for publisher in publishers:
+            publisher.publish(ObjectState(object_id="ot1"))
+            recorded(1)
+
+    count = session.status[-1].messages
+    speak(first)
+    say(SessionState.STATE_ARMED)
+    speak(second, second)
+    assert list(session.status[-1].strangers) == []
+    text = "/ssp/ot1/state has messages of two publishers in turn"
+    if rival:
+        speak(first)
+        session.spin_until(lambda: list(session.status[-1].strangers) == [text], text)
+    say(SessionState.STATE_FINISHED, SessionState.VERDICT_VALID)
+    speak(first)
+    end(monitor)
+    found = read_verdict(tmp_path / "bag")
+    reasons = (text,) if rival else ()
+    verdict = Verdict.INVALID_HARNESS if rival else Verdict.VALID
+    assert found == RecordedVerdict(verdict, reasons)
+
+
 def test_the_sessions_last_word_is_waited_for(session, monitor, tmp_path):
     """Who stops all nodes at once stops a session that has still something to say."""
     session.offer_all()

@@ -12,7 +12,14 @@ from ssp_core.vocabulary import SessionPhase
 from ssp_core.vocabulary import SessionPhase as P
 from ssp_core.vocabulary import Verdict as V
 from ssp_monitor.recorder import plan
-from ssp_monitor.recorder.losses import HEARTBEAT, TICK, Arrivals, claims, losses_beside
+from ssp_monitor.recorder.losses import (
+    HEARTBEAT,
+    TICK,
+    Arrivals,
+    RivalWatch,
+    claims,
+    losses_beside,
+)
 from ssp_monitor.recorder.plan import run_attachments
 from ssp_monitor.recorder.report import RunOutcome
 
@@ -87,6 +94,32 @@ def test_publishers_count_for_themselves():
     heard = [(A, 1), (B, 500), (A, 2), (B, 501), (B, 504), (A, 3)]
     assert [arrivals.seen(*one) for one in heard] == [0, 0, 0, 0, 2, 0]
     assert (arrivals.lost, arrivals.publishers) == (2, 2)
+
+
+def test_who_speaks_again_after_another_has_is_counted_and_a_successor_is_not():
+    arrivals = Arrivals()
+    for publisher in (A, A, B, B):
+        arrivals.seen(publisher, 1)
+    assert arrivals.returned == 0
+    arrivals.seen(A, 3)
+    assert arrivals.returned == 1
+    arrivals.seen(B, 3)
+    arrivals.seen(B, 4)
+    assert arrivals.returned == 2
+
+
+def test_rivals_count_where_there_is_one_publisher_and_while_a_session_is_under_way():
+    watch = RivalWatch({"/a", "/c"})
+    assert watch.look({"/a": 4}) == ()
+    watch.begin({"/a": 4})
+    assert watch.is_on
+    watch.begin({"/a": 7})  # armed, then running: it counts from the first
+    assert watch.look({"/a": 4, "/b": 9, "/c": 0}) == ()
+    text = "/a has messages of two publishers in turn"
+    assert watch.look({"/a": 5, "/c": 0}) == (text,)
+    watch.end()
+    assert not watch.is_on
+    assert watch.look({"/a": 5, "/c": 3}) == (text,)
 
 
 def test_a_publisher_that_starts_over_has_lost_nothing():

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import BodyStatus
+from ssp_core.safety.object_rules import HeardRules, rules_of
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase, Verdict
 from ssp_monitor.page.snapshot import (
     COMMANDS,
@@ -33,7 +34,7 @@ from ssp_monitor.status.board import (
     RecorderFact,
     SessionFact,
 )
-from ssp_monitor.status.health import standing_in_the_way
+from ssp_monitor.status.health import ClockWatch, health, standing_in_the_way
 from support.states import object_state
 
 S = 1_000_000_000
@@ -65,7 +66,25 @@ def ready_board(run: RunSpec) -> Board:
     board.hear_states([state("ot1", x_m=30.0, y_m=6.0), state("walker", x_m=60.0, y_m=6.0)], at_ns)
     board.hear_links({i: LinkFact(0.0, 0.001, 0.01, 10, 0) for i in ("ot1", "walker")}, at_ns)
     board.hear_recorder(RecorderFact(ready=True), at_ns)
+    for target in run.targets:
+        board.rules.hear((target.id, rules_of(run, target.id)))
     return board
+
+
+def other_limits(board: Board, **limits: float) -> None:
+    """An object says that it judges by these."""
+    run = board.run
+    assert run is not None
+    theirs = run.model_copy(update={"limits": run.limits.model_copy(update=limits)})
+    board.rules.hear(("ot1", rules_of(theirs, "ot1")))
+
+
+def test_an_objects_own_stricter_limit_is_shown_and_stands_in_nobodys_way(run):
+    board = ready_board(run)
+    other_limits(board, heartbeat_s=0.25)
+    assert standing_in_the_way(board, 10 * S) == []
+    shown = [dict(one.values) for one in health(board, ClockWatch(), 10 * S) if one.part == "ot1"]
+    assert shown[0]["its own stricter limits"] == "limits.heartbeat_s 0.25 instead of 0.5"
 
 
 def test_nothing_stands_in_the_way_of_what_is_ready(run):
@@ -110,6 +129,14 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
             "no state of ot1 arrives: nobody listens at udp://10.0.0.21:9001",
         ),
         (lambda b: b.hear_body(UNPROBED, 8 * S), "ot1: it has no probe report"),
+        (
+            lambda b: other_limits(b, heartbeat_s=60.0),
+            "ot1 judges by another limits.heartbeat_s: 60.0 on its host, 0.5 here",
+        ),
+        (
+            lambda b: setattr(b, "rules", HeardRules()),
+            "ot1 has not said what it judges by",
+        ),
         (lambda b: b.links.clear(), "the link to ot1 is not measured yet"),
         (
             lambda b: b.hear_links({"ot1": LinkFact(0.2, 0.9)}, 10 * S),

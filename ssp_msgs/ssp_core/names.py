@@ -62,6 +62,11 @@ def ack_topic(object_id: str) -> str:
     return f"{object_id}/reference_ack"
 
 
+def rules_topic(object_id: str) -> str:
+    """Where an object tells what it judges by."""
+    return f"{object_id}/rules"
+
+
 def iso_frames_topic(object_id: str) -> str:
     """Where the raw frames of an object that speaks ISO 22133 are told."""
     return f"{object_id}/iso_frames"

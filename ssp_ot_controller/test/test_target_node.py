@@ -50,6 +50,7 @@ class Peers:
         self.actuator: list[Any] = []
         self.acks: list[Any] = []
         self.safety: list[Any] = []
+        self.rules: list[Any] = []
         self.replies: list[Any] = []
         self.sequence = 0
         pub, sub = self.node.create_publisher, self.node.create_subscription
@@ -66,6 +67,7 @@ class Peers:
         sub(msg.ReferenceAck, names.ack_topic("ot1"), self.acks.append, ros.COMMAND)
         sub(msg.HeartbeatReply, names.HEARTBEAT_REPLY, self.replies.append, ros.STATE)
         sub(msg.SafetyEvent, names.SAFETY_EVENT, self.safety.append, ros.LATCHED)
+        sub(msg.ObjectRules, names.rules_topic("ot1"), self.rules.append, ros.LATCHED)
         client = self.node.create_client
         self.commands = client(ObjectCommand, names.command_service("ot1"))
         self.lifecycle = client(ChangeState, f"{names.OBJECT_TARGET}/change_state")
@@ -111,8 +113,12 @@ class Peers:
                 self.spin()
         return ControlState(self.states[-1].control_state)
 
-    def command(self, number: int, version: str = VERSION) -> Any:
-        return self.ask(self.commands, Request(command=number, event_version=version))
+    def command(self, number: int, version: str = VERSION, rules: str | None = None) -> Any:
+        """A manager's command; it knows what the object says to judge by."""
+        self.spin_until(lambda: self.rules, "the object's rules")
+        digest = self.rules[-1].digest if rules is None else rules
+        request = Request(command=number, event_version=version, rules_digest=digest)
+        return self.ask(self.commands, request)
 
     def ask(self, client: Any, request: Any) -> Any:
         self.spin_until(client.service_is_ready, client.srv_name)
@@ -178,6 +184,10 @@ def test_commands_and_their_refusals(peers: Peers) -> None:
     answer = peers.command(Request.COMMAND_START)
     assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_TRANSITION)
     assert "START is not possible in DISARMED" in answer.error_msg
+    for rules in ("", "sha256:another"):
+        answer = peers.command(Request.COMMAND_ARM, rules=rules)
+        assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_VERSION)
+        assert "this object judges by the rules sha256:" in answer.error_msg
     answer = peers.command(Request.COMMAND_ARM, "sha256:another")
     assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_VERSION)
     assert peers.tick() is ControlState.DISARMED

@@ -69,6 +69,7 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
     states = (*singles, names.OBJECT_STATES) if run.states_in_one else tuple(singles)
     references = tuple(names.reference_topic(i) for i in ids)
     acks = tuple(names.ack_topic(i) for i in ids)
+    rules = tuple(names.rules_topic(i) for i in ids)
     frames = tuple(names.iso_frames_topic(i) for i in ids)
     services = tuple(names.command_service(i) for i in ids)
     vut = names.state_topic(run.vut.id)
@@ -83,7 +84,7 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
     recorded = (vut, *states, *references, *acks, *told, *replies, names.FAULT_EVENT)
     transforms = (names.TF, names.TF_STATIC)
     # Page and view take states as they come, also without a run file.
-    watched = (*recorded, names.OBJECT_STATES)
+    watched = (*recorded, *rules, names.OBJECT_STATES)
     links = (names.HEARTBEAT, names.LINK_STATUS)
     # In a live session nobody hears an object's actuator commands and steps; it offers them still.
     told_by_objects = (
@@ -94,7 +95,10 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
         names.SCENARIO_MANAGER: Rights(
             CONTROL,
             publishes=(*told, *references, *transforms),
-            hears=(vut, *states, *acks, *replies, *world, names.CAMERA_INFO, names.SAFETY_EVENT),
+            hears=(
+                *(vut, *states, *acks, *rules, *replies, *world),
+                *(names.CAMERA_INFO, names.SAFETY_EVENT),
+            ),
             serves=commands,
             calls=services,
             executes=(names.RUN_SCENARIO,),
@@ -132,13 +136,13 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
         "doctor_session": Rights(
             CONTROL,
             hears=(
-                *(vut, *states, names.OBJECT_STATES, *frames, *replies),
+                *(vut, *states, names.OBJECT_STATES, *rules, *frames, *replies),
                 *(*camera, *receiver, *links),
             ),
         ),
         names.OBJECT_TARGET: Rights(
             OBJECTS,
-            publishes=(*states, *acks, *frames, *told_by_objects),
+            publishes=(*states, *acks, *rules, *frames, *told_by_objects),
             hears=(*references, names.HEARTBEAT, vut, *states),
             serves=services,
             own=(*_PARAMETERS, *_LIFECYCLE),

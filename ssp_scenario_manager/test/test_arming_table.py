@@ -14,6 +14,7 @@ from ssp_core.safety.arming import Gate, obstacles
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import Exchange
 from ssp_core.safety.liveness import SILENCES, WATCHED, SignOfLife, signs_of_life
+from ssp_core.safety.object_rules import rules_of
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session.supervision import LivenessMonitor
 from tests.support.runs import cut_in_run
@@ -41,6 +42,8 @@ BY_STAMP = [one for one in TABLE if one.values[1].by_stamp]
 def heard(run: RunSpec, silence_s: dict[SignOfLife, float]) -> LivenessMonitor:
     """Everybody was heard just now but those of whom it is said; an infinite silence: never."""
     liveness = LivenessMonitor()
+    for target in run.targets:
+        liveness.rules.hear((target.id, rules_of(run, target.id)))
     for sign in signs_of_life(run):
         late_s = silence_s.get(sign, 0.0)
         if sign.by_stamp or math.isinf(late_s):

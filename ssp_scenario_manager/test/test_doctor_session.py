@@ -10,6 +10,7 @@ from ssp_core.cli import main
 from ssp_core.clock import seconds_to_ns
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
+from ssp_core.safety.object_rules import RulesCheck
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.doctor.checks import Status
@@ -64,6 +65,7 @@ def sound(live):
         managers=frozenset({"scenario_manager"}),
         recorder_ready=True,
         recorder_missing=(),
+        rules={target.id: RulesCheck("sha256:a")},
         now_ns=NOW_NS,
     )
 
@@ -222,12 +224,35 @@ def test_links_are_held_to_the_limits_of_arming(live, sound, link, words):
     assert finding(live, heard, "arming").status is Status.FAIL
 
 
+@pytest.mark.parametrize(
+    ("rules", "status", "words"),
+    [
+        (RulesCheck("d"), Status.OK, "as in this run"),
+        (
+            RulesCheck("d", "", ("limits.speed_mps 8.0 instead of 14.0",)),
+            Status.OK,
+            "its own limits",
+        ),
+        (RulesCheck("d", "judges by another geofence[1]"), Status.FAIL, "another geofence[1]"),
+        (RulesCheck("", "has not said what"), Status.FAIL, "has not said what"),
+    ],
+)
+def test_what_an_object_judges_by_is_held_against_the_run(live, sound, rules, status, words):
+    target = live.targets[0].id
+    heard = replace(sound, rules={target: rules})
+    found = finding(live, heard, f"rules of {target}")
+    assert (found.status, words in found.text) == (status, True), found
+    arming = finding(live, heard, "arming")
+    assert (arming.status, rules.problem in arming.text) == (status, True), arming
+    assert failed(session_findings(live, heard)) == (status is Status.FAIL)
+
+
 def test_no_manager_two_managers_and_a_waiting_recorder(live, sound):
     none = replace(sound, managers=frozenset(), links={})
     assert "no heartbeat" in finding(live, none, "scenario_manager").text
     two = replace(sound, managers=frozenset({"a", "b"}))
     assert "2 send heartbeats: a, b" in finding(live, two, "scenario_manager").text
-    assert "other managers" in finding(live, two, "arming").text
+    assert "publishers too many" in finding(live, two, "arming").text
     waiting = replace(sound, recorder_ready=False, recorder_missing=("/ssp/ot1/state",))
     assert finding(live, waiting, "recorder").text == "waits for /ssp/ot1/state"
 

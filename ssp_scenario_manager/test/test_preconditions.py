@@ -15,6 +15,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.arming import Facts, Gate, obstacles
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
+from ssp_core.safety.object_rules import RulesCheck
 from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.session.preconditions import moving, stands
 
@@ -27,6 +28,7 @@ READY = Facts(
     recorder_ready=True,
     ages_s=AGES_S,
     links={"ot1": LINK, "ot2": LINK},
+    rules={"ot1": RulesCheck("sha256:a"), "ot2": RulesCheck("sha256:b")},
 )
 CONNECT, ARM, START = Gate.CONNECT, Gate.ARM, Gate.START
 StateMaker = Callable[..., ObjectState]
@@ -108,6 +110,7 @@ def vars_of(facts: Facts) -> Changes:
 CAMERA: Changes = {"camera": {}}
 
 
+OTHER_RULES = "ot1 judges by another step_s"
 UNMEASURED = "clock offset and link delay of ot1 are not measured: no answer to heartbeats"
 
 
@@ -134,7 +137,10 @@ UNMEASURED = "clock offset and link delay of ot1 are not measured: no answer to 
         (ages(front_camera=1.5), {**CAMERA, "mode": "live"}, []),
         (ages(sil_world=math.inf), {}, ["no tick of the simulated world arrives"]),
         (ages(sil_world=math.inf), {"mode": "live"}, []),
-        ({"other_managers": 1}, {}, ["1 other managers, limit 0"]),
+        ({"rules": {}}, {}, ["ot1 has not said what it judges by"]),
+        ({"rules": {"ot1": RulesCheck("d", "ot1 judges by another step_s")}}, {}, [OTHER_RULES]),
+        ({"rules": {"ot1": RulesCheck("d", "", ("limits.speed_mps 8.0",))}}, {}, []),
+        ({"other_managers": 1}, {}, ["1 publishers too many, limit 0"]),
     ],
 )
 def test_the_session_around_it(ask: Ask, facts: Changes, run: Changes, says: list[str]) -> None:
@@ -248,6 +254,8 @@ def test_everything_that_is_missing_is_named_at_once(
         "no state of the VUT arrives",
         "no state of ot1 arrives",
         "no state of ot2 arrives",
+        "ot1 has not said what it judges by",
+        "ot2 has not said what it judges by",
         "no tick of the simulated world arrives",
         "the recorder is silent",
         "no camera frame arrives",

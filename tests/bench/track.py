@@ -21,6 +21,7 @@ from ssp_core.cdr.states import StateArray, encode_state, encode_states
 from ssp_core.cdr.steps import WorldTick, encode_tick
 from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState
+from ssp_core.ros.conversions import rules_to_msg
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import (
     FollowPath,
@@ -30,6 +31,7 @@ from ssp_core.run_file.participants import (
     TriggerSpec,
 )
 from ssp_core.run_file.values import Start
+from ssp_core.safety.object_rules import rules_of
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
@@ -149,8 +151,10 @@ class Track(Node):
         self._tick = pub(msg.WorldTick, names.WORLD_TICK, ros.STATE)
         self._recorder = pub(msg.RecorderStatus, names.RECORDER_STATUS, ros.STATE)
         self._replies = pub(msg.HeartbeatReply, names.HEARTBEAT_REPLY, ros.STATE)
-        self._acks = {}
+        self._acks, self._rules = {}, {}
         for name in self._ids:
+            self._rules[name] = pub(msg.ObjectRules, names.rules_topic(name), ros.LATCHED)
+            self._rules[name].publish(rules_to_msg(rules_of(spec, name), name, self.get_name()))
             self._acks[name] = pub(msg.ReferenceAck, names.ack_topic(name), ros.COMMAND)
             topic = names.reference_topic(name)
             sub(msg.Reference, topic, self._on_reference, ros.COMMAND, raw=True)

@@ -30,12 +30,16 @@ class Arrivals:
         gaps: messages missing between two that arrived.
         told: messages that the middleware says it could not deliver.
         behind: messages missing behind the last one that arrived.
+        returned: how often a publisher spoke again after another one had; of one that ended and
+            one that took its place it is never.
     """
 
     received: int = 0
     gaps: int = 0
     told: int = 0
     behind: int = 0
+    returned: int = 0
+    _newest: bytes = b""
     _last: dict[bytes, int] = field(default_factory=dict)
 
     @property
@@ -60,6 +64,9 @@ class Arrivals:
             return 0
         last = self._last.get(publisher)
         self._last[publisher] = sequence
+        if publisher != self._newest:
+            self.returned += last is not None
+            self._newest = publisher
         if last is None or sequence <= last + 1:
             return 0
         missing = sequence - last - 1
@@ -75,6 +82,50 @@ class Arrivals:
         if len(self._last) == 1:
             (last,) = self._last.values()
             self.behind = max(0, sent - last)
+
+
+class RivalWatch:
+    """Finds topics with one publisher on which two speak in turn, while a session is under way.
+
+    Args:
+        alone: names of topics that have one publisher.
+    """
+
+    def __init__(self, alone: Set[str]) -> None:
+        self._alone = alone
+        self._before: Mapping[str, int] | None = None
+        self._found: set[str] = set()
+
+    def begin(self, returned: Mapping[str, int]) -> None:
+        """The session is armed; what came before is of those who have been waited out."""
+        if self._before is None:
+            self._before = returned
+
+    @property
+    def is_on(self) -> bool:
+        """A session is under way."""
+        return self._before is not None
+
+    def end(self) -> None:
+        """The session is over; whoever speaks now says nothing of it."""
+        self._before = None
+
+    def look(self, returned: Mapping[str, int]) -> tuple[str, ...]:
+        """All that were found by now, as sentences.
+
+        Args:
+            returned: by topic, as Arrivals counts.
+        """
+        before = self._before
+        if before is not None:
+            self._found |= {
+                name
+                for name, count in returned.items()
+                if name in self._alone and count > before.get(name, 0)
+            }
+        return tuple(
+            f"{name} has messages of two publishers in turn" for name in sorted(self._found)
+        )
 
 
 def losses_beside(counts: Mapping[str, int], own: Set[str]) -> list[str]:

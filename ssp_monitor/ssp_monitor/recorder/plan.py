@@ -89,6 +89,7 @@ class RecordingPlan:
         queue_bytes: what may wait for the disk.
         lost_limit: messages that may be lost in a valid recording.
         run_id: of the run, None for a recording without one.
+        alone: names of topics that have one publisher.
     """
 
     bag_dir: Path
@@ -102,6 +103,7 @@ class RecordingPlan:
     queue_bytes: int = QUEUE_MB * MB
     lost_limit: int = 0
     run_id: str | None = None
+    alone: frozenset[str] = frozenset()
 
 
 def options_plan(given: Mapping[str, Any], bag_dir: Path, called: str) -> RecordingPlan:

@@ -54,7 +54,10 @@ class MonitorNode(Node):
         self._state = SessionPhase.UNKNOWN
         self._done = self.create_publisher(StepDone, names.STEP_DONE, ros.STATE)
         listen = {SESSION_TOPIC: self._hear, TICK_TOPIC: self._keep_pace}
+        # What is latched is heard before there is a recording to ask.
+        self._is_made = False
         self.recording = Recording(self, self._plan, listen, self._is_waiting)
+        self._is_made = True
         self._sayings = RepeatedWarnings()
         self._status = self.create_publisher(RecorderStatus, names.RECORDER_STATUS, ros.STATE)
         self._safety = self.create_publisher(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
@@ -102,6 +105,8 @@ class MonitorNode(Node):
             return
         self._last_word.hear(state, verdict, tuple(message.reasons), message.run_id)
         self._state = state
+        if self._is_made:
+            self.recording.session_is(state)
         self._session_heard.set()
 
     def _is_waiting(self) -> bool:
@@ -143,7 +148,8 @@ class MonitorNode(Node):
         )
         if check is None:
             raise HostError(str(state.failure))
-        told = self._last_word.verdict(closed.lost, self._plan.lost_limit, closed.problems)
+        problems = (*closed.problems, *self.recording.strangers())
+        told = self._last_word.verdict(closed.lost, self._plan.lost_limit, problems)
         write_verdict(self.recording.recorder.path, *told, "monitor")
         if closed.incomplete:
             raise HostError("; ".join(closed.incomplete))

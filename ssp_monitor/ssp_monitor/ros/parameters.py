@@ -8,9 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from ssp_core import names
 from ssp_core.credentials import LEAST_TOKEN, TOKEN_VARIABLE
 from ssp_core.node_interface import RUN_FILE, Parameter
 from ssp_core.run_file.model import load_run
+from ssp_core.safety.publishers import expected_publishers
 from ssp_monitor.recorder.disk import DiskNeeds, expected_rate
 from ssp_monitor.recorder.plan import (
     QUEUE_MB,
@@ -144,6 +146,9 @@ def session_plan(given: Mapping[str, Any], full_name: Callable[[str], str]) -> R
         simulated_time=uses_simulated_time(run),
         lost_limit=given["lost_limit"],
         run_id=run.run_id,
+        alone=frozenset(
+            names.absolute(topic) for topic, parts in expected_publishers(run).items() if not parts
+        ),
     )
 
 

@@ -17,8 +17,10 @@ from rclpy.signals import SignalHandlerOptions
 from ssp_core import names
 from ssp_core.environment import require_sound
 from ssp_core.errors import HostError, SspError
+from ssp_core.safety.liveness import WATCHED
+from ssp_core.vocabulary import SessionPhase
 from ssp_monitor.recorder.disk import DiskOutlook, WriteRate, free_bytes, outlook
-from ssp_monitor.recorder.losses import losses_beside
+from ssp_monitor.recorder.losses import RivalWatch, losses_beside
 from ssp_monitor.recorder.plan import Attachment, RecordingPlan
 from ssp_monitor.recorder.recorder import Recorder, RecorderState
 from ssp_monitor.recorder.report import (
@@ -81,6 +83,7 @@ class Recording:
         self._profiles: dict[str, QoSProfile] = {}
         self._unheard: set[str] = set()
         self._sayings = RepeatedWarnings()
+        self._rivals = RivalWatch(plan.alone)
         self._rate = WriteRate()
         self._graph_due_s = 0.0
         self._to_judge: deque[tuple[str, Sequence[str]]] = deque()
@@ -121,6 +124,18 @@ class Recording:
 
     def _of_own(self, counts: Mapping[str, int]) -> int:
         return sum(n for name, n in counts.items() if not self._own or name in self._own)
+
+    def session_is(self, state: SessionPhase) -> None:
+        """From arming to the end of a session, each topic has one publisher where it should."""
+        if state in WATCHED:
+            self._rivals.begin(self.intake.returned_by_topic())
+        elif state in (SessionPhase.FINISHED, SessionPhase.ABORTED):
+            self.strangers()
+            self._rivals.end()
+
+    def strangers(self) -> tuple[str, ...]:
+        """Topics with more publishers than they should have, as sentences."""
+        return self._rivals.look(self.intake.returned_by_topic())
 
     def poll(self) -> DiskOutlook:
         """Looks at graph and disk, and records what has appeared. Twice a second is often enough.
@@ -174,6 +189,8 @@ class Recording:
             )
             for record in records[:MOST_LISTED]
         ]
+        # Who was one in a session that is over keeps nobody from arming again.
+        status.strangers = list(self.strangers()) if self._rivals.is_on else []
         status.warnings = self._current_warnings(state, len(records))
         return status
 

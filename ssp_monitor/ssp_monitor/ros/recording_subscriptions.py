@@ -276,6 +276,10 @@ class RecordingSubscriptions:
         """Messages of each topic that were published and never arrived, as far as is known."""
         return {name: arrivals.lost for name, arrivals in self._arrivals.items()}
 
+    def returned_by_topic(self) -> dict[str, int]:
+        """How often a publisher of each topic spoke again after another one had."""
+        return {name: arrivals.returned for name, arrivals in self._arrivals.items()}
+
     def received_by_topic(self) -> dict[str, int]:
         """Messages of each topic that arrived."""
         return {name: arrivals.received for name, arrivals in self._arrivals.items()}

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from ssp_core import names, ros
 from ssp_core.cdr.states import decode_state, decode_states
 from ssp_core.cdr.steps import decode_heartbeat
+from ssp_core.ros.conversions import rules_from_msg
 from ssp_monitor.status import messages
 from ssp_monitor.status.board import Board, Newest
 from ssp_msgs.msg import (
@@ -17,6 +18,7 @@ from ssp_msgs.msg import (
     Heartbeat,
     LinkStatus,
     LocalisationStatus,
+    ObjectRules,
     ObjectState,
     ObjectStates,
     PhaseEvent,
@@ -52,6 +54,10 @@ class SessionSubscriptions:
         status = names.LOCALISATION_STATUS
         sub(LocalisationStatus, status, self._on_localisation, ros.STATE)
         sub(BodyStatus, names.BODY_STATUS, self._on_body_status, ros.STATE)
+        for target in () if board.run is None else board.run.targets:
+            topic, hear = names.rules_topic(target.id), board.rules.hear
+            kind, qos = ObjectRules, ros.LATCHED
+            ros.subscribe_raw(node, kind, topic, rules_from_msg, hear, qos, raw=False)
 
     def look_around(self) -> None:
         """Follows objects that have topics of their own, and sees whether a bag is replayed."""

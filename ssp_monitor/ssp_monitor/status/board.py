@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import BodyStatus
+from ssp_core.safety.object_rules import HeardRules
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 
 
@@ -190,6 +191,7 @@ class Board:
     ended_ns: int | None = None
     links: dict[str, LinkFact] = field(default_factory=dict)
     links_at_ns: int | None = None
+    rules: HeardRules = field(default_factory=HeardRules)
     recorder: RecorderFact | None = None
     recorder_at_ns: int | None = None
     vut_refused: str = ""

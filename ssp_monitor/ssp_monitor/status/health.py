@@ -53,6 +53,7 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
     if board.vut_refused and age_s(now_ns, board.vut_refused_at_ns) <= liveness.ADAPTER_SILENT_S:
         problems.append(f"the VUT's GNSS/INS gives no state: {board.vut_refused}")
     bodies = _bodies(board, run, now_ns)
+    problems += [one.problem for one in board.rules.checks(run).values() if one.problem]
     for participant in (run.vut, *run.targets):
         body = bodies.get(participant.id, BodyStatus(participant.id))
         problems += _participant(board, run, participant, session, body, now_ns)
@@ -301,8 +302,14 @@ def _object(board: Board, object_id: str, now_ns: int) -> Status:
         ("link there and back, s", _number(link.delay_s, 4)),
         ("clock offset, s", _number(link.offset_s, 4)),
         ("states lost", str(link.lost)),
+        ("its own stricter limits", "; ".join(_stricter(board, object_id))),
     )
     return Status(name, object_id, level, message, values)
+
+
+def _stricter(board: Board, object_id: str) -> tuple[str, ...]:
+    rules = {} if board.run is None else board.rules.checks(board.run)
+    return rules[object_id].stricter if object_id in rules else ()
 
 
 def _judged(

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import time
+
 from ssp_core.names import MAP_FRAME
 from ssp_core.ros import stamp_from_ns
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import MEANINGS
+from ssp_core.safety.object_rules import ObjectRules
 from ssp_core.world.plant import FaultFact, LimitFact
 from ssp_msgs.msg import BodyStatus as BodyStatusMsg
 from ssp_msgs.msg import FaultEvent, SafetyEvent
+from ssp_msgs.msg import ObjectRules as ObjectRulesMsg
 
 # What is longer is cut; so many sentences are taken.
 _LONGEST_SENTENCE = 1000
@@ -70,3 +74,26 @@ def body_status_of(message: BodyStatusMsg) -> BodyStatus:
     )
     name = message.object_id[:_LONGEST_SENTENCE]
     return BodyStatus(name, no_state, cannot_arm, message.lasting)
+
+
+def rules_to_msg(rules: ObjectRules, object_id: str, participant: str) -> ObjectRulesMsg:
+    """What an object judges by, as the node that leads it tells it now."""
+    message = ObjectRulesMsg(
+        object_id=object_id,
+        participant=participant,
+        software=rules.software,
+        digest=rules.digest,
+        names=list(rules.values),
+        values=list(rules.values.values()),
+    )
+    message.header.stamp = stamp_from_ns(time.time_ns())
+    return message
+
+
+def rules_from_msg(message: ObjectRulesMsg) -> tuple[str, ObjectRules]:
+    """Whose they are, and what an object judges by; ValueError for one that contradicts itself."""
+    values = dict(zip(message.names, message.values, strict=True))
+    rules = ObjectRules(message.software, values)
+    if rules.digest != message.digest:
+        raise ValueError(f"the rules of {message.object_id} are not those of their digest")
+    return message.object_id, rules

@@ -25,6 +25,7 @@ from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.safety.liveness import SignOfLife, signs_of_life
+from ssp_core.safety.object_rules import RulesCheck, untold
 from ssp_core.vocabulary import ControlState
 
 
@@ -55,7 +56,8 @@ class Need(Enum):
     RECEIVER = "the VUT's GNSS/INS gives no state: {detail}"
     NOT_REFUSED = "{who} has just refused to arm: {detail}"
     BODY = "{who}: {detail}"
-    ONE_MANAGER = "{measured:g} other managers, limit 0{detail}"
+    ONE_MANAGER = "{measured:g} publishers too many, limit 0{detail}"
+    RULES = "{detail}"
     RECORDER_READY = "the recorder is not ready: {detail}"
     RECORDER_LOSSLESS = "the recorder has lost {measured:g} messages, limit 0"
     CLOCK = "the clock of {who} is off by {measured:.3f} s, limit {limit:g} s"
@@ -128,11 +130,12 @@ class Facts:
         ages_s: seconds on the steady clock since the last sign of life of a node or object, by its
             name; what isn't in it was never heard.
         links: by object; their ages are those of the answers to heartbeats.
+        rules: by object, what it judges by, held against the run's.
         recorder_missing: what the recorder waits for.
         vut_refused: why no state is made of what the VUT's receiver says now; empty: one is, or
             nobody says.
         motion: what the VUT and the objects state, held against their places, by id.
-        other_managers: how many nodes publish what the manager alone may.
+        other_managers: how many publish what they shouldn't (ssp_core.safety.publishers).
         foreign: which, for people.
         bodies: by object, what its process knows of its body; where there is nothing to say, or
             nobody says, there is none.
@@ -142,6 +145,7 @@ class Facts:
 
     ages_s: Mapping[str, float] = field(default_factory=dict)
     links: Mapping[str, LinkEstimate] = field(default_factory=dict)
+    rules: Mapping[str, RulesCheck] = field(default_factory=dict)
     recorder_ready: bool = False
     recorder_missing: tuple[str, ...] = ()
     recorder_lost: int = 0
@@ -172,6 +176,7 @@ class Facts:
         return Facts(
             ages_s=dict.fromkeys((*nodes, *ids), 0.0),
             links=dict.fromkeys(ids, LinkEstimate(0.0, 0.0, 0.0)),
+            rules=dict.fromkeys(ids, RulesCheck()),
             recorder_ready=True,
         )
 
@@ -275,6 +280,13 @@ def _one_manager(at: Situation) -> Iterator[Obstacle]:
     if at.facts.other_managers:
         who = f": {at.facts.foreign}" if at.facts.foreign else ""
         yield Obstacle(Need.ONE_MANAGER, "", float(at.facts.other_managers), 0.0, who)
+
+
+def _same_rules(at: Situation) -> Iterator[Obstacle]:
+    """Each object judges by what the run's file says, or more strictly."""
+    for target in at.spec.targets:
+        if problem := at.facts.rules.get(target.id, untold(target.id)).problem:
+            yield Obstacle(Need.RULES, target.id, detail=problem)
 
 
 def _nodes_live(at: Situation) -> Iterator[Obstacle]:
@@ -406,6 +418,7 @@ CHECKS: tuple[Check, ...] = (
     _bodies_ready,
     _not_refused,
     _one_manager,
+    _same_rules,
     _nodes_live,
     _links_good,
     _stamps_good,

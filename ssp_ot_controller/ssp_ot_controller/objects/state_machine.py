@@ -149,3 +149,17 @@ def cannot_arm(
         found.append(f"{other_managers} other manager(s) send heartbeats too")
     found += body.cannot_arm
     return CommandResponse(False, code, "; ".join(found)) if found else None
+
+
+def other_rules(ours: str, compared: str) -> CommandResponse | None:
+    """Why an object can't be armed by a manager that knows other rules of it; None: it knows these.
+
+    Args:
+        ours: digest of what the object judges by.
+        compared: of what its manager has found to agree with its own; empty: nothing.
+    """
+    if compared == ours:
+        return None
+    known = f"knows {compared[:19]}..." if compared else "doesn't say what it knows"
+    text = f"this object judges by the rules {ours[:19]}..., the manager {known}"
+    return CommandResponse(False, REFUSED_VERSION, text)

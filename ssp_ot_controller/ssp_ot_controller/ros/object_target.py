@@ -20,10 +20,16 @@ from ssp_core.cdr.states import StateArray, decode_state, decode_states, encode_
 from ssp_core.errors import HostError
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
-from ssp_core.ros.conversions import body_status_message, fault_event, safety_event
+from ssp_core.ros.conversions import (
+    body_status_message,
+    fault_event,
+    rules_to_msg,
+    safety_event,
+)
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.safety.body_status import PERIOD_S, BodyStatus
 from ssp_core.safety.codes import MEANINGS
+from ssp_core.safety.object_rules import ObjectRules, rules_of
 from ssp_msgs.msg import (
     ActuatorCommands,
     FaultEvent,
@@ -38,6 +44,7 @@ from ssp_msgs.msg import (
     WorldTick,
 )
 from ssp_msgs.msg import BodyStatus as BodyStatusMsg
+from ssp_msgs.msg import ObjectRules as ObjectRulesMsg
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
 from ssp_ot_controller.bodies.iso22133.conversation import HEAB_RATE_HZ
@@ -48,7 +55,7 @@ from ssp_ot_controller.objects.messages import (
     answers_late,
 )
 from ssp_ot_controller.objects.pool import ObjectPool, PoolStep, Stopped
-from ssp_ot_controller.objects.state_machine import ObjectEvent
+from ssp_ot_controller.objects.state_machine import ObjectEvent, other_rules
 from ssp_ot_controller.ros.parameters import OBJECT_TARGET
 
 
@@ -80,6 +87,14 @@ class ObjectPublishers:
         else:
             self._state = {i: pub(ObjectState, names.state_topic(i), ros.STATE) for i in object_ids}
         self._ack = {i: pub(ReferenceAck, names.ack_topic(i), ros.COMMAND) for i in object_ids}
+        self._rules = {
+            i: pub(ObjectRulesMsg, names.rules_topic(i), ros.LATCHED) for i in object_ids
+        }
+
+    def tell_rules(self, rules: Mapping[str, ObjectRules]) -> None:
+        """What each object judges by."""
+        for object_id, one in rules.items():
+            self._rules[object_id].publish(rules_to_msg(one, object_id, self._node.get_name()))
 
     def send(self, step: PoolStep | None) -> None:
         """Everything that a step led to; nothing for None."""
@@ -233,6 +248,8 @@ class ObjectProcess:
             states_in_one=run.states_in_one,
             world=self._live is None,
         )
+        self._rules = {i: rules_of(run, i) for i in self.pool.object_ids}
+        self._outgoing.tell_rules(self._rules)
         self._hear(run)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(WATCHDOG_PERIOD_S, self._watch, clock=steady)
@@ -329,9 +346,13 @@ class ObjectProcess:
             response.error_msg = f"command {request.command} is unknown"
         else:
             steady_ns = time.monotonic_ns()
-            reply = self.pool.command(
-                object_id, event, request.event_version, steady_ns, request.session_token
-            )
+            reply = None
+            if event is ObjectEvent.ARM:
+                reply = other_rules(self._rules[object_id].digest, request.rules_digest)
+            if reply is None:
+                reply = self.pool.command(
+                    object_id, event, request.event_version, steady_ns, request.session_token
+                )
             response.accepted = reply.accepted
             response.error_code = reply.error_code
             response.error_msg = reply.error_msg

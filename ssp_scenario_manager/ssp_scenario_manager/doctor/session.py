@@ -20,6 +20,7 @@ from ssp_core.safety.arming import Facts, Gate, obstacles
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.consistency import ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
+from ssp_core.safety.object_rules import RulesCheck, untold
 from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.doctor.checks import Finding, Status, fail, ok
 
@@ -117,6 +118,7 @@ class SessionHeard:
         bodies: by object, what its process knows of its body.
         session: its state by the newest heartbeat; UNKNOWN without one.
         now_ns: end of listening, system clock.
+        rules: of each object, held against the run's.
         frames: what objects that speak ISO 22133 sent to their gateway, by id; its clock.
         motion: what the VUT and the objects state, held against their places, by id.
     """
@@ -131,6 +133,7 @@ class SessionHeard:
     now_ns: int
     session: SessionPhase = SessionPhase.UNKNOWN
     frames: dict[str, Stream] = field(default_factory=dict)
+    rules: dict[str, RulesCheck] = field(default_factory=dict)
     vut_refused: str = ""
     bodies: Mapping[str, BodyStatus] = field(default_factory=dict)
     motion: dict[str, ConsistencyWatch] = field(default_factory=dict)
@@ -160,6 +163,7 @@ def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
     if spec.camera is not None:
         findings.append(_camera(spec.camera.rate_hz, heard))
     findings += [_recorder_finding(heard), _manager_finding(heard)]
+    findings += [_rules_finding(t.id, heard) for t in spec.targets]
     findings += [_link_finding(spec, t.id, heard) for t in spec.targets] if heard.managers else []
     findings.append(_arming_finding(spec, heard))
     return findings
@@ -283,6 +287,17 @@ def _manager_finding(heard: SessionHeard) -> Finding:
     return ok(name, f"heartbeats of {found}")
 
 
+def _rules_finding(object_id: str, heard: SessionHeard) -> Finding:
+    """Whether an object judges by what this run's file says."""
+    name, rules = f"rules of {object_id}", heard.rules.get(object_id, untold(object_id))
+    if not rules.digest:
+        return fail(name, rules.problem, "start its object_target, of this version, on its host")
+    if rules.problem:
+        remedy = "give its host this run's folder and this version, and start its node anew"
+        return fail(name, rules.problem, remedy)
+    return ok(name, "; ".join(("as in this run", *(f"its own {one}" for one in rules.stricter))))
+
+
 def _link_finding(spec: RunSpec, object_id: str, heard: SessionHeard) -> Finding:
     name, limits = f"link to {object_id}", spec.limits
     link = heard.links.get(object_id, LinkEstimate())
@@ -317,6 +332,7 @@ def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
         bodies=heard.bodies,
         motion=heard.motion,
         links={i: replace(link, age_s=0.0) for i, link in heard.links.items()},
+        rules=heard.rules,
         other_managers=max(0, len(heard.managers) - 1),
     )
     targets = {i: state for i, state in heard.states.items() if i != spec.vut.id}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 from uuid import uuid4
@@ -17,13 +17,13 @@ from ssp_core import names, ros
 from ssp_core.cdr import steps
 from ssp_core.cdr.references import Acknowledgement, decode_ack, encode_reference
 from ssp_core.cdr.states import decode_state
-from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.names import MAP_FRAME
 from ssp_core.ros import stamp_from_ns
-from ssp_core.ros.conversions import safety_event
+from ssp_core.ros.conversions import rules_from_msg, safety_event
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.link_quality import (
@@ -32,6 +32,8 @@ from ssp_core.safety.link_quality import (
     LossCounter,
     LossCounters,
 )
+from ssp_core.safety.object_rules import ObjectRules, RulesCheck
+from ssp_core.safety.publishers import ONE, Publisher, PublisherRules
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.plant import LimitFact
 from ssp_core.world.transforms import TransformFilter, encode_transforms, of_camera
@@ -48,6 +50,7 @@ from ssp_msgs.msg import (
     StepDone,
     TriggerEvent,
 )
+from ssp_msgs.msg import ObjectRules as ObjectRulesMsg
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
 from ssp_scenario_manager.session import outbox
@@ -55,21 +58,19 @@ from ssp_scenario_manager.session.limits import Violation
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.supervision import LivenessMonitor
 
-# Topics with one publisher in a session: two would lead it, or tell it two truths.
-_ONE_PUBLISHER = (
-    names.HEARTBEAT,
-    names.SESSION_STATE,
-    names.state_topic(names.VUT_ID),
-    names.WORLD_TICK,
-    names.CLOCK,
-)
+# The graph names a node some 0.1 s after it shows what the node publishes, now and then 0.4 s; a
+# stranger isn't left alone for so long.
+_NAMED_WITHIN_NS = seconds_to_ns(0.1)
+_UNNAMED = "_NODE_NAME_UNKNOWN_"
+# Of a publisher's id, what all publishers of one process share.
+_PROCESS_BYTES = 12
 # Reasons are for people; names that are longer are cut.
 _MOST_TEXT = 200
 _LONGEST_SENTENCE = 1000
 
 
 class PublisherWatch:
-    """Who else publishes what one node alone may?
+    """Finds in the graph who publishes what others publish, by ``ssp_core.safety.publishers``.
 
     Args:
         node: whose graph is looked at.
@@ -79,30 +80,53 @@ class PublisherWatch:
     def __init__(self, node: Node, liveness: LivenessMonitor) -> None:
         self._node = node
         self._liveness = liveness
-        self._looked = 0
+        self._unnamed_since_ns: dict[str, int] = {}
+        self._rules = PublisherRules()
 
-    def look(self, object_ids: Iterable[str]) -> None:
-        """Looks at heartbeats each time, at the rest in turn.
+    def follow(self, run: RunSpec, steady_ns: int) -> None:
+        """Looks at the topics of this run from now on."""
+        self._rules = PublisherRules(run)
+        self._liveness.foreign.clear()
+        self.look(steady_ns)
 
-        Args:
-            object_ids: whose references are ours alone.
-        """
-        alone = [*_ONE_PUBLISHER, *map(names.reference_topic, object_ids)]
-        self._looked = (self._looked + 1) % len(alone)
-        for topic in {names.HEARTBEAT, alone[self._looked]}:
-            self._liveness.foreign.pop(topic, None)
-            if self._node.count_publishers(topic) <= 1:
-                continue
-            full = self._node.resolve_topic_name(topic)
-            known = self._node.get_publishers_info_by_topic(full)
-            # The runner sends the references that a run's faults ask for.
-            nodes = sorted(
-                f"{one.node_namespace.rstrip('/')}/{one.node_name}"
-                for one in known
-                if topic in _ONE_PUBLISHER or one.node_name != names.RUNNER
-            )
-            if len(nodes) > 1:
-                self._liveness.foreign[topic] = len(nodes) - 1, f"{topic} has {' and '.join(nodes)}"
+    def look(self, steady_ns: int) -> None:
+        """Looks at all topics of the session."""
+        for topic in self._rules.expected:
+            found = self._publishers(topic) if self._is_asked(topic) else []
+            strangers = self._rules.strangers(topic, found)
+            if strangers is not None and self._rules.expected[topic] is not ONE:
+                # Those of a part that has just come aren't known yet.
+                self._rules.know({proof: self._publishers(proof) for proof in self._rules.proofs})
+                strangers = self._rules.strangers(topic, found)
+            if strangers is None:
+                self._liveness.foreign.pop(topic, None)
+                self._unnamed_since_ns.pop(topic, None)
+            elif self._is_named(topic, found, steady_ns):
+                self._liveness.foreign[topic] = strangers.count, strangers.text
+
+    def _is_asked(self, topic: str) -> bool:
+        """To count takes a twentieth of the time that to ask for names takes."""
+        count = self._node.count_publishers(topic)
+        return bool(count > 1 if self._rules.expected[topic] is ONE else count)
+
+    def _publishers(self, topic: str) -> list[Publisher]:
+        known = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
+        return [
+            Publisher(_full_name(one), bytes(one.endpoint_gid[:_PROCESS_BYTES])) for one in known
+        ]
+
+    def _is_named(self, topic: str, found: Iterable[Publisher], steady_ns: int) -> bool:
+        """All have names, or it has been waited for long enough that one hasn't."""
+        if all(one.node for one in found):
+            return True
+        since_ns = self._unnamed_since_ns.setdefault(topic, steady_ns)
+        return steady_ns - since_ns >= _NAMED_WITHIN_NS
+
+
+def _full_name(endpoint: Any) -> str:
+    """Of the node that has an endpoint; empty while the graph doesn't know it."""
+    name, namespace = endpoint.node_name, endpoint.node_namespace
+    return "" if name == _UNNAMED else f"{namespace.rstrip('/')}/{name}"
 
 
 def reply_of(message: HeartbeatReply) -> tuple[Sequence[str], int, Exchange]:
@@ -141,6 +165,7 @@ class ObjectEndpoints:
 
     Args:
         on_array: takes each ObjectStates message as bytes.
+        on_rules: takes what an object says to judge by.
         on_refusal: takes each command that an object refused.
     """
 
@@ -150,12 +175,14 @@ class ObjectEndpoints:
         on_state: Callable[[State], None],
         on_array: Callable[[bytes], None],
         on_ack: Callable[[Acknowledgement], None],
+        on_rules: Callable[[tuple[str, ObjectRules]], None],
         on_refusal: OnRefusal,
     ) -> None:
         self._node = node
         self._on_state = on_state
         self._on_array = on_array
         self._on_ack = on_ack
+        self._on_rules = on_rules
         self._on_refusal = on_refusal
         self._hears_arrays = False
         self._heard: set[str] = set()
@@ -190,6 +217,8 @@ class ObjectEndpoints:
                 ObjectCommand, names.command_service(object_id)
             )
             raw(ReferenceAck, names.ack_topic(object_id), decode_ack, self._on_ack, ros.COMMAND)
+            topic, take = names.rules_topic(object_id), self._on_rules
+            raw(ObjectRulesMsg, topic, rules_from_msg, take, ros.LATCHED, raw=False)
             self.references_sent[object_id] = 0
 
     def send(self, reference: Reference) -> None:
@@ -197,14 +226,21 @@ class ObjectEndpoints:
         self._publishers[reference.object_id].publish(encode_reference(reference))
         self.references_sent[reference.object_id] += 1
 
-    def command(self, spec: RunSpec, command: outbox.ObjectCommand) -> None:
-        """Sends a command to each object of a run; only refusals are reported back."""
+    def command(
+        self, spec: RunSpec, command: outbox.ObjectCommand, rules: Mapping[str, RulesCheck]
+    ) -> None:
+        """Sends a command to each object of a run; only refusals are reported back.
+
+        Args:
+            rules: of each object, as they were found to agree with the run's.
+        """
         for target in spec.targets:
             request = ObjectCommand.Request(
                 command=command.value,
                 event_version=spec.event_version,
                 session_token=self.session_token,
             )
+            request.rules_digest = rules.get(target.id, RulesCheck()).digest
             future = self._clients[target.id].call_async(request)
             future.add_done_callback(partial(self._on_answer, target.id, command))
 

@@ -59,6 +59,8 @@ INCOMPLETE_STEP_S = 1.0
 STATUS_PERIOD_S = 1.0
 # What was said last has so long to reach its readers; one of them may have died.
 LAST_WORD_S = 1.0
+# Of topics that the recorder names.
+_MOST_STRANGERS = 8
 # While the world holds no step comes: here the watchdog judges what it can.
 _JUDGED_WHILE_HOLDING = (SessionPhase.ARMED, SessionPhase.STOPPING, SessionPhase.ABORTING)
 
@@ -89,7 +91,12 @@ class ScenarioManager(Node):
             self.get_logger().error,
         )
         self._links = ObjectEndpoints(
-            self, self._on_target_state, self._on_array, self._on_ack, self._on_object_refusal
+            self,
+            self._on_target_state,
+            self._on_array,
+            self._on_ack,
+            self._liveness.rules.hear,
+            self._on_object_refusal,
         )
         self._publications = Publications(self)
         if given["run_file"]:
@@ -225,6 +232,7 @@ class ScenarioManager(Node):
         why = (message.failure,) if message.failure else tuple(message.warnings[:1])
         missing = tuple(message.missing_topics) or why
         self._liveness.hear_recorder(message.ready, missing, message.lost, steady_ns)
+        self._liveness.hear_strangers(message.strangers[:_MOST_STRANGERS])
         self._supervisor.wake(steady_ns)
         self._supervisor.watch_silence(steady_ns, self._now_ns)
         self._flush()
@@ -264,12 +272,21 @@ class ScenarioManager(Node):
         for decided in self._session.judge_triggers(self._now_ns, newest):
             self._send(decided)
         self._input.waiting()
-        self._session.step(self._now_ns)
+        self._judge()
         self._flush()
         self._send_poses()
         if self._lockstep and not self._live:
             self._send_heartbeat()
             self._answer_world()
+
+    def _judge(self) -> None:
+        """Judges the newest states. A verdict isn't given before a last look at who publishes."""
+        session = self._session
+        if session.state is SessionPhase.STOPPING and session.stands(self._now_ns):
+            steady_ns = time.monotonic_ns()
+            self._others.look(steady_ns)
+            self._supervisor.watch_silence(steady_ns, self._now_ns)
+        session.step(self._now_ns)
 
     def _send_poses(self) -> None:
         """To tf2, after what must not wait; before the world is answered, which then goes on."""
@@ -297,12 +314,12 @@ class ScenarioManager(Node):
             if self._lockstep and self._session.state is SessionPhase.RUNNING and not self._live:
                 # The word that starts the world may have come before it was listening.
                 self._answer_world()
-        self._others.look(self._links.references_sent)
+        self._others.look(time.monotonic_ns())
         if self._supervisor.look(time.monotonic_ns(), self._now_ns):
             self._commands.on_standstill_unconfirmed(self._now_ns)
         holding = not self._in_lockstep and self._session.state in _JUDGED_WHILE_HOLDING
         if self._live or holding:
-            self._session.step(self._now_ns)
+            self._judge()
         self._commands.drive(self._now_ns)
         self._flush()
 
@@ -330,8 +347,8 @@ class ScenarioManager(Node):
         elif isinstance(fact, outbox.StateChanged):
             self._announce(fact)
         elif isinstance(fact, outbox.ObjectCommand):
-            if self._session.spec is not None:
-                self._links.command(self._session.spec, fact)
+            if (spec := self._session.spec) is not None:
+                self._links.command(spec, fact, self._liveness.rules.checks(spec))
         else:
             self._publications.send(fact, self._arrival_ns)
 
@@ -400,6 +417,7 @@ class ScenarioManager(Node):
             self._input.losses.forget()
             self._publications.loaded(spec)
             self._links.connect((t.id for t in spec.targets), spec.states_in_one)
+            self._others.follow(spec, time.monotonic_ns())
         self._flush()
         return answer
 

@@ -18,11 +18,12 @@ from ssp_core import names, ros
 from ssp_core.cdr.iso_frames import FrameBatch, decode_frames
 from ssp_core.cdr.messages import object_state
 from ssp_core.motion.state import ObjectState as State
-from ssp_core.ros.conversions import body_status_of
+from ssp_core.ros.conversions import body_status_of, rules_from_msg
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
+from ssp_core.safety.object_rules import HeardRules
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import BodyStatus as BodyStatusMsg
 from ssp_msgs.msg import (
@@ -30,6 +31,7 @@ from ssp_msgs.msg import (
     IsoFrames,
     LinkStatus,
     LocalisationStatus,
+    ObjectRules,
     ObjectState,
     ObjectStates,
     RecorderStatus,
@@ -61,12 +63,17 @@ class SessionListener(Node):
         self._managers: set[str] = set()
         self._session = SessionPhase.UNKNOWN
         self._recorder: RecorderStatus | None = None
+        self._rules = HeardRules()
         self.forget()
         sub = self.create_subscription
         for object_id in self._ids:
             sub(ObjectState, names.state_topic(object_id), self._on_state, ros.DRIVER)
             topic = names.iso_frames_topic(object_id)
             ros.subscribe_raw(self, IsoFrames, topic, decode_frames, self._on_frames, ros.DRIVER)
+        for target in spec.targets:
+            topic, hear = names.rules_topic(target.id), self._rules.hear
+            kind, qos = ObjectRules, ros.LATCHED
+            ros.subscribe_raw(self, kind, topic, rules_from_msg, hear, qos, raw=False)
         sub(ObjectStates, names.OBJECT_STATES, self._on_states, ros.DRIVER)
         if odometry is not None:
             sub(Odometry, odometry, partial(self._hear, odometry), ros.DRIVER)
@@ -115,6 +122,7 @@ class SessionListener(Node):
             session=self._session,
             frames=self._frames,
             motion=self._motion,
+            rules=self._rules.checks(self._spec),
         )
 
     def _hear(self, topic: str, message: Any) -> None:

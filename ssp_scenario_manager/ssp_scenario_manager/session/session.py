@@ -11,8 +11,9 @@ from ssp_core.geometry import Polyline
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import arming
-from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.liveness import WATCHED
+from ssp_core.safety.publishers import NAMELESS
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_scenario_manager.dispatch import references
 from ssp_scenario_manager.session import limits, outbox, preconditions, progress
@@ -35,6 +36,8 @@ _GATES = {
     SessionEvent.ARM: arming.Gate.ARM,
     SessionEvent.START: arming.Gate.START,
 }
+
+_FOREIGN = MEANINGS[SafetyCode.FOREIGN_MANAGER].limit_name
 
 
 class Session:
@@ -123,6 +126,8 @@ class Session:
         why = reason or f"requested by {requested_by}"
         if event is SessionEvent.ARM and self._run is not None:
             why += f"; {self._run.blind_text}"
+            for object_id, rules in self.facts.rules.items():
+                why += "".join(f"; {object_id} has its own {one}" for one in rules.stricter)
         self._move(event, now_ns, why)
         if event is SessionEvent.ARM and self._run is not None:
             self._run.armed = True
@@ -225,6 +230,17 @@ class Session:
             self.outbox.append(violation)
         if self.state is not SessionPhase.ABORTING:
             self._move(SessionEvent.ABORT, violation.stamp_ns, violation.text)
+
+    def name_strangers(self, texts: Iterable[str], now_ns: int) -> None:
+        """Adds who it was that ended the session, where its reason has no name for it yet."""
+        run = self._run
+        if run is None or self.state is not SessionPhase.ABORTING:
+            return
+        if not any(reason.startswith(_FOREIGN) for reason in run.reasons):
+            return
+        for text in texts:
+            if NAMELESS not in text and not any(text in reason for reason in run.reasons):
+                run.reason(Verdict.INVALID_HARNESS, text, now_ns)
 
     def give_up_on_standstill(self, now_ns: int) -> None:
         """Says, once an abort, that nobody is left to report the standstill that it ends with.

@@ -5,6 +5,7 @@ manager is.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
@@ -15,6 +16,7 @@ from ssp_core.safety.body_status import FORGOTTEN_S, BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import WINDOW_S, LinkClocks
 from ssp_core.safety.liveness import ADAPTER_SILENT_S, WATCHED, SignOfLife, signs_of_life
+from ssp_core.safety.object_rules import HeardRules
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session.limits import LATE_S, Violation, of_object, silent, too_many
 from ssp_scenario_manager.session.session import Session
@@ -29,6 +31,7 @@ class LivenessMonitor:
 
     def __init__(self, links: LinkClocks | None = None) -> None:
         self.links = links or LinkClocks()
+        self.rules = HeardRules()
         self.recorder_ready = False
         self.recorder_missing: tuple[str, ...] = ()
         self.recorder_lost = 0
@@ -51,6 +54,12 @@ class LivenessMonitor:
         """What the recorder says of itself (RecorderStatus.msg)."""
         self.hear(names.MONITOR, steady_ns)
         self.recorder_ready, self.recorder_missing, self.recorder_lost = ready, missing, lost
+
+    def hear_strangers(self, texts: Sequence[str]) -> None:
+        """Topics with more publishers than they should have, by the numbers of their messages."""
+        self.foreign.pop(names.MONITOR, None)
+        if texts:
+            self.foreign[names.MONITOR] = len(texts), "; ".join(texts)
 
     def hear_localisation(self, reason: str, steady_ns: int) -> None:
         """Why no state is made of the VUT's newest fix (LocalisationStatus.msg); empty: one is."""
@@ -115,6 +124,7 @@ class LivenessMonitor:
             recorder_missing=self.recorder_missing,
             recorder_lost=self.recorder_lost,
             vut_refused=self._vut_refused if adapted else "",
+            rules=self.rules.checks(spec) if spec else {},
             other_managers=self.other_managers,
             foreign=self.foreign_text,
             bodies=self._bodies_of(spec, steady_ns) if spec and spec.mode == "live" else {},
@@ -243,6 +253,7 @@ class Supervisor:
         session = self._session
         self.inform(steady_ns)
         self.watch_silence(steady_ns, now_ns)
+        session.name_strangers((text for _, text in self._liveness.foreign.values()), now_ns)
         if (reason := self._not_armed(steady_ns)) is not None:
             session.arming_failed(now_ns, reason)
         return self._abort.unconfirmed(session, self._liveness, steady_ns, now_ns)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from tf2_msgs.msg import TFMessage
 
 from ssp_core import names, ros
+from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState
 from ssp_core.processes import (
     free_domain,
@@ -26,6 +28,9 @@ from ssp_core.processes import (
     remove_stale_shared_memory,
     session_environment,
 )
+from ssp_core.ros.conversions import rules_to_msg
+from ssp_core.run_file.model import load_run
+from ssp_core.safety.object_rules import rules_of
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.action import RunScenario
@@ -75,6 +80,11 @@ class Peers:
         sub(msg.LinkStatus, names.LINK_STATUS, self.links.append, ros.STATE)
         sub(TFMessage, names.TF, self.poses.append, ros.TF)
         self.reply = pub(msg.HeartbeatReply, names.HEARTBEAT_REPLY, ros.STATE)
+        # What an object's process offers beside that, as one that is asked nothing.
+        pub(msg.ReferenceAck, names.ack_topic("ot1"), ros.COMMAND)
+        pub(msg.StepDone, names.STEP_DONE, ros.STATE)
+        pub(msg.ActuatorCommands, names.ACTUATOR_COMMANDS, ros.COMMAND)
+        self.rules = pub(msg.ObjectRules, names.rules_topic("ot1"), ros.LATCHED)
         self.node.create_service(ObjectCommand, names.command_service("ot1"), self._on_command)
         self.node.create_timer(0.02, self._publish)
         client = self.node.create_client
@@ -134,6 +144,13 @@ class Peers:
         self.ot1 = self.make_state("ot1", x_m=40.0, y_m=3.5, control_state=control_state)
         self.recorder = msg.RecorderStatus(ready=True)
 
+    def tell_rules(self, run_file: Path | str, **limits: float) -> None:
+        """The object judges by the run, or by other limits; a file that is none has no rules."""
+        with suppress(InputError):
+            run = load_run(run_file)
+            other = run.model_copy(update={"limits": run.limits.model_copy(update=limits)})
+            self.rules.publish(rules_to_msg(rules_of(other, "ot1"), "ot1", "peers"))
+
     def spin_until(self, condition: Callable[[], Any], what: str) -> None:
         deadline = time.monotonic() + DEADLINE_S
         while not condition():
@@ -156,6 +173,7 @@ class Peers:
         return self.beats[-1].session_token if self.beats else ""
 
     def load(self, run_file: Path | str) -> Any:
+        self.tell_rules(run_file)
         request = LoadScenario.Request(run_file=str(run_file), session_token=self.token)
         return self.ask(self.loading, request)
 
@@ -174,6 +192,7 @@ class Peers:
 
     def send(self, run_file: Path | str) -> Any:
         """Sends a goal; it is accepted."""
+        self.tell_rules(run_file)
         self.spin_until(self.action.server_is_ready, "the action server")
         goal = self.action.send_goal_async(
             RunScenario.Goal(run_file=str(run_file), session_token=self.token),

@@ -1,0 +1,172 @@
+"""What an object judges by, field by field, so that two hosts can hold theirs against each other.
+
+An object has a run file of its own, on its own host. It tells what that file says
+(ObjectRules.msg), the manager compares it with its own, and arming names the digest of what was
+compared: an object that judges by anything else doesn't arm.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ssp_core import __version__
+from ssp_core.hashing import sha256_json
+from ssp_core.run_file.model import RunSpec
+
+# Limits that are stricter where they are lower, and where they are higher; any other one has no
+# side on which it is stricter.
+_LOWER = (
+    *("speed_mps", "acceleration_mps2", "state_age_s", "heartbeat_s", "ack_s", "duration_s"),
+    *("error_longitudinal_m", "error_lateral_m", "error_yaw_rad", "position_std_m", "jump_m"),
+    *("frozen_s", "clock_offset_s", "link_delay_s", "start_region_m", "start_yaw_rad"),
+    "stop_reaction_s",
+)
+_HIGHER = ("separation_m",)
+_SOFTWARE = "software"
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectRules:
+    """Everything that one object judges by.
+
+    Args:
+        software: version of the product.
+        values: by name of a field of the run file, with dots, as JSON; in the file's order.
+    """
+
+    software: str
+    values: Mapping[str, str]
+
+    @property
+    def digest(self) -> str:
+        """Hash of software and values, whatever their order."""
+        return sha256_json({_SOFTWARE: self.software, "values": dict(self.values)})
+
+
+@dataclass(frozen=True, slots=True)
+class RulesCheck:
+    """What an object judges by, held against what its manager does.
+
+    Args:
+        digest: of what the object judges by; empty: it isn't known.
+        problem: the first field that differs, as a sentence; empty: none does that matters.
+        stricter: the object's own stricter limits, as clauses.
+    """
+
+    digest: str = ""
+    problem: str = ""
+    stricter: tuple[str, ...] = ()
+
+
+def rules_of(run: RunSpec, object_id: str) -> ObjectRules:
+    """What an object of a run judges by, as its run file says it."""
+    target = next(one for one in run.targets if one.id == object_id)
+    datum = None if run.datum is None else run.datum.model_dump(mode="json")
+    size, spec = target.size, target.model_dump(mode="json")
+    judged = {
+        "event_version": run.event_version,
+        "mode": run.mode,
+        "step_s": run.step_s,
+        "limits": {name: getattr(run.limits, name) for name in type(run.limits).model_fields},
+        "geofence": run.geofence,
+        "datum": datum,
+        object_id: {
+            **{key: spec[key] for key in ("object_class", "start", "tracker")},
+            "size": {name: getattr(size, name) for name in size.__slots__},
+            "approach": spec["approach"],
+            "manoeuvres": {
+                trigger.id: trigger.manoeuvre.model_dump(mode="json")
+                for trigger in run.triggers
+                if trigger.object_id == object_id
+            },
+        },
+    }
+    return ObjectRules(__version__, dict(_fields("", judged)))
+
+
+def _fields(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    """The leaves below a value; a point of a path is one."""
+    if isinstance(value, Mapping) and value:
+        for key, below in value.items():
+            yield from _fields(f"{name}.{key}" if name else str(key), below)
+    elif isinstance(value, list | tuple) and any(isinstance(one, list | tuple) for one in value):
+        for index, below in enumerate(value):
+            yield from _fields(f"{name}[{index}]", below)
+    else:
+        yield name, json.dumps(value, allow_nan=False)
+
+
+def untold(object_id: str) -> RulesCheck:
+    """Of an object that hasn't said what it judges by."""
+    return RulesCheck(problem=f"{object_id} has not said what it judges by")
+
+
+def check_rules(ours: ObjectRules, theirs: ObjectRules | None, object_id: str) -> RulesCheck:
+    """Holds what an object says to judge by against what its manager does.
+
+    Args:
+        ours: of the manager's run file.
+        theirs: as the object told it; None: it hasn't.
+    """
+    if theirs is None:
+        return untold(object_id)
+    if theirs.software != ours.software:
+        problem = _differs(_SOFTWARE, theirs.software, ours.software, object_id)
+        return RulesCheck(theirs.digest, problem)
+    stricter = []
+    for name in (*ours.values, *(name for name in theirs.values if name not in ours.values)):
+        mine, its = _value(ours, name), _value(theirs, name)
+        if mine == its:
+            continue
+        if not _is_stricter(name, its, mine):
+            return RulesCheck(theirs.digest, _differs(name, its, mine, object_id))
+        stricter.append(f"{name} {its} instead of {mine}")
+    return RulesCheck(theirs.digest, stricter=tuple(stricter))
+
+
+class HeardRules:
+    """What was heard of the rules of objects, held against those of a run."""
+
+    def __init__(self) -> None:
+        self._heard: dict[str, ObjectRules] = {}
+        self._run: RunSpec | None = None
+        self._checks: dict[str, RulesCheck] = {}
+
+    def hear(self, told: tuple[str, ObjectRules]) -> None:
+        """Takes whose they are, and what an object says to judge by; the newest word counts."""
+        object_id, rules = told
+        self._heard[object_id] = rules
+        self._run = None
+
+    def checks(self, run: RunSpec) -> dict[str, RulesCheck]:
+        """By object of a run, how its rules are."""
+        if run is not self._run:
+            ids = [target.id for target in run.targets]
+            self._checks = {i: check_rules(rules_of(run, i), self._heard.get(i), i) for i in ids}
+            self._run = run
+        return self._checks
+
+
+def _differs(name: str, theirs: str, ours: str, object_id: str) -> str:
+    return f"{object_id} judges by another {name}: {theirs} on its host, {ours} here"
+
+
+def _value(rules: ObjectRules, name: str) -> str:
+    """Of a field, in words where it isn't given or has fields of its own."""
+    if (value := rules.values.get(name)) is not None:
+        return value
+    return "given" if any(one.startswith(f"{name}.") for one in rules.values) else "nothing"
+
+
+def _is_stricter(name: str, theirs: str, ours: str) -> bool:
+    limit = name.removeprefix("limits.")
+    if limit == name or limit not in (*_LOWER, *_HIGHER):
+        return False
+    try:
+        its, mine = float(theirs), float(ours)
+    except ValueError:
+        return False
+    return its < mine if limit in _LOWER else its > mine

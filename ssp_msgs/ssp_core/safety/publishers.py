@@ -1,0 +1,195 @@
+"""Who may publish what in a session: one table, by which manager and recorder find strangers.
+
+Most topics have one publisher, whoever it is: a second one is a stranger. Topics that several parts
+of a session share may be published once by each process of these parts; a part's processes are
+known by the topics that are theirs alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from ssp_core import names
+from ssp_core.run_file.model import RunSpec
+
+# A process that was killed stays in the graph for so long, s: the longest lease of our profiles.
+FORGOTTEN_S = 20
+
+
+class Part(Enum):
+    """A part of a session, which is one process or several."""
+
+    MANAGER = auto()
+    WORLD = auto()
+    OBJECTS = auto()
+    RECORDER = auto()
+    CAMERA = auto()
+    RUNNER = auto()
+
+
+# What stands for a node that the graph has not named yet.
+NAMELESS = "a node without a name"
+ONE: tuple[Part, ...] = ()
+# Each topic that isn't an object's: the parts that share it, or ONE publisher.
+_OF_SESSION: dict[str, tuple[Part, ...]] = {
+    names.CLOCK: ONE,
+    names.WORLD_TICK: ONE,
+    names.STEP_DONE: (Part.MANAGER, Part.OBJECTS, Part.RECORDER, Part.CAMERA),
+    names.ACTUATOR_COMMANDS: (Part.OBJECTS,),
+    names.VUT_COMMAND: ONE,
+    names.BODY_STATUS: (Part.OBJECTS,),
+    names.HEARTBEAT: ONE,
+    names.HEARTBEAT_REPLY: (Part.OBJECTS,),
+    names.LINK_STATUS: ONE,
+    names.OBJECT_STATES: (Part.OBJECTS,),
+    names.FAULT_EVENT: (Part.WORLD, Part.OBJECTS, Part.RUNNER),
+    names.SESSION_STATE: ONE,
+    names.TRIGGER_EVENT: ONE,
+    names.PHASE_EVENT: ONE,
+    names.RECORDER_STATUS: ONE,
+    names.LOCALISATION_STATUS: ONE,
+    names.CAMERA_IMAGE: ONE,
+    names.CAMERA_INFO: ONE,
+    names.CAMERA_MOUNT: ONE,
+    names.state_topic(names.VUT_ID): ONE,
+}
+# What anybody may publish beside us, and why that does no harm.
+ANYBODY = {
+    names.SAFETY_EVENT: "whoever sees danger may end a session",
+    names.TF: "every ROS system has its own frames there; nothing of ours is judged by it",
+    names.TF_STATIC: "as /tf",
+    names.DIAGNOSTICS: "every node tells its health there",
+}
+# The topics that show which processes a part has; those of objects are in ``_proofs``.
+_PROOFS = {
+    Part.MANAGER: names.SESSION_STATE,
+    Part.WORLD: names.WORLD_TICK,
+    Part.RECORDER: names.RECORDER_STATUS,
+    Part.CAMERA: names.CAMERA_IMAGE,
+}
+
+
+def expected_publishers(run: RunSpec | None) -> dict[str, tuple[Part, ...]]:
+    """The parts that share each topic of a session, ``ONE`` where it has one publisher.
+
+    Args:
+        run: None: no run is loaded, and nothing is known of its objects.
+    """
+    found = dict(_OF_SESSION)
+    for target in () if run is None else run.targets:
+        found |= dict.fromkeys(_of_object(target.id), ONE)
+        if run is not None and _asks_for_references(run, target.id):
+            found[names.reference_topic(target.id)] = (Part.MANAGER, Part.RUNNER)
+    return found
+
+
+def _of_object(object_id: str) -> tuple[str, ...]:
+    return (
+        names.state_topic(object_id),
+        names.reference_topic(object_id),
+        names.ack_topic(object_id),
+        names.iso_frames_topic(object_id),
+        names.rules_topic(object_id),
+    )
+
+
+def _asks_for_references(run: RunSpec, object_id: str) -> bool:
+    """The run's own faults have the runner send this object references."""
+    return any(f.target == object_id and f.kind.startswith("reference_") for f in run.faults)
+
+
+def _proofs(run: RunSpec | None) -> dict[str, Part]:
+    """By topic with one publisher, the part that its publisher's process belongs to."""
+    found = {topic: part for part, topic in _PROOFS.items()}
+    for target in () if run is None else run.targets:
+        found |= dict.fromkeys(
+            (names.ack_topic(target.id), names.state_topic(target.id)), Part.OBJECTS
+        )
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Publisher:
+    """A publisher as the graph shows it.
+
+    Args:
+        node: full name of its node; empty while the graph doesn't know it.
+        process: what tells its process from others.
+    """
+
+    node: str
+    process: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Strangers:
+    """Publishers of one topic that shouldn't be: how many, and a sentence that names them."""
+
+    count: int
+    text: str
+
+
+class PublisherRules:
+    """Judges the publishers of a session's topics, and remembers the processes of its parts.
+
+    A process that is known stays known, so that a session's end doesn't make strangers of those
+    whose topics go one after the other.
+
+    Args:
+        run: as for ``expected_publishers``.
+    """
+
+    def __init__(self, run: RunSpec | None = None) -> None:
+        self.expected = expected_publishers(run)
+        self._proofs = _proofs(run)
+        self._known: dict[Part, set[bytes]] = {part: set() for part in Part}
+
+    def know(self, graph: Mapping[str, Sequence[Publisher]]) -> None:
+        """Learns from topics that have one publisher, which processes belong to the session."""
+        for topic, part in self._proofs.items():
+            if len(found := graph.get(topic, ())) == 1:
+                self._known[part].add(found[0].process)
+
+    @property
+    def proofs(self) -> frozenset[str]:
+        """Topics that ``know`` learns from."""
+        return frozenset(self._proofs)
+
+    def strangers(self, topic: str, found: Sequence[Publisher]) -> Strangers | None:
+        """Who publishes a topic and shouldn't; None while all is well.
+
+        Args:
+            topic: one of ``expected``.
+            found: all its publishers.
+        """
+        parts = self.expected[topic]
+        if not parts:
+            return _too_many(topic, found) if len(found) > 1 else None
+        known = set[bytes]().union(*(self._known[part] for part in parts))
+        strange, seen = [], set[bytes]()
+        for one in found:
+            ours = Part.RUNNER in parts and one.node == _RUNNER
+            if one.process in seen or not (ours or one.process in known):
+                strange.append(one)
+            seen.add(one.process)
+        if not strange:
+            return None
+        who = " and ".join(_names(strange))
+        return Strangers(len(strange), f"{topic} has {who} beside this session's own")
+
+
+def _names(found: Sequence[Publisher]) -> list[str]:
+    return sorted(one.node or NAMELESS for one in found)
+
+
+_RUNNER = names.absolute(names.RUNNER)
+
+
+def _too_many(topic: str, found: Sequence[Publisher]) -> Strangers:
+    nodes = _names(found)
+    text = f"{topic} has {' and '.join(nodes)}"
+    if len(set(nodes)) < len(nodes):
+        text += f"; one that has ended is forgotten within {FORGOTTEN_S} s"
+    return Strangers(len(found) - 1, text)

@@ -1,0 +1,143 @@
+"""What an object judges by: every group of fields counts, and only stricter limits may differ."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.run_file.participants import Motion
+from ssp_core.run_file.values import SiteDatum, Start
+from ssp_core.safety.object_rules import (
+    HeardRules,
+    ObjectRules,
+    RulesCheck,
+    check_rules,
+    rules_of,
+)
+from support.runs import small_run
+
+
+def run(**changes: Any) -> RunSpec:
+    limits = {"speed_mps": 14.0, "acceleration_mps2": 6.0}
+    return RunSpec.model_validate(small_run(**({"limits": limits} | changes)))
+
+
+OURS = run()
+TARGET = OURS.targets[0]
+
+
+def with_limits(**limits: Any) -> RunSpec:
+    return OURS.model_copy(update={"limits": OURS.limits.model_copy(update=limits)})
+
+
+def with_target(**changes: Any) -> RunSpec:
+    return OURS.model_copy(update={"targets": [TARGET.model_copy(update=changes)]})
+
+
+def check(theirs: RunSpec) -> RulesCheck:
+    return check_rules(rules_of(OURS, "ot1"), rules_of(theirs, "ot1"), "ot1")
+
+
+def test_the_same_file_agrees_however_it_is_written() -> None:
+    same = RunSpec.model_validate(json.loads(OURS.model_dump_json(by_alias=True)))
+    assert check(same) == RulesCheck(rules_of(OURS, "ot1").digest)
+    other_run = OURS.model_copy(update={"run_id": "another", "seed": 7})
+    assert rules_of(other_run, "ot1").digest == rules_of(OURS, "ot1").digest
+
+
+FENCE = [(0.0, -8.0), (1600.0, -8.0), (1600.0, 12.0), (0.0, 12.0)]
+PATH = Motion(path=[(40.0, 0.0), (90.0, 0.0)], cruise_mps=5.0)
+LATER = Start(x_m=40.0, y_m=0.5, yaw_rad=0.0)
+MANOEUVRE = OURS.triggers[0].manoeuvre.model_copy(update={"lateral_shift_m": -1.0})
+TRIGGER = OURS.triggers[0].model_copy(update={"manoeuvre": MANOEUVRE})
+DATUM = SiteDatum(latitude_deg=57.0, longitude_deg=12.0)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "field", "its", "mine"),
+    [
+        (
+            OURS.model_copy(update={"geofence": FENCE}),
+            "geofence[1]",
+            "[1600.0, -8.0]",
+            "[400.0, -8.0]",
+        ),
+        (
+            OURS.model_copy(update={"geofence": [*FENCE, (0.0, 0.0)]}),
+            "geofence[1]",
+            "[1600",
+            "[400",
+        ),
+        (with_limits(speed_mps=40.0), "limits.speed_mps", "40.0", "14.0"),
+        (with_limits(heartbeat_s=60.0), "limits.heartbeat_s", "60.0", "0.5"),
+        (with_limits(separation_m=0.0), "limits.separation_m", "0.0", "0.5"),
+        (with_limits(stop_deceleration_mps2=5.0), "limits.stop_deceleration_mps2", "5.0", "4.0"),
+        (with_limits(trigger_age_s=0.01), "limits.trigger_age_s", "0.01", "null"),
+        (with_limits(speed_mps=1.0, jump_m=2.0), "limits.jump_m", "2.0", "1.0"),
+        (OURS.model_copy(update={"step_s": 0.01}), "step_s", "0.01", "0.02"),
+        (OURS.model_copy(update={"mode": "realtime"}), "mode", '"realtime"', '"lockstep"'),
+        (OURS.model_copy(update={"event_version": "b"}), "event_version", '"b"', '"sha256:event"'),
+        (OURS.model_copy(update={"datum": DATUM}), "datum", "given", "null"),
+        (with_target(start=LATER), "ot1.start.y_m", "0.5", "0.0"),
+        (with_target(object_class="truck"), "ot1.object_class", '"truck"', '"car"'),
+        (with_target(approach=PATH), "ot1.approach", "given", "null"),
+        (
+            OURS.model_copy(update={"triggers": [TRIGGER]}),
+            "ot1.manoeuvres.t.lateral_shift_m",
+            "-1.0",
+            "-3.5",
+        ),
+    ],
+)
+def test_another_field_is_named_with_both_values(
+    theirs: RunSpec, field: str, its: str, mine: str
+) -> None:
+    found = check(theirs)
+    assert found.digest == rules_of(theirs, "ot1").digest != rules_of(OURS, "ot1").digest
+    assert found.problem.startswith(f"ot1 judges by another {field}: {its}"), found.problem
+    assert f"on its host, {mine}" in found.problem
+
+
+def test_a_size_and_a_version_of_the_product_count() -> None:
+    ours = rules_of(OURS, "ot1")
+    wider = ObjectRules(ours.software, {**ours.values, "ot1.size.width_m": "9.0"})
+    assert "another ot1.size.width_m: 9.0" in check_rules(ours, wider, "ot1").problem
+    older = ObjectRules("0.0.9", ours.values)
+    problem = check_rules(ours, older, "ot1").problem
+    assert problem == f"ot1 judges by another software: 0.0.9 on its host, {ours.software} here"
+    more = ObjectRules(ours.software, {**ours.values, "limits.jerk": "1"})
+    assert (
+        "another limits.jerk: 1 on its host, nothing here" in check_rules(ours, more, "ot1").problem
+    )
+
+
+NUMBERS = [name for name in Limits.model_fields if isinstance(getattr(OURS.limits, name), float)]
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_limit_is_stricter_on_one_side_at_most(name: str) -> None:
+    """Of each limit a lower or a higher value may stand on the object's host, never both."""
+    value = getattr(OURS.limits, name)
+    lower, higher = (
+        check(with_limits(**{name: 0.5 * value})),
+        check(with_limits(**{name: 2 * value})),
+    )
+    allowed = [one for one in (lower, higher) if not one.problem]
+    assert len(allowed) == (0 if name == "stop_deceleration_mps2" else 1)
+    for one in allowed:
+        assert one.stricter[0].startswith(f"limits.{name} ")
+        assert one.stricter[0].endswith(f" instead of {value}")
+    assert (not higher.problem) == (name == "separation_m")
+
+
+def test_what_was_heard_last_counts() -> None:
+    heard = HeardRules()
+    assert heard.checks(OURS)["ot1"] == RulesCheck(problem="ot1 has not said what it judges by")
+    heard.hear(("ot1", rules_of(with_limits(speed_mps=40.0), "ot1")))
+    assert heard.checks(OURS)["ot1"].problem
+    heard.hear(("ot1", rules_of(with_limits(speed_mps=8.0), "ot1")))
+    assert heard.checks(OURS)["ot1"].stricter == ("limits.speed_mps 8.0 instead of 14.0",)
+    assert heard.checks(with_limits(speed_mps=8.0))["ot1"].stricter == ()

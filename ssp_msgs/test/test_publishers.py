@@ -1,0 +1,119 @@
+"""Who may publish what: a stranger is found, and nobody who belongs to a session is one."""
+
+from __future__ import annotations
+
+import pytest
+
+from ssp_core import names
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.publishers import NAMELESS, Publisher, PublisherRules, Strangers
+from support.runs import small_run
+
+MANAGER = Publisher("/ssp/scenario_manager", b"manager")
+OBJECTS = Publisher("/ssp/object_target", b"objects")
+FAR = Publisher("/ssp/object_target", b"of another host")
+RECORDER = Publisher("/ssp/monitor", b"monitor")
+RUNNER = Publisher("/ssp/ssp_run", b"runner")
+STRANGER = Publisher("/ssp/intruder", b"stranger")
+ALONE = [
+    *(names.HEARTBEAT, names.SESSION_STATE, names.TRIGGER_EVENT, names.PHASE_EVENT, names.CLOCK),
+    *(names.LINK_STATUS, names.RECORDER_STATUS, names.WORLD_TICK, names.CAMERA_IMAGE),
+    *(names.state_topic("vut"), names.state_topic("ot1"), names.reference_topic("ot1")),
+    *(names.ack_topic("ot1"), names.rules_topic("ot1"), names.iso_frames_topic("ot1")),
+]
+SHARED = [names.STEP_DONE, names.HEARTBEAT_REPLY, names.ACTUATOR_COMMANDS, names.OBJECT_STATES]
+
+
+def run(**changes: object) -> RunSpec:
+    return RunSpec.model_validate(small_run(**changes))
+
+
+@pytest.fixture
+def rules() -> PublisherRules:
+    made = PublisherRules(run())
+    made.know(
+        {
+            names.SESSION_STATE: [MANAGER],
+            names.ack_topic("ot1"): [OBJECTS],
+            names.RECORDER_STATUS: [RECORDER],
+        }
+    )
+    return made
+
+
+@pytest.mark.parametrize("topic", ALONE)
+def test_a_second_publisher_is_a_stranger(rules: PublisherRules, topic: str) -> None:
+    assert rules.strangers(topic, []) is None
+    assert rules.strangers(topic, [OBJECTS]) is None
+    text = f"{topic} has /ssp/intruder and /ssp/object_target"
+    assert rules.strangers(topic, [OBJECTS, STRANGER]) == Strangers(1, text)
+
+
+@pytest.mark.parametrize("topic", SHARED)
+def test_a_shared_topic_is_for_the_processes_of_the_session(
+    rules: PublisherRules, topic: str
+) -> None:
+    assert rules.strangers(topic, [OBJECTS]) is None
+    text = f"{topic} has /ssp/intruder beside this session's own"
+    assert rules.strangers(topic, [OBJECTS, STRANGER]) == Strangers(1, text)
+    assert rules.strangers(topic, [STRANGER]) == Strangers(1, text)
+    # The same process twice, and one of that name that has no object of the run.
+    assert rules.strangers(topic, [OBJECTS, OBJECTS]) is not None
+    assert rules.strangers(topic, [OBJECTS, FAR]) is not None
+
+
+def test_every_process_of_objects_belongs_to_the_session(rules: PublisherRules) -> None:
+    two = PublisherRules(run(targets=[*small_run()["targets"], _another("ot2")]))
+    two.know({names.ack_topic("ot1"): [OBJECTS], names.ack_topic("ot2"): [FAR]})
+    assert two.strangers(names.HEARTBEAT_REPLY, [OBJECTS, FAR]) is None
+    # A part that isn't there proves nothing; one with two publishers neither.
+    rules.know({names.ack_topic("ot1"): [OBJECTS, STRANGER], names.WORLD_TICK: []})
+    assert rules.strangers(names.HEARTBEAT_REPLY, [OBJECTS, STRANGER]) is not None
+
+
+def _another(object_id: str) -> dict[str, object]:
+    return {**small_run()["targets"][0], "id": object_id}
+
+
+def test_steps_are_answered_by_all_parts_and_replies_by_objects_alone(
+    rules: PublisherRules,
+) -> None:
+    everybody = [MANAGER, OBJECTS, RECORDER]
+    assert rules.strangers(names.STEP_DONE, everybody) is None
+    found = rules.strangers(names.HEARTBEAT_REPLY, everybody)
+    assert found is not None
+    assert found.count == 2
+
+
+def test_the_runner_sends_references_only_where_the_run_asks_for_them(
+    rules: PublisherRules,
+) -> None:
+    topic = names.reference_topic("ot1")
+    assert rules.strangers(topic, [MANAGER, RUNNER]) is not None
+    fault = {"kind": "reference_stale", "target": "ot1", "at_s": 1.0}
+    asked = PublisherRules(run(faults=[fault]))
+    asked.know({names.SESSION_STATE: [MANAGER]})
+    assert asked.strangers(topic, [MANAGER, RUNNER]) is None
+    assert asked.strangers(topic, [MANAGER, RUNNER, STRANGER]) is not None
+    assert rules.strangers(names.FAULT_EVENT, [RUNNER, OBJECTS]) is None
+
+
+def test_a_process_that_ended_is_spoken_of(rules: PublisherRules) -> None:
+    found = rules.strangers(names.state_topic("ot1"), [OBJECTS, FAR])
+    assert found is not None
+    assert found.text == (
+        "ot1/state has /ssp/object_target and /ssp/object_target; one that has ended is forgotten "
+        "within 20 s"
+    )
+
+
+def test_a_node_whose_name_is_not_known_yet(rules: PublisherRules) -> None:
+    found = rules.strangers(names.HEARTBEAT, [MANAGER, Publisher("", b"stranger")])
+    assert found is not None
+    assert NAMELESS in found.text
+
+
+def test_without_a_run_the_session_is_watched_all_the_same() -> None:
+    rules = PublisherRules()
+    assert names.state_topic("ot1") not in rules.expected
+    assert rules.strangers(names.HEARTBEAT, [MANAGER, STRANGER]) is not None

@@ -1,0 +1,83 @@
+"""Whoever publishes what a part of a session does is named, and the run isn't valid."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core import names
+from ssp_core.safety.publishers import NAMELESS
+from tests.system import stranger
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+# Hears what it can of a session, as a page, a recorder or a plot do, and says when it has.
+LISTENER = """
+import rclpy
+from ssp_core import names, ros
+from ssp_msgs import msg
+rclpy.init()
+node = ros.make_node("listener")
+heard = set()
+for kind, topic in ((msg.ObjectState, names.state_topic("ot1")), (msg.Heartbeat, names.HEARTBEAT)):
+    node.create_subscription(kind, topic, lambda _, topic=topic: heard.add(topic), ros.STATE)
+executor = ros.make_executor()
+executor.add_node(node)
+while len(heard) < 2:
+    executor.spin_once(timeout_sec=0.2)
+print("heard", flush=True)
+while rclpy.ok():
+    executor.spin_once(timeout_sec=0.2)
+"""
+# As the recorder says it, which may be sooner than the graph.
+RIVALS = "has messages of two publishers in turn"
+Beside = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def beside() -> Iterator[Beside]:
+    """Starts a process in the ROS domain of a session, and waits for its first line."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(session: Any, *command: str) -> subprocess.Popen[str]:
+        pid = session.pid_of(names.OBJECT_TARGET)
+        told = Path(f"/proc/{pid}/environ").read_text().split("\0")
+        env = dict(item.split("=", 1) for item in told if "=" in item)
+        process = subprocess.Popen(
+            [sys.executable, *command], env=env, stdout=subprocess.PIPE, text=True
+        )
+        started.append(process)
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize("topic", [names.state_topic("ot1"), *stranger.KINDS])
+def test_a_stranger_is_named_and_the_run_is_not_valid(
+    long_session: Any, beside: Beside, topic: str
+) -> None:
+    session = long_session("--no-camera")
+    beside(session, str(Path(stranger.__file__)), topic)
+    result = session.finish()
+    assert result["verdict"] == "invalid_harness", result["reasons"]
+    reasons = " ".join(result["reasons"])
+    assert f"foreign_manager: 1, limit 0 ({topic} has" in reasons or RIVALS in reasons, reasons
+    # The graph may name a node only after the run has ended.
+    assert any(who in reasons for who in ("/ssp/stranger", NAMELESS, RIVALS)), reasons
+
+
+def test_who_only_listens_is_no_stranger(start_session: Any, beside: Beside) -> None:
+    session = start_session("cut_in", "--no-camera")
+    session.wait_for("phase approach")
+    beside(session, "-c", LISTENER)
+    result = session.finish()
+    assert result["verdict"] == "valid", result["reasons"]
