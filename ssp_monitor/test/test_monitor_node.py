@@ -156,7 +156,9 @@ def test_an_ordinary_stop_leaves_a_complete_bag(session, monitor, run_file, tmp_
     session.spin_until(lambda: session.status[-1].messages >= sent, f"{sent} messages")
     monitor.send_signal(signal.SIGTERM)
     out, err = monitor.communicate(timeout=DEADLINE_S)
-    assert (monitor.returncode, err) == (0, "")
+    assert monitor.returncode == 0, err
+    # On a busy machine the middleware warns, and so may the recorder, of what was late.
+    assert [line for line in err.splitlines() if "[WARN]" not in line] == []
     assert f"{tmp_path / 'bag'}, 0 lost, counts and checksums checked" in out
     assert read_verdict(tmp_path / "bag") == RecordedVerdict(Verdict.VALID, ())
 

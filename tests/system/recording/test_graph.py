@@ -14,7 +14,9 @@ from .conftest import Field, Recording, wait_for
 from .load import IMAGE, TEXT, LoadTopic
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
-FIRST = LoadTopic("/load/first", rate_hz=100)
+# A recorder that a busy machine keeps waiting finds everything that was sent meanwhile.
+KEPT = 10_000
+FIRST = LoadTopic("/load/first", rate_hz=100, depth=KEPT)
 
 
 def finish(recording: Recording) -> tuple[int, dict[str, object]]:
@@ -34,7 +36,7 @@ def test_late_topics_and_best_effort_ones_are_recorded(field_: Field) -> None:
     recording = field_.record("--all", "--json")
     recorded(recording)
     late_topics = (
-        LoadTopic("/late/state", rate_hz=100),
+        LoadTopic("/late/state", rate_hz=100, depth=KEPT),
         LoadTopic("/late/map", rate_hz=0, size_bytes=20_000, latched=True),
         LoadTopic("/late/lidar", rate_hz=20, size_bytes=20_000, reliable=False),
     )
@@ -60,7 +62,7 @@ def test_a_publisher_that_starts_again_loses_nothing(field_: Field) -> None:
     recording = field_.record(FIRST.name, "--json")
     recorded(recording)
     sent = before.stop()
-    after = field_.load(LoadTopic(FIRST.name, rate_hz=100, first=1_000_001))
+    after = field_.load(LoadTopic(FIRST.name, rate_hz=100, first=1_000_001, depth=KEPT))
     wait_for(lambda: after.count() > 200, "messages of the second")
     recorded(recording)
     sent += after.stop()
@@ -80,8 +82,8 @@ def test_a_topic_that_changes_its_type_keeps_its_first_one(field_: Field) -> Non
     recording = field_.record("--all", "--json")
     recorded(recording)
     sent = before.stop()
-    other = LoadTopic(FIRST.name, rate_hz=100, msgtype=TEXT, first=5_000)
-    beside = LoadTopic("/load/beside", rate_hz=100)
+    other = LoadTopic(FIRST.name, rate_hz=100, msgtype=TEXT, first=5_000, depth=KEPT)
+    beside = LoadTopic("/load/beside", rate_hz=100, depth=KEPT)
     after = field_.load(other, beside)
     wait_for(lambda: after.count() > 300, "messages of the other type")
     recorded(recording)
