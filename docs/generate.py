@@ -405,6 +405,7 @@ def times() -> str:
         ("manager", "blames nobody but itself after a pause of its own of", supervisor.LATE_S),
         ("manager", "reports an abort without a standstill after", supervision.ABORT_STANDSTILL_S),
         ("runner", "takes the manager for hung after", _constant(follow, "SILENT_S")),
+        ("runner", "ends an aborted run without a result after", _constant(follow, "RESULT_S")),
         ("object", "stops without ticks or readings after", _constant(target, "TICK_SILENCE_S")),
         ("object", "gives a lockstep world for a step", _constant(target, "WORLD_HANG_S")),
         ("world", "drops a participant in lockstep after", _constant(world, "HANG_LIMIT_S")),

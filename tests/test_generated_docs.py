@@ -20,6 +20,7 @@ BY_NAME = {meaning.limit_name: code for code, meaning in MEANINGS.items()}
 MORE = {
     "separation": {SafetyCode.SEPARATION, SafetyCode.COLLISION},
     "stamp_ahead": {SafetyCode.CLOCK_OFFSET},
+    "link_violations": {SafetyCode.LINK_DELAY, SafetyCode.CLOCK_OFFSET},
     "follow": {SafetyCode.POSITION_JUMP, SafetyCode.STATE_FROZEN},
 }
 

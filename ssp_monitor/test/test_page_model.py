@@ -143,8 +143,8 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
             "the link to ot1 takes 0.900 s, limit 0.5 s",
         ),
         (
-            lambda b: b.hear_links({"ot1": LinkFact(0.2, 0.9)}, 10 * S),
-            "the clock of ot1 is off by 0.200 s, limit 0.05 s",
+            lambda b: b.hear_links({"ot1": LinkFact(0.2, 0.1)}, 10 * S),
+            "the clock of ot1 is off by 0.200 s, limit 0.1 s",
         ),
         (
             lambda b: b.hear_states([state("ot1", x_m=33.0, y_m=6.0)], 10 * S),

@@ -90,6 +90,7 @@ HEARTBEATS = st.builds(
     PHASES,
     st.dictionaries(TEXTS, U64, max_size=4),
     TEXTS,
+    TEXTS,
 )
 RAW_FRAMES = st.lists(
     st.builds(iso_frames.RawFrame, st.booleans(), STAMPS, st.binary(max_size=80)), max_size=5
@@ -176,6 +177,7 @@ def heartbeat_to_msg(beat):
         sent=stamp_from_ns(beat.sent_ns),
         session_state=int(beat.session_state),
         session_token=beat.session_token,
+        abort_id=beat.abort_id,
         object_ids=list(beat.references_sent),
         references_sent=list(beat.references_sent.values()),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -315,6 +316,8 @@ def test_no_run_lasts_longer_than_the_site_allows_though_the_manager_goes_on(rig
     assert outcome.stopped.code is SafetyCode.DURATION
     assert outcome.stopped.measured == pytest.approx(60.02)
     # It was another run's time.
+    rig.session = SessionPhase.ABORTED
+    rig.step()
     rig.session = SessionPhase.IDLE
     assert rig.target.command(ObjectEvent.ALL_CLEAR, VERSION, 0.0).accepted
     assert rig.target.command(ObjectEvent.ARM, VERSION, 0.0).accepted
@@ -446,6 +449,30 @@ def test_all_clear_only_at_standstill(rig: Rig) -> None:
     assert rig.target.state is ControlState.DISARMED
     rig.session = SessionPhase.IDLE
     assert rig.step().report.reference_id == ""  # the old reference is forgotten
+
+
+def test_an_all_clear_clears_the_abort_that_it_names_and_no_other(rig: Rig) -> None:
+    rig.drive()
+    target, clear = rig.target, partial(rig.target.command, ObjectEvent.ALL_CLEAR, "", 0.0)
+    target.local_stop()
+    for _ in range(200):
+        rig.step()
+    # The session hasn't aborted for this stop yet; what clears an older abort comes late.
+    assert clear(abort_id="m/1").error_msg == "another abort than that stops it"
+    assert target.state is ControlState.ABORTING
+    target.on_session_state(SessionPhase.ABORTED, "m/2")
+    assert not clear(abort_id="m/1").accepted
+    assert not clear(abort_id="").accepted
+    assert clear(abort_id="m/2").accepted
+    assert target.state is ControlState.DISARMED
+    # Asked again because the answer was lost; a heartbeat that was under way changes nothing.
+    assert clear(abort_id="m/2").accepted
+    target.on_session_state(SessionPhase.ABORTED, "m/2")
+    assert target.state is ControlState.DISARMED
+    assert not clear(abort_id="m/1").accepted
+    target.on_session_state(SessionPhase.ABORTING, "m/3")
+    assert target.state is ControlState.ABORTING
+    assert not clear(abort_id="m/2").accepted
 
 
 def test_arming_needs_the_same_event_version(rig: Rig) -> None:
@@ -604,6 +631,8 @@ def test_an_object_whose_states_contradict_its_places_stops_and_is_not_armed() -
         rig.step(speed_mps=0.6 * rig.body.speed_mps)
     for _ in range(100):
         rig.step()
+    rig.session = SessionPhase.ABORTED
+    rig.step()
     rig.session = SessionPhase.CONNECTED
     rig.step()
     assert rig.target.command(ObjectEvent.ALL_CLEAR, VERSION, 0.0).accepted

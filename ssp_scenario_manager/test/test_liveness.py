@@ -129,6 +129,12 @@ def test_a_run_without_a_camera_misses_none(run: RunSpec) -> None:
         ({"age_s": 0.5}, {"age_s": 0.501}, C.REPLY_MISSING),
         ({"offset_s": 0.05}, {"offset_s": 0.050001}, C.CLOCK_OFFSET),
         ({"offset_s": -0.05}, {"offset_s": -0.050001}, C.CLOCK_OFFSET),
+        # Half of the delay is the least that the offset is uncertain by.
+        (
+            {"offset_s": 0.15, "delay_s": 0.2},
+            {"offset_s": 0.150001, "delay_s": 0.2},
+            C.CLOCK_OFFSET,
+        ),
         ({"delay_s": 0.5}, {"delay_s": 0.500001}, C.LINK_DELAY),
     ],
 )
@@ -145,6 +151,17 @@ def test_a_bad_link_ends_a_session(
     assert codes(heard_at({}, links(**outside)), spec, phase) == [code]
     # In lockstep what a link does shows in simulated time; answers come by the wall clock.
     assert codes(heard_at({}, links(**outside)), with_camera(run, "lockstep"), phase) == []
+
+
+@pytest.mark.parametrize("way_s", [(0.0, 0.6), (0.6, 0.0), (0.3, 0.3)])
+def test_a_late_link_is_no_wrong_clock(run: RunSpec, way_s: tuple[float, float]) -> None:
+    there_s, back_s = way_s
+    measured = links(offset_s=0.5 * (there_s - back_s), delay_s=there_s + back_s)
+    spec = with_camera(run, "live")
+    assert codes(heard_at({}, measured), spec) == [C.LINK_DELAY]
+    # A clock that is wrong by more than the delay can explain is named behind it.
+    measured = links(offset_s=0.4, delay_s=0.6)
+    assert codes(heard_at({}, measured), spec) == [C.LINK_DELAY, C.CLOCK_OFFSET]
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime", "live"])

@@ -108,9 +108,34 @@ def test_a_manager_that_stood_still_blames_itself(
     )
 
 
+def test_in_lockstep_a_stall_is_no_silence_and_no_overrun(driver: Any, tools: Any) -> None:
+    """Simulated time stood still with the manager; what objects say of it is true."""
+    driver.until("RUNNING")
+    liveness = LivenessMonitor()
+    watchdog = Supervisor(driver.session, liveness)
+    hear_all(liveness, S)
+    watchdog.wake(S)
+    watchdog.look(61 * S, driver.now_ns)
+    assert driver.session.state is SessionPhase.RUNNING
+    # From here on silence counts again.
+    for k in range(1, 60):
+        watchdog.wake(61 * S + k * S // 4)
+    watchdog.look(76 * S, driver.now_ns)
+    assert driver.session.reasons[0].startswith("world_silent: sil_world: 15 s, limit 12 s")
+    driver = type(driver)(driver.run, driver.state)
+    driver.until("RUNNING")
+    watchdog = Supervisor(driver.session, LivenessMonitor())
+    watchdog.wake(S)
+    watchdog.wake(4 * S)
+    lost = Violation(SafetyCode.PARTICIPANT_LOST, "object_target", 3.1, 3.0, driver.now_ns, "x")
+    driver.session.fail(lost, announced=True)
+    assert driver.session.reasons[0].startswith("participant_lost: object_target")
+
+
 def test_what_objects_say_of_that_pause_is_the_managers_own_too_and_later_it_is_theirs(
-    driver: Any, tools: Any
+    run_mapping: dict[str, Any], make_driver: Any, tools: Any
 ) -> None:
+    driver = make_driver(RunSpec.model_validate({**run_mapping, "mode": "realtime"}))
     driver.until("RUNNING")
     watchdog = Supervisor(driver.session, LivenessMonitor())
     lost = Violation(SafetyCode.HEARTBEAT_LOST, "ot1", 0.52, 0.5, driver.now_ns, "seen by x")

@@ -12,6 +12,7 @@ from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety import liveness
 from ssp_core.safety.body_status import FORGOTTEN_S, BodyStatus
+from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.vocabulary import ControlState, Role, SessionPhase, Verdict
 from ssp_monitor.status.board import (
@@ -127,16 +128,14 @@ def _participant(
 def _link(object_id: str, link: LinkFact, run: RunSpec) -> list[str]:
     if not math.isfinite(link.delay_s):
         return [f"the link to {object_id} is not measured yet"]
-    problems = []
-    if (delay := judge.link_delay(link.delay_s, run.limits)) is not None:
-        problems.append(
-            f"the link to {object_id} takes {delay.measured:.3f} s, limit {delay.limit:g} s"
-        )
-    if (offset := judge.clock_offset(link.offset_s, run.limits)) is not None:
-        problems.append(
-            f"the clock of {object_id} is off by {offset.measured:.3f} s, limit {offset.limit:g} s"
-        )
-    return problems
+    words = {
+        SafetyCode.LINK_DELAY: f"the link to {object_id} takes",
+        SafetyCode.CLOCK_OFFSET: f"the clock of {object_id} is off by",
+    }
+    return [
+        f"{words[one.code]} {one.measured:.3f} s, limit {one.limit:g} s"
+        for one in judge.link_violations(link.offset_s, link.delay_s, run.limits)
+    ]
 
 
 def _place(state: ObjectState, who: ParticipantSpec, run: RunSpec) -> list[str]:
@@ -338,8 +337,13 @@ def _judged(
         for where, value, limit, unit, level in measured:
             if abs(value) > limit:
                 return level, f"tracking error {where} is {value:.2f} {unit}, over {limit:g}"
-    if link.delay_s > limits.link_delay_s:
-        return Level.WARN, f"its link takes {link.delay_s:.3f} s, over {limits.link_delay_s:g} s"
-    if abs(link.offset_s) > limits.clock_offset_s:
-        return Level.WARN, f"its clock is {link.offset_s:.3f} s off, over {limits.clock_offset_s:g}"
+    bad = (
+        judge.link_violations(link.offset_s, link.delay_s, limits)
+        if math.isfinite(link.delay_s)
+        else []
+    )
+    for one in bad:
+        if one.code is SafetyCode.LINK_DELAY:
+            return Level.WARN, f"its link takes {one.measured:.3f} s, over {one.limit:g} s"
+        return Level.WARN, f"its clock is {one.measured:.3f} s off, over {one.limit:g}"
     return Level.OK, well

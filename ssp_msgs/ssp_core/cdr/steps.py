@@ -26,7 +26,7 @@ _COMMANDS = "mtQ"
 _COMMAND = "mtQddd?"
 _LEAST_COMMAND_BYTES = 8 + 4 + 4 + 33
 _DONE = "tQQBQQQ"
-_HEARTBEAT = "mtQsBt"
+_HEARTBEAT = "mtQsBtt"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +89,7 @@ class Heartbeat:
         sent_ns: when it was sent, on the manager's system clock, ns.
         references_sent: by object id.
         session_token: of the session that the sender leads; empty: of one without.
+        abort_id: names the session's newest abort; empty: it had none.
     """
 
     stamp_ns: int
@@ -98,6 +99,7 @@ class Heartbeat:
     session_state: SessionPhase
     references_sent: dict[str, int]
     session_token: str = ""
+    abort_id: str = ""
 
 
 def encode_clock(now_ns: int) -> bytes:
@@ -171,18 +173,18 @@ def decode_done(data: bytes, at: int) -> tuple[StepDone, int]:
 
 def encode_heartbeat(beat: Heartbeat) -> bytes:
     """Heartbeat.msg. Raises ValueError for what its fields can't hold."""
-    *head, references_sent, token = fields_of(beat)
+    *head, references_sent, token, abort_id = fields_of(beat)
     count = len(references_sent)
     # rclpy aligns an array of numbers even when it is empty; rosbags can't read that.
     layout = _HEARTBEAT + "I" + "t" * count + "I" + "Q" * count
-    values = [*head, token, count, *references_sent, count, *references_sent.values()]
+    values = [*head, token, abort_id, count, *references_sent, count, *references_sent.values()]
     return ENCAPSULATION + write(layout, values)
 
 
 @decoder
 def decode_heartbeat(data: bytes, at: int) -> tuple[Heartbeat, int]:
     """The sign of life in a Heartbeat.msg."""
-    (*head, session_state, token), at = read(_HEARTBEAT, data, at)
+    (*head, session_state, token, abort_id), at = read(_HEARTBEAT, data, at)
     count, at = read_count(data, at, 4)
     ids = []
     for _ in range(count):
@@ -197,7 +199,7 @@ def decode_heartbeat(data: bytes, at: int) -> tuple[Heartbeat, int]:
     references_sent = dict(zip(ids, counts, strict=True))
     if len(references_sent) != count:
         raise ValueError(f"an object named twice: {', '.join(ids)}")
-    return Heartbeat(*[*head, SessionPhase(session_state), references_sent, token]), at
+    return Heartbeat(*[*head, SessionPhase(session_state), references_sent, token, abort_id]), at
 
 
 # The recorder answers every tick whose number this divides, once it has taken it.

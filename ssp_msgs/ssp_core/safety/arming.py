@@ -88,6 +88,7 @@ _OF_SIGN = {
     SafetyCode.PARTICIPANT_LOST: Need.CAMERA,
     SafetyCode.REPLY_MISSING: Need.REPLY,
 }
+_OF_LINK = {SafetyCode.CLOCK_OFFSET: Need.CLOCK, SafetyCode.LINK_DELAY: Need.LINK}
 _SILENCE = frozenset(_OF_SIGN.values())
 
 
@@ -324,8 +325,8 @@ def _links_good(at: Situation) -> Iterator[Obstacle]:
         silent = list(_silent(sign, silence_s))
         yield from silent
         if not silent:
-            yield from _passed(Need.CLOCK, sign.who, judge.clock_offset(link.offset_s, limits))
-            yield from _passed(Need.LINK, sign.who, judge.link_delay(link.delay_s, limits))
+            for passed in judge.link_violations(link.offset_s, link.delay_s, limits):
+                yield from _passed(_OF_LINK[passed.code], sign.who, passed)
 
 
 def _stamps_good(at: Situation) -> Iterator[Obstacle]:

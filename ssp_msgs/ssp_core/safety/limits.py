@@ -186,9 +186,15 @@ def state_frozen(stood_s: float, limits: Limits) -> LimitViolation | None:
     return _judge(SafetyCode.STATE_FROZEN, stood_s, limits.frozen_s)
 
 
-def clock_offset(offset_s: float, limits: Limits) -> LimitViolation | None:
-    """An object's clock is too far ahead of (+) or behind (-) the manager's, s."""
-    return _judge(SafetyCode.CLOCK_OFFSET, offset_s, limits.clock_offset_s)
+def clock_offset(
+    offset_s: float, limits: Limits, uncertainty_s: float = 0.0
+) -> LimitViolation | None:
+    """An object's clock is too far ahead of (+) or behind (-) the manager's, s.
+
+    Args:
+        uncertainty_s: of the measured offset, to either side.
+    """
+    return _judge(SafetyCode.CLOCK_OFFSET, offset_s, limits.clock_offset_s + uncertainty_s)
 
 
 def stamp_ahead(age_s: float, limits: Limits, allowance_s: float = 0.0) -> LimitViolation | None:
@@ -232,6 +238,20 @@ def net_way_m(watch: ConsistencyWatch) -> tuple[float, float] | None:
     way_m, _ = watch.net_way_m(STOOD_S)
     limit_m = STOOD_WAY_M + 2.0 * watch.position_std_m
     return None if way_m <= limit_m else (way_m, limit_m)
+
+
+def link_violations(offset_s: float, delay_s: float, limits: Limits) -> list[LimitViolation]:
+    """What is wrong with a link that was measured by a message and its answer, the delay first.
+
+    The two ways may take different times. The offset is known to half of the delay, and a clock is
+    wrong only if it is wrong for any share of the delay on either way.
+
+    Args:
+        offset_s: the object's clock minus the manager's.
+        delay_s: there and back.
+    """
+    found = link_delay(delay_s, limits), clock_offset(offset_s, limits, 0.5 * max(delay_s, 0.0))
+    return [passed for passed in found if passed is not None]
 
 
 # An object whose own state says that it is faster than this can't stay where it is.

@@ -123,7 +123,7 @@ class _Member:
         for beat in beats:
             self.heartbeat_stamp_ns = beat.stamp_ns
             self.heartbeat_arrived_ns = steady_ns
-            self.target.on_session_state(beat.session_state)
+            self.target.on_session_state(beat.session_state, beat.abort_id)
 
     def silence_s(self, steady_ns: int) -> float:
         """Since the last heartbeat on the steady clock, inf before the first."""
@@ -216,6 +216,7 @@ class ObjectPool:
         event_version: str,
         steady_ns: int,
         session_token: str = "",
+        abort_id: str = "",
     ) -> CommandResponse:
         """A command of the manager to one object; an abort counts from anybody."""
         if event is not ObjectEvent.ABORT and (
@@ -231,7 +232,11 @@ class ObjectPool:
         if not self.active and event is not ObjectEvent.ABORT:
             return CommandResponse(False, REFUSED_CONDITION, _INACTIVE.message)
         return member.target.command(
-            event, event_version, member.silence_s(steady_ns), self._arbiter.strangers(steady_ns)
+            event,
+            event_version,
+            member.silence_s(steady_ns),
+            self._arbiter.strangers(steady_ns),
+            abort_id,
         )
 
     def links_of(self, object_id: str) -> LinkSizes:

@@ -86,6 +86,9 @@ class Target:
         self.object_id = object_id
         self.state = ControlState.OFF
         self.session = SessionPhase.UNKNOWN
+        # The abort that it heard of since it stopped, and the last one that was cleared.
+        self._abort_id: str | None = None
+        self._cleared_id: str | None = None
         # Of a body with a control state of its own.
         self.body = BodyCheck()
         self._run = run
@@ -119,6 +122,7 @@ class Target:
         event_version: str,
         heartbeat_age_s: float,
         other_managers: int = 0,
+        abort_id: str = "",
     ) -> CommandResponse:
         """A command of the manager; refused ones change nothing.
 
@@ -127,6 +131,7 @@ class Target:
             heartbeat_age_s: since the manager's last heartbeat, inf before the first. An object
                 that doesn't hear the manager is not armed: it would have to stop at once.
             other_managers: how many managers beside ours send heartbeats; nor is it with them.
+            abort_id: of the abort that an all-clear clears. It clears no other.
         """
         if event not in COMMANDS:
             return CommandResponse(False, REFUSED_TRANSITION, f"{event.name} is no command")
@@ -139,8 +144,13 @@ class Target:
             if (doubt := self._motion.doubt) is not None:
                 text = f"its states contradict its places: {doubt.text}"
                 return CommandResponse(False, REFUSED_CONDITION, text)
-        if event is ObjectEvent.ALL_CLEAR and not self._stands():
-            return CommandResponse(False, REFUSED_CONDITION, "the object still moves")
+        if event is ObjectEvent.ALL_CLEAR and self.state is ControlState.ABORTING:
+            if abort_id != self._abort_id:
+                return CommandResponse(False, REFUSED_CONDITION, "another abort than that stops it")
+            if not self._stands():
+                return CommandResponse(False, REFUSED_CONDITION, "the object still moves")
+        elif event is ObjectEvent.ALL_CLEAR and abort_id and abort_id == self._cleared_id:
+            return CommandResponse(True)  # asked again, because the answer was lost
         try:
             self.state = transition(self.state, event)
         except IllegalTransition as error:
@@ -148,12 +158,22 @@ class Target:
         if event in (ObjectEvent.ALL_CLEAR, ObjectEvent.DISARM):
             self._drop_references()
             self._blind = self._hard = False
+        if event is ObjectEvent.ALL_CLEAR:
+            self._abort_id, self._cleared_id = None, abort_id
         return CommandResponse(True)
 
-    def on_session_state(self, session: SessionPhase) -> None:
-        """What the manager's heartbeat says of the session: start, stop, abort."""
+    def on_session_state(self, session: SessionPhase, abort_id: str = "") -> None:
+        """What the manager's heartbeat says of the session: start, stop, abort.
+
+        Args:
+            abort_id: names the session's newest abort.
+        """
+        aborted = session in (SessionPhase.ABORTING, SessionPhase.ABORTED)
+        if aborted and abort_id and abort_id == self._cleared_id:
+            return  # it was under way when that abort was cleared
         self.session = session
-        if session in (SessionPhase.ABORTING, SessionPhase.ABORTED):
+        if aborted:
+            self._abort_id = abort_id
             if self.state not in (ControlState.OFF, ControlState.INIT):
                 self.state = transition(self.state, ObjectEvent.ABORT)
         elif self.state is ControlState.RUNNING:
@@ -219,7 +239,9 @@ class Target:
         return None if self._own is None else self._report(self._own)
 
     def local_stop(self) -> None:
-        """Stops without being told to; left by all_clear alone."""
+        """Stops without being told to; left by all_clear alone, once the session has aborted."""
+        if self.state is not ControlState.ABORTING:
+            self._abort_id = None
         self.state = transition(self.state, ObjectEvent.LOCAL_STOP)
 
     def stop_blindly(self) -> Command:

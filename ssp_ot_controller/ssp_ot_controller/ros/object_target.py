@@ -351,7 +351,12 @@ class ObjectProcess:
                 reply = other_rules(self._rules[object_id].digest, request.rules_digest)
             if reply is None:
                 reply = self.pool.command(
-                    object_id, event, request.event_version, steady_ns, request.session_token
+                    object_id,
+                    event,
+                    request.event_version,
+                    steady_ns,
+                    request.session_token,
+                    request.abort_id,
                 )
             response.accepted = reply.accepted
             response.error_code = reply.error_code

@@ -18,6 +18,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.arming import Facts, Gate, obstacles
 from ssp_core.safety.body_status import BodyStatus
+from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.consistency import ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.safety.object_rules import RulesCheck, untold
@@ -305,11 +306,11 @@ def _link_finding(spec: RunSpec, object_id: str, heard: SessionHeard) -> Finding
         remedy = "is its object_target active? The manager measures links of a loaded run only"
         return fail(name, "heartbeats aren't answered", remedy)
     text = f"clock off by {link.offset_s * 1e3:+.1f} ms, {link.delay_s * 1e3:.1f} ms there and back"
-    if judge.clock_offset(link.offset_s, limits) is not None:
-        limit = f"{text}; limit ±{limits.clock_offset_s:g} s"
+    for one in judge.link_violations(link.offset_s, link.delay_s, limits):
+        if one.code is SafetyCode.LINK_DELAY:
+            return fail(name, f"{text}; limit {one.limit:g} s", "look at the radio link")
+        limit = f"{text}; limit ±{one.limit:g} s"
         return fail(name, limit, "synchronise the clocks (chrony or PTP)")
-    if judge.link_delay(link.delay_s, limits) is not None:
-        return fail(name, f"{text}; limit {limits.link_delay_s:g} s", "look at the radio link")
     return ok(name, text)
 
 

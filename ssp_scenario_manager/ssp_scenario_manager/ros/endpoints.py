@@ -55,6 +55,7 @@ from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation
+from ssp_scenario_manager.session.object_commands import ObjectCommands, Pending
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.supervision import LivenessMonitor
 
@@ -154,9 +155,11 @@ def violation_of(message: SafetyEvent) -> tuple[Violation, str]:
     return violation, source
 
 
-# Told of a refused command: object id, whether it was to arm, reason, and whether it stays refused
-# as long as the object's process runs.
-OnRefusal = Callable[[str, bool, str, bool], None]
+# Told of a refused command: object id, command, reason, and whether it stays refused as long as the
+# object's process runs.
+OnRefusal = Callable[[str, outbox.ObjectCommand, str, bool], None]
+# Told of a command that is given up: object id, command, what became of it.
+OnGivenUp = Callable[[str, outbox.ObjectCommand, str], None]
 _LASTING = (ObjectCommand.Response.REFUSED_VERSION, ObjectCommand.Response.REFUSED_LASTING)
 
 
@@ -167,6 +170,7 @@ class ObjectEndpoints:
         on_array: takes each ObjectStates message as bytes.
         on_rules: takes what an object says to judge by.
         on_refusal: takes each command that an object refused.
+        on_given_up: takes each command that no answer came to in time.
     """
 
     def __init__(
@@ -177,6 +181,7 @@ class ObjectEndpoints:
         on_ack: Callable[[Acknowledgement], None],
         on_rules: Callable[[tuple[str, ObjectRules]], None],
         on_refusal: OnRefusal,
+        on_given_up: OnGivenUp,
     ) -> None:
         self._node = node
         self._on_state = on_state
@@ -184,10 +189,12 @@ class ObjectEndpoints:
         self._on_ack = on_ack
         self._on_rules = on_rules
         self._on_refusal = on_refusal
+        self._on_given_up = on_given_up
         self._hears_arrays = False
         self._heard: set[str] = set()
         self._publishers: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
+        self._commands = ObjectCommands()
         self.references_sent: dict[str, int] = {}
         self.session_token = ""
 
@@ -227,28 +234,58 @@ class ObjectEndpoints:
         self.references_sent[reference.object_id] += 1
 
     def command(
-        self, spec: RunSpec, command: outbox.ObjectCommand, rules: Mapping[str, RulesCheck]
+        self,
+        spec: RunSpec,
+        command: outbox.ObjectCommand,
+        rules: Mapping[str, RulesCheck],
+        abort_id: str,
     ) -> None:
-        """Sends a command to each object of a run; only refusals are reported back.
+        """Gives each object of a run a command; only what comes to nothing is reported back.
+
 
         Args:
             rules: of each object, as they were found to agree with the run's.
+            abort_id: of the session's newest abort, for an all-clear.
         """
-        for target in spec.targets:
-            request = ObjectCommand.Request(
-                command=command.value,
-                event_version=spec.event_version,
-                session_token=self.session_token,
-            )
-            request.rules_digest = rules.get(target.id, RulesCheck()).digest
-            future = self._clients[target.id].call_async(request)
-            future.add_done_callback(partial(self._on_answer, target.id, command))
+        digests = {t.id: rules.get(t.id, RulesCheck()).digest for t in spec.targets}
+        version, steady_ns = spec.event_version, time.monotonic_ns()
+        self._commands.ask(digests, command, version, abort_id, steady_ns)
+        self.send_commands()
 
-    def _on_answer(self, object_id: str, command: outbox.ObjectCommand, future: Any) -> None:
+    def send_commands(self) -> None:
+        """Sends commands that wait for a service or an answer, and gives up what is overdue."""
+        steady_ns = time.monotonic_ns()
+        for one in self._commands.overdue(steady_ns):
+            self._on_given_up(one.object_id, one.command, one.outcome)
+        for one in self._commands.due(self._is_there, steady_ns):
+            request = ObjectCommand.Request(
+                command=one.command.value,
+                event_version=one.event_version,
+                session_token=self.session_token,
+                rules_digest=one.rules_digest,
+                abort_id=one.abort_id,
+            )
+            future = self._clients[one.object_id].call_async(request)
+            future.add_done_callback(partial(self._on_answer, one))
+
+    def forget_all_clear(self) -> None:
+        """A new abort: the one before is not cleared any more."""
+        self._commands.forget_all_clear()
+
+    def all_were_told_to_arm(self) -> bool:
+        """True once no object's command service is waited for to arm it."""
+        return self._commands.all_sent(outbox.ObjectCommand.ARM)
+
+    def _is_there(self, object_id: str) -> bool:
+        return bool(self._clients[object_id].service_is_ready())
+
+    def _on_answer(self, asked: Pending, future: Any) -> None:
         answer = future.result()
-        if answer is not None and not answer.accepted:
-            arming = command is outbox.ObjectCommand.ARM
-            self._on_refusal(object_id, arming, answer.error_msg, answer.error_code in _LASTING)
+        if answer is None or not self._commands.on_answer(asked, answer.accepted, answer.error_msg):
+            return
+        if not answer.accepted and asked.command is not outbox.ObjectCommand.ALL_CLEAR:
+            lasting = answer.error_code in _LASTING
+            self._on_refusal(asked.object_id, asked.command, answer.error_msg, lasting)
 
 
 def session_state_to_msg(change: outbox.StateChanged, spec: RunSpec | None) -> SessionState:
@@ -402,18 +439,27 @@ class Publications:
         if news := self._poses.news(states):
             self._tf.publish(encode_transforms(news))
 
+    def abort_id(self, aborts: int) -> str:
+        """Names the newest of so many aborts among those of all managers; empty: there was none."""
+        return f"{self._sender}/{aborts}" if aborts else ""
+
     def heartbeat(
-        self, session: SessionPhase, sent: dict[str, int], now_ns: int
+        self, session: SessionPhase, aborts: int, sent: dict[str, int], now_ns: int
     ) -> tuple[int, int]:
-        """A sign of life with what an object must have heard by now: references sent, by id.
+        """A sign of life with what an object must have heard by now.
+
+        Args:
+            aborts: that the session has had.
+            sent: references, by object id.
 
         Returns:
             Its sequence number and when it was sent, ns on the system clock.
         """
         self._count += 1
         sent_ns = time.time_ns()
+        abort_id, token = self.abort_id(aborts), self.session_token
         beat = steps.Heartbeat(
-            now_ns, self._sender, self._count, sent_ns, session, sent, self.session_token
+            now_ns, self._sender, self._count, sent_ns, session, sent, token, abort_id
         )
         self._heartbeats.publish(steps.encode_heartbeat(beat))
         return self._count, sent_ns

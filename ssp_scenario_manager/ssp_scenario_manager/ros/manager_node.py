@@ -82,6 +82,7 @@ class ScenarioManager(Node):
         self._arrival_ns = 0
         self._reported: list[limits.Violation] = []
         self._start_world = False
+        self._arming = False
         self._told_step = -1
         self._input = StateInput(
             self._session,
@@ -97,6 +98,7 @@ class ScenarioManager(Node):
             self._on_ack,
             self._liveness.rules.hear,
             self._on_object_refusal,
+            self._on_given_up,
         )
         self._publications = Publications(self)
         if given["run_file"]:
@@ -299,9 +301,9 @@ class ScenarioManager(Node):
         self._publications.step_done(self._inputs.done_step, self._session.state)
 
     def _send_heartbeat(self) -> None:
-        sent, now_ns = self._links.references_sent, self._now_ns
+        session, sent = self._session, self._links.references_sent
         self._liveness.links.on_sent(
-            *self._publications.heartbeat(self._session.state, sent, now_ns)
+            *self._publications.heartbeat(session.state, session.aborts, sent, self._now_ns)
         )
 
     def _on_watchdog(self) -> None:
@@ -314,6 +316,8 @@ class ScenarioManager(Node):
             if self._lockstep and self._session.state is SessionPhase.RUNNING and not self._live:
                 # The word that starts the world may have come before it was listening.
                 self._answer_world()
+        self._links.send_commands()
+        self._look_at_arming()
         self._others.look(time.monotonic_ns())
         if self._supervisor.look(time.monotonic_ns(), self._now_ns):
             self._commands.on_standstill_unconfirmed(self._now_ns)
@@ -348,9 +352,18 @@ class ScenarioManager(Node):
             self._announce(fact)
         elif isinstance(fact, outbox.ObjectCommand):
             if (spec := self._session.spec) is not None:
-                self._links.command(spec, fact, self._liveness.rules.checks(spec))
+                abort_id = self._publications.abort_id(self._session.aborts)
+                self._links.command(spec, fact, self._liveness.rules.checks(spec), abort_id)
+                self._arming = fact is outbox.ObjectCommand.ARM
+                self._look_at_arming()
         else:
             self._publications.send(fact, self._arrival_ns)
+
+    def _look_at_arming(self) -> None:
+        """The time in which objects must be armed counts from when they could hear of it."""
+        if self._arming and self._links.all_were_told_to_arm():
+            self._arming = False
+            self._supervisor.objects_were_told_to_arm(time.monotonic_ns())
 
     def _flush(self) -> None:
         """Sends what the session decided, in its order."""
@@ -377,7 +390,8 @@ class ScenarioManager(Node):
         if change.state is SessionPhase.ARMED:
             # A simulated world holds: until it runs, this is where they stand.
             self._send_poses()
-            self._supervisor.objects_were_told_to_arm(time.monotonic_ns())
+        if change.event == SessionEvent.ABORT.value:
+            self._links.forget_all_clear()
         if change.state is SessionPhase.ABORTING and not self._in_lockstep:
             # Not a moment later than it must be; in lockstep the step's own heartbeat tells it.
             self._send_heartbeat()
@@ -386,15 +400,22 @@ class ScenarioManager(Node):
             self._start_world = True
 
     def _on_object_refusal(
-        self, object_id: str, arming: bool, error_msg: str, lasting: bool
+        self, object_id: str, command: outbox.ObjectCommand, error_msg: str, lasting: bool
     ) -> None:
         reason = f"{object_id} refused: {error_msg}"
-        self.get_logger().error(reason)
-        if arming:
+        self.get_logger().error(f"{command.name.lower()}: {reason}")
+        if command is outbox.ObjectCommand.ARM:
             self._liveness.hear_refusal(object_id, error_msg, lasting, time.monotonic_ns())
             self._session.arming_failed(self._now_ns, reason)
             if lasting:
                 self._commands.give_up(reason)
+            self._flush()
+
+    def _on_given_up(self, object_id: str, command: outbox.ObjectCommand, outcome: str) -> None:
+        reason = f"{object_id} {outcome}"
+        self.get_logger().error(f"{command.name.lower()}: {reason}")
+        if command is outbox.ObjectCommand.ARM:
+            self._session.arming_failed(self._now_ns, reason)
             self._flush()
 
     # -- commands ------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_msgs.action import RunScenario
 from ssp_msgs.msg import (
     FaultEvent,
+    Heartbeat,
     LinkStatus,
     ObjectState,
     ObjectStates,
@@ -44,6 +45,10 @@ _LISTENED_S = 0.5
 _TELL_AGAIN_S = 5.0  # what a step waits for, this long after the last line
 # What people are told of a session whose objects were told to arm, until all report that they are.
 ARMING = "ARMING"
+_ABORTED = (SessionPhase.ABORTING, SessionPhase.ABORTED)
+WHO = "ssp run"
+# A lost answer (the two ends may have just found each other) is asked for again after this time.
+ANSWER_S = 2.0
 _UNDER_WAY = {
     SessionPhase.RUNNING,
     SessionPhase.STOPPING,
@@ -139,6 +144,10 @@ class RunClient:
         self.was_armed = False
         """The session has been ARMED, or beyond."""
         self._told_at = time.monotonic()
+        # When the manager was asked to abort last; None: it wasn't, or it does.
+        self._abort_asked_at: float | None = None
+        self.trouble: tuple[float, str] | None = None
+        """The first sign that the running session is going to end badly: when, and what it was."""
         self.elapsed_s = 0.0
         self._running_since: float | None = None
         # Session time of the start: a live session's clock counts from 1970.
@@ -152,8 +161,9 @@ class RunClient:
         sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
         sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety, ros.LATCHED)
         sub(FaultEvent, names.FAULT_EVENT, self._on_fault, ros.LATCHED)
-        # Once a second by the manager's own clock, from when a run is loaded; feedback comes more
-        # often, but only to who began the run, and heartbeats wait for the world in lockstep.
+        # Whatever the manager sends is a sign of life. Heartbeats come always, but wait for the
+        # world in lockstep; the status comes once a second, from when a run is loaded.
+        sub(Heartbeat, names.HEARTBEAT, self._on_heartbeat, ros.STATE)
         sub(LinkStatus, names.LINK_STATUS, lambda _: self.hear_manager(), ros.STATE)
 
     def hear_manager(self) -> None:
@@ -162,7 +172,8 @@ class RunClient:
 
     def ready(self) -> bool:
         """The manager offers the action."""
-        return bool(self._client.server_is_ready() and self._load.service_is_ready())
+        services = (self._load, self._abort)
+        return self._client.server_is_ready() and all(c.service_is_ready() for c in services)
 
     def load(self, run_file: str) -> None:
         """Asks the manager to load a run without beginning it; ``loaded`` has its answer."""
@@ -222,16 +233,29 @@ class RunClient:
         return tuple(found) if len(found) > 1 else ()
 
     def cancel(self) -> None:
-        """Asks the manager to abort."""
+        """Asks the manager to abort; again while it doesn't."""
+        self._abort_asked_at = 0.0
         if self._goal is not None:
             self._goal.cancel_goal_async()
-        else:
-            self._abort.call_async(SessionCommand.Request(requested_by="ssp run"))
+            self._abort_asked_at = time.monotonic()
+        self._ask_to_abort()
+
+    def _ask_to_abort(self) -> None:
+        """A request may be lost with the goal, or while two ends find each other."""
+        asked_at = self._abort_asked_at
+        if asked_at is None or time.monotonic() - asked_at < ANSWER_S:
+            return
+        if self._last_state in _ABORTED:
+            self._abort_asked_at = None
+        elif self._abort.service_is_ready():
+            self._abort_asked_at = time.monotonic()
+            self._abort.call_async(SessionCommand.Request(requested_by=WHO))
 
     def spin(self, timeout_s: float) -> None:
         began = time.monotonic()
         self._executor.spin_once(timeout_sec=timeout_s)
         self._tell_armed()
+        self._ask_to_abort()
         self.silent_s += min(time.monotonic() - began, _LISTENED_S)
 
     @property
@@ -262,6 +286,7 @@ class RunClient:
     # -- callbacks -----------------------------------------------------------------------------
 
     def _on_loaded(self, future: Any) -> None:
+        self.hear_manager()
         answer = future.result()
         self.loaded = () if answer.accepted else (answer.error_msg,)
 
@@ -272,6 +297,7 @@ class RunClient:
         self._goal.get_result_async().add_done_callback(self._on_result)
 
     def _on_result(self, future: Any) -> None:
+        self.hear_manager()
         self._result = future.result()
 
     def _on_feedback(self, message: Any) -> None:
@@ -313,13 +339,21 @@ class RunClient:
             self._arming = None
             self._say(f"session {SessionPhase.ARMED.name}: every object reports it")
 
+    def _on_heartbeat(self, message: Heartbeat) -> None:
+        # One of another session says nothing of our manager. A run by hand may name no session.
+        if not self._token or message.session_token in ("", self._token):
+            self.hear_manager()
+
     def _on_session(self, message: SessionState) -> None:
         self.was_armed |= message.state >= SessionState.STATE_ARMED
+        self.hear_manager()
         if not self._begun:
             self._tell_state(message.state)
         if message.state == SessionState.STATE_RUNNING:
             self._zero_ns = ros.ns_from_stamp(message.header.stamp)
             self._running_since = self._running_since or time.monotonic()
+        if message.state == SessionState.STATE_ABORTING:
+            self._note_trouble(message.reason)
         over = message.state in (SessionState.STATE_FINISHED, SessionState.STATE_ABORTED)
         given_up = message.event == STANDSTILL_GIVEN_UP
         if given_up:
@@ -332,6 +366,9 @@ class RunClient:
                 if self._running_since is not None:
                     self.running_wall_s = self._ended_at - self._running_since
                 self.elapsed_s = self._since_start_s(message.header.stamp)
+
+    def _note_trouble(self, what: str) -> None:
+        self.trouble = self.trouble or (time.monotonic(), what)
 
     def _since_start_s(self, stamp: Any) -> float:
         return ns_to_seconds(ros.ns_from_stamp(stamp) - self._zero_ns)
@@ -357,6 +394,9 @@ class RunClient:
             unit = f" {message.unit}" if message.unit else ""
             figures = f": {message.measured:.3g}{unit}, limit {message.limit:.3g}{unit}"
         stamp_s = self._since_start_s(message.header.stamp)
+        if self._zero_ns:
+            # What came before the start may be left over from another session.
+            self._note_trouble(f"{message.limit_name}{who}{figures}")
         self._say(
             f"SAFETY {message.limit_name}{who}{figures} at {stamp_s:.2f} s (seen by "
             f"{message.source}, {message.reaction})"
@@ -373,9 +413,6 @@ class RunClient:
         )
 
 
-WHO = "ssp run"
-# A lost answer (the two ends may have just found each other) is asked for again after this time.
-ANSWER_S = 2.0
 # What keeps an armed session from starting is there by now; no use asking for longer.
 START_PATIENCE_S = 5.0
 

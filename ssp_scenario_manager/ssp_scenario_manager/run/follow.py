@@ -43,6 +43,9 @@ OTHERS_S = 25.0
 OTHERS = "more than one manager is reached from here"
 # The summary above the prompt waits so long for somebody to be connected.
 LOOK_S = 3.0
+# From the first sign of an abort to the session's result. The manager gives up waiting for a
+# standstill before; whatever keeps it from that, the run has a verdict within half a minute.
+RESULT_S = 25.0
 # For what a session that has given its result, or gives up, still has to say.
 LAST_WORDS_S = 8.0
 
@@ -187,6 +190,16 @@ class _Following:
         self._group.processes[names.SCENARIO_MANAGER].kill()
         return silent
 
+    def _stuck_manager(self) -> str:
+        """Why the manager doesn't come to its end; empty while it has time. It is ended then."""
+        trouble = self._client.trouble
+        if trouble is None or time.monotonic() - trouble[0] < RESULT_S:
+            return ""
+        stuck = f"{names.SCENARIO_MANAGER} gave no result {RESULT_S:g} s after {trouble[1]}"
+        self._say(f"{stuck}: ending the run without it")
+        self._group.processes[names.SCENARIO_MANAGER].kill()
+        return stuck
+
     def _wait_for_others_to_go(self) -> RunOutcome | None:
         """None once there is one manager; otherwise why there is no run: two would take the goal.
 
@@ -279,7 +292,7 @@ class _Following:
                     self._told.add(node.name)
                     self._say(f"{node.name} {node.describe_exit()}")
                     deadline = time.monotonic() + END_TIMEOUT_S
-            silent = self._silent_manager() if outcome is None else ""
+            silent = self._silent_manager() or self._stuck_manager() if outcome is None else ""
             if silent:
                 outcome = RunOutcome(Verdict.INVALID_HARNESS, (silent,))
             if silent or names.SCENARIO_MANAGER in self._told:

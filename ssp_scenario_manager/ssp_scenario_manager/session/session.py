@@ -44,6 +44,7 @@ class Session:
     """State machine, triggers, dispatch and supervision of one session.
 
     Attributes:
+        aborts: how many there were, repeated ones included.
         vut: newest state of the VUT.
         targets: newest states of the object targets, by id.
     """
@@ -52,6 +53,7 @@ class Session:
         self.state = SessionPhase.IDLE
         self.outbox: list[outbox.Outgoing] = []
         self.facts = arming.Facts()
+        self.aborts = 0
         self.late_s = 0.0  # how late the manager was of late, as its watchdog says
         self._run: Run | None = None
         self.vut: ObjectState | None = None
@@ -222,7 +224,9 @@ class Session:
         if self.state in (SessionPhase.IDLE, SessionPhase.FINISHED, SessionPhase.ABORTED):
             return
         heartbeat_s = self._run.spec.limits.heartbeat_s if self._run is not None else 0.0
-        own = limits.own_lateness(violation, self.late_s, heartbeat_s)
+        # A world that waits for us stands still with us: nothing is late in its time.
+        late_s = 0.0 if self._waited_for else self.late_s
+        own = limits.own_lateness(violation, late_s, heartbeat_s)
         violation, announced = own, announced and own is violation
         if self._run is not None and not self._run.blame(violation):
             return
@@ -241,6 +245,12 @@ class Session:
         for text in texts:
             if NAMELESS not in text and not any(text in reason for reason in run.reasons):
                 run.reason(Verdict.INVALID_HARNESS, text, now_ns)
+
+    @property
+    def _waited_for(self) -> bool:
+        """A simulated world waits for our answer to each step."""
+        in_steps = self.state in WATCHED and self.state is not SessionPhase.ARMED
+        return in_steps and self._run is not None and self._run.spec.mode == "lockstep"
 
     def give_up_on_standstill(self, now_ns: int) -> None:
         """Says, once an abort, that nobody is left to report the standstill that it ends with.
@@ -369,6 +379,7 @@ class Session:
         if event is SessionEvent.ABORT:
             # What was heard before says nothing of what came of it.
             self._heard.clear()
+            self.aborts += 1
             self._standstill_given_up = False
         self._tell(previous, event.value, now_ns, reason)
 

@@ -48,6 +48,11 @@ class LivenessMonitor:
     def hear(self, who: str, steady_ns: int) -> None:
         self._heard_ns[who] = steady_ns
 
+    def excuse(self, pause_ns: int, steady_ns: int) -> None:
+        """Doesn't count a pause in which the manager itself heard nothing as silence of others."""
+        for who, heard_ns in self._heard_ns.items():
+            self._heard_ns[who] = min(heard_ns + pause_ns, steady_ns)
+
     def hear_recorder(
         self, ready: bool, missing: tuple[str, ...], lost: int, steady_ns: int
     ) -> None:
@@ -173,7 +178,7 @@ class LivenessMonitor:
         link, limits = self.links.link(object_id, steady_ns), spec.limits
         if not math.isfinite(link.delay_s):
             return []
-        passed = judge.clock_offset(link.offset_s, limits), judge.link_delay(link.delay_s, limits)
+        passed = judge.link_violations(link.offset_s, link.delay_s, limits)
         return [of_object(one, object_id, stamp_ns, "measured by heartbeats") for one in passed]
 
 
@@ -236,6 +241,9 @@ class Supervisor:
         """The manager runs now, whatever for: how late is it, if nothing ran for long?"""
         if self._awake_ns is not None and steady_ns - self._awake_ns > seconds_to_ns(LATE_S):
             self._late = steady_ns, ns_to_seconds(steady_ns - self._awake_ns)
+            spec = self._session.spec
+            if spec is not None and spec.mode == "lockstep":
+                self._liveness.excuse(steady_ns - self._awake_ns, steady_ns)
         self._awake_ns = steady_ns
         at_ns, late_s = self._late
         recent = steady_ns - at_ns <= seconds_to_ns(_REMEMBERED_S)

@@ -32,7 +32,7 @@ def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
     node = dead(names.OBJECT_TARGET)
     group = MagicMock(processes={names.OBJECT_TARGET: node, names.SCENARIO_MANAGER: MagicMock()})
     client = MagicMock(outcome=None, silent_s=0.0, was_armed=armed, under_way=False)
-    client.not_in_time = None
+    client.not_in_time = client.trouble = None
     client.other_managers.return_value = ()
     client.elapsed_s = client.running_wall_s = 0.0
     # It comes up, and ends when the run has begun.
@@ -61,3 +61,37 @@ def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
     assert "exited with status 1" in outcome.reasons[0]
     assert client.cancel.called
     assert client.spin.call_count < 5
+
+
+def test_a_manager_that_lives_and_gives_no_result_doesnt_keep_the_run(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever keeps it, as a clock that was set: the verdict comes within half a minute."""
+    now_s = [100.0]
+    manager = MagicMock()
+    group = MagicMock(processes={names.SCENARIO_MANAGER: manager})
+    group.ended.return_value = []
+    client = MagicMock(outcome=None, silent_s=0.0, was_armed=True, under_way=False, trouble=None)
+    client.not_in_time = None
+    client.other_managers.return_value = ()
+    client.elapsed_s = client.running_wall_s = 0.0
+
+    def spin(timeout_s: float) -> None:
+        now_s[0] += timeout_s
+        if now_s[0] >= 140.0 and client.trouble is None:
+            client.trouble = now_s[0], "clock_offset ot1: -5 s, limit 0.05 s"
+        assert now_s[0] < 180.0, "the run was not ended in time"
+
+    client.spin.side_effect = spin
+    monkeypatch.setattr(follow, "RunClient", lambda *_, **__: client)
+    monkeypatch.setattr(follow, "time", MagicMock(monotonic=lambda: now_s[0]))
+    monkeypatch.setattr(follow._Following, "_let_objects_stop", lambda _: None)
+    outcome = follow.follow(
+        run, group, Path("run.yaml"), Path("bag"), MagicMock(), follow.Interrupt()
+    ).outcome
+    assert follow.RESULT_S <= now_s[0] - 140.0 < 30.0
+    assert manager.kill.called
+    assert outcome.verdict is Verdict.INVALID_HARNESS
+    assert outcome.reasons == (
+        "scenario_manager gave no result 25 s after clock_offset ot1: -5 s, limit 0.05 s",
+    )

@@ -1,0 +1,39 @@
+"""The runner's client beside a manager that is healthy and has nothing to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from ssp_core.processes import session_environment
+from ssp_core.run_file.model import RunSpec
+from ssp_scenario_manager.ros.runner_client import RunClient
+
+if TYPE_CHECKING:
+    from .conftest import Peers
+
+pytestmark = pytest.mark.ros
+
+
+def test_a_manager_that_was_reset_is_no_silent_one(
+    peers: Peers, domain: int, run_file: Path, run: RunSpec
+) -> None:
+    """No run is loaded then, so that nothing is told of links; its heartbeats go on."""
+    assert peers.load(run_file).accepted
+    client = RunClient(session_environment(domain), lambda _: None, run)
+    try:
+        peers.spin_until(client.ready, "the manager's action")
+        peers.obtain("reset")
+
+        def heard() -> bool:
+            client.spin(0.05)
+            return client.silent_s < 1.0
+
+        for _ in range(3):
+            client.silent_s = 99.0
+            peers.spin_until(heard, "a sign of the manager's life")
+        assert not peers.links or peers.seen[-1].run_id == ""
+    finally:
+        client.close()

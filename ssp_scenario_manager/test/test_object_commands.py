@@ -1,0 +1,100 @@
+"""Commands to objects: sent once they can be heard, repeated where an answer may be lost."""
+
+from __future__ import annotations
+
+import pytest
+
+from ssp_scenario_manager.session.object_commands import (
+    ARM_WAIT_S,
+    CLEAR_WAIT_S,
+    REPEAT_S,
+    ObjectCommands,
+    Pending,
+)
+from ssp_scenario_manager.session.outbox import ObjectCommand
+
+MS = 1_000_000
+ARM, DISARM, CLEAR = ObjectCommand.ARM, ObjectCommand.DISARM, ObjectCommand.ALL_CLEAR
+
+
+def asked(command: ObjectCommand, at_ms: int = 0) -> ObjectCommands:
+    commands = ObjectCommands()
+    commands.ask({"ot1": "sha256:rules"}, command, "sha256:event", "m/1", at_ms * MS)
+    return commands
+
+
+def due(commands: ObjectCommands, at_ms: int, there: bool = True) -> list[Pending]:
+    return commands.due(lambda _: there, at_ms * MS)
+
+
+@pytest.mark.parametrize("command", ObjectCommand)
+def test_a_command_waits_until_the_service_is_there(command: ObjectCommand) -> None:
+    commands = asked(command)
+    assert due(commands, 1900, there=False) == []
+    assert not commands.all_sent(command)
+    (one,) = due(commands, 1950)
+    assert (one.object_id, one.command, one.abort_id) == ("ot1", command, "m/1")
+    assert one.rules_digest == "sha256:rules"
+    assert commands.all_sent(command)
+    assert commands.on_answer(one, True, "")
+    assert due(commands, 9000) == []
+
+
+def test_a_lost_disarm_is_repeated_until_it_is_answered() -> None:
+    commands = asked(DISARM)
+    (one,) = due(commands, 0)
+    for at_ms in range(500, 60_000, 500):
+        assert due(commands, at_ms - 1) == []
+        assert due(commands, at_ms) == [one]
+        assert commands.overdue(at_ms * MS) == []
+    assert REPEAT_S == 0.5
+    # Also a refusal is an answer: it is DISARMED already.
+    assert commands.on_answer(one, False, "DISARM is not possible in DISARMED")
+    assert due(commands, 99_000) == []
+
+
+def test_an_all_clear_is_repeated_for_two_seconds_at_most() -> None:
+    commands = asked(CLEAR)
+    (one,) = due(commands, 0)
+    assert commands.on_answer(one, False, "another abort than that stops it")
+    assert due(commands, 500) == [one]
+    assert commands.overdue(2000 * MS) == []
+    assert CLEAR_WAIT_S == 2.0
+    assert commands.overdue(2001 * MS) == [one]
+    assert one.outcome == "refused: another abort than that stops it"
+    assert commands.overdue(2002 * MS) == due(commands, 2002) == []
+    # An answer that comes after all changes nothing.
+    assert not commands.on_answer(one, True, "")
+
+
+def test_a_new_abort_ends_the_clearing_of_the_one_before() -> None:
+    commands = asked(CLEAR)
+    (one,) = due(commands, 0)
+    commands.forget_all_clear()
+    assert due(commands, 600) == []
+    assert not commands.on_answer(one, True, "")
+    commands = asked(DISARM)
+    commands.forget_all_clear()
+    assert len(due(commands, 0)) == 1
+
+
+def test_an_arm_is_sent_once_and_given_up_where_it_could_not_be_heard() -> None:
+    commands = asked(ARM)
+    assert len(due(commands, 100)) == 1
+    assert due(commands, 5000) == commands.overdue(5000 * MS) == []
+    commands = asked(ARM)
+    assert due(commands, 3000, there=False) == commands.overdue(3000 * MS) == []
+    assert ARM_WAIT_S == 3.0
+    (one,) = commands.overdue(3001 * MS)
+    assert one.outcome == "has no command service to arm it by"
+    assert commands.all_sent(ARM)
+
+
+def test_a_newer_command_takes_the_place_of_what_waits() -> None:
+    commands = asked(DISARM)
+    (old,) = due(commands, 0)
+    commands.ask({"ot1": "sha256:rules"}, ARM, "sha256:event", "", 100 * MS)
+    (new,) = due(commands, 100)
+    assert new.command is ARM
+    assert not commands.on_answer(old, True, "")
+    assert due(commands, 9000) == []
