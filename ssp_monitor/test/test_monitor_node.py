@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -218,21 +219,27 @@ def test_messages_of_two_publishers_in_turn_make_no_valid_recording(
     session.spin_until(lambda: second.get_subscription_count() > 0, "reader of the second")
     pub = session.publishers[names.SESSION_STATE]
 
-    def say(state: int, verdict: int = SessionState.VERDICT_NONE) -> None:
-        pub.publish(SessionState(state=state, run_id="run_1", verdict=verdict))
-        recorded(1)
+    sent: Counter[str] = Counter()
 
-    def recorded(more: int) -> None:
-        nonlocal count
-        count += more
-        session.spin_until(lambda: session.status[-1].messages >= count, f"{count} messages")
+    def record(publisher: Any, topic: str, message: Any) -> None:
+        """Publishes, and waits until the recorder has it: topics have no order among them."""
+        publisher.publish(message)
+        sent[topic] += 1
+
+        def has_it() -> bool:
+            topics = {one.name: one.messages for one in session.status[-1].topics}
+            return topics.get(names.absolute(topic), 0) >= sent[topic]
+
+        session.spin_until(has_it, f"message {sent[topic]} of {topic}")
+
+    def say(state: int, verdict: int = SessionState.VERDICT_NONE) -> None:
+        message = SessionState(state=state, run_id="run_1", verdict=verdict)
+        record(pub, names.SESSION_STATE, message)
 
     def speak(*publishers: Any) -> None:
         for publisher in publishers:
-            publisher.publish(ObjectState(object_id="ot1"))
-            recorded(1)
+            record(publisher, "ot1/state", ObjectState(object_id="ot1"))
 
-    count = session.status[-1].messages
     speak(first)
     say(SessionState.STATE_ARMED)
     speak(second, second)
