@@ -32,6 +32,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.processes import free_domain, remove_shared_ports, remove_stale_shared_memory
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.safety.arming import Facts
+from ssp_core.safety.object_rules import rules_of
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_monitor.ros.monitor_node import MonitorNode
 from ssp_monitor.ros.page_node import MonitorPage
@@ -291,7 +292,9 @@ class Objects(Struck):
         version = self.run.event_version
         for _ in range(2):
             asked = ObjectCommand.Request(
-                command=ObjectCommand.Request.COMMAND_ARM, event_version=version
+                command=ObjectCommand.Request.COMMAND_ARM,
+                event_version=version,
+                rules_digest=rules_of(self.run, "ot1").digest,
             )
             service = next(iter(s for s in self.node.services if "ot1/command" in s.srv_name))
             answer = service.callback(asked, ObjectCommand.Response())

@@ -36,6 +36,7 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.processes import die_with_parent, free_domain, session_environment
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.object_rules import rules_of
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
@@ -145,8 +146,11 @@ class Around:
     def command(self, command: int) -> None:
         """To every object; RuntimeError when one refuses."""
         version = self._run.event_version
-        request = ObjectCommand.Request(command=command, event_version=version)
         for object_id, client in self._clients.items():
+            digest = rules_of(self._run, object_id).digest
+            request = ObjectCommand.Request(
+                command=command, event_version=version, rules_digest=digest
+            )
             self.spin(client.service_is_ready, f"{object_id} takes commands")
             future = client.call_async(request)
             self.spin(future.done, f"{object_id} answers")
