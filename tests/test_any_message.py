@@ -397,7 +397,7 @@ MAKERS: dict[str, Callable[[Path], Struck]] = {
     "sil_world": lambda _: World(SilWorld(ros.StopRequest())),
     "front_camera": lambda _: Camera(FrontCamera()),
     "monitor": lambda _: Recorder(MonitorNode()),
-    "monitor_page": lambda _: Page(MonitorPage()),
+    "monitor_page": lambda _: Page(MonitorPage(ros.StopRequest())),
     "view": lambda _: Struck(ViewNode()),
     "vla_bridge": lambda _: Bridge(ros.make_node("vla_bridge", VlaBridge)),
     "vut_adapter": lambda _: Struck(VutAdapter(ros.StopRequest())),
