@@ -34,6 +34,11 @@ def told(peers: Any, name: str, **given: Any) -> Any:
     return peers.ask(peers.services[name], SessionCommand.Request(requested_by="test", **given))
 
 
+def obtained(peers: Any, name: str, **given: Any) -> None:
+    """Asks until it is accepted: what the peers say of themselves needs a moment to arrive."""
+    peers.spin_until(lambda: told(peers, name, **given).accepted, f"{name} accepted")
+
+
 @pytest.fixture
 def live(peers: Any, run_mapping: dict[str, Any], tmp_path: Path) -> Path:
     """A manager that leads a live session, everybody in place."""
@@ -67,7 +72,7 @@ def test_a_live_manager_takes_nothing_of_a_simulated_session(
     assert "start another manager" in result.error_msg
     assert peers.commands == []
     assert peers.seen[-1].state == SessionPhase.LOADED
-    assert told(peers, "connect", session_token="live-1").accepted
+    obtained(peers, "connect", session_token="live-1")
 
 
 def test_a_simulated_manager_takes_no_live_run(
@@ -81,7 +86,7 @@ def test_a_simulated_manager_takes_no_live_run(
     assert not answer.accepted
     assert "is simulated, and the run's mode is live" in answer.error_msg
     # Without a token, a simulated session is led as before.
-    assert told(peers, "connect").accepted
+    obtained(peers, "connect")
 
 
 def test_an_abort_counts_from_anybody(peers: Any, live: Path) -> None:
@@ -93,7 +98,7 @@ def test_an_abort_counts_from_anybody(peers: Any, live: Path) -> None:
 def test_a_press_counts_for_the_state_that_was_shown(peers: Any, live: Path) -> None:
     loaded = peers.seen[-1]
     shown = {"shown_state": loaded.state, "shown_since": loaded.header.stamp}
-    assert told(peers, "connect", session_token="live-1", **shown).accepted
+    obtained(peers, "connect", session_token="live-1", **shown)
     answer = told(peers, "reset", session_token="live-1", **shown)
     assert answer.error_code == SessionCommand.Response.REFUSED_OUTDATED
     assert "pressed for LOADED, and the session is CONNECTED" in answer.error_msg
