@@ -64,7 +64,7 @@ def test_reasons_are_cut_in_the_summary_and_whole_where_they_were_asked(
     assert {len(one["reason"]) for one in cell["answers"]["missing"]} == {MOST_REASON}
     assert {len(reason) for reason in cell["reasons"]} == {MOST_REASON}
     asked = [json.loads(line) for line in (result.folder / "requests.jsonl").open()]
-    assert {len(one["missing"]) for one in asked} == {MIB + 3}
+    assert all(len(one["missing"]) > MIB for one in asked)
 
 
 @pytest.mark.parametrize("count", [0, 1, 20, 21, 5000])

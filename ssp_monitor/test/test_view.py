@@ -259,9 +259,9 @@ def test_an_objects_health(changes, age_s, level, text, run_mapping):
 
 
 def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping):
-    links = {"vut": LinkFact(0.06, 0.1), "ot1": LinkFact(0.0, 0.6), "walker": LinkFact()}
+    links = {"vut": LinkFact(0.16, 0.1), "ot1": LinkFact(0.0, 0.6), "walker": LinkFact()}
     found = _health(_board(run_mapping, links=links, links_at_ns=NOW_NS))
-    assert "0.060 s off" in found["object vut"].message
+    assert "0.160 s off" in found["object vut"].message
     assert "takes 0.600 s" in found["object ot1"].message
     assert found["object walker"].level is Level.OK
     assert dict(found["object walker"].values)["link there and back, s"] == "unknown"

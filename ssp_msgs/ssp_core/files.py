@@ -370,6 +370,7 @@ def taken_folder(path: str | Path, *, empty: bool = False) -> Iterator[Path]:
     Raises:
         InputError: another command writes into it, it holds something, or it can't be made.
     """
+    made = not Path(path).exists()
     folder = make_folder(path)
     file = folder / TAKEN_FILE
     handle = _created_alone(file)
@@ -380,6 +381,8 @@ def taken_folder(path: str | Path, *, empty: bool = False) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             file.unlink()
+            if made:  # a command that fails before it writes leaves nothing
+                folder.rmdir()
         os.close(handle)
 
 

@@ -298,7 +298,8 @@ def test_what_compiles_runs_valid(name: str, side: str) -> None:
     assert run.passing is not None
     assert result.passing.time_gap_s is not None
     gap_s = result.passing.time_gap_s
-    assert run.passing.misses("ot1", result.passing.other_first, gap_s) == []
+    first = result.passing.other_first
+    assert run.passing.misses("ot1", first, gap_s, vut_arrived=True) == []
 
 
 def test_who_waits_on_a_wide_verge_waits_at_its_inner_edge(

@@ -496,8 +496,10 @@ def test_an_orderly_end_is_heard_and_stays_on_the_page(
     head = "ended: aborted by the operator" if abort else "ended: valid"
     result = session.finish()  # waits for no viewer
     tab.wait(f"{ENDED}.includes({head!r})")
-    stood = rf"everything stood at {result['session_s']:.1f} s"
-    assert stood in tab.text("#ended")
+    stood = re.search(r"everything stood at (\d+\.\d) s", tab.text("#ended"))
+    assert stood is not None
+    # The session may last a moment longer than its objects need to stand.
+    assert float(stood[1]) == pytest.approx(result["session_s"], abs=0.5)
     assert tab.evaluate(f"{BANNER}.hidden")
     assert tab.evaluate("document.title") == f"{head} – SSP"
     assert tab.text("#abort-hint") == "the run has ended"

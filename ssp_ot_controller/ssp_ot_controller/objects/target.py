@@ -122,7 +122,7 @@ class Target:
         event_version: str,
         heartbeat_age_s: float,
         other_managers: int = 0,
-        abort_id: str = "",
+        abort_id: str | None = "",
     ) -> CommandResponse:
         """A command of the manager; refused ones change nothing.
 
@@ -131,7 +131,8 @@ class Target:
             heartbeat_age_s: since the manager's last heartbeat, inf before the first. An object
                 that doesn't hear the manager is not armed: it would have to stop at once.
             other_managers: how many managers beside ours send heartbeats; nor is it with them.
-            abort_id: of the abort that an all-clear clears. It clears no other.
+            abort_id: of the abort that an all-clear clears. It clears no other; None clears
+                whatever stops the object, as the all-clear of ISO 22133 does, which names none.
         """
         if event not in COMMANDS:
             return CommandResponse(False, REFUSED_TRANSITION, f"{event.name} is no command")
@@ -145,7 +146,7 @@ class Target:
                 text = f"its states contradict its places: {doubt.text}"
                 return CommandResponse(False, REFUSED_CONDITION, text)
         if event is ObjectEvent.ALL_CLEAR and self.state is ControlState.ABORTING:
-            if abort_id != self._abort_id:
+            if abort_id is not None and abort_id != self._abort_id:
                 return CommandResponse(False, REFUSED_CONDITION, "another abort than that stops it")
             if not self._stands():
                 return CommandResponse(False, REFUSED_CONDITION, "the object still moves")
@@ -159,7 +160,7 @@ class Target:
             self._drop_references()
             self._blind = self._hard = False
         if event is ObjectEvent.ALL_CLEAR:
-            self._abort_id, self._cleared_id = None, abort_id
+            self._abort_id, self._cleared_id = None, abort_id or ""
         return CommandResponse(True)
 
     def on_session_state(self, session: SessionPhase, abort_id: str = "") -> None:

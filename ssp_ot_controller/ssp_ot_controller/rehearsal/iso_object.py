@@ -376,7 +376,9 @@ class IsoObject:
                 refused = self._check(*self._plan)
                 if refused is not None:
                     return not_now(f"its trajectory can't be driven: {refused.text}")
-        response = self._target.command(event, self._rules.event_version, self._silence_s())
+        response = self._target.command(
+            event, self._rules.event_version, self._silence_s(), abort_id=None
+        )
         if not response.accepted:
             return not_now(response.error_msg)
         self._start_ns = self.started_ns = None

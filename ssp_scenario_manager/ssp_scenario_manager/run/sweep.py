@@ -336,7 +336,7 @@ def _mapper(jobs: int) -> Iterator[Callable[..., Iterator[Row]]]:
 
 
 def for_one_process(spec: RunSpec) -> RunSpec:
-    """The run as it is done in one process: without a camera, and with triggers that fail.
+    """The run as it is done in one process: without camera or token, and with triggers that fail.
 
     Raises:
         InputError: a fault needs processes of their own.
@@ -348,7 +348,7 @@ def for_one_process(spec: RunSpec) -> RunSpec:
                 field=f"faults[{index}].kind",
                 remedy="leave out --in-process, or this fault",
             )
-    return with_conditions_never_met(spec.model_copy(update={"camera": None}))
+    return with_conditions_never_met(spec.model_copy(update={"camera": None, "session_token": ""}))
 
 
 def run_one(spec: RunSpec, folder: Path, as_json: bool) -> dict[str, Any]:
