@@ -22,6 +22,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
+from ssp_core.answer_text import Ending, ending
 from ssp_core.credentials import gives_away, redact, without_userinfo
 from ssp_core.errors import PeerError
 from ssp_core.files import parse_strict
@@ -276,6 +277,10 @@ class NoCompletion(ValueError):
     """A reply is no chat completion; the message says why, as a clause."""
 
 
+class BrokenOff(NoCompletion):
+    """The server broke the answer off, or reports an error; another time there may be one."""
+
+
 @dataclass(frozen=True)
 class Completion:
     """What a server says in answer to one request.
@@ -283,6 +288,7 @@ class Completion:
     Args:
         text: of the model; None: the reply holds none.
         parts: number of parts that the text came in, 0 for plain text.
+        left_out: kinds of parts that are neither text nor reasoning.
         reasoning: thoughts that the server keeps apart from the text, empty where it has none.
         refusal: why the model or the server declines, None: it doesn't.
         usage: reported numbers of tokens, by OpenAI's names.
@@ -290,6 +296,7 @@ class Completion:
 
     text: str | None
     parts: int = 0
+    left_out: tuple[str, ...] = ()
     reasoning: str = ""
     refusal: str | None = None
     finish_reason: str | None = None
@@ -300,14 +307,15 @@ class Completion:
     @property
     def cut_off(self) -> bool:
         """True where the answer ended at the limit of tokens."""
-        return self.finish_reason == "length"
+        return ending(self.finish_reason) is Ending.LIMIT
 
 
 def read_completion(body: bytes) -> Completion:
     """Reads a reply; what it reports besides the text is taken where it has the right type.
 
     Raises:
-        NoCompletion: it is no JSON, says an error, or holds not exactly one choice with a message.
+        NoCompletion: it is no JSON, or holds not exactly one choice with a message.
+        BrokenOff: it says an error, or that the answer was broken off (METHOD 5.4b).
     """
     if looks_like_html(body):
         raise NoCompletion("it is a page of HTML")
@@ -320,26 +328,35 @@ def read_completion(body: bytes) -> Completion:
     if not isinstance(value, dict):
         raise NoCompletion("it is no JSON object")
     choices = value.get("choices")
+    if value.get("error"):
+        raise BrokenOff(f"it says: {_error_text(value['error'])}")
     if not isinstance(choices, list) or not choices:
-        said = _error_text(value.get("error"))
-        raise NoCompletion(f"it says: {said}" if said else "it holds no choices")
+        raise NoCompletion("it holds no choices")
     if len(choices) > 1:
         raise NoCompletion(f"it holds {len(choices)} choices where one was asked for")
     choice = choices[0]
     message = choice.get("message") if isinstance(choice, dict) else None
     if not isinstance(message, dict):
         raise NoCompletion("its choice holds no message")
-    text, parts, refusal = _content(message)
-    if text is not None and not _is_unicode(text):
-        raise NoCompletion("its text holds half of a surrogate pair, which is no character")
     finish = _word(choice.get("finish_reason"))
-    if finish == "content_filter":
-        refusal = refusal or "filtered by the server"
-    reasoning = message.get("reasoning_content") or message.get("reasoning")
+    beside = choice.get("error") or message.get("error")
+    if beside:
+        raise BrokenOff(f"its choice says: {_error_text(beside)}")
+    if ending(finish) is Ending.BROKEN:
+        raise BrokenOff(f"the server broke the answer off (finish_reason {finish})")
+    content = _content(message)
+    if content.text is not None and not _is_unicode(content.text):
+        raise NoCompletion("its text holds half of a surrogate pair, which is no character")
+    refusal = content.refusal
+    if ending(finish) is Ending.FILTERED:
+        refusal = refusal or f"filtered by the server (finish_reason {finish})"
+    apart = message.get("reasoning_content") or message.get("reasoning")
+    reasoning = [_sound(apart)] if isinstance(apart, str) else []
     return Completion(
-        text=text,
-        parts=parts,
-        reasoning=_sound(reasoning) if isinstance(reasoning, str) else "",
+        text=content.text,
+        parts=content.parts,
+        left_out=content.left_out,
+        reasoning="\n".join([*reasoning, *content.reasoning]),
         refusal=refusal,
         finish_reason=finish,
         model=_word(value.get("model")),
@@ -348,25 +365,70 @@ def read_completion(body: bytes) -> Completion:
     )
 
 
-def _content(message: Mapping[str, Any]) -> tuple[str | None, int, str | None]:
-    """Text, number of parts, refusal."""
+@dataclass(frozen=True)
+class _Content:
+    """A message's content, with its parts sorted."""
+
+    text: str | None
+    parts: int = 0
+    reasoning: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    refusal: str | None = None
+
+
+_OF_REASONING = frozenset(
+    {"thinking", "reasoning", "reasoning_text", "redacted_thinking", "thought"}
+)
+_OF_TEXT = frozenset({"text", "output_text"})
+
+
+def _content(message: Mapping[str, Any]) -> _Content:
+    """Sort a message's content into text, reasoning and refusal.
+
+    Raises:
+        NoCompletion: it is no text, or holds a part that is neither where no part is a text.
+    """
     content = message.get("content")
     refusal = message.get("refusal")
     refused = refusal if isinstance(refusal, str) and refusal else None
     if content is None or isinstance(content, str):
-        return content, 0, _sound(refused) if refused else None
+        return _Content(content, refusal=_sound(refused) if refused else None)
     if not isinstance(content, list):
         raise NoCompletion("its content is no text")
-    texts = []
+    texts: list[str] = []
+    reasoning: list[str] = []
+    others: list[str] = []
     for part in content:
         kind = part.get("type") if isinstance(part, dict) else None
         if kind == "refusal" and isinstance(part.get("refusal"), str):
             refused = refused or part["refusal"] or None
-        elif kind == "text" and isinstance(part.get("text"), str):
+        elif kind in _OF_TEXT and isinstance(part.get("text"), str):
             texts.append(part["text"])
+        elif kind in _OF_REASONING:
+            reasoning.append(_sound(_text_within(part)))
         else:
-            raise NoCompletion("its content holds a part that is no text")
-    return "".join(texts) if texts else None, len(content), _sound(refused) if refused else None
+            others.append(_word(kind) or "without a type")
+    if others and not texts:
+        raise NoCompletion("its content holds a part that is no text")
+    return _Content(
+        "".join(texts) if texts else None,
+        len(content),
+        tuple(reasoning),
+        tuple(dict.fromkeys(others)),
+        _sound(refused) if refused else None,
+    )
+
+
+def _text_within(part: Mapping[str, Any]) -> str:
+    """The text of a part of reasoning, plain or again in parts."""
+    for key in ("thinking", "text", "reasoning", "summary", "content"):
+        value = part.get(key)
+        if isinstance(value, str):
+            return value
+        if isinstance(value, list):
+            texts = [one.get("text") for one in value if isinstance(one, dict)]
+            return "\n".join(text for text in texts if isinstance(text, str))
+    return ""
 
 
 def _usage(value: Any) -> dict[str, int] | None:
@@ -398,5 +460,6 @@ def _is_unicode(text: str) -> bool:
 
 
 def _error_text(error: Any) -> str:
-    said = error.get("message") if isinstance(error, dict) else error
-    return _sound(" ".join(said.split())[:_WORD]) if isinstance(said, str) else ""
+    said = error.get("message", error.get("code")) if isinstance(error, dict) else error
+    text = said if isinstance(said, str) else str(error)
+    return _sound(" ".join(text.split())[:_WORD])

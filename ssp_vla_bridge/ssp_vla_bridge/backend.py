@@ -62,6 +62,23 @@ class NoTimeError(PeerError):
     """The service gave no whole answer in time; another time it may."""
 
 
+class BrokenOffError(PeerError):
+    """The service broke its answer off or reports an error in it; another time it may answer."""
+
+
+class DeclinedError(PeerError):
+    """The model, or a filter of its server, declines to answer. That is final."""
+
+
+# What is raised, by the error code of the response.
+_CODES: dict[type[SspError], ErrorCode] = {
+    NotTakenError: ErrorCode.OVERLOAD,
+    NoTimeError: ErrorCode.TIMEOUT,
+    BrokenOffError: ErrorCode.BROKEN_OFF,
+    DeclinedError: ErrorCode.DECLINED,
+}
+
+
 class Backend(Protocol):
     """A model, whatever it is; it sees the request and nothing else."""
 
@@ -259,12 +276,9 @@ def respond(backend: Backend, model: str, request: Request) -> BackendResult:
             arrays=answer.arrays,
             decoding=answer.decoding,
         )
-    except NotTakenError as error:
-        return BackendResult(failure(blank, ErrorCode.OVERLOAD, str(error)))
-    except NoTimeError as error:
-        return BackendResult(failure(blank, ErrorCode.TIMEOUT, str(error)))
     except SspError as error:  # written for people; where in the code it was raised says no more
-        return BackendResult(failure(blank, ErrorCode.BACKEND, str(error)))
+        code = _CODES.get(type(error), ErrorCode.BACKEND)
+        return BackendResult(failure(blank, code, str(error)))
     except Exception as error:  # a model's failure costs one answer and goes to the caller's log
         message = f"{type(error).__name__}: {error}"
         return BackendResult(failure(blank, ErrorCode.BACKEND, message), traceback.format_exc())

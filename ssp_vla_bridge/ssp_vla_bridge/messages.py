@@ -165,6 +165,8 @@ class ErrorCode(IntEnum):
     BACKEND = 2
     OVERLOAD = 3
     BAD_REQUEST = 4
+    BROKEN_OFF = 5
+    DECLINED = 6
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from ssp_core.answer_text import split_answer
 from ssp_vla_bridge.messages import EgoSample, Request, Response
 
 STEP_S = 0.5  # of all three systems: 2 Hz, as in nuScenes
@@ -165,5 +166,6 @@ def previous_stage(request: Request, name: str) -> Said | None:
     previous = request.previous
     if previous is None or previous.error_code or previous.stamp_ns >= request.stamp_ns:
         return None
-    text = stage_text(previous, name)
+    output = stage_text(previous, name)
+    text = split_answer(output).text if output else ""
     return Said(text.strip(), previous.stamp_ns) if text and text.strip() else None

@@ -129,7 +129,7 @@ def test_names_why_a_written_trajectory_is_none(text, reason):
 
 @settings(max_examples=50, deadline=None)
 @given(
-    st.lists(st.tuples(st.floats(-100, 100), st.floats(-20, 20)), min_size=3, max_size=20),
+    st.lists(st.tuples(st.floats(-10, 10), st.floats(-7, 7)), min_size=3, max_size=20),
     st.booleans(),
 )
 def test_every_native_point_is_kept_as_it_is(rows, late):

@@ -133,7 +133,10 @@ class _Conversation:
         key = self._keys.of(question.request)
         stored = self._store.find(key)
         if stored is not None:
-            asked = Asked(question.label_t_s, question.t_s, question.request, stored, reused=True)
+            loss, why = loss_of(stored)
+            asked = Asked(
+                question.label_t_s, question.t_s, question.request, stored, why, loss, reused=True
+            )
         else:
             asked = self._ask(question, key)
             while (

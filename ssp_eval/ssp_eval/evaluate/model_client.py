@@ -34,14 +34,21 @@ class Loss(StrEnum):
     SILENT = "no answer in time"
     OVERLOAD = "bridge overloaded"
     UNUSABLE = "unusable answer"
+    BROKEN_OFF = "answer broken off"
+    DECLINED = "the model declined"
     ERROR = "bridge answered an error"
     NO_QUESTION = "nothing to ask"
 
 
 # What the same question may get an answer after. A bridge keeps no state between requests, so
 # asking again is safe; where the answer would be the same error again, it is useless.
-PASSING = frozenset({Loss.DIED, Loss.UNREACHABLE, Loss.SILENT, Loss.OVERLOAD})
-_OF_CODE = {ErrorCode.TIMEOUT: Loss.SILENT, ErrorCode.OVERLOAD: Loss.OVERLOAD}
+PASSING = frozenset({Loss.DIED, Loss.UNREACHABLE, Loss.SILENT, Loss.OVERLOAD, Loss.BROKEN_OFF})
+_OF_CODE = {
+    ErrorCode.TIMEOUT: Loss.SILENT,
+    ErrorCode.OVERLOAD: Loss.OVERLOAD,
+    ErrorCode.BROKEN_OFF: Loss.BROKEN_OFF,
+    ErrorCode.DECLINED: Loss.DECLINED,
+}
 
 
 def loss_of(response: Response) -> tuple[Loss | None, str]:

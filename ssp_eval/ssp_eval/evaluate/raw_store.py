@@ -28,7 +28,7 @@ from ssp_eval.evaluate.requests import (
     key_of,
     request_to_json,
 )
-from ssp_vla_bridge.messages import Response, response_from_json, response_to_json
+from ssp_vla_bridge.messages import ErrorCode, Response, response_from_json, response_to_json
 
 
 def check_unchanged(cell: Path) -> None:
@@ -72,11 +72,11 @@ class RawStore:
         self._found = dict(self._stored)
 
     def _read(self, path: Path) -> dict[str, Response]:
-        """The answers of a file by key; errors don't count as answers."""
+        """The answers of a file by key; an error is none, unless it is the model's last word."""
         found = {}
         for number, value in self._lines(path):
             response = response_from_json(value, file=str(path), line=number)
-            if not response.error_code:
+            if response.error_code in (ErrorCode.NONE, ErrorCode.DECLINED):
                 found[key_of(response.request_id)] = response
         return found
 

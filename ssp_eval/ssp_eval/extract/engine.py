@@ -5,19 +5,21 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+from ssp_core.answer_text import plain_width
 from ssp_core.hashing import sha256_bytes, sha256_json
-from ssp_eval.data.records import Slot, Slots
+from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.bind import Binder
 from ssp_eval.extract.checks import check
 from ssp_eval.extract.decide import decide
 from ssp_eval.extract.match import find, sentences
+from ssp_eval.extract.options import asserted
 from ssp_eval.extract.scope import scopes
 from ssp_eval.extract.tokens import tokenise
 
 RULES_VERSION = "2"
 _SOURCES = (
     "lexicon.yaml", "scope.yaml", "lexicon.py", "tokens.py", "match.py", "scope.py", "world.py",
-    "clause.py", "bind.py", "decide.py", "engine.py", "checks.py",
+    "clause.py", "bind.py", "decide.py", "engine.py", "checks.py", "options.py",
 )  # fmt: skip
 
 
@@ -30,6 +32,16 @@ def extract(text: str) -> Slots:
     Args:
         text: a model's text, with nothing else.
     """
+    return _read(asserted(plain_width(text), _values))
+
+
+def _values(piece: str) -> dict[str, object]:
+    """What the rules read in a piece of a text, by slot."""
+    found = _read(piece)
+    return {name: slot.value for name in SLOT_NAMES if (slot := getattr(found, name)) is not None}
+
+
+def _read(text: str) -> Slots:
     tokens = tokenise(text)
     hits = find(tokens.words)
     ranges = sentences(hits)

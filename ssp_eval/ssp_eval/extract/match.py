@@ -244,13 +244,24 @@ class _Reader:
         """Takes a value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
         for stop in (at + 2, at + 1):
             phrase = " ".join(self.words[at:stop])
-            ends = stop < self.count or (at == 0 and stop == self.count)
+            paired = stop == self.count and self._pairs(at)
+            ends = stop < self.count or at == 0 or paired
             if phrase in _BARE and ends and self.words[stop] in MARKS:
-                side = phrase in ("left", "right") and self.words[stop] not in "\"'|]["
+                marked = self.words[stop] in "\"'|][" or paired
+                side = phrase in ("left", "right") and not marked
                 if self.words[stop] in ":=" or side:
                     return None
                 return self._put("action", _BARE[phrase], "", at, stop)
         return None
+
+    def _pairs(self, at: int) -> bool:
+        """Whether the word at the end of a text follows a bare action and a comma."""
+        last = self.hits[-2:]
+        return (
+            [hit.kind for hit in last] == ["action", "mark"]
+            and last[1].value == ","
+            and last[0].stop == at - 1
+        )
 
 
 def sentences(hits: list[Hit]) -> list[tuple[int, int]]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
+from ssp_core.answer_text import Ending, ending, plain_width, split_answer
 from ssp_vla_bridge.messages import Response
 from ssp_vla_bridge.trajectory import Trajectory
 
@@ -53,8 +55,52 @@ def without_trajectory(
     return Adapted(response.text, None, (reason,), replace(info, notes=(*info.notes, note)))
 
 
+def answer_part(response: Response) -> tuple[Response, tuple[str, ...]]:
+    """Reduce a response's text to the answer, stage by stage (METHOD 5.4b).
+
+    Returns:
+        The response whose text is the answer, with the stages' spans in that text; and a note for
+        each thing that was left out.
+    """
+    stages = response.decoding.get("stages")
+    spans = _spans(stages, len(response.text))
+    if not spans:
+        part = split_answer(plain_width(response.text))
+        return replace(response, text=part.text), part.notes
+    pieces: list[str] = []
+    moved: list[Any] = []
+    notes: list[str] = []
+    end, length = 0, 0
+    for stage, (start, stop) in zip(stages or (), spans, strict=True):
+        part = split_answer(plain_width(response.text[start:stop]))
+        pieces += [response.text[end:start], part.text]
+        length += start - end
+        moved.append({**stage, "start": length, "end": length + len(part.text)})
+        length += len(part.text)
+        end = stop
+        notes += [f"{stage.get('name', 'a stage')}: {note}" for note in part.notes]
+    text = "".join(pieces) + response.text[end:]
+    return replace(response, text=text, decoding={**response.decoding, "stages": moved}), tuple(
+        notes
+    )
+
+
+def _spans(stages: object, length: int) -> list[tuple[int, int]]:
+    """The stages' spans of a text, in order; empty where they aren't all sound."""
+    spans: list[tuple[int, int]] = []
+    for stage in stages if isinstance(stages, list) else ():
+        if not isinstance(stage, Mapping):
+            return []
+        start, end = stage.get("start"), stage.get("end")
+        if not (type(start) is int and type(end) is int):
+            return []
+        if not (spans[-1][1] if spans else 0) <= start <= end <= length:
+            return []
+        spans.append((start, end))
+    return spans
+
+
 MOTION = "motion"
-_REASON = "length"  # finish_reason of OpenAI's interface
 _WHOLE = "answer"
 _NAME_LENGTH = 40
 
@@ -69,12 +115,16 @@ def cut_parts(response: Response) -> tuple[str, ...]:
     stages = response.decoding.get("stages")
     found = []
     for stage in stages if isinstance(stages, list) else ():
-        if isinstance(stage, Mapping) and stage.get("finish_reason") == _REASON:
+        if isinstance(stage, Mapping) and _is_limit(stage.get("finish_reason")):
             name = stage.get("name")
             found.append(name[:_NAME_LENGTH] if isinstance(name, str) else "a stage")
-    if response.decoding.get("finish_reason") == _REASON:
+    if _is_limit(response.decoding.get("finish_reason")):
         found.append(_WHOLE)
     return tuple(dict.fromkeys(found))
+
+
+def _is_limit(reason: object) -> bool:
+    return isinstance(reason, str) and ending(reason) is Ending.LIMIT
 
 
 def motion_is_cut(response: Response) -> bool:

@@ -1,17 +1,21 @@
-"""Which of the lists in a text is the answer: not the history, not a draft, not the first of two.
+"""The list in an answer that is the own plan: not the history, not a draft, not another's.
 
 The rules, in this order:
-1. After reasoning that ends with ``</think>``, what follows is the answer, if a list is there.
-   Reasoning that begins with ``<think>`` and doesn't end holds no answer.
-2. A list that gives back the history, or a run of it, or all of it with fewer decimals, is no
+1. A list that gives back the history, or a run of it, or all of it with fewer decimals, is no
    answer; a list that begins with the whole history is read without it. A history of one repeated
    row can't be told from a plan that keeps on: a list equal to it is read, and a note says so.
-3. A list given twice is one list.
-4. The last list with the number of rows that the interface defines is the answer. If there is
-   none: the last one, if the text ends before it does; else the longest, the last of equals.
-5. A list with a fault, with rows of another width or under other names has the wrong shape. Fewer
-   rows are read as they are, and more, too: whether they suffice is a matter of coverage. But a
-   text that was cut off ends no list: one with fewer rows at its end is cut off, too.
+2. A list given twice is one list.
+3. A list whose label or sentence says that it is somebody else's, a detection, an alternative,
+   rejected or conditional is no answer (plan_label). The last list that is labelled as the own
+   plan counts, and if it can't be read, none does. A list without a label counts only if it has
+   the rows that the interface defines, or one more from the origin.
+4. Where the prompt asks for the bare list, all lists that aren't somebody else's count as
+   labelled: the last one of the right number of rows, else the last one, if the text ends before
+   it does, else the longest.
+5. A list with a fault, with rows of another width or in columns or units that can't be told has
+   the wrong shape. Fewer rows are read as they are, and more, too: whether they suffice is a
+   matter of coverage. But a text that was cut off ends no list: one with fewer rows at its end is
+   cut off, too. And a whole list with prose behind it, in a text that was cut off, is a draft.
 """
 
 from __future__ import annotations
@@ -20,10 +24,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ssp_vla_bridge.adapters.number_lists import CUT, NESTED, NumberList, scan_lists
+from ssp_vla_bridge.adapters.number_lists import CUT, NESTED, UNREAD, NumberList, scan_lists
+from ssp_vla_bridge.adapters.plan_label import Label, Owner, label_of
+from ssp_vla_bridge.adapters.stated import Converted, Meaning, Rows, convert
 
-_THINK_BEGIN, _THINK_END = "<think>", "</think>"
-_LABEL_LENGTH = 200
 # "past speeds", but not "past the parked car".
 _PAST = re.compile(
     r"histor|\b(?:past|previous|observed|last \d+) (?:ego )?"
@@ -35,8 +39,10 @@ _LEAST_ECHO = 3
 _EQUAL = 1e-9
 # An echo may have fewer decimals than the prompt; whole numbers would be met by chance.
 _ECHO_DECIMALS = (1, 2)
-
-Rows = tuple[tuple[float, ...], ...]
+# A first row this close to the origin stands for t = 0.
+_AT_ORIGIN_M = 1e-6
+# In the place of times: the first row is at t = 0, the others follow at the interface's step.
+FROM_ORIGIN: tuple[float, ...] = (0.0,)
 
 
 @dataclass(frozen=True)
@@ -44,13 +50,14 @@ class Form:
     """What an interface's list looks like.
 
     Args:
-        names: per column, the names that a number may be given; no name is always fine.
-        label: a word of the line before the list, by which it is preferred; empty for none.
+        meaning: of the two columns, unless the answer states otherwise.
+        units: that are the interface's own.
+        label: the word by which the prompt asks for the list; empty: it asks for the bare list.
         usual: marks that are the interface's own form and no tolerance.
     """
 
     rows: int
-    names: tuple[frozenset[str], frozenset[str]]
+    meaning: Meaning
     units: frozenset[str]
     label: str = ""
     usual: frozenset[str] = frozenset()
@@ -61,7 +68,8 @@ class Choice:
     """The answer's rows, or why there is none.
 
     Args:
-        rows: two numbers each; empty when there is a reason.
+        rows: two numbers each, in the interface's columns and units; empty when there is a reason.
+        times_s: that the answer states, one for each row; empty where it states none.
         reason: of METHOD 5.3, empty when there are rows.
         notes: one clause each.
     """
@@ -69,6 +77,14 @@ class Choice:
     rows: Rows
     reason: str
     notes: tuple[str, ...]
+    times_s: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    one: NumberList
+    label: Label
+    read: Converted
 
 
 def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool = False) -> Choice:
@@ -82,22 +98,66 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
     lists: Sequence[NumberList] = scan_lists(text)
     if text_is_cut:
         lists = _with_cut_end(text, lists, form.rows)
-    lists = _after_thinking(text, lists, notes)
     lists = [part for one in lists for part in _parts(one, form.rows, history, notes)]
-    answers = []
-    end = 0
+    answers: list[_Candidate] = []
+    end, others = 0, 0
     for one in lists:
-        label = _label(text[max(end, one.start - _LABEL_LENGTH) : one.start])
+        label = label_of(text, end, one.start, one.end)
         end = one.end
-        of_past = _is_of_past(label)
+        of_past = _is_of_past(label.text)
         if of_past and one.rows and (form.label or not history):
             notes.append("a list that the text calls past was left out")
-        elif not _is_echo(one.rows, history or (), of_past, notes):
-            answers.append((one, label))
+        elif _is_echo(one.rows, history or (), of_past, notes):
+            continue
+        elif label.owner is Owner.OTHER:
+            others += 1
+        else:
+            read = convert(one, label.heading, form.meaning, form.units)
+            answers.append(_Candidate(one, label, read))
+    if others:
+        notes.append(f"{others} lists that aren't the own plan were left out")
+    answers = _own(answers, form, notes)
     if not answers:
-        what = "no list but the echo of the history" if lists else "no list of numbers"
+        what = "no list of numbers"
+        if lists:
+            what = (
+                "no list that is the own plan" if others else "no list but the echo of the history"
+            )
         return Choice((), "missing", (*_unique(notes), f"the text holds {what}"))
-    return _read(*_pick(answers, form, notes), form, history, notes)
+    chosen = _pick(answers, form, notes)
+    if text_is_cut and not chosen.one.fault and _goes_on(text[chosen.one.end :]):
+        draft = "a list that prose follows, which the limit of tokens cuts off, is a draft"
+        return Choice((), "missing", (*_unique(notes), draft))
+    return _read(chosen, form, history, notes)
+
+
+def _goes_on(rest: str) -> bool:
+    """Tell whether prose follows a list."""
+    return any(character.isalpha() for character in re.sub(r"```\w*|<[^<>]{1,20}>", "", rest))
+
+
+def _own(answers: list[_Candidate], form: Form, notes: list[str]) -> list[_Candidate]:
+    """The lists that count as the own plan, in the text's order (METHOD 5.4b)."""
+    if not form.label:
+        return answers
+    labelled = [one for one in answers if one.label.owner is Owner.OWN]
+    if labelled:
+        return labelled[-1:]
+    bare = [one for one in answers if one.one.cut or one.one.fault or _is_asked_for(one, form)]
+    if bare:
+        notes.append(f"no list stands behind {form.label!r}")
+    elif answers:
+        notes.append(f"a list without a label has other rows than the {form.rows} asked for")
+    return bare
+
+
+def _is_asked_for(one: _Candidate, form: Form) -> bool:
+    rows = one.read.rows
+    return len(rows) == form.rows or (len(rows) == form.rows + 1 and _is_origin(rows[0]))
+
+
+def _is_origin(row: Sequence[float]) -> bool:
+    return len(row) == 2 and abs(row[0]) <= _AT_ORIGIN_M and abs(row[1]) <= _AT_ORIGIN_M
 
 
 def _with_cut_end(text: str, lists: Sequence[NumberList], count: int) -> Sequence[NumberList]:
@@ -109,27 +169,6 @@ def _with_cut_end(text: str, lists: Sequence[NumberList], count: int) -> Sequenc
     if ended or any(character.isalnum() for character in text[last.end :]):
         return lists
     return (*lists[:-1], replace(last, cut=True, fault=CUT))
-
-
-def _label(before: str) -> str:
-    """The last line, and of it the last sentence, in front of a list."""
-    line = before.rstrip().rpartition("\n")[2]
-    return line.rpartition(". ")[2].lower()
-
-
-def _after_thinking(
-    text: str, lists: Sequence[NumberList], notes: list[str]
-) -> Sequence[NumberList]:
-    end = text.rfind(_THINK_END)
-    begin = text.rfind(_THINK_BEGIN)
-    if begin > end and any(one.start > begin for one in lists):
-        notes.append("the text ends within its reasoning, whose lists were left out")
-        lists = [one for one in lists if one.start < begin]
-    if end < 0:
-        return lists
-    after = [one for one in lists if one.start > end]
-    notes.append("the text holds reasoning that ends with </think>")
-    return after or lists
 
 
 def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) -> list[NumberList]:
@@ -220,18 +259,12 @@ def _is_rounded(rows: Rows, history: Rows) -> bool:
     )
 
 
-def _pick(
-    answers: list[tuple[NumberList, str]], form: Form, notes: list[str]
-) -> tuple[NumberList, str]:
-    labelled = [answer for answer in answers if form.label and form.label in answer[1]]
-    if form.label and not labelled:
-        notes.append(f"no list stands behind {form.label!r}")
-    answers = labelled or answers
-    complete = [answer for answer in answers if _is_complete(answer[0], form)]
-    cut = answers[-1][0].cut
+def _pick(answers: list[_Candidate], form: Form, notes: list[str]) -> _Candidate:
+    complete = [one for one in answers if not one.one.fault and _is_asked_for(one, form)]
+    cut = answers[-1].one.cut
     if complete:
         chosen = complete[-1]
-        others = [one for one, _ in complete if not _equal(one.rows, chosen[0].rows)]
+        others = [one for one in complete if not _equal(one.one.rows, chosen.one.rows)]
         if others:
             notes.append(f"{len(others)} other lists of {form.rows} were passed over for the last")
         elif len(complete) > 1:
@@ -241,20 +274,19 @@ def _pick(
         return chosen
     if cut:
         return answers[-1]
-    most = max(len(one.rows) for one, _ in answers)
+    most = max(len(one.one.rows) for one in answers)
     if len(answers) > 1:
         notes.append(f"of {len(answers)} lists, none of {form.rows} rows, the longest was taken")
-    return [answer for answer in answers if len(answer[0].rows) == most][-1]
+    return [one for one in answers if len(one.one.rows) == most][-1]
 
 
-def _is_complete(one: NumberList, form: Form) -> bool:
-    return not one.fault and len(one.rows) == form.rows and len(one.rows[0]) == len(form.names)
-
-
-def _read(
-    one: NumberList, label: str, form: Form, history: Rows | None, notes: list[str]
-) -> Choice:
-    problem = _problem(one, form, history)
+def _read(chosen: _Candidate, form: Form, history: Rows | None, notes: list[str]) -> Choice:
+    one, read = chosen.one, chosen.read
+    problem = f"the list can't be read: {one.fault}" if one.fault else read.problem
+    if not problem and one.unread_after and len(one.rows) < form.rows:
+        problem = f"the list can't be read: {UNREAD}"
+    if not problem and history is None and len(one.rows) == 2 * form.rows:
+        problem = "the first half of the list may be the history, and the request isn't at hand"
     if problem:
         return Choice((), "shape", (*_unique(notes), problem))
     if history is None:
@@ -262,28 +294,18 @@ def _read(
     if history and _equal(one.rows, history):
         notes.append("the list equals the history, whose rows are all the same")
     notes.extend(sorted(one.marks - form.usual))
+    notes.extend(read.notes)
     if one.units:
         notes.append("units in rows")
-    if "*" in label:
+    if "*" in chosen.label.text:
         notes.append("a bold label")
-    if len(one.rows) != form.rows:
-        notes.append(f"{len(one.rows)} rows instead of {form.rows}")
-    return Choice(one.rows, "", _unique(notes))
-
-
-def _problem(one: NumberList, form: Form, history: Rows | None) -> str:
-    if one.fault:
-        return f"the list can't be read: {one.fault}"
-    if any(len(row) != len(form.names) for row in one.rows):
-        return f"the list has rows of {len(one.rows[0])} numbers"
-    for names, known in zip(one.names, form.names, strict=True):
-        if names - known:
-            return f"the list names a column {sorted(names - known)[0]!r}"
-    if one.units - form.units:
-        return f"the list is in {sorted(one.units - form.units)[0]!r}"
-    if history is None and len(one.rows) == 2 * form.rows:
-        return "the first half of the list may be the history, and the request isn't at hand"
-    return ""
+    rows, times_s = read.rows, read.times_s
+    if form.label and not times_s and len(rows) == form.rows + 1 and _is_origin(rows[0]):
+        notes.append("its first row is the origin at t = 0")
+        return Choice(rows, "", _unique(notes), FROM_ORIGIN)
+    if len(rows) != form.rows:
+        notes.append(f"{len(rows)} rows instead of {form.rows}")
+    return Choice(rows, "", _unique(notes), times_s)
 
 
 def _constant(rows: Rows) -> bool:

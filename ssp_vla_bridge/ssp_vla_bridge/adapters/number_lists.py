@@ -8,6 +8,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 from operator import attrgetter
 
+from ssp_vla_bridge.adapters.list_items import (
+    Item,
+    another_item,
+    closing_brackets,
+    continues,
+    holds_element,
+    item_of,
+    stated_times_s,
+)
+
 # Signs that models write for a minus; the first is ASCII's.
 _MINUS = "-\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d"
 SIGN = rf"[+\{_MINUS}]?"
@@ -24,11 +34,11 @@ _INSIDE = re.compile(
 )
 _NAMES = frozenset(
     {"v", "k", "c", "x", "y", "speed", "velocity", "vel", "curvature", "curv", "kappa", "κ"}
-    | {"lateral", "longitudinal", "forward", "left"}
+    | {"lateral", "longitudinal", "forward", "left", "right", "t", "time", "z"}
 )
 _UNITS = frozenset(
     {"m", "meter", "meters", "metre", "metres", "m/s", "mps", "m/step", "rad/m", "m^-1", "m⁻¹"}
-    | {"km/h", "kmh", "kph", "mph", "ft", "deg", "s"}
+    | {"km/h", "kmh", "kph", "mph", "ft", "feet", "foot", "cm", "mm", "km", "yd", "px", "deg", "s"}
 )
 _DIGIT = re.compile("[0-9]|nan|inf", re.IGNORECASE)
 _LONGEST_BEGUN = 80
@@ -137,6 +147,7 @@ def _unusual_row(
 
 CUT = "it is cut off by the end of the text"
 ELIDED = "an ellipsis stands for rows"
+UNREAD = "one of its rows can't be read"
 
 _BETWEEN = re.compile(
     r"(?P<space>\s+)|(?P<comma>[,;])|(?P<ellipsis>[.]{2,}|…|⋯)"
@@ -151,14 +162,17 @@ _BETWEEN = re.compile(
 _LABELS = frozenset(
     {"t", "time", "s", "sec", "secs", "second", "seconds", "step", "steps", "timestep"}
     | {"timesteps", "frame", "frames", "waypoint", "waypoints", "point", "points", "pair"}
-    | {"pairs", "at", "future", "and", "then", "wp", "p"}
+    | {"pairs", "at", "after", "future", "and", "then", "wp", "p", "ms"}
 )
 _NO_NAMES: frozenset[str] = frozenset()
 NESTED = frozenset({"a nested list"})
 _LABELLED = frozenset({"labels between rows"})
+_REMARKS = frozenset({"remarks between rows"})
 _names_of = attrgetter("names")
 # More of a text than this between two rows is no label.
 _LABEL_LENGTH = 80
+# So much of a remark is looked at.
+_REMARK_LENGTH = 400
 
 
 @dataclass(frozen=True)
@@ -172,6 +186,8 @@ class NumberList:
         fault: why it is no list that can be read, empty for a good one.
         cut: whether the text ends before the list does.
         loose: indices of rows that no comma parts from the row before.
+        unread_after: an item of the same numbering or bullet follows that holds no row.
+        times_s: stated beside the rows, one each, s; empty where they aren't.
         names: per column, the names that its numbers were given.
         marks: other ways of writing that were tolerated, a few words each.
     """
@@ -182,6 +198,8 @@ class NumberList:
     fault: str = ""
     cut: bool = False
     loose: tuple[int, ...] = ()
+    unread_after: bool = False
+    times_s: tuple[float, ...] = ()
     names: tuple[frozenset[str], ...] = ()
     units: frozenset[str] = frozenset()
     marks: frozenset[str] = frozenset()
@@ -197,32 +215,52 @@ class _Gap:
     opened: int = -1  # offset of the first outer bracket that opens
     closed: bool = False
     label: bool = False
+    unread: bool = False
+    text: str = ""
 
 
 def scan_lists(text: str) -> tuple[NumberList, ...]:
-    """The lists of number rows in a text, in its order; takes time linear in its length."""
+    """Find the lists of number rows in a text, in its order; takes time linear in its length.
+
+    Rows inside one outer bracket, of one numbering, or behind the same bullet at the same indent
+    are one list, whatever remark stands between them.
+    """
     lists: list[NumberList] = []
     rows: list[Row] = []
     gaps: list[_Gap] = []  # gaps[i] stands before rows[i]
+    items: list[Item | None] = []
+    closings = closing_brackets(text)
     end = 0
     for row in find_rows(text):
         gap = _gap(text, end, row.start)
-        parted = gap.prose or gap.closed or gap.opened >= 0
-        # "(12 m, 3 s) [3.2, 0.1]": another bracket without a comma is another thing.
-        parted = parted or bool(rows and not gap.comma and rows[-1].brackets != row.brackets)
+        item = item_of(text, row.start)
+        outer = gaps[0].opened if gaps else -1
+        if rows and row.start < closings.get(outer, -1) and gap.opened < 0 and not gap.closed:
+            gap.unread = gap.prose and holds_element(gap.text)
+            parted = False
+        else:
+            # "(12 m, 3 s) [3.2, 0.1]": another bracket without a comma is another thing.
+            parted = gap.prose or gap.closed or gap.opened >= 0
+            parted = parted or bool(rows and not gap.comma and rows[-1].brackets != row.brackets)
+            follows = continues(text, end, row.start, items[-1] if items else None, item)
+            if follows is not None and gap.opened < 0 and not gap.closed:
+                parted, gap.unread = False, follows
         if rows and parted:
-            lists.extend(_finish(rows, gaps, gap))
-            rows, gaps = [], []
+            lists.extend(_finish(rows, gaps, gap, items=items))
+            rows, gaps, items = [], [], []
         if not rows and gap.prose:
             gap = _gap(text, max(end, row.start - _LABEL_LENGTH), row.start, from_the_right=True)
         rows.append(row)
         gaps.append(gap)
+        items.append(item)
         end = row.end
-    lists.extend(_ending(text, rows, gaps, end))
+    lists.extend(_ending(text, rows, gaps, items, end))
     return tuple(lists)
 
 
-def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -> list[NumberList]:
+def _finish(
+    rows: list[Row], gaps: list[_Gap], after: _Gap, items: list[Item | None], cut: bool = False
+) -> list[NumberList]:
     good = [row for row in rows if row.numbers]
     # Digits in round brackets are prose as a rule: "(12 m away), (15 m away)".
     if not good and (len(rows) < 2 or rows[0].brackets != "[]"):
@@ -234,6 +272,8 @@ def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -
         fault = f"row {bad + 1} isn't like the others"
     if not good:
         fault = "its rows aren't numbers"
+    if any(gap.unread for gap in gaps[1:]):
+        fault = UNREAD
     if any(gap.ellipsis for gap in gaps[1:]) or (after.ellipsis and not after.prose):
         fault = ELIDED
     if cut and not fault:
@@ -243,6 +283,8 @@ def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -
         marks |= NESTED
     if any(gap.label for gap in gaps[1:]):
         marks |= _LABELLED
+    if any(gap.prose for gap in gaps[1:]):
+        marks |= _REMARKS
     return [
         NumberList(
             rows=tuple(row.numbers for row in good),
@@ -250,7 +292,11 @@ def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -
             end=rows[-1].end,
             fault=fault,
             cut=cut,
-            loose=tuple(i for i, gap in enumerate(gaps) if i and not gap.comma),
+            loose=tuple(
+                i for i, gap in enumerate(gaps) if i and not gap.comma and items[i] is None
+            ),
+            unread_after=another_item(after.text, items[-1]),
+            times_s=() if fault else stated_times_s([gap.text for gap in (*gaps, after)]),
             names=_names(good, max(widths)),
             units=_joined(tuple({row.units for row in rows})),
             marks=marks,
@@ -273,7 +319,9 @@ def _names(rows: list[Row], width: int) -> tuple[frozenset[str], ...]:
     )
 
 
-def _ending(text: str, rows: list[Row], gaps: list[_Gap], end: int) -> list[NumberList]:
+def _ending(
+    text: str, rows: list[Row], gaps: list[_Gap], items: list[Item | None], end: int
+) -> list[NumberList]:
     """The last list, and whether the text ends before it does."""
     last = max(text.rfind(bracket, end) for bracket in "[](){}")
     opener = last if last >= 0 and text[last] in "[({" else len(text)
@@ -285,15 +333,15 @@ def _ending(text: str, rows: list[Row], gaps: list[_Gap], end: int) -> list[Numb
     gap = _gap(text, end, opener if row_begun else len(text))
     never_closed = gaps[0].opened >= 0 and not gap.closed
     cut = not gap.prose and (row_begun or gap.comma or never_closed)
-    lists = _finish(rows, gaps, gap, cut)
+    lists = _finish(rows, gaps, gap, items, cut)
     if row_begun and (gap.prose or not lists):
         lists.append(NumberList((), opener, len(text), CUT, cut=True))
     return lists
 
 
 def _gap(text: str, start: int, end: int, from_the_right: bool = False) -> _Gap:
-    gap = _Gap()
     between = text[start:end]
+    gap = _Gap(text=between if len(between) <= _REMARK_LENGTH else between[:_REMARK_LENGTH])
     if between.strip() == ",":
         gap.comma = True
         return gap

@@ -18,7 +18,8 @@ from ssp_vla_bridge.adapters.adapted import (
     sine,
     without_trajectory,
 )
-from ssp_vla_bridge.adapters.answer import Form, Rows, choose_answer
+from ssp_vla_bridge.adapters.answer import Form, choose_answer
+from ssp_vla_bridge.adapters.stated import PAIRS, Meaning, Rows
 from ssp_vla_bridge.messages import Request, Response
 from ssp_vla_bridge.native_history import (
     CURVATURE_SCALE,
@@ -29,12 +30,8 @@ from ssp_vla_bridge.native_history import (
     openemma_history,
     stage_text,
 )
-from ssp_vla_bridge.trajectory import Trajectory, check_trajectory
+from ssp_vla_bridge.trajectory import TOLERANCE_S, Trajectory, check_trajectory
 
-COLUMNS = (
-    frozenset({"v", "speed", "velocity", "vel"}),
-    frozenset({"k", "c", "curvature", "curv", "kappa", "κ"}),
-)
 UNITS = frozenset({"m/s", "mps", "1/m", "m^-1", "m⁻¹", "rad/m"})
 
 # No car on tyres turns harder; more tells of a curvature in another unit.
@@ -60,6 +57,9 @@ def adapt_pairs(
     info = replace(info, notes=(*stage_notes, *choice.notes))
     if choice.reason:
         return Adapted(response.text, None, (choice.reason,), info)
+    if choice.times_s and not _is_raster(choice.times_s):
+        info = replace(info, notes=(*info.notes, f"its times aren't steps of {STEP_S:g} s"))
+        return Adapted(response.text, None, ("timestamps",), info)
     trajectory = integrate(choice.rows)
     invalid = check_trajectory(trajectory)
     if invalid:
@@ -68,6 +68,14 @@ def adapt_pairs(
         note = f"it turns with more than {_MOST_LATERAL_MPS2:g} m/s² to the side"
         info = replace(info, notes=(*info.notes, note))
     return Adapted(response.text, trajectory, (), info)
+
+
+def _is_raster(times_s: tuple[float, ...]) -> bool:
+    """Tell whether stated times are those of the interface, from t = 0 or one step after it."""
+    first = times_s[0]
+    return first in (0.0, STEP_S) and all(
+        abs(time - first - k * STEP_S) <= TOLERANCE_S for k, time in enumerate(times_s)
+    )
 
 
 def motion_text(response: Response) -> tuple[str, tuple[str, ...]]:
@@ -101,7 +109,10 @@ def _most_lateral_mps2(trajectory: Trajectory) -> float:
 CORRECTED, NATIVE = "corrected", "native"
 
 _OPENEMMA_FORM = Form(
-    OPENEMMA_PAIRS, COLUMNS, UNITS | {"m", "m/step"}, usual=frozenset({"square brackets"})
+    OPENEMMA_PAIRS,
+    Meaning(PAIRS.columns, STEP_S),
+    UNITS | {"m", "m/step"},
+    usual=frozenset({"square brackets"}),
 )
 
 
@@ -146,7 +157,7 @@ def published_points(pairs: Rows) -> Trajectory:
 
 
 _LIGHTEMMA_FORM = Form(
-    LIGHTEMMA_PAIRS, COLUMNS, UNITS, usual=frozenset({"round brackets", "a nested list"})
+    LIGHTEMMA_PAIRS, PAIRS, UNITS, usual=frozenset({"round brackets", "a nested list"})
 )
 
 

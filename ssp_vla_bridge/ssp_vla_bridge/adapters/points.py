@@ -9,10 +9,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ssp_vla_bridge.adapters.adapted import Adapted, AdapterInfo, motion_is_cut, without_trajectory
-from ssp_vla_bridge.adapters.answer import Form, choose_answer
+from ssp_vla_bridge.adapters.answer import FROM_ORIGIN, Choice, Form, choose_answer
+from ssp_vla_bridge.adapters.stated import POINTS, POINTS_RIGHT_FIRST
 from ssp_vla_bridge.messages import TASK, NativeArray, Request, Response
 from ssp_vla_bridge.native_history import LLAVIDA_POINTS, STEP_S, llavida_history, waypoints_history
 from ssp_vla_bridge.trajectory import TOLERANCE_S, Trajectory, check_trajectory
+
+# METHOD 5.4b, Origin: how far from the vehicle a plan may begin.
+_NOTED_M = 0.5
+_LEAST_M = 3.0
+_WAYS = 1.5
+_UNKNOWN_SPEED_MPS = 25.0
+_FIRST_TIME = "first_time_s says when the first point is meant"
 
 
 def adapt_points(
@@ -20,19 +28,25 @@ def adapt_points(
     info: AdapterInfo,
     xs_m: Sequence[float],
     ys_m: Sequence[float],
-    step_s: float,
-    first_time_s: float,
+    times_s: Sequence[float],
+    request: Request | None,
 ) -> Adapted:
-    """The trajectory of points at a fixed step, with the origin before a start one step late.
+    """The trajectory of points, with the origin before a start one step late.
 
     Args:
         xs_m: forward, m.
         ys_m: to the left, m.
-        first_time_s: of the first point after the record's time, s, finite.
+        times_s: of the points after the record's time, s, finite.
+        request: whose history gives the present speed, by which the first point is judged.
     """
-    times = tuple(first_time_s + k * step_s for k in range(len(xs_m)))
-    xs, ys = tuple(xs_m), tuple(ys_m)
-    origin_added = step_s > 0 and abs(first_time_s - step_s) <= TOLERANCE_S
+    times, xs, ys = tuple(times_s), tuple(xs_m), tuple(ys_m)
+    step_s = times[1] - times[0] if len(times) > 1 else times[0] if times else 0.0
+    problem, note = _start(times, xs, ys, step_s, present_speed_mps(request))
+    if problem or note:
+        info = replace(info, notes=(*info.notes, problem or note))
+    if problem:
+        return Adapted(response.text, None, ("shape",), info)
+    origin_added = step_s > 0 and abs(times[0] - step_s) <= TOLERANCE_S
     if origin_added:
         times, xs, ys = (0.0, *times), (0.0, *xs), (0.0, *ys)
     trajectory = Trajectory(times, xs, ys)
@@ -41,11 +55,59 @@ def adapt_points(
     return Adapted(response.text, None if invalid else trajectory, invalid, info)
 
 
+def present_speed_mps(request: Request | None) -> float | None:
+    """The VUT's speed at the request's time by its history; None where that isn't known."""
+    samples = request.history if request is not None and request.ego_known else ()
+    if not samples:
+        return None
+    speed_mps = abs(samples[-1].speed_mps)
+    if len(samples) > 1:
+        before, last = samples[-2:]
+        step_s = last.t_s - before.t_s
+        way_m = math.hypot(last.x_m - before.x_m, last.y_m - before.y_m)
+        speed_mps = max(speed_mps, way_m / step_s if step_s > 0 else 0.0)
+    return speed_mps if math.isfinite(speed_mps) else None
+
+
+def _start(
+    times_s: Sequence[float], xs_m: Sequence[float], ys_m: Sequence[float], step_s: float,
+    speed_mps: float | None,
+) -> tuple[str, str]:  # fmt: skip
+    """Why a plan doesn't begin at the vehicle, and what is to be noted of its beginning."""
+    if not times_s or not xs_m or not ys_m:
+        return "", ""
+    away_m, first_s = math.hypot(xs_m[0], ys_m[0]), times_s[0]
+    if not (math.isfinite(away_m) and math.isfinite(first_s) and step_s > 0):
+        return "", ""
+    speed = _UNKNOWN_SPEED_MPS if speed_mps is None else speed_mps
+    if abs(first_s) <= TOLERANCE_S:
+        if away_m > max(_LEAST_M, speed * step_s):
+            return f"at t = 0 the plan is {away_m:.1f} m away from the vehicle; {_FIRST_TIME}", ""
+        near = away_m <= _NOTED_M
+        return "", "" if near else f"at t = 0 the plan is {away_m:.1f} m away from the vehicle"
+    most_m = _LEAST_M + _WAYS * speed * max(0.0, first_s)
+    if away_m > most_m:
+        where = f"{away_m:.1f} m away from the vehicle at {first_s:g} s, limit {most_m:.1f} m"
+        return f"the plan's first point is {where}; {_FIRST_TIME}", ""
+    return "", ""
+
+
+def _raster(count: int, first_time_s: float, step_s: float) -> tuple[float, ...]:
+    return tuple(first_time_s + k * step_s for k in range(count))
+
+
+def _times_of(choice: Choice, step_s: float) -> tuple[float, ...]:
+    """Times of a list's rows: as stated, from the origin, or from one step after t = 0."""
+    if choice.times_s == FROM_ORIGIN:
+        return _raster(len(choice.rows), 0.0, step_s)
+    return choice.times_s or _raster(len(choice.rows), step_s, step_s)
+
+
 LLAVIDA_FRAME = "lateral_forward"
 
 _LLAVIDA_FORM = Form(
     LLAVIDA_POINTS,
-    (frozenset({"x", "lateral"}), frozenset({"y", "forward", "longitudinal"})),
+    POINTS_RIGHT_FIRST,
     frozenset({"m", "meter", "meters", "metre", "metres"}),
     label="trajectory",
     usual=frozenset({"round brackets", "a nested list"}),
@@ -76,7 +138,7 @@ def adapt_llavida(
     lateral, forward = zip(*choice.rows, strict=True)
     # 0.0 − x instead of −x, which would make a negative zero of straight ahead.
     ys = [0.0 - x for x in lateral]
-    return adapt_points(response, info, forward, ys, STEP_S, STEP_S)
+    return adapt_points(response, info, forward, ys, _times_of(choice, STEP_S), request)
 
 
 WAYPOINTS_ARRAY = "trajectory"
@@ -85,7 +147,7 @@ _SHORTEST_STEP_S = 0.01  # as in request.request_problems
 _WAYPOINTS_INFO = AdapterInfo("waypoints", WAYPOINTS_FRAME)
 _WAYPOINTS_FORM = Form(
     rows=0,  # by the task
-    names=(frozenset({"x", "forward"}), frozenset({"y", "left"})),
+    meaning=POINTS,
     units=frozenset({"m", "meter", "meters", "metre", "metres"}),
     label="trajectory",
     usual=frozenset({"square brackets", "a nested list"}),
@@ -113,10 +175,10 @@ def adapt_waypoints(
         return _read_text(response, request)
     if len(arrays) > 1:
         return _without(response, "shape", f"{len(arrays)} arrays are named {WAYPOINTS_ARRAY}")
-    return _read_waypoints(response, arrays[0])
+    return _read_waypoints(response, arrays[0], request)
 
 
-def _read_waypoints(response: Response, array: NativeArray) -> Adapted:
+def _read_waypoints(response: Response, array: NativeArray, request: Request | None) -> Adapted:
     if array.frame != WAYPOINTS_FRAME or array.unit != "m":
         return _without(response, "shape", f"frame {array.frame!r} in {array.unit!r} is not read")
     rows = array.shape[0] if len(array.shape) == 2 else -1
@@ -127,7 +189,8 @@ def _read_waypoints(response: Response, array: NativeArray) -> Adapted:
     if not (math.isfinite(array.step_s) and math.isfinite(array.first_time_s)):
         return _without(response, "timestamps", "step or first time isn't finite")
     xs, ys = array.data[0::2], array.data[1::2]
-    return adapt_points(response, _WAYPOINTS_INFO, xs, ys, array.step_s, array.first_time_s)
+    times_s = _raster(rows, array.first_time_s, array.step_s)
+    return adapt_points(response, _WAYPOINTS_INFO, xs, ys, times_s, request)
 
 
 def _read_text(response: Response, request: Request | None) -> Adapted:
@@ -148,7 +211,7 @@ def _read_text(response: Response, request: Request | None) -> Adapted:
         )
     info = replace(_WAYPOINTS_INFO, notes=("the trajectory was read from the text", *choice.notes))
     xs, ys = zip(*choice.rows, strict=True)
-    return adapt_points(response, info, xs, ys, step_s, step_s)
+    return adapt_points(response, info, xs, ys, _times_of(choice, step_s), request)
 
 
 def _without(response: Response, reason: str, note: str) -> Adapted:
@@ -186,10 +249,12 @@ def adapt_alpamayo(
     if len(arrays) > 1:
         note = f"{len(arrays)} arrays are named {ALPAMAYO_ARRAY}"
         return without_trajectory(response, info, "shape", note)
-    return _read_alpamayo(response, info, arrays[0])
+    return _read_alpamayo(response, info, arrays[0], request)
 
 
-def _read_alpamayo(response: Response, info: AdapterInfo, array: NativeArray) -> Adapted:
+def _read_alpamayo(
+    response: Response, info: AdapterInfo, array: NativeArray, request: Request | None
+) -> Adapted:
     if array.frame not in ALPAMAYO_FRAMES or array.unit != "m":
         note = f"frame {array.frame!r} in {array.unit!r} is not read"
         return without_trajectory(response, info, "shape", note)
@@ -212,7 +277,8 @@ def _read_alpamayo(response: Response, info: AdapterInfo, array: NativeArray) ->
     if given > 1:
         info = replace(info, notes=(*info.notes, f"the first of {given} trajectories was taken"))
     xs, ys = array.data[0:points:width], array.data[1:points:width]
-    return adapt_points(response, info, xs, ys, array.step_s, array.first_time_s)
+    times_s = _raster(len(xs), array.first_time_s, array.step_s)
+    return adapt_points(response, info, xs, ys, times_s, request)
 
 
 def unwrapped(text: str) -> tuple[str, tuple[str, ...]]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from ssp_core.errors import InputError
-from ssp_vla_bridge.adapters.adapted import Adapted, AdapterInfo, cut_parts
+from ssp_vla_bridge.adapters.adapted import Adapted, AdapterInfo, answer_part, cut_parts
 from ssp_vla_bridge.adapters.pairs import CORRECTED, NATIVE, adapt_lightemma, adapt_openemma
 from ssp_vla_bridge.adapters.points import (
     ALPAMAYO_MODE,
@@ -39,6 +39,8 @@ class Read(Protocol):
 class _Adapter:
     read: Read
     modes: tuple[str, ...]  # the first is the default
+    # Its text is a chain of causation: the model's statement, though it is marked as reasoning.
+    states_reasons: bool = False
 
 
 ADAPTERS: dict[str, _Adapter] = {
@@ -46,7 +48,7 @@ ADAPTERS: dict[str, _Adapter] = {
     "openemma": _Adapter(adapt_openemma, (CORRECTED, NATIVE)),
     "lightemma": _Adapter(adapt_lightemma, (NATIVE, CORRECTED)),
     "llavida": _Adapter(adapt_llavida, (LLAVIDA_MODE,)),
-    "alpamayo": _Adapter(adapt_alpamayo, (ALPAMAYO_MODE,)),
+    "alpamayo": _Adapter(adapt_alpamayo, (ALPAMAYO_MODE,), states_reasons=True),
 }
 
 
@@ -60,10 +62,14 @@ def adapt(adapter_name: str, response: Response, request: Request | None = None)
         InputError: there is no adapter or mode of that name.
     """
     name, mode = check_adapter(adapter_name)
-    adapted = ADAPTERS[name].read(response, request, mode)
-    notes = tuple(f"{part}: cut off at the limit of tokens" for part in cut_parts(response))
-    info = replace(adapted.info, notes=(*adapted.info.notes, *notes))
-    return replace(adapted, info=info) if notes else adapted
+    adapter = ADAPTERS[name]
+    notes: tuple[str, ...] = ()
+    if not adapter.states_reasons:
+        response, notes = answer_part(response)
+    adapted = adapter.read(response, request, mode)
+    cut = tuple(f"{part}: cut off at the limit of tokens" for part in cut_parts(response))
+    info = replace(adapted.info, notes=(*adapted.info.notes, *notes, *cut))
+    return replace(adapted, info=info) if notes or cut else adapted
 
 
 def check_adapter(adapter_name: str) -> tuple[str, str]:

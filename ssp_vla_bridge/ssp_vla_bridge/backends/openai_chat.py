@@ -12,7 +12,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ssp_core.answer_text import Ending, ending, split_answer
 from ssp_core.chat import (
+    BrokenOff,
     Completion,
     NoAnswer,
     NoCompletion,
@@ -26,6 +28,8 @@ from ssp_core.credentials import gives_away
 from ssp_core.errors import InputError, PeerError
 from ssp_core.hashing import canonical_json, sha256_bytes, sha256_json
 from ssp_vla_bridge.backend import (
+    BrokenOffError,
+    DeclinedError,
     NoTimeError,
     NotTakenError,
     address_option,
@@ -233,7 +237,7 @@ class OpenAIBackend:
             one = replace(self._ask(stage.name, prompt, pictures, end_s), given=given)
             if self._options.give_back and len(self._stages) == 1:
                 one = self._asked_on(one, pictures, end_s)
-            before[stage.name] = one.text
+            before[stage.name] = split_answer(one.text).text
             said.append(one)
         return Answer(STAGE_GAP.join(one.text for one in said), decoding=self._facts(request, said))
 
@@ -261,7 +265,7 @@ class OpenAIBackend:
         Raises:
             PeerError: there is nothing to give back, or the server doesn't go on with it.
         """
-        said = before_trajectory(own.text)
+        said = before_trajectory(split_answer(own.text).text)
         given = turned(said, self._options.give_back)
         self._check_turned(given != said)
         on = self._ask(own.name, own.prompt, pictures, end_s, given)
@@ -334,6 +338,8 @@ class OpenAIBackend:
 
 def _kind_of(error: PeerError) -> type[PeerError]:
     """What to raise in the place of an error of the chat."""
+    if isinstance(error, BrokenOffError | DeclinedError):
+        return type(error)
     if isinstance(error, NoAnswer) and error.not_taken:
         return NotTakenError
     return NoTimeError if isinstance(error, NoAnswer) and error.late else PeerError
@@ -347,11 +353,13 @@ def _read(reply: Reply) -> tuple[Completion, str]:
     """
     try:
         said = read_completion(reply.body)
+    except BrokenOff as error:
+        raise BrokenOffError(f"the answer can't be used: {error}") from None
     except NoCompletion as error:
         remedy = "; base_url usually ends in /v1" if looks_like_html(reply.body) else ""
         raise PeerError(f"the answer is no chat completion: {error}{remedy}") from None
     if said.refusal:
-        raise PeerError(f"the model declines to answer: {said.refusal[:_SHOWN]}")
+        raise DeclinedError(f"the model declines to answer: {said.refusal[:_SHOWN]}")
     if said.text is None:
         why = f" (finish_reason {said.finish_reason})" if said.finish_reason else ""
         remedy = "; give a larger max_tokens" if said.cut_off else ""
@@ -384,6 +392,10 @@ def _notes(said: Completion, model: str) -> list[str]:
     found = []
     if said.cut_off:
         found.append("cut off at the limit of tokens")
+    elif ending(said.finish_reason) is Ending.UNKNOWN:
+        found.append(f"it ended for a reason that isn't known here: {said.finish_reason}")
+    if said.left_out:
+        found.append(f"parts that are no text were left out: {', '.join(said.left_out)}")
     if said.text is not None and not said.text.strip():
         found.append("the text is empty")
     if said.parts:

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from ssp_core.answer_text import split_answer
 from ssp_core.chat import Chat, NoCompletion, read_completion
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import make_folder, write_bytes
@@ -86,7 +87,7 @@ class Extractor:
         if isinstance(body, str):
             return Extracted(found, trouble=body)
         completion = read_completion(body)
-        proposals = read_reply(completion.text or "", empty)
+        proposals = read_reply(split_answer(completion.text or "").text, empty)
         trouble = "it ends in the midst" if completion.cut_off else proposals.unreadable
         trouble = trouble if completion.refusal is None else "the model declines"
         if trouble:

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
-from ssp_core.chat import NoCompletion, read_completion
+from ssp_core.answer_text import split_answer
+from ssp_core.chat import BrokenOff, NoCompletion, read_completion
 from ssp_core.errors import PeerError
 from ssp_core.files import field_path, parse_strict
 from ssp_core.hashing import canonical_json
@@ -214,9 +215,7 @@ def _no_boolean(value: object) -> object:
 
 
 def _bare(text: str) -> str:
-    text = text.strip()
-    if text.startswith("<think>"):
-        text = text.partition("</think>")[2].strip()
+    text = split_answer(text).text.strip()
     if text.startswith("```") and text.endswith("```") and "\n" in text:
         text = text.partition("\n")[2].removesuffix("```").strip()
     return text
@@ -241,6 +240,8 @@ def reply_text(body: bytes, where: str) -> str:
     """
     try:
         said = read_completion(body)
+    except BrokenOff as error:
+        raise BadAnswer([f"the answer can't be used: {printable(str(error))}"]) from error
     except NoCompletion as error:
         raise PeerError(
             f"the server's reply is no chat completion: {printable(str(error))} (kept in {where}); "

@@ -1,0 +1,132 @@
+"""What holds the rows of a list together, and what is stated beside them (METHOD 5.4b, *Whole*)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+_CLOSES = {"]": "[", ")": "(", "}": "{"}
+# A line's numbering or bullet, and what may stand between it and the row.
+_ITEM = re.compile(
+    r"(?P<indent>[ \t]*)(?:\(?(?P<number>\d{1,3})[.):]|(?P<bullet>[-*•–+·]))[ \t]+"
+    r"(?P<label>[^\n]{0,60})"
+)
+_LABEL = re.compile(r"[\w\s.:=+*`\"'@()\-–>→,/]{0,60}\Z")
+_COMMENT = re.compile(r"(?:#|//|--|—|–|<!--)[^\n]*|/\*.*?\*/|\([^()]*\)", re.DOTALL)
+_ELEMENTS = re.compile(r"[,;][^,;]*[^\W_][^,;]*[,;]")
+_TIME = (
+    r"(?:\b(?:t|time)\b\s*[_=:≈]?\s*\+?\s*(?P<named>\d*\.?\d+)\s*(?P<unit>ms|s|secs?|seconds?)?\b"
+    r"|(?<![\w.])\+?(?P<timed>\d*\.?\d+)\s*(?P<of>ms|s|secs?|seconds?)\b"
+    r"|(?<![\w.])(?P<decimal>\d*\.\d+)(?=[\"'*]*\s*(?::|=|→|->)))"
+)
+_BEFORE = re.compile(_TIME + r"[^\w\n]*\Z", re.IGNORECASE)
+_BEHIND = re.compile(r"[^\w\n]*(?:(?:at|after)\s+)?" + _TIME, re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A line's mark before its row.
+
+    Args:
+        number: None for a bullet.
+        bullet: empty for a number.
+    """
+
+    indent: str
+    number: int | None
+    bullet: str
+
+
+def closing_brackets(text: str) -> dict[int, int]:
+    """Offsets of closing brackets by those of their opening ones, each kind for itself."""
+    found: dict[int, int] = {}
+    opened: dict[str, list[int]] = {"[": [], "(": [], "{": []}
+    for match in re.finditer(r"[\[\](){}]", text):
+        mark = match.group()
+        if mark in opened:
+            opened[mark].append(match.start())
+        elif opened[_CLOSES[mark]]:
+            found[opened[_CLOSES[mark]].pop()] = match.start()
+    return found
+
+
+def item_of(text: str, start: int) -> Item | None:
+    """The numbering or bullet whose line begins with the row at an offset; None: there is none."""
+    line = text.rfind("\n", max(0, start - 80), start) + 1
+    if line == 0 and start > 80:
+        return None
+    match = _ITEM.match(text, line, start)
+    if match is None or _LABEL.match(text, match.start("label"), start) is None:
+        return None
+    number = match["number"]
+    return Item(match["indent"], int(number) if number else None, match["bullet"] or "")
+
+
+def continues(
+    text: str, end: int, start: int, before: Item | None, item: Item | None
+) -> bool | None:
+    """Tell whether a row goes on with the numbering or bullet of the row before it.
+
+    Args:
+        end: offset behind the row before.
+        start: offset of the row.
+
+    Returns:
+        None where it doesn't; else whether an item without a row stands between the two.
+    """
+    if before is None or item is None:
+        return None
+    if (before.indent, before.bullet) != (item.indent, item.bullet):
+        return None
+    if before.number is not None and item.number is not None:
+        return item.number > before.number + 1 if item.number > before.number else None
+    unread = False
+    for line in text[end : text.rfind("\n", end, start)].split("\n")[1:]:
+        match = _ITEM.match(line)
+        if match is None:
+            indent = line[: len(line) - len(line.lstrip())]
+            if line.strip() and len(indent) <= len(item.indent):
+                return None
+        elif (match["indent"], match["bullet"] or "") == (item.indent, item.bullet):
+            unread = True
+    return unread
+
+
+def another_item(after: str, item: Item | None) -> bool:
+    """Tell whether the next line goes on with a row's numbering or bullet, without a row."""
+    if item is None:
+        return False
+    for line in after.split("\n")[1:]:
+        match = _ITEM.match(line)
+        if match is not None:
+            number = int(match["number"]) if match["number"] else None
+            same = (match["indent"], match["bullet"] or "") == (item.indent, item.bullet)
+            return same and (number is None or number == (item.number or 0) + 1)
+        if line.strip() and not line.startswith((" ", "\t")):
+            return False
+    return False
+
+
+def holds_element(between: str) -> bool:
+    """Tell whether an element that is no row stands between two rows, not just a remark."""
+    return _ELEMENTS.search(_COMMENT.sub("", between)) is not None
+
+
+def stated_times_s(gaps: Sequence[str]) -> tuple[float, ...]:
+    """The times beside the rows of a list, one for each row, s; empty where they aren't stated.
+
+    Args:
+        gaps: the text before the first row, between the rows, and behind the last one.
+    """
+    for some, at in ((gaps[:-1], _BEFORE), (gaps[1:], _BEHIND)):
+        found = [at.search(gap[-60:]) if at is _BEFORE else at.match(gap) for gap in some]
+        if all(found):
+            return tuple(_seconds(match) for match in found if match is not None)
+    return ()
+
+
+def _seconds(match: re.Match[str]) -> float:
+    value = match["named"] or match["timed"] or match["decimal"]
+    unit = match["unit"] or match["of"] or "s"
+    return float(value) * (0.001 if unit.lower() == "ms" else 1.0)

@@ -1,0 +1,193 @@
+"""Whose list it is that a text gives, by the words before it (METHOD 5.4b, *Own plan*)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+_LOOKED_AT = 400
+_FENCE = re.compile(r"^\s*(?:```|~~~)")
+# Lines that name units, axes, times or an order, and nothing else.
+_FORMAT = """
+x y z t v k c m s in the and to with of at is are unit units axis axes metre metres meter meters
+feet foot ft cm mm km px pixels seconds second sec steps step every apart forward forwards ahead
+left right lateral longitudinal positive negative speed curvature time times origin frame format
+columns column order json each per point row km/h m/s mph hz
+"""
+_FORMAT_WORDS = frozenset(_FORMAT.split())
+_WORD = re.compile(r"[^\W\d_]+(?:/[^\W\d_]+)?")
+_KEY = re.compile(r"[\"']([\w .\-]{1,60})[\"']\s*:\s*\Z")
+# A key of one object that holds another object or list, seen from its opening bracket.
+_PARENT = re.compile(r"[\"']([\w .\-]{1,60})[\"']\s*:\s*[\[{]*\s*\Z")
+_SENTENCE_END = re.compile(r"[.!?](?=\s)|\n")
+
+PLAN_WORDS = r"(?:trajector(?:y|ies)|way[ -]?points?|paths?|plans?|routes?|final answer)"
+_PLAN = re.compile(rf"\b{PLAN_WORDS}\b|\b(?:future|next|planned|target) (?:points|positions)\b")
+_OWN = re.compile(r"\b(?:my|own|ego|i|i'll|we|our|vut|myself)\b|\bego[_-]")
+_REFUSED = re.compile(
+    r"\b(?:wrong|reject(?:ed|s)?|discard(?:ed)?|incorrect|alternatives?|examples?|e\.g|for instance"
+    r"|hypothetical(?:ly)?|counter-?example|dismiss(?:ed)?|unwanted|invalid|not (?:the|my|a|what)"
+    r"|never|instead of|rather than|ruled out|abandoned|unsafe|forbidden)\b"
+)
+_CONDITION = re.compile(r"\b(?:if|unless|in case|would|were|otherwise|suppose|supposing)\b")
+_BOXES = re.compile(
+    r"\bb(?:ounding[ _-]?)?box(?:es)?\b|\bbbox|\bbox_(?:start|end)\b|\bdetect(?:ed|ions?|s)\b"
+    r"|\b(?:key)?points? of\b|\bcorners?\b"
+)
+_SPECIFIC = (
+    r"(?:cars?|vans?|trucks?|lorr(?:y|ies)|bus(?:es)?|coach(?:es)?|motorcycl\w+|motorbikes?|bikes?"
+    r"|bicycles?|cyclists?|riders?|pedestrians?|persons?|people|man|men|woman|women|child(?:ren)?"
+    r"|kids?|taxis?|trams?|scooters?|trailers?|ambulances?|animals?|dogs?|sedans?|suvs?|pickups?"
+    r"|tractors?|vrus?|walkers?|runners?|joggers?)"
+)
+_GENERIC = (
+    r"(?:agents?|actors?|objects?|obstacles?|road[ _]users?|participants?|neighbou?rs?|leaders?"
+    r"|opponents?|others?|traffic|lead|targets?)"
+)
+_VEHICLE = r"vehicles?"
+_QUALIFIED = (
+    r"(?:other|another|lead(?:ing)?|front|preceding|parked|oncoming|adjacent|surrounding|nearby"
+    r"|stopped|merging|crossing|each|every|second|third|opposing|following|rear)"
+)
+_USER = rf"(?:{_SPECIFIC}|{_GENERIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_VEHICLE}[ _]?\d+|{_VEHICLE})"
+_ARTICLE = r"(?:the|a|an|this|that|these|those|all|any|each|every|two|three|both|some|no)?\s*"
+_ADJECTIVES = r"(?:(?!(?:and|or|to|of|for|by)\b)[\w-]+\s+){0,2}?"
+_NUMBER = r"(?:[ _#-]?\d+)?"
+# What follows, avoids or yields is not the one whose motion is told.
+_OF_OTHERS = re.compile(
+    r"\b(?:yield\w*(?: to)?|giv\w+ way to|follow\w*|avoid\w*|behind|around|past|pass\w*|overtak\w*"
+    r"|let\w*|after|before|near|because of|due to|considering|given|without|between|towards?"
+    r"|stop\w* for|stop\w*|brak\w+ for|wait\w* for|until|while|as|since|when|so that|against"
+    r"|despite"
+    r"|from|with|clear(?:s|ing)? of|because|reaction to|respons\w+ to|respect to|slow\w* for)\s+"
+    rf"{_ARTICLE}{_ADJECTIVES}{_USER}{_NUMBER}\b(?:'s?|s')?"
+)
+_OWNER = tuple(
+    re.compile(pattern)
+    for pattern in (
+        # possessor: "the van's path", "trajectory of the bus", "positions of pedestrians"
+        rf"\b{_USER}{_NUMBER}(?:'s|s'|’s|s’)",
+        rf"\b(?:{PLAN_WORDS}|positions?|locations?|coordinates?|points?|motion|prediction|forecast"
+        rf"|places?|centres?|centers?|velocit\w+|speeds?)\s+(?:of|for)\s+{_ARTICLE}{_ADJECTIVES}{_USER}\b",
+        # attribute: "pedestrian positions", "car 2 waypoints", "agent predicted trajectory"
+        rf"\b(?:{_SPECIFIC}|{_GENERIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_VEHICLE}[ _]?\d+){_NUMBER}[ _]+"
+        rf"(?:\w+[ _]+){{0,2}}(?:{PLAN_WORDS}|positions?|locations?|coordinates?|points?)\b",
+        # subject: "cars stand at", "the van will be at", "there are road users at"
+        rf"^\W*{_ARTICLE}{_ADJECTIVES}{_USER}{_NUMBER}\b",
+        rf"\bthere (?:is|are|'s)\b.*\b{_USER}\b",
+        rf"\b{_USER}{_NUMBER}\s+(?:\w+\s+){{0,2}}(?:at|near|around|drives?|moves?|stands?|walks?|goes"
+        r"|follows?|will|is|are|takes?|predicted|crosses)\b",
+        r"\b(?:other|others|another)(?:'s)? (?:\w+ ){0,2}(?:trajectory|path|plan|positions?)\b",
+    )
+)
+
+
+class Owner(StrEnum):
+    """Whose a list is."""
+
+    OWN = "own"
+    UNSAID = "unsaid"
+    OTHER = "other"
+
+
+@dataclass(frozen=True)
+class Label:
+    """The words by which a text introduces a list.
+
+    Args:
+        text: the label, in lower case.
+        heading: all from the label to the list, with what stands in brackets behind the list:
+            where units, axes and times are stated.
+        owner: whose the list is.
+    """
+
+    text: str
+    heading: str
+    owner: Owner
+
+
+def label_of(text: str, end_before: int, start: int, end: int) -> Label:
+    """Read the label of a list.
+
+    Args:
+        end_before: offset behind the list before.
+        start: offset of the list.
+        end: offset behind its last row.
+    """
+    begin = max(end_before, start - _LOOKED_AT)
+    before = text[begin:start]
+    behind = _behind(text, end)
+    key = _KEY.search(before.rstrip())
+    if key is not None:
+        words = " ".join([*_parents(text, max(0, start - 4 * _LOOKED_AT), start), key[1]])
+        label = words.replace("_", " ").lower()
+        return Label(label, before + behind, _owner(label, is_key=True))
+    lines = before.split("\n")
+    if begin > 0 and begin > end_before:
+        lines[0] = lines[0].partition(" ")[2]
+    for i in range(len(lines) - 1, -1, -1):
+        line = lines[i]
+        if not _says_more(line):
+            continue
+        sentence = _SENTENCE_END.split(line.rstrip())[-1].lower()
+        if not sentence.strip(" .:*`"):
+            sentence = line.lower()
+        heading = "\n".join(lines[i:]) + behind
+        return Label(sentence, heading, _owner(sentence))
+    return Label("", before + behind, Owner.UNSAID)
+
+
+def _behind(text: str, end: int) -> str:
+    """What stands in round brackets right behind a list."""
+    match = re.compile(r"[\])}\s]{0,4}?[\])}]?[ \t]*(\([^()\n]{1,60}\))").match(text, end)
+    return f" {match[1]}" if match and not re.search(r"\d\s*,", match[1]) else ""
+
+
+def _says_more(line: str) -> bool:
+    if _FENCE.match(line):
+        return False
+    words = _WORD.findall(re.sub(r"<\|?/?(?!box)\w*\|?>", "", line.lower()))
+    return any(word not in _FORMAT_WORDS for word in words)
+
+
+def _parents(text: str, begin: int, start: int) -> list[str]:
+    """Keys of the objects that hold a list, outermost first."""
+    found: list[str] = []
+    depth = 0
+    for i in range(start - 1, begin - 1, -1):
+        mark = text[i]
+        if mark in "]}":
+            depth += 1
+        elif mark in "[{":
+            if depth:
+                depth -= 1
+            elif (match := _PARENT.search(text[max(begin, i - 80) : i])) is not None:
+                found.append(match[1])
+    return found[::-1]
+
+
+def _owner(words: str, is_key: bool = False) -> Owner:
+    """Whose a list is by its label or the sentence before it, in lower case."""
+    said = words.replace("’", "'").replace("*", " ").replace("`", " ").strip()
+    own = _OWN.search(said) is not None
+    if _REFUSED.search(said) or _CONDITION.search(said) or _BOXES.search(said):
+        return Owner.OTHER
+    if not own:
+        rest = _OF_OTHERS.sub(" ", said)
+        if any(pattern.search(rest) for pattern in _OWNER) and not _is_plain_own(rest):
+            return Owner.OTHER
+        if is_key and re.search(rf"\b{_USER}\b", rest) and not _is_plain_own(rest):
+            return Owner.OTHER
+        if is_key and re.search(r"\bpositions?\b|\blocations?\b", rest) and not _PLAN.search(rest):
+            return Owner.OTHER
+    plan = _PLAN.search(said) is not None or (own and re.search(r"\bpositions?|points?\b", said))
+    return Owner.OWN if plan else Owner.UNSAID
+
+
+def _is_plain_own(words: str) -> bool:
+    """Tell a label of the bare vehicle, which is the own one: "Vehicle trajectory"."""
+    return (
+        re.fullmatch(rf"\W*(?:the )?vehicle(?:'s)?[ _]*(?:future |planned )?{PLAN_WORDS}\W*", words)
+        is not None
+    )

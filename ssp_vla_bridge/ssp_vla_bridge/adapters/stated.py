@@ -1,0 +1,249 @@
+"""What a list's rows and heading state of its axes, order, units and times (METHOD 5.4b)."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ssp_vla_bridge.adapters.number_lists import NumberList
+
+Rows = tuple[tuple[float, ...], ...]
+
+_DIRECTIONS = {
+    "forward": "forward", "forwards": "forward", "ahead": "forward", "front": "forward",
+    "longitudinal": "forward", "left": "left", "leftward": "left", "leftwards": "left",
+    "right": "right", "rightward": "right", "rightwards": "right", "lateral": "lateral",
+    "sideways": "lateral", "backward": "backward", "backwards": "backward", "rear": "backward",
+    "east": "map", "north": "map", "down": "picture", "up": "drop",
+}  # fmt: skip
+_NAMES = {
+    **_DIRECTIONS,
+    "speed": "speed", "velocity": "speed", "vel": "speed", "v": "speed", "speeds": "speed",
+    "curvature": "curvature", "curv": "curvature", "kappa": "curvature", "κ": "curvature",
+    "curvatures": "curvature", "k": "curvature", "c": "curvature", "t": "time", "time": "time",
+    "z": "drop", "yaw": "drop", "heading": "drop", "theta": "drop", "height": "drop",
+    "x": "x", "y": "y", "u": "picture",
+}  # fmt: skip
+_DIRECTION = "|".join(sorted(_DIRECTIONS, key=len, reverse=True))
+_AXIS = re.compile(
+    rf"\b([xyz])\b[- ]?(?:axis)?(?:\s|=|:|\+|→|is|are|points?|pointing|towards?|to|the|positive)*"
+    rf"\b({_DIRECTION})\b"
+)
+_AXIS_BEHIND = re.compile(rf"\b({_DIRECTION})\b\s*(?:=|is|:)?\s*\(?\b([xyz])\b")
+_TUPLE = re.compile(
+    r"[\[(<]\s*([^\W\d]+)(?:\s*[\[(][^\])]*[\])])?\s*[,;]\s*([^\W\d]+)(?:\s*[\[(][^\])]*[\])])?"
+    r"(?:\s*[,;]\s*([^\W\d]+))?(?:\s*[,;]\s*([^\W\d]+))?\s*[\])>]"
+    r"|\b(?:format|order|columns?|as)\s*:?\s*([^\W\d]+)\s*(?:,|then)\s*([^\W\d]+)"
+    r"(?:\s*(?:,|then)\s*([^\W\d]+))?"
+)
+_LENGTHS_M = {
+    "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "ft": 0.3048,
+    "feet": 0.3048, "foot": 0.3048, "cm": 0.01, "centimetres": 0.01, "centimeters": 0.01,
+    "mm": 0.001, "km": 1000.0, "yd": 0.9144, "yards": 0.9144, "yard": 0.9144, "inches": 0.0254,
+    "dm": 0.1, "decimetres": 0.1, "decimeters": 0.1,
+}  # fmt: skip
+_SPEEDS_MPS = {
+    "m/s": 1.0, "mps": 1.0, "km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "mph": 0.44704,
+    "ft/s": 0.3048, "knots": 1852 / 3600, "m/step": 1.0,
+}  # fmt: skip
+_CURVATURES_PM = {
+    "1/m": 1.0, "rad/m": 1.0, "m^-1": 1.0, "m⁻¹": 1.0, "1/km": 0.001, "deg/m": math.pi / 180,
+}  # fmt: skip
+_NO_UNITS = ("px", "pixel", "pixels", "deg", "degrees", "°", "degree")
+_ALL = sorted(
+    {*_LENGTHS_M, *_SPEEDS_MPS, *_CURVATURES_PM, *_NO_UNITS, "normalized", "normalised"},
+    key=len,
+    reverse=True,
+)
+_UNIT = re.compile(
+    r"(?:[(\[,;/]\s*|\bin\s+|\bunits?\W{1,5}(?:are|is)?\s*)("
+    + "|".join(map(re.escape, _ALL))
+    + r")(?![\w/^])"
+)
+_STEP = re.compile(
+    r"(?:every|steps? of|Δt\s*=?|\bdt\s*=?|intervals? of|spac(?:ed|ing)(?: by| of|:)?|time ?step\w*"
+    r"(?: of|:|=)?)\s*(\d*\.?\d+)\s*(ms|s|secs?|seconds?)\b"
+    r"|(\d*\.?\d+)[ -]*(ms|s|secs?|seconds?)[ -]+"
+    r"(?:steps?|apart|intervals?|spacing|spaced|increments?)\b"
+    r"|\b(\d*\.?\d+)\s*hz\b",
+    re.IGNORECASE,
+)
+_TIMES = re.compile(
+    r"(?:\bt\s*=|\btimes?\s*[:=]?|\bat)\s*(\d*\.?\d+(?:\s*(?:s|sec|seconds)?\s*(?:,|and|/)+\s*\d*\.?\d+)+)"
+    r"\s*(?:s|secs?|seconds?)\b",
+    re.IGNORECASE,
+)
+_BACKWARDS = re.compile(
+    r"\b(?:latest|last|newest|farthest|furthest|final) (?:point |one |row |time )?first\b"
+    r"|\brevers\w+(?: chronological)? order\b|\bbackwards? in time\b|\bin reverse\b"
+)
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What an interface's columns are, unless the answer states otherwise.
+
+    Args:
+        columns: two of ``forward``, ``left``, ``right``, ``speed``, ``curvature``.
+        step_s: for an interface whose speed is metres per step, that step; else 1.
+    """
+
+    columns: tuple[str, str]
+    step_s: float = 1.0
+
+
+POINTS = Meaning(("forward", "left"))
+POINTS_RIGHT_FIRST = Meaning(("right", "forward"))
+PAIRS = Meaning(("speed", "curvature"))
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A list's rows in an interface's own columns and units.
+
+    Args:
+        times_s: as stated, one for each row; empty where none are.
+        problem: why it can't be told, empty where it can.
+    """
+
+    rows: Rows
+    times_s: tuple[float, ...] = ()
+    problem: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def convert(one: NumberList, heading: str, meaning: Meaning, accepted: frozenset[str]) -> Converted:
+    """Bring a list into its interface's columns and units, as far as it states others.
+
+    Args:
+        heading: the words from the label to the list.
+        accepted: units that are the interface's own.
+    """
+    said = heading.lower()
+    width = len(one.rows[0]) if one.rows else 0
+    notes: list[str] = []
+    columns = _columns(one, said, meaning, width)
+    if isinstance(columns, str):
+        return Converted((), problem=columns)
+    rows, times_s, changed = _arranged(one.rows, columns, meaning)
+    if not rows:
+        return Converted((), problem=f"the list has the columns {', '.join(columns)}")
+    if changed:
+        notes.append(f"converted from the columns ({', '.join(columns)})")
+    factors = _factors(one, said, meaning, accepted)
+    if isinstance(factors, str):
+        return Converted((), problem=factors)
+    if factors[0] != (1.0, 1.0):
+        rows = tuple((a * factors[0][0], b * factors[0][1]) for a, b in rows)
+        notes.append(f"converted from {factors[1]}")
+    times_s = times_s or one.times_s or _heading_times_s(said, len(rows))
+    if _BACKWARDS.search(said) and not one.times_s:
+        rows, times_s = rows[::-1], times_s if times_s == tuple(sorted(times_s)) else times_s[::-1]
+        notes.append("converted from the order that it states, latest first")
+    if times_s:
+        notes.append("at the times that it states")
+    return Converted(rows, times_s, "", tuple(notes))
+
+
+def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[str, ...] | str:
+    """What each column is; or why that can't be told."""
+    axes = {axis: _DIRECTIONS[word] for axis, word in _AXIS.findall(said)}
+    if not axes:
+        axes = {axis: _DIRECTIONS[word] for word, axis in _AXIS_BEHIND.findall(said)}
+    names: list[str] = []
+    if any(one.names):
+        if any(len(some) > 1 for some in one.names):
+            return "the list names its columns in different ways"
+        names = [next(iter(some), "") for some in one.names]
+    if not all(names):
+        names = []
+    if not names:
+        for match in _TUPLE.finditer(said):
+            words = [word for word in match.groups() if word]
+            if len(words) == width and all(word in _NAMES for word in words):
+                names = words
+    if not names:
+        if width != 2:
+            return f"the list has rows of {width} numbers"
+        if not axes:
+            return meaning.columns
+        names = ["x", "y"]
+    found = [axes.get(name, _NAMES.get(name, name)) for name in names]
+    points = "forward" in meaning.columns
+    own = dict(zip(("x", "y"), meaning.columns, strict=True)) if points else {}
+    side = "left" if "left" in meaning.columns else "right"
+    found = [side if one == "lateral" else own.get(one, one) for one in found]
+    if found.count("forward") > 1 or "map" in found or "picture" in found or "backward" in found:
+        return f"the list names the columns {', '.join(names)}"
+    return tuple(found)
+
+
+def _arranged(
+    rows: Rows, columns: Sequence[str], meaning: Meaning
+) -> tuple[Rows, tuple[float, ...], bool]:
+    """Rows in an interface's order and signs, the times, and whether the rows were changed."""
+    picked: list[tuple[int, float]] = []
+    for wanted in meaning.columns:
+        mirrored = {"left": "right", "right": "left"}.get(wanted, wanted)
+        if wanted in columns:
+            picked.append((columns.index(wanted), 1.0))
+        elif mirrored in columns:
+            picked.append((columns.index(mirrored), -1.0))
+        else:
+            return (), (), False
+    if set(columns) - {"time", "drop", "left", "right", *meaning.columns}:
+        return (), (), False
+    (i, a), (j, b) = picked
+    times = tuple(row[columns.index("time")] for row in rows) if "time" in columns else ()
+    if (i, a, j, b) == (0, 1.0, 1, 1.0) and len(columns) == 2:
+        return rows, times, False
+    # 0.0 − x instead of −x, which would make a negative zero.
+    arranged = tuple(
+        (row[i] if a > 0 else 0.0 - row[i], row[j] if b > 0 else 0.0 - row[j]) for row in rows
+    )
+    return arranged, times, True
+
+
+def _factors(
+    one: NumberList, said: str, meaning: Meaning, accepted: frozenset[str]
+) -> tuple[tuple[float, float], str] | str:
+    """What the two columns are multiplied by, and the units' names; or why there is no telling."""
+    stated = {*one.units, *_UNIT.findall(said)} - {"s"}
+    stated -= accepted & one.units
+    points = "forward" in meaning.columns
+    if points:
+        known: dict[str, float] = _LENGTHS_M
+        wrong = sorted(stated - known.keys())
+        lengths = {known[unit] for unit in stated - set(wrong)}
+        if wrong or len(lengths) > 1:
+            return f"the list is in {(wrong or sorted(stated))[0]!r}"
+        factor = lengths.pop() if lengths else 1.0
+        return (factor, factor), ", ".join(sorted(stated))
+    speeds = {_SPEEDS_MPS[unit] for unit in stated if unit in _SPEEDS_MPS}
+    curvatures = {_CURVATURES_PM[unit] for unit in stated if unit in _CURVATURES_PM}
+    wrong = sorted(stated - _SPEEDS_MPS.keys() - _CURVATURES_PM.keys() - accepted)
+    if wrong or len(speeds) > 1 or len(curvatures) > 1:
+        return f"the list is in {(wrong or sorted(stated))[0]!r}"
+    speed = speeds.pop() if speeds else 1.0
+    if speed != 1.0:
+        speed *= meaning.step_s
+    return (speed, curvatures.pop() if curvatures else 1.0), ", ".join(sorted(stated))
+
+
+def _heading_times_s(said: str, count: int) -> tuple[float, ...]:
+    listed = _TIMES.search(said)
+    if listed is not None:
+        times = tuple(float(value) for value in re.findall(r"\d*\.?\d+", listed[1]))
+        if len(times) == count:
+            return times
+    step = _STEP.search(said)
+    if step is None:
+        return ()
+    if step[5]:
+        rate_hz = float(step[5])
+        step_s = 1.0 / rate_hz if rate_hz > 0 else math.nan
+    else:
+        step_s = float(step[1] or step[3]) * (0.001 if (step[2] or step[4]) == "ms" else 1.0)
+    return tuple(step_s * (k + 1) for k in range(count))
