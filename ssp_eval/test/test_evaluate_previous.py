@@ -17,6 +17,9 @@ from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.model_client import Loss, ModelReply
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.requests import answer_sha256, asked_again
+from ssp_eval.evaluate.results import load_cells
+from ssp_eval.statistics.notices import OUTAGE, notices
+from ssp_eval.statistics.rows import rows_from_cells
 from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
 from support.answering import Answering
 
@@ -200,6 +203,8 @@ def test_a_record_can_be_made_again_from_what_is_stored(make_bag: BagMaker, tmp_
     [
         (ErrorCode.TIMEOUT, True),
         (ErrorCode.OVERLOAD, True),
+        (ErrorCode.BROKEN_OFF, True),
+        (ErrorCode.DECLINED, False),
         (ModelReply(None, "no answer within 1 s", Loss.SILENT), True),
         (ModelReply(None, "the bridge died", Loss.DIED), True),
         (ModelReply(None, "no bridge on its topics", Loss.UNREACHABLE), True),
@@ -235,3 +240,22 @@ def test_repetition_ends_after_as_many_as_were_allowed(make_bag: BagMaker, tmp_p
     assert (result.missing, cell["answers"]["asked_again"]) == (1, 3)
     assert cell["answers"]["missing_by_kind"] == {"bridge overloaded": 1}
     assert len((result.folder / "raw.jsonl").read_text().splitlines()) == 9
+    # An outage is no finding about a model: the status says so, and so does what shows the cell.
+    assert result.is_failure
+    cells = load_cells(tmp_path / "out")
+    rows = rows_from_cells(cells)
+    assert rows[0].reason == "1 answer missing: bridge overloaded"
+    assert [notice.about for notice in notices(rows, cells) if notice.kind == OUTAGE] == [
+        (f"{cells[0].scenario} / {cells[0].domain} / {cells[0].model}",)
+    ]
+
+
+def test_a_model_that_declines_had_its_say(make_bag: BagMaker, tmp_path: Path) -> None:
+    model, bag = Model({2: ErrorCode.DECLINED}), make_bag()
+    result = evaluate(bag, tmp_path / "out", model, retry_errors=2)
+    assert (result.missing, result.again, result.is_failure) == (1, 0, False)
+    assert result.losses == {"the model declined": 1}
+    # Nor is it asked again: what was declined stays declined.
+    again = Model({})
+    assert evaluate(bag, tmp_path / "out", again).losses == {"the model declined": 1}
+    assert again.requests == []

@@ -17,6 +17,7 @@ message, and an answer that holds it is refused.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -65,7 +66,8 @@ class Trouble:
 
     Args:
         kind: by which a remedy is found: ``unreachable``, ``lost``, ``too_large``, ``unsendable``,
-            ``key``, or the status as text.
+            ``key``; what an error's message names, ``images`` or ``length``; else the status as
+            text.
         safe: nothing was answered, so that asking again costs nothing.
         lost: an answer may have been made.
         late: no whole answer came within the time that it had.
@@ -232,7 +234,7 @@ class OpenAIChat:
             if 300 <= code < 400:
                 shown = "it sends on to another address, which is not followed"
             return Trouble(
-                str(code),
+                (_topic(said) if code in _SAY_WHY else "") or str(code),
                 f"the server says {code}" + (f": {shown}" if shown else ""),
                 safe=code in _AGAIN or code >= 500,
                 wait_s=self._http.retry_after_s(came.headers),
@@ -245,6 +247,19 @@ class OpenAIChat:
         remedy = self._remedies.get(trouble.kind, "")
         made = f" ({tries} tries)" if tries > 1 else ""
         return f"{self._shown_url}: {trouble.reason}{made}" + (f"; {remedy}" if remedy else "")
+
+
+_SAY_WHY = frozenset({400, 413, 422, 500, 501})
+_TOPICS = (
+    ("length", re.compile(r"context (?:length|window|size)|maximum context|too many tokens"
+                          r"|(?:prompt|input|request) (?:is |was )?too (?:long|large)", re.I)),
+    ("images", re.compile(r"\b(?:images?|image_url|vision|multi-?modal|pictures?)\b", re.I)),
+)  # fmt: skip
+
+
+def _topic(said: str) -> str:
+    """What an error's message names as its cause; empty where that is nothing known here."""
+    return next((name for name, words in _TOPICS if words.search(said)), "")
 
 
 def _said(body: bytes) -> str:

@@ -15,7 +15,7 @@ from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.data.labels import Labels, phase_counts
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
-from ssp_eval.evaluate.model_client import MOST_REASON, IgnoredAnswers, Loss, settings_of
+from ssp_eval.evaluate.model_client import MOST_REASON, OUTAGE, IgnoredAnswers, Loss, settings_of
 from ssp_eval.evaluate.models import CONDITION_SEED, ModelSpec
 from ssp_eval.evaluate.requests import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Asked
 from ssp_eval.extract.llm import Extractor
@@ -124,7 +124,7 @@ CELL_FILE = "cell.json"
 HASHED = (LABELS_FILE, RAW_FILE, REQUESTS_FILE, RECORDS_FILE, SCORE_FILE)
 SEAL = "cell"
 # Why a model under a condition may have no answer without anything being wrong.
-_BY_CONDITION = frozenset({Loss.NO_QUESTION, Loss.ERROR})
+_BY_CONDITION = frozenset({Loss.NO_QUESTION, Loss.ERROR, Loss.DECLINED})
 # Why a cell has no answer that the model could have given.
 _NO_BRIDGE = frozenset({Loss.DIED, Loss.UNREACHABLE})
 
@@ -173,14 +173,19 @@ class CellResult:
 
     @property
     def is_failure(self) -> bool:
-        """True where the cell has no score and should have one.
+        """True where the cell has no score and should have one, or where answers failed to come.
 
         A model that is shown spoilt frames may refuse to answer, and a clip of one label time has
         no other frame to show: that is what such a control found out, and nothing failed.
         """
-        if self.status == "ok":
+        if self.status == "ok" and not outages(self.losses):
             return False
         return not (self.condition and self.losses and _BY_CONDITION.issuperset(self.losses))
+
+
+def outages(losses: Mapping[str, int]) -> dict[str, int]:
+    """The losses that are owed to bridge, server or network, and not to the model."""
+    return {kind: count for kind, count in losses.items() if kind in OUTAGE}
 
 
 def losses_text(losses: Mapping[str, int]) -> str:

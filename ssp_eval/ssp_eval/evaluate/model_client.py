@@ -40,6 +40,8 @@ class Loss(StrEnum):
     NO_QUESTION = "nothing to ask"
 
 
+# What is owed to bridge, server or network, and to no model: a cell with such a loss measures them.
+OUTAGE = frozenset(Loss) - {Loss.NO_QUESTION, Loss.DECLINED}
 # What the same question may get an answer after. A bridge keeps no state between requests, so
 # asking again is safe; where the answer would be the same error again, it is useless.
 PASSING = frozenset({Loss.DIED, Loss.UNREACHABLE, Loss.SILENT, Loss.OVERLOAD, Loss.BROKEN_OFF})

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ssp_core.vocabulary import DOMAINS, PHASES
 from ssp_eval.evaluate.admission import ADMITTED
+from ssp_eval.evaluate.cell_file import outages
 from ssp_eval.evaluate.models import ANSWERERS, CONDITIONS, TWIN, condition_of
 from ssp_eval.evaluate.results import CellData, CellFacts
 from ssp_eval.extract.language import NOT_READ
@@ -15,9 +16,17 @@ from ssp_eval.statistics.table import Column, Table, some
 from ssp_eval.statistics.tables import uneven
 
 COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, LANGUAGE, MEASURED, RENDERER, CELL = (
-    "comparability", "stand_in", "left_out", "controls", "labels", "language", "measured",
-    "renderer", "cell",
-)  # fmt: skip
+    "comparability",
+    "stand_in",
+    "left_out",
+    "controls",
+    "labels",
+    "language",
+    "measured",
+    "renderer",
+    "cell",
+)
+OUTAGE = "outage"  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -26,7 +35,7 @@ class Notice:
 
     Args:
         kind: comparability, stand_in, left_out, controls, labels, language, measured,
-            renderer or cell.
+            renderer, outage or cell.
         text: one or two sentences; of many names it holds the first and counts the rest.
         about: every name that it is about: recordings, cells or models.
         everywhere: it stands under every table, and first on the page.
@@ -186,6 +195,7 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     every = _recordings(cells)
     yield from _outside(cells)
     yield from _of_renderers(cells)
+    yield from _of_outages(cells)
     if names := _recordings(cell for cell in cells if cell.facts.labels_proposed):
         text = (
             "Labels stand as they were proposed from ground truth; no person has reviewed them: "
@@ -208,6 +218,25 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
             yield Notice(CELL, f"{name}: {records} no label and {ignoring}.", (name,))
         for note in cell.notes:
             yield Notice(CELL, f"{name}: {note}", (name,))
+
+
+def _of_outages(cells: Sequence[CellData]) -> Iterable[Notice]:
+    lost = {
+        f"{cell.scenario} / {cell.domain} / {cell.model}": sum(
+            outages(cell.facts.answers.missing_by_kind).values()
+        )
+        for cell in cells
+        if cell.score is not None and not cell.is_control
+    }
+    names = sorted(name for name, count in lost.items() if count)
+    if names:
+        text = (
+            "Outage: bridge, server or network gave no answer at "
+            f"{sum(lost.values())} label times, which count as missing outputs. Every mean that "
+            f"holds these cells measures them too: {some(names, '; ')}. Ask again with "
+            "--retry-errors."
+        )
+        yield Notice(OUTAGE, text, tuple(names), everywhere=True)
 
 
 def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:

@@ -18,6 +18,7 @@ from ssp_core.files import parse_model, read_text
 from ssp_core.vocabulary import DOMAINS_READ, read_domain
 from ssp_eval.data.labels import LabelComparison, compare_by_scenario
 from ssp_eval.evaluate.admission import ADMITTED
+from ssp_eval.evaluate.cell_file import losses_text, outages
 from ssp_eval.evaluate.models import is_control_name
 from ssp_eval.evaluate.results import CellData, load_cells
 from ssp_eval.score.aggregate import Cell, mean
@@ -51,7 +52,7 @@ class CellRow(
     Args:
         admitted: False keeps it out of domain means (METHOD 4 and 5.2b).
         status: ok, refused or failed; only an ok one has scores.
-        reason: why it is not ok, or OTHER_LABELS.
+        reason: why it is not ok, or OTHER_LABELS; of an ok one also what an outage cost.
         thresholds: hash of those that it was scored with; empty: METHOD's, or nobody said.
         weighted: IVCS where it isn't METHOD 6.10 of this row's components: a mean over runs, or as
             it was published of a macro row.
@@ -202,6 +203,8 @@ def _row_of(cell: CellData, run: str, compared: LabelComparison | None) -> CellR
 
     is_comparable = score is None or compared is None or compared.comparable
     reasons = [*cell.facts.reasons, *([] if is_comparable else [OTHER_LABELS])]
+    if lost := losses_text(outages(cell.facts.answers.missing_by_kind)):
+        reasons.append(lost)
 
     scores = {name: None if score is None else getattr(score, name) for name in _GIVEN}
     return CellRow(

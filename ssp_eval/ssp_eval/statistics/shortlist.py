@@ -16,7 +16,7 @@ from ssp_core.hashing import sha256_file
 from ssp_core.options import Number
 from ssp_core.run_file.shortlist import LeftOut, Limits, Listed, Shortlist
 from ssp_core.vocabulary import DomainWord
-from ssp_eval.evaluate.cell_file import CELL_FILE
+from ssp_eval.evaluate.cell_file import CELL_FILE, losses_text, outages
 from ssp_eval.evaluate.results import CellData, load_cells
 from ssp_eval.score.aggregate import EQUAL, mean, ranks
 from ssp_eval.score.cell import STAGES
@@ -50,7 +50,9 @@ def shortlist(
     events = []
     models: set[str] = set()
     apart: set[str] = set()
-    for scenario in sorted(before.keys() | after.keys()):
+    left_out += _with_outages((*first, *second))
+    lost = {one.scenario for one in left_out}
+    for scenario in sorted((before.keys() | after.keys()) - lost):
         one, other = before.get(scenario, {}), after.get(scenario, {})
         common = sorted(one.keys() & other.keys())
         apart |= one.keys() ^ other.keys()
@@ -68,6 +70,19 @@ def shortlist(
         left_out=left_out,
         notes=_notes(first, second, sorted(apart)),
     )
+
+
+def _with_outages(cells: Sequence[CellData]) -> list[LeftOut]:
+    """Events whose answers an outage cost: nothing can be said of their models' response."""
+    lost: dict[str, set[str]] = {}
+    for cell in cells:
+        missing = losses_text(outages(cell.facts.answers.missing_by_kind))
+        if cell.score is not None and not cell.is_control and missing:
+            lost.setdefault(cell.scenario, set()).add(f"{cell.model} ({cell.domain}): {missing}")
+    return [
+        LeftOut(scenario=name, why=f"{some(sorted(why), '; ')}; ask again with --retry-errors")
+        for name, why in sorted(lost.items())
+    ]
 
 
 def _stage(cells: Sequence[CellData], domain: DomainWord) -> dict[str, Stage]:

@@ -119,7 +119,7 @@ def _remark(row: CellRow) -> str:
         parts.append("control")
     if row.status != OK:
         parts.append(f"{row.status}: {row.reason}" if row.reason else row.status)
-    elif not row.admitted:
+    elif row.reason or not row.admitted:
         parts.append(row.reason or "not admitted")
     if row.thresholds:
         parts.append("other thresholds")

@@ -436,6 +436,8 @@ def _remedies(variable: str) -> dict[str, str]:
         "403": key,
         "404": "model must be a name that the server serves, and base_url usually ends in /v1",
         "400": "a decoding option that the server refuses is left out by null",
+        "images": "give a model that takes pictures, or fewer of them",
+        "length": "give fewer frames, an image_width, or a smaller max_tokens",
         "413": "give fewer frames or an image_width",
         "429": "the server is busy or a quota is used up",
     }

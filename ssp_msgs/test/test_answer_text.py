@@ -1,0 +1,69 @@
+"""What of a model's output is its answer, and why an answer ended (METHOD 5.4b)."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssp_core.answer_text import Ending, ending, plain_width, split_answer
+
+
+@pytest.mark.parametrize(
+    ("output", "text"),
+    [
+        ("I slow down.", "I slow down."),
+        ("<think>a bus</think>\nI slow down.", "I slow down."),
+        ("[THINK]a bus[/THINK]I slow down.", "I slow down."),
+        ("<seed:think>a bus</seed:think>I slow down.", "I slow down."),
+        ("◁think▷a bus◁/think▷I slow down.", "I slow down."),
+        ("a bus</think>I slow down.", "I slow down."),
+        ("<think>a bus", ""),
+        (
+            "<|channel|>analysis<|message|>a bus<|end|><|start|>assistant"
+            "<|channel|>final<|message|>I slow down.<|return|>",
+            "I slow down.",
+        ),
+        ("I slow down.<|im_end|>\n<|im_start|>user\nAnd then?", "I slow down."),
+        ("<|im_start|>assistant\nI slow down.<|im_end|>", "I slow down."),
+        ("Assistant: I slow down.\n\nHuman: And then?", "I slow down."),
+        ("I slow down.\n**User:** And then?", "I slow down."),
+        # A road user's name is no speaker, and a heading in brackets is no mark of reasoning.
+        ("Pedestrian: crosses.\nRoad user: one.", "Pedestrian: crosses.\nRoad user: one."),
+        ("[Reasoning] A bus ahead. [Action] I stop.", "[Reasoning] A bus ahead. [Action] I stop."),
+        ("I think that I slow down.", "I think that I slow down."),
+    ],
+)  # fmt: skip
+def test_the_answer_is_what_stands_outside_of_reasoning_and_before_the_next_turn(output, text):
+    assert split_answer(output).text == text
+
+
+def test_what_was_left_out_is_noted():
+    part = split_answer("<think>a bus</think>I stop.<|im_end|>\n<|im_start|>user\nAnd?")
+    assert part.reasoning == "a bus"
+    assert part.notes == (
+        "reasoning was left out",
+        "what follows the end of the own turn was left out",
+    )
+    assert split_answer("I stop.<|im_end|>").notes == ()
+
+
+@pytest.mark.parametrize(
+    ("reason", "wanted"),
+    [
+        (None, Ending.WHOLE), ("", Ending.WHOLE), ("stop", Ending.WHOLE), ("STOP", Ending.WHOLE),
+        ("end_turn", Ending.WHOLE), ("length", Ending.LIMIT), ("MAX_TOKENS", Ending.LIMIT),
+        ("maxTokens", Ending.LIMIT), ("model_length", Ending.LIMIT), ("abort", Ending.BROKEN),
+        ("error", Ending.BROKEN), ("Cancelled", Ending.BROKEN), ("SAFETY", Ending.FILTERED),
+        ("content_filter", Ending.FILTERED), ("shift_change", Ending.UNKNOWN),
+    ],
+)  # fmt: skip
+def test_reasons_are_read_in_any_spelling(reason, wanted):
+    assert ending(reason) is wanted
+
+
+@given(st.text(max_size=300))
+def test_no_output_raises_and_full_width_keeps_its_places(output):
+    part = split_answer(output)
+    assert len(part.text) <= len(output)
+    assert len(plain_width(output)) == len(output)
