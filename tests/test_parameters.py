@@ -83,7 +83,7 @@ def make(name: str, folder: Path, start: Start) -> Any:
     node = getattr(importlib.import_module(module), cls)
     if name == "vla_bridge":
         return node("vla_bridge", namespace="/ssp")
-    stops = name in ("object_target", "vut_adapter", "played_vut")
+    stops = name in ("object_target", "vut_adapter", "played_vut", "monitor_page")
     return node(StopRequest()) if stops else node()
 
 

@@ -189,7 +189,7 @@ def test_the_time_to_start_is_an_option(make_bag: BagMaker, tmp_path: Path) -> N
     assert line["reasons"] == ["no bridge for nobody on its topics within 0.5 s"]
 
 
-def test_a_bridge_that_came_too_late_for_one_cell_serves_the_next(
+def test_a_bridge_that_comes_late_serves_the_cell_that_is_asked_once_more(
     make_bag: BagMaker, tmp_path: Path
 ) -> None:
     (tmp_path / "slow_model.py").write_text(
@@ -200,8 +200,7 @@ def test_a_bridge_that_came_too_late_for_one_cell_serves_the_next(
     bags = [(make_bag(), None), (make_bag("second", domain="physical"), None)]
     with TopicClients(tmp_path / "logs", 20.0, False, 5.0) as clients:
         first, second = run_campaign(bags, [slow], clients, tmp_path / "out", CellOptions(), True)
-    assert (first.status, second.status) == ("failed", "ok")
-    assert first.reasons == ("no bridge for slow on its topics within 5 s",)
+    assert (first.status, second.status) == ("ok", "ok")
     # It was started once: two bridges on the same topics would answer everything twice.
     answers = json.loads((second.folder / "cell.json").read_text())["answers"]
     assert answers["ignored"] == {"late": 0, "duplicate": 0, "unknown": 0}

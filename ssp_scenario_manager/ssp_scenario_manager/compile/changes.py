@@ -186,7 +186,7 @@ def differences(compiled: RunSpec, executed: RunSpec) -> list[Difference]:
     """
     if executed.mode == "live" and compiled.domain == "physical":
         compiled = as_live(compiled)
-    before, after = dict(leaves(run_mapping(compiled))), dict(leaves(run_mapping(executed)))
+    before, after = _fields(compiled), _fields(executed)
     found = []
     for field in dict.fromkeys([*before, *after]):
         old, new = before.get(field, _ABSENT), after.get(field, _ABSENT)
@@ -196,6 +196,13 @@ def differences(compiled: RunSpec, executed: RunSpec) -> list[Difference]:
             Difference(field, None if old is _ABSENT else old, None if new is _ABSENT else new)
         )
     return found
+
+
+def _fields(run: RunSpec) -> dict[str, Any]:
+    """The run's values by field; the fence is one, since its corners make sense together alone."""
+    mapping = run_mapping(run)
+    whole = {"geofence": mapping.pop("geofence")}
+    return {**dict(leaves(mapping)), **whole}
 
 
 def same_value(one: Any, other: Any) -> bool:
