@@ -292,7 +292,7 @@ def test_a_trajectory_that_cant_be_driven_while_it_runs_stops_it() -> None:
     stop_way_m(centre)
     assert centre.command(ObjectCommand.ALL_CLEAR) == ResponseCode.GENERAL_ERROR
     # It is known to stand once it has stood for a second.
-    centre.run(1.5)
+    centre.run(1.0)
     assert centre.command(ObjectCommand.ALL_CLEAR) == OK
     centre.run(0.05)
     assert (centre.monr.error_code, centre.monr.error_status) == (0, 0)
