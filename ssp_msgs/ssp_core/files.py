@@ -13,6 +13,8 @@ import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -71,6 +73,7 @@ class Closing(ABC):
 
 
 MAX_TEXT_BYTES = 8 << 20
+_BLOCK_BYTES = 1 << 16
 # Python shows whole numbers of at most 4300 digits.
 _MOST_DIGITS = 4000
 _TOO_LARGE = 10**_MOST_DIGITS
@@ -158,7 +161,9 @@ def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     try:
         refuse_named_pipe(path)
         with open(path, "rb") as stream:
-            data = stream.read(most_bytes + 1)
+            # In blocks: a single read would take the memory of the largest file for each.
+            blocks = iter(partial(stream.read, _BLOCK_BYTES), b"")
+            data = b"".join(islice(blocks, most_bytes // _BLOCK_BYTES + 1))
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", file=path) from error
     except ValueError as error:  # a name with a NUL byte

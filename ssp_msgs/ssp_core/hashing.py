@@ -34,11 +34,11 @@ def sha256_file(path: str | Path, on_block: Callable[[], None] = lambda: None) -
     """Hash of a file's bytes, read in blocks.
 
     Args:
-        on_block: called for each MiB; what it raises ends the reading.
+        on_block: called for each block; what it raises ends the reading.
     """
     digest = hashlib.sha256()
     with open(path, "rb") as stream:
-        while block := stream.read(1 << 20):
+        while block := stream.read(1 << 16):
             on_block()
             digest.update(block)
     return "sha256:" + digest.hexdigest()

@@ -187,7 +187,7 @@ class Echoes:
 
     def hear(self, text: object) -> bool:
         """Whether this is the echo that is waited for; each counts once."""
-        if text != f'{{"echo":{self._sent}}}' or self._heard.is_set():
+        if _object_of(text) != {"echo": self._sent} or self._heard.is_set():
             return False
         self._heard_ns = time.monotonic_ns()
         self._heard.set()
@@ -232,13 +232,19 @@ async def _listen(socket: web.WebSocketResponse, echoes: Echoes) -> None:
             return
 
 
-def _token_of(text: str) -> str | None:
-    """The token of a hello, empty without one; None for what is no hello."""
+def _object_of(text: object) -> dict[str, Any] | None:
+    """The JSON object that a viewer sent, None for anything else."""
     try:
-        said: Any = json.loads(text)
+        said = json.loads(text) if isinstance(text, str) else None
     except (ValueError, RecursionError):
         return None
-    if not isinstance(said, dict) or said.get("type") != "hello":
+    return said if isinstance(said, dict) else None
+
+
+def _token_of(text: str) -> str | None:
+    """The token of a hello, empty without one; None for what is no hello."""
+    said = _object_of(text)
+    if said is None or said.get("type") != "hello":
         return None
     token = said.get("token", "")
     return token if isinstance(token, str) else None

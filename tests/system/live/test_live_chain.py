@@ -65,9 +65,10 @@ async def _press(url: str, token: str, command: str) -> bool:
             await page.send_json({"type": "hello", "token": token})
             told: dict[str, Any] = {}
             while told.get("type") != "snapshot":
-                message = await page.receive()
-                if message.type is not aiohttp.WSMsgType.TEXT:
+                message = await page.receive(timeout=DEADLINE_S)
+                if message.type is aiohttp.WSMsgType.BINARY:  # a picture of the camera
                     continue
+                assert message.type is aiohttp.WSMsgType.TEXT, f"no snapshot came: {message}"
                 told = json.loads(message.data)
                 if told.get("type") == "mark":
                     await page.send_json({"echo": told["n"]})
