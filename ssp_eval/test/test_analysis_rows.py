@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import pytest
 from hypothesis import given, settings
@@ -352,3 +353,72 @@ def test_controls_and_invalid_cells_enter_nothing():
     assert [one.key for one in entering(rows)] == [("s", "physical", "m")]
     assert rows[2].ivcs is None
     assert rows[2].ivcs_nulls == ()
+
+
+def lines_of(*names, key="model"):
+    """A line per name, otherwise alike."""
+    at = COLUMNS.index(key)
+    parts = LINE.split(",")
+    return [",".join([*parts[:at], name, *parts[at + 1 :]]) for name in names]
+
+
+@pytest.mark.parametrize("key", ["model", "scenario"])
+@pytest.mark.parametrize(
+    "pair", [("Qwen2-VL", "qwen2 vl"), ("cut_in", "Cut-In"), ("A–1", "a1"), ("Lynx 7B", "lynx_7b")]
+)
+def test_names_that_differ_in_case_dashes_or_spaces_only_are_told(tmp_path, key, pair):
+    told: list[str] = []
+    rows = rows_from_csv(write(tmp_path, *lines_of(*pair, "other", key=key)), told.append)
+    (text,) = told
+    assert f"names of {key}s that differ in case, dashes or spaces only" in text
+    assert all(name in text for name in pair)
+    assert "other" not in text
+    (notice,) = [one for one in notices(rows) if "differ in case" in one.text]
+    assert notice.everywhere
+    assert {*notice.about} == {*pair}
+
+
+@pytest.mark.parametrize("name", ["mean", "Average", "OVERALL", "avg", "Mean of all models"])
+@pytest.mark.parametrize("key", ["model", "scenario"])
+def test_a_row_that_is_called_a_mean_is_told(tmp_path, key, name):
+    told: list[str] = []
+    rows = rows_from_csv(write(tmp_path, *lines_of("a", "b", name, key=key)), told.append)
+    (text,) = told
+    assert f"named like a mean, and counted as a {key} like any other: {name}." in text
+    assert any("Named like a mean" in one for one in everywhere(notices(rows)))
+
+
+def test_sound_names_are_told_nothing(tmp_path):
+    told: list[str] = []
+    names = ("MeanVC", "overtake", "all_in_one", "model 1", "model 2", "Alpamayo-R1", "OpenEMMA")
+    rows_from_csv(write(tmp_path, *lines_of(*names)), told.append)
+    rows_from_csv(write(tmp_path, *lines_of(*names, key="scenario")), told.append)
+    assert told == []
+
+
+def test_a_controls_name_is_no_models(tmp_path):
+    """Where the file doesn't say which rows are controls, it is told; if it denies it, refused."""
+    told: list[str] = []
+    lines = lines_of("a", "perfect", "a+black", "constant_velocity", "Silent")
+    rows = rows_from_csv(write(tmp_path, *lines), told.append)
+    assert [one.model for one in rows if one.control] == ["perfect", "a+black"]
+    first, second, third = told
+    assert "controls of the harness, which enter no mean: a+black, perfect." in first
+    assert "ranked like models: constant_velocity." in second
+    assert "but for case, dashes or spaces: Silent. A control is written silent" in third
+
+    told.clear()
+    head = f"{HEAD},control"
+    said = [f"{line},yes" for line in lines]
+    assert all(one.control for one in rows_from_csv(write(tmp_path, *said, head=head), told.append))
+    assert told == []
+    for name in ("perfect", "a+shuffled"):
+        denied = [f"{line},no" for line in lines_of("a", name)]
+        with pytest.raises(InputError, match=rf"csv:3: {re.escape(name)} is the name of a control"):
+            rows_from_csv(write(tmp_path, *denied, head=head))
+    # An answerer that drives as a model is one where somebody says so.
+    (found,) = rows_from_csv(
+        write(tmp_path, *[f"{x},no" for x in lines_of("constant_velocity")], head=head), told.append
+    )
+    assert not found.control
+    assert told == []

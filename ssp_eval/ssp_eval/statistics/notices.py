@@ -11,7 +11,15 @@ from ssp_eval.evaluate.cell_file import outages
 from ssp_eval.evaluate.models import ANSWERERS, CONDITIONS, TWIN, condition_of
 from ssp_eval.evaluate.results import CellData, CellFacts
 from ssp_eval.extract.language import NOT_READ
-from ssp_eval.statistics.rows import OK, CellRow, compared_labels, entering, one_scale, over_what
+from ssp_eval.statistics.rows import (
+    OK,
+    CellRow,
+    compared_labels,
+    doubtful,
+    entering,
+    one_scale,
+    over_what,
+)
 from ssp_eval.statistics.table import Column, Table, some
 from ssp_eval.statistics.tables import uneven
 
@@ -118,6 +126,8 @@ def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
         yield Notice(LEFT_OUT, text, tuple(absent))
     scored = [row.cell() for row in entering(rows)]
     yield from _of_thresholds(rows)
+    for text, about in doubtful(rows):
+        yield Notice(COMPARABILITY, text, about, everywhere=True)
     for subject in ("model", "domain"):
         for text in uneven(scored, subject):
             yield Notice(COMPARABILITY, text)

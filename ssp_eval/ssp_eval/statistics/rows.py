@@ -25,6 +25,7 @@ from ssp_eval.score.aggregate import Cell, mean
 from ssp_eval.score.cli import NULL
 from ssp_eval.score.metrics import COMPONENTS, METRIC_NAMES, METRICS, ivcs
 from ssp_eval.score.thresholds import DEFAULT
+from ssp_eval.statistics.names import control_names, doubtful_names
 from ssp_eval.statistics.table import unguarded
 
 OK = "ok"
@@ -286,6 +287,11 @@ class _Line(
     def is_macro(self) -> bool:
         return MACRO in (self.scenario, self.domain)
 
+    @property
+    def says_model(self) -> bool:
+        """Whether the file itself says that the row is of a model."""
+        return "control" in self.model_fields_set and not self.control
+
     @model_validator(mode="after")
     def _is_possible(self) -> Self:
         scores = [name for name in METRIC_NAMES if getattr(self, name) is not None]
@@ -295,6 +301,11 @@ class _Line(
             raise ValueError("jovr and tqsr are never null: their denominator counts the labels")
         if self.active_b is not None and self.active_b > (self.total_b or self.active_b):
             raise ValueError("active_b is more than total_b")
+        if self.says_model and is_control_name(self.model):
+            raise ValueError(
+                f"{self.model} is the name of a control, and the column control says that it is "
+                "none: name the model otherwise"
+            )
         self._check_response()
         return self
 
@@ -337,11 +348,13 @@ class _Read:
 
     Args:
         ivcs: as the file gives it, and one unit of its last digit.
+        named: it says whether it is a control.
     """
 
     number: int
     row: CellRow
     ivcs: tuple[float, float] | None
+    named: bool
 
 
 def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda note: None) -> list[CellRow]:
@@ -366,6 +379,7 @@ def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda note: None) -
     found: dict[tuple[object, ...], int] = {}
     facts: dict[str, _Read] = {}
     rows: list[CellRow] = []
+    unnamed: list[str] = []
     others: list[tuple[float, int, str]] = []
     for read in _lines(path, tell):
         line, row = read.number, read.row
@@ -395,6 +409,8 @@ def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda note: None) -
                 others.append((abs(given - row.ivcs), line, text))
             if row.over and given != row.ivcs:
                 row = replace(row, weighted=given)
+        if not read.named:
+            unnamed.append(row.model)
         rows.append(row)
     if not rows:
         raise InputError("holds no cells", file=path, remedy="give one line per cell")
@@ -409,7 +425,16 @@ def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda note: None) -
             f"{path}: {rule} another value in {len(others)} of {len(rows)} lines, most so in line "
             f"{line}: {example}."
         )
+    for text in (*control_names(unnamed), *(text for text, _ in doubtful(rows))):
+        tell(f"{path}: {text[0].lower()}{text[1:]}")
     return rows
+
+
+def doubtful(rows: Iterable[CellRow]) -> list[tuple[str, tuple[str, ...]]]:
+    """Find names of rows that a reader of means must know of, see doubtful_names."""
+    models = [row for row in rows if not row.control]
+    scenarios = [row.scenario for row in models if row.scenario != MACRO]
+    return doubtful_names({"scenario": scenarios, "model": [row.model for row in models]})
 
 
 def _kind(row: CellRow) -> str:
@@ -459,10 +484,11 @@ def _read(fields: Mapping[str, str], path: Path, number: int) -> _Read:
             remedy="scores are shares from 0 to 1 with a decimal point; null is an empty field or "
             "a dash",
         ) from error  # fmt: skip
+    named = "control" in line.model_fields_set
     if line.ivcs is None:
-        return _Read(number, line.row(), None)
+        return _Read(number, line.row(), None, named)
     unit = max(1e-9, 10.0 ** -len(fields["ivcs"].partition(".")[2]))
-    return _Read(number, line.row(), (line.ivcs, unit))
+    return _Read(number, line.row(), (line.ivcs, unit), named)
 
 
 def _checked_names(

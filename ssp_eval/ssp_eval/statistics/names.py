@@ -1,0 +1,97 @@
+"""Names of models and scenarios that don't say what they seem to: doubled ones, means, controls."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+
+from ssp_eval.evaluate.models import ANSWERERS, CONTROLS, is_control_name
+from ssp_eval.statistics.table import some
+
+# All that may stand between the parts of a name: spaces, underscores, dashes of any length.
+_BETWEEN = re.compile(r"[\s_\-‐-―−]+")
+_NO_LETTER = re.compile(r"[\W_]+")
+# A name of such words alone is that of a mean; one of the first kind must be among them.
+_MEAN_WORDS = frozenset(
+    {"mean", "means", "average", "averages", "avg", "overall", "macro", "total", "all"}
+)
+_BESIDE = frozenset(
+    {"of", "over", "the", "models", "scenarios", "domains", "cells", "events", "score", "scores"}
+)
+_KINDS = (("scenario", "scenarios"), ("model", "models"))
+
+
+def folded(name: str) -> str:
+    """Return a name without case, spaces, underscores and dashes."""
+    return _BETWEEN.sub("", unicodedata.normalize("NFKC", name).casefold())
+
+
+def is_mean_name(name: str) -> bool:
+    """Return whether a name is that of a mean over others: ``Average``, ``mean of all models``."""
+    words = set(_NO_LETTER.split(unicodedata.normalize("NFKC", name).casefold()))
+    words.discard("")
+    return bool(words & _MEAN_WORDS) and words <= _MEAN_WORDS | _BESIDE
+
+
+def doubtful_names(names: Mapping[str, Iterable[str]]) -> list[tuple[str, tuple[str, ...]]]:
+    """Find names that a reader of means must know of.
+
+    Args:
+        names: those of scenarios and of models that enter means, under ``scenario`` and ``model``.
+
+    Returns:
+        Sentences, each with the names that it is about.
+    """
+    found = []
+    for key, many in _KINDS:
+        alike: dict[str, list[str]] = {}
+        for name in sorted(set(names.get(key, ()))):
+            alike.setdefault(folded(name), []).append(name)
+        for group in alike.values():
+            if len(group) > 1:
+                text = (
+                    f"Names of {many} that differ in case, dashes or spaces only: "
+                    f"{some(group, ' and ')}. They count as {len(group)} {many}; if they are one, "
+                    "write its name alike everywhere."
+                )
+                found.append((text, tuple(group)))
+        if means := [name for group in alike.values() for name in group if is_mean_name(name)]:
+            text = (
+                f"Named like a mean, and counted as a {key} like any other: {some(sorted(means))}. "
+                "A mean over scenarios or domains has the scenario or domain macro; a mean over "
+                "models has to be left out."
+            )
+            found.append((text, tuple(sorted(means))))
+    return found
+
+
+def control_names(models: Sequence[str]) -> list[str]:
+    """Say of models that nobody called controls which have a control's name, or nearly.
+
+    Args:
+        models: names of rows that don't say whether they are controls.
+    """
+    own = {folded(name): name for name in (*CONTROLS, *ANSWERERS)}
+    names = sorted(set(models))
+    taken = [name for name in names if is_control_name(name)]
+    answering = [name for name in names if name in ANSWERERS and name not in taken]
+    nearly = [name for name in names if name not in own.values() and folded(name) in own]
+    found = []
+    if taken:
+        found.append(
+            f"by {'its name a control' if len(taken) == 1 else 'their names controls'} of the "
+            f"harness, which enter no mean: {some(taken)}. A model needs another name."
+        )
+    if answering:
+        found.append(
+            f"answerers of the harness that see nothing, ranked like models: {some(answering)}. "
+            "A column control with yes in their lines keeps them out; a model needs another name."
+        )
+    if nearly:
+        found.append(
+            f"ranked as models, with a control's name but for case, dashes or spaces: "
+            f"{some(nearly)}. A control is written {some([own[folded(n)] for n in nearly])}; a "
+            "model needs another name."
+        )
+    return found
