@@ -54,6 +54,10 @@ _OF_DELIVERY: dict[str, frozenset[str]] = {
 }
 
 
+# What the option ``images`` of the chat backend says where it asks without pictures.
+NO_IMAGES = "none"
+
+
 class NotTakenError(PeerError):
     """The service did not take the request: nobody listens, or it is busy. Later it may."""
 
@@ -163,6 +167,11 @@ def interface_of(name: str, options: Mapping[str, Any]) -> str:
     if not isinstance(chosen, str):
         raise InputError("must be a name", field="backend_options.interface", value=chosen)
     return find_interface(chosen).name
+
+
+def is_blind(options: Mapping[str, Any]) -> bool:
+    """Whether options, or the decoding that an answer records, say that no picture is shown."""
+    return options.get("images") == NO_IMAGES
 
 
 def telling_options(name: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
 from ssp_core.hashing import sha256_json
-from ssp_vla_bridge.backend import SERVICES, interface_of
+from ssp_vla_bridge.backend import SERVICES, interface_of, is_blind
 from ssp_vla_bridge.messages import DrivingTask, Request
 from ssp_vla_bridge.native_history import (
     CURVATURE_SCALE,
@@ -61,11 +61,22 @@ UNKNOWN_PAST = (
     "How your vehicle has moved until now is not known; judge by the pictures alone and assume "
     "no numbers."
 )
+_UNKNOWN_TO_BLIND = "How your vehicle has moved until now is not known; assume no numbers."
 _TOLERANCE = 1e-9
+
+
+def shown(request: Request, blind: bool) -> Request:
+    """The request as prompts and pictures are made from it; a blind model's holds no frame."""
+    return replace(request, frames=()) if blind else request
 
 
 def _frames(request: Request) -> str:
     """How many frames there are, and when each was taken."""
+    if not request.frames:
+        return (
+            "You are given no picture. Answer from what is told here and from what is usual on "
+            "roads, as definitely as if you saw the road."
+        )
     ages_s = [ns_to_seconds(request.stamp_ns - frame.stamp_ns) for frame in request.frames]
     times = ", ".join(f"{age_s:.2f}" for age_s in ages_s)
     if len(ages_s) == 1:
@@ -119,20 +130,24 @@ def _intent(request: Request) -> str:
     )
 
 
+def _unknown_past(request: Request) -> str:
+    return UNKNOWN_PAST if request.frames else _UNKNOWN_TO_BLIND
+
+
 def _openemma_past(request: Request) -> str:
     history = openemma_history(request)
     return (
         f"The last {len(history.rows)} pairs of your vehicle, {STEP_S:g} s apart, oldest first, "
         f"are {history.pairs_text}."
         if history.rows
-        else UNKNOWN_PAST
+        else _unknown_past(request)
     )
 
 
 def _lightemma_past(request: Request) -> str:
     history = lightemma_history(request)
     if not history.rows:
-        return UNKNOWN_PAST
+        return _unknown_past(request)
     return (
         f"Your vehicle's last {len(history.rows)} speeds, {STEP_S:g} s apart, the most recent one "
         f"last, are {history.column_text(0)} m/s. Its curvatures at these times are "
@@ -143,7 +158,7 @@ def _lightemma_past(request: Request) -> str:
 def _llavida_past(request: Request) -> str:
     history = llavida_history(request)
     if not history.rows:
-        return UNKNOWN_PAST
+        return _unknown_past(request)
     return (
         f"Your vehicle's last {len(history.rows)} positions, {STEP_S:g} s apart, oldest first, "
         f"are {history.points_text}; it is at (0.00,0.00) now, and its speed is "
@@ -153,7 +168,7 @@ def _llavida_past(request: Request) -> str:
 
 def _waypoints_past(request: Request) -> str:
     if not request.ego_known:
-        return UNKNOWN_PAST
+        return _unknown_past(request)
     rows = ", ".join(
         f"[{s.t_s:.1f}, {s.x_m + 0.0:.2f}, {s.y_m + 0.0:.2f}, {s.speed_mps + 0.0:.2f}]"
         for s in request.history
@@ -181,6 +196,13 @@ _NATIVE = {
 }
 
 
+class _Words(str):
+    """Words behind a brace's colon, such as ``{seeing: in the picture}``; none where it fails."""
+
+    def __format__(self, words: str) -> str:
+        return words if self else ""
+
+
 class _Braces(dict[str, str]):
     """What a prompt's braces stand for, worked out where they are met."""
 
@@ -195,6 +217,10 @@ class _Braces(dict[str, str]):
         )
         known: dict[str, Callable[[], str]] = {
             "frames": lambda: _frames(request),
+            "seeing": lambda: _Words("yes" if request.frames else ""),
+            "blind": lambda: _Words("" if request.frames else "yes"),
+            # Steps that don't say how the vehicle moved say it to who can't see.
+            "blind_past": lambda: "" if request.frames else _waypoints_past(request),
             "instruction": lambda: task.instruction,
             "whole_task": lambda: f"The whole task, which is done in steps: {task.instruction}",
             "objects": lambda: f"Call each road user one of: {_words(task.objects)}.",
@@ -302,6 +328,7 @@ def words_sha256(backend: str, options: Mapping[str, Any], request: Request) -> 
             words = native_prompt(interface, request)
             return None if words is None else sha256_json(words)
         stages = PROMPTS.get(interface, ())
+        request = shown(request, blind=is_blind(options))
         left_open = {stage.name: f"({stage.name})" for stage in stages}
         return sha256_json([[s.name, s.build(request, left_open).sha256] for s in stages])
     except InputError as error:  # the answer will be this error

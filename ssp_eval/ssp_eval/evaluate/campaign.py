@@ -19,7 +19,14 @@ from ssp_eval.evaluate.admission import NO_AUDIT, Admission, keep_audits
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell_again
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers
 from ssp_eval.evaluate.model_client import ModelClients
-from ssp_eval.evaluate.models import CONDITIONS, REASONING, TWIN, ModelSpec, with_twin_conditions
+from ssp_eval.evaluate.models import (
+    BLIND,
+    CONDITIONS,
+    REASONING,
+    TWIN,
+    ModelSpec,
+    with_twin_conditions,
+)
 from ssp_eval.evaluate.twin_clips import with_twins
 from ssp_eval.labels.propose import propose_by_plan
 from ssp_eval.labels.review import is_unreviewed, write_proposal
@@ -42,6 +49,7 @@ class Plan:
         spoilt: of these, to models that are asked once more with spoilt frames.
         corrupted: of these, to models that are asked once more with corrupted pictures.
         given_back: of these, to models that are given their own text back.
+        blind: of these, to models that are shown no picture.
         about_twins: of these, to whoever is asked about twins in the place of recordings.
         goes_on: some may have an answer that is stored, and isn't asked for again.
         label_lines: per scenario how many labels each phase has, and whether the domains compare
@@ -56,6 +64,7 @@ class Plan:
     corrupted: int = 0
     about_twins: int = 0
     given_back: int = 0
+    blind: int = 0
     goes_on: bool = False
     label_lines: tuple[str, ...] = field(default=(), compare=False)
 
@@ -80,6 +89,8 @@ class Plan:
             told.append(f"{self.about_twins} once more about twins")
         if self.given_back:
             told.append(f"{self.given_back} with the model's own text given back")
+        if self.blind:
+            told.append(f"{self.blind} without pictures")
         return f"{text}; of these {'; '.join(told)}" if told else text
 
 
@@ -113,6 +124,7 @@ def plan_of(
         corrupted=found["corrupted"],
         about_twins=found["twins"],
         given_back=found["given back"],
+        blind=found[BLIND],
         goes_on=goes_on,
         label_lines=tuple(f"{name}: {told.line}" for name, told in compared.items()),
     )
@@ -124,6 +136,8 @@ def _asked_for(model: ModelSpec) -> str:
         return "twins"
     if model.condition.startswith(REASONING):
         return "given back"
+    if model.condition == BLIND:
+        return BLIND
     if model.condition:
         return "spoilt" if model.condition in CONDITIONS else "corrupted"
     return "answerers" if model.answerer else "models"

@@ -63,7 +63,7 @@ def model_specs(
         )
     if not models:
         raise click.UsageError("name a model: --bridge NAME, --attach NAME or --models FILE")
-    for name, count in Counter(model.name for model in models).items():
+    for name, count in Counter(model.shown for model in models).items():
         if count > 1:
             raise click.UsageError(f"model {name} stands {count} times")
     for model in models:

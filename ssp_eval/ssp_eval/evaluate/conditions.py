@@ -17,6 +17,7 @@ from ssp_eval.evaluate.corruptions import (
 )
 from ssp_eval.evaluate.models import (
     BLACK,
+    BLIND,
     CONDITION_SEED,
     DROPPED,
     PICTURES_CONTROL,
@@ -103,8 +104,9 @@ def question_under(
     """What a model is asked about a label time, under its condition."""
     clip, condition = labelled.clip, model.condition
     question = clip.question(label_t_s, model.rules)
-    if not condition or condition.startswith(REASONING) or isinstance(question, NoQuestion):
-        return question  # what is turned is the model's own answer, in its backend
+    in_backend = condition == BLIND or condition.startswith(REASONING)
+    if not condition or in_backend or isinstance(question, NoQuestion):
+        return question  # what pictures are left out, or what is turned, is its backend's
     if condition in labelled.twins:
         return _about_twin(question, labelled.twins[condition], model.rules)
     another = None

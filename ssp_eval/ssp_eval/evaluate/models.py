@@ -21,6 +21,7 @@ from ssp_vla_bridge.backend import (
     OPTION_START,
     check_options,
     interface_of,
+    is_blind,
     make_backend,
     parse_options,
 )
@@ -59,7 +60,10 @@ PICTURES = (
 # What --reasoning adds: the model is given its own text back with one fact turned, or, as the
 # control, as it was, and asked for the trajectory.
 REASONING = "reasoning."
-_GIVES_BACK = "openai"  # the backend that can
+# The backend that can, and that can ask without pictures.
+_CHAT = "openai"
+# A model of the chat backend with ``images: none``: it is asked in words alone.
+BLIND = "blind"
 # What --twins adds begins so, and the twin's name follows.
 TWIN = "twin."
 # What a condition begins with that isn't one of CONDITIONS.
@@ -72,7 +76,7 @@ CONDITION_SEED = 1
 def condition_of(model: str) -> tuple[str, str]:
     """Name of the model and condition under which it was asked; empty where there is none."""
     name, _, last = model.rpartition("+")
-    known = last in CONDITIONS or last.startswith(_FAMILIES)
+    known = last in (*CONDITIONS, BLIND) or last.startswith(_FAMILIES)
     return (name, last) if name and known else (model, "")
 
 
@@ -346,6 +350,7 @@ def _spec(name: str, entry: ModelEntry) -> ModelSpec:
         # Requests and prompts have to be of the same interface.
         options.setdefault("interface", entry.interface)
     given = {key: getattr(entry, key) for key in _PREPROCESSING}
+    blind = backend == _CHAT and is_blind(options)
     return ModelSpec(
         name,
         options,
@@ -356,6 +361,8 @@ def _spec(name: str, entry: ModelEntry) -> ModelSpec:
         timeout_s=entry.timeout_s,
         preprocessing={key: value for key, value in given.items() if value is not None},
         facts=ModelFacts(entry.total_b, entry.active_b, entry.architecture),
+        condition=BLIND if blind else "",
+        control=blind,
     )
 
 
@@ -445,7 +452,7 @@ def with_pictures(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
 
 def gives_back(spec: ModelSpec) -> bool:
     """Whether a model can be given its own text back: over a chat, from a bridge of ours."""
-    return spec.backend_name == _GIVES_BACK and not spec.attached
+    return spec.backend_name == _CHAT and not spec.attached
 
 
 def with_reasoning(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
@@ -476,18 +483,22 @@ def once_more(
 ) -> list[ModelSpec]:
     """The models, each followed by itself under conditions, after those that it has already.
 
+    A blind model gets none, since no picture reaches it, and stands behind all others.
+
     Args:
         but: names of backends whose models get none.
     """
     found = []
     own = None
+    blind = [spec for spec in specs if spec.condition == BLIND]
+    specs = [spec for spec in specs if spec.condition != BLIND]
     for spec, following in zip_longest(specs, specs[1:]):
         found.append(spec)
         own = spec if own is None or own.name != spec.name else own
         last = following is None or following.name != spec.name
         if last and spec.backend_name not in but:
             found += [replace(own, condition=name, control=True) for name in conditions]
-    return found
+    return found + blind
 
 
 def check_bridge(model: ModelSpec) -> None:

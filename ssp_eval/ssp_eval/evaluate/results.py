@@ -28,12 +28,13 @@ from ssp_eval.evaluate.cell_file import (
     changed_since,
     losses_text,
 )
-from ssp_eval.evaluate.models import NEVER_MODELS, is_control_name
+from ssp_eval.evaluate.models import BLIND, NEVER_MODELS, condition_of, is_control_name
 from ssp_eval.evaluate.requests import REQUESTS_FILE
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.score.aggregate import domain_order
 from ssp_eval.score.cell import CellScore, score_in_detail
 from ssp_eval.score.thresholds import DEFAULT, Thresholds, thresholds_of
+from ssp_vla_bridge.backend import is_blind
 
 Count = Annotated[int, Field(ge=0)]
 
@@ -239,8 +240,16 @@ class CellData:
 
     @property
     def model(self) -> str:
-        """Name of the model."""
-        return self.facts.model
+        """Name of the model, with its condition."""
+        name = self.facts.model
+        # A bridge that was attached, or a recording, tells in its answers that it was shown none.
+        told = any(map(is_blind, self.facts.decoding))
+        return f"{name}+{BLIND}" if told and not condition_of(name)[1] else name
+
+    @property
+    def is_blind(self) -> bool:
+        """True where the model was shown no picture."""
+        return condition_of(self.model)[1] == BLIND
 
     @property
     def admission(self) -> str:

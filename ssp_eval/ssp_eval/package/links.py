@@ -24,7 +24,7 @@ from ssp_eval.evaluate.cell_file import (
     SEAL,
     sealed,
 )
-from ssp_eval.evaluate.models import REASONING
+from ssp_eval.evaluate.models import BLIND, REASONING
 from ssp_eval.evaluate.requests import RAW_FILE, REQUESTS_FILE, asked_again
 from ssp_eval.extract import extractor_hash
 from ssp_eval.observations.files import check_seal
@@ -476,7 +476,9 @@ class Chains:
         hashes = facts["hashes"]
         recording = self._index.recordings.get(str(hashes.get("twin", hashes.get("bag"))))
         condition = str(facts.get("condition", ""))
-        if condition and "twin" not in hashes and not condition.startswith(REASONING):
+        if condition == BLIND:
+            self.notes.append(f"{entry.path}: a control, the frames of its requests weren't shown")
+        elif condition and "twin" not in hashes and not condition.startswith(REASONING):
             # Blackened frames are in no recording, and shuffled ones stand at other stamps.
             self.notes.append(f"{entry.path}: a control, its frames are {condition}")
             recording = None

@@ -22,6 +22,7 @@ from ssp_eval.causes.forest import forests
 from ssp_eval.causes.tables import ANSWERS, FINDINGS, moved_tables
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
+from ssp_eval.evaluate.models import BLIND, condition_of
 from ssp_eval.evaluate.results import CellData, KeptAudits, read_cells
 from ssp_eval.pages import number
 from ssp_eval.report.cell_view import RecordView, record_views, tolerated
@@ -86,7 +87,7 @@ def matrix(cells: Sequence[CellData]) -> str:
     )
 
 
-_SPOILT = {"black": "black frames", "shuffled": "frames of other times"}
+_SPOILT = {"black": "black frames", "shuffled": "frames of other times", BLIND: "no pictures"}
 # Answerers that see no frame: what a model must beat to show that it looks.
 _BLIND = ("constant_velocity", "copy_history")
 
@@ -103,14 +104,21 @@ def seeing_plot(seeing: Table | None, answerers: Table | None) -> str:
     blind = {
         str(row["model"]): value
         for row in by_column(answerers)
-        if row["model"] in _BLIND and (value := _number(row["ivcs"])) is not None
+        if _sees_nothing(str(row["model"]), models) and (value := _number(row["ivcs"])) is not None
     }
-    legend = [("own", "as it is"), *_SPOILT.items()]
+    shown = {condition for found in models.values() for condition in found}
+    legend = [("own", "as it is"), *(item for item in _SPOILT.items() if item[0] in shown)]
     if blind:
         legend.append(("answerer", "answerer that sees nothing"))
     return _template("seeing.svg.j2").render(
         models=models, blind=blind, spoilt_names=_SPOILT, legend=legend
     )
+
+
+def _sees_nothing(name: str, models: Collection[str]) -> bool:
+    """Whether an answerer has a row of its own: it sees nothing, and no model's row shows it."""
+    model, condition = condition_of(name)
+    return name in _BLIND or (condition == BLIND and model not in models)
 
 
 def _number(value: Value) -> float | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ssp_core.vocabulary import DOMAINS, PHASES
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.cell_file import outages
-from ssp_eval.evaluate.models import ANSWERERS, CONDITIONS, TWIN, condition_of
+from ssp_eval.evaluate.models import ANSWERERS, BLIND, CONDITIONS, TWIN, condition_of
 from ssp_eval.evaluate.results import CellData, CellFacts
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.statistics.rows import (
@@ -185,6 +185,8 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
         else f"{some(controls)} are controls of the harness, not models; means and ranks "
         "leave them out."
     )
+    if blind := [name for name in controls if condition_of(name)[1] == BLIND]:
+        text += f" Blind, asked without pictures: {some(blind)}."
     yield Notice(CONTROLS, text, tuple(controls))
     spoilt = {condition_of(name) for name in controls}
     # Answerers of our own see no frame, also where they stand in for models.

@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import combinations
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.models import CONDITIONS, condition_of
+from ssp_eval.evaluate.models import BLIND, CONDITIONS, condition_of
 from ssp_eval.score.aggregate import (
     BY_DOMAIN,
     BY_MODEL,
@@ -116,7 +116,7 @@ def _scores(row: CellRow, columns: Iterable[Column]) -> list[float | None]:
 def _remark(row: CellRow) -> str:
     parts = []
     if row.control:
-        parts.append("control")
+        parts.append(f"control, {BLIND}" if condition_of(row.model)[1] == BLIND else "control")
     if row.status != OK:
         parts.append(f"{row.status}: {row.reason}" if row.reason else row.status)
     elif row.reason or not row.admitted:
@@ -196,8 +196,15 @@ def control_tables(rows: Sequence[CellRow]) -> list[Table]:
     """The tables of the controls that there are, none where there are none."""
     rows = one_scale(rows)
     scored = merged([row for row in rows if row.status == OK])
-    asked = {row.model for row in rows if row.control and condition_of(row.model)[1] in CONDITIONS}
-    blind = [row for row in scored if row.control and not condition_of(row.model)[1]]
+    known = {row.model for row in rows}
+    condition = {row.model: condition_of(row.model)[1] for row in rows if row.control}
+    # A blind model whose seeing self wasn't asked stands among the answerers alone.
+    asked = {
+        name
+        for name, one in condition.items()
+        if one in CONDITIONS or (one == BLIND and condition_of(name)[0] in known)
+    }
+    blind = [row for row in scored if condition.get(row.model) in ("", BLIND)]
     found = []
     if asked:
         found.append(seeing_table(scored, sorted(asked)))
@@ -244,7 +251,8 @@ def seeing_table(rows: Sequence[CellRow], asked: Iterable[str]) -> Table:
         tuple(table_rows),
         (
             "Means over the recordings that were scored with both; n counts them. black: all "
-            "frames black; shuffled: frames of other times. Everything else in a question stays.",
+            "frames black; shuffled: frames of other times; blind: no pictures, and a prompt that "
+            "says so. Everything else in a question stays.",
             "A model that scores as much with spoilt frames is not scored for what it sees: its "
             "answers come from its ego history, its prompt or its habits.",
         ),
@@ -284,7 +292,7 @@ def answerers_table(rows: Sequence[CellRow]) -> Table:
         (
             "Unweighted means over cells; n counts cells. perfect answers with the labels and "
             "should score 1, silent says nothing and should score 0; constant_velocity and "
-            "copy_history see no frame.",
+            "copy_history see no frame, nor does a model that is called blind (NAME+blind).",
         ),
     )
 

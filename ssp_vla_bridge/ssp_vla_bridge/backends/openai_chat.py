@@ -28,12 +28,14 @@ from ssp_core.credentials import gives_away
 from ssp_core.errors import InputError, PeerError
 from ssp_core.hashing import canonical_json, sha256_bytes, sha256_json
 from ssp_vla_bridge.backend import (
+    NO_IMAGES,
     BrokenOffError,
     DeclinedError,
     NoTimeError,
     NotTakenError,
     address_option,
     check_options,
+    is_blind,
     key_option,
     number_option,
 )
@@ -46,13 +48,13 @@ from ssp_vla_bridge.backends.given_back import (
 )
 from ssp_vla_bridge.messages import Answer, Frame, Request
 from ssp_vla_bridge.native_history import previous_stage
-from ssp_vla_bridge.prompts import Prompt, find_stages
+from ssp_vla_bridge.prompts import Prompt, find_stages, shown
 
 _TYPES: dict[str, type] = {
     "base_url": str, "model": str, "api_key_env": str, "interface": str, "temperature": float,
     "seed": int, "top_p": float, "presence_penalty": float, "frequency_penalty": float,
     "max_tokens": int, "timeout_s": float, "tries": int, "image_width": int, "extra": dict,
-    "give_back": str,
+    "give_back": str, "images": str,
 }  # fmt: skip
 # Default, least and most.
 _DECODING: dict[str, tuple[float, float, float]] = {
@@ -80,6 +82,7 @@ class Options:
         give_back: which fact of its own text is turned before it plans (given_back.FACTS); empty:
             it isn't given its text back.
         image_width_px: wider frames are scaled down to this; None: frames are sent as they are.
+        blind: no picture is sent, and the prompts say so (option ``images: none``).
         api_key_env: name of the variable with the key, empty: the server wants none.
     """
 
@@ -90,6 +93,7 @@ class Options:
     timeout_s: float = 60.0
     tries: int = 3
     image_width_px: int | None = None
+    blind: bool = False
     give_back: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)
     api_key_env: str = ""
@@ -122,7 +126,7 @@ def read_options(given: Mapping[str, Any]) -> Options:
     find_stages(interface)
     extra = given.get("extra") or {}
     try:
-        shown = canonical_json([given["model"], extra])
+        recorded = canonical_json([given["model"], extra])
     except (ValueError, TypeError) as error:
         raise InputError(
             f"is no JSON ({error})", field="backend_options.extra", value=extra
@@ -139,8 +143,13 @@ def read_options(given: Mapping[str, Any]) -> Options:
             "is nothing that can be turned", field="backend_options.give_back", value=give_back,
             remedy=f"known are {', '.join(FACTS)}",
         )  # fmt: skip
+    if (images := given.get("images")) not in (None, NO_IMAGES):
+        raise InputError(
+            "is no choice of pictures", field="backend_options.images", value=images,
+            remedy=f"{NO_IMAGES} asks without any; left out, the frames are sent",
+        )  # fmt: skip
     key = key_option(given)
-    if gives_away(shown, key):
+    if gives_away(recorded, key):
         raise InputError(
             "the key stands in model or extra, which are recorded",
             field="backend_options",
@@ -157,6 +166,7 @@ def read_options(given: Mapping[str, Any]) -> Options:
         image_width_px=None
         if width is None
         else int(number_option(given, "image_width", 0, 16, 8192)),
+        blind=is_blind(given),
         give_back=give_back,
         extra=dict(extra),
         api_key_env=given.get("api_key_env") or "",
@@ -228,6 +238,7 @@ class OpenAIBackend:
             self._turn.release()
 
     def _answer(self, request: Request, end_s: float) -> Answer:
+        request = shown(request, blind=self._options.blind)
         pictures = [self._picture(frame) for frame in request.frames]
         before: dict[str, str] = {}
         said = []
@@ -288,8 +299,9 @@ class OpenAIBackend:
         messages: list[dict[str, Any]] = []
         if prompt.system:
             messages.append({"role": "system", "content": prompt.system})
-        content = [*pictures, {"type": "text", "text": prompt.text}]
-        messages.append({"role": "user", "content": content})
+        parts = [*pictures, {"type": "text", "text": prompt.text}]
+        # Servers of models without eyes may know no parts.
+        messages.append({"role": "user", "content": parts if pictures else prompt.text})
         parameters = self._options.parameters
         if begun:
             messages.append({"role": "assistant", "content": begun})
@@ -324,6 +336,7 @@ class OpenAIBackend:
             "image_width_px": options.image_width_px,
             "timeout_s": options.timeout_s,
             "tries": options.tries,
+            **({"images": NO_IMAGES} if options.blind else {}),
             **({"give_back": options.give_back} if options.give_back else {}),
             "prompt_sha256": sha256_json([one.prompt.sha256 for one in said]),
             "previous_intent_sha256": sha256_bytes(previous.text.encode()) if previous else None,
@@ -381,8 +394,9 @@ def _stage_facts(one: _Said) -> dict[str, Any]:
         "usage": dict(said.usage) if said.usage else None,
     }
     if one.given:
-        shown = {name: text[:_CHARACTERS_OF_REASONING] for name, text in one.given.items()}
-        facts["given_back"] = shown
+        facts["given_back"] = {
+            name: text[:_CHARACTERS_OF_REASONING] for name, text in one.given.items()
+        }
     if said.reasoning:
         facts["reasoning"] = said.reasoning[:_CHARACTERS_OF_REASONING]
     return facts
@@ -436,7 +450,7 @@ def _remedies(variable: str) -> dict[str, str]:
         "403": key,
         "404": "model must be a name that the server serves, and base_url usually ends in /v1",
         "400": "a decoding option that the server refuses is left out by null",
-        "images": "give a model that takes pictures, or fewer of them",
+        "images": "give a model that takes pictures, or fewer, or images: none, which asks without",
         "length": "give fewer frames, an image_width, or a smaller max_tokens",
         "413": "give fewer frames or an image_width",
         "429": "the server is busy or a quota is used up",
