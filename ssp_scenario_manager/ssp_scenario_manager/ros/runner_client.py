@@ -137,7 +137,8 @@ class RunClient:
         self._goal: Any = None
         self._result: Any = None
         self._end: SessionState | None = None
-        self._ended_at = 0.0
+        # When the first of both was heard.
+        self._ended_at: float | None = None
         self._last_state: int | None = None
         # While the session is ARMED and not every object reports that it is.
         self._arming: ArmedObjects | None = None
@@ -150,8 +151,9 @@ class RunClient:
         """The first sign that the running session is going to end badly: when, and what it was."""
         self.elapsed_s = 0.0
         self._running_since: float | None = None
-        # Session time of the start: a live session's clock counts from 1970.
-        self._zero_ns = 0
+        # Of the start, once it was heard: a live session's clock counts from 1970, a simulated one's
+        # from 0.
+        self._zero_ns: int | None = None
         self.running_wall_s = 0.0
         self.silent_s = 0.0
         """How long this process has listened without a sign of the manager's."""
@@ -263,14 +265,18 @@ class RunClient:
         """The result once it is here.
 
         DDS may lose a goal's response when the two ends have just found each other, and with it
-        the result. The session's own last word says the same, and it is latched.
+        the result. The session's own last word says the same, and it is latched. That one says
+        when the run ended, so it is waited for as well.
         """
         if self.not_in_time is not None:
             return None
-        if self._result is None:
+        heard_both = self._result is not None and (self._end is not None or self._zero_ns is None)
+        if not heard_both:
             grace_s = RESULT_GRACE_S if self._begun else 0.0
-            if self._end is None or time.monotonic() - self._ended_at < grace_s:
+            if self._ended_at is None or time.monotonic() - self._ended_at < grace_s:
                 return None
+        if self._result is None:
+            assert self._end is not None
             return RunOutcome(Verdict(self._end.verdict), tuple(self._end.reasons))
         result = self._result.result
         reasons = list(result.reasons)
@@ -299,11 +305,13 @@ class RunClient:
     def _on_result(self, future: Any) -> None:
         self.hear_manager()
         self._result = future.result()
+        self._ended_at = self._ended_at or time.monotonic()
 
     def _on_feedback(self, message: Any) -> None:
         self.hear_manager()
         feedback = message.feedback
-        self.elapsed_s = feedback.elapsed
+        if self._end is None:
+            self.elapsed_s = feedback.elapsed
         if feedback.elapsed > 0.0:
             now = time.monotonic()
             self._running_since = self._running_since or now
@@ -360,18 +368,19 @@ class RunClient:
             self._say(f"{message.reason}; keep clear")
         if over or given_up:
             self._end = message
-            self._ended_at = time.monotonic()
-            if not self._begun and self._zero_ns:
-                # Of a run that somebody else led no feedback comes.
-                if self._running_since is not None:
-                    self.running_wall_s = self._ended_at - self._running_since
+            self._ended_at = self._ended_at or time.monotonic()
+            if self._zero_ns is not None:
+                # The end's own stamp: feedback comes before or after it, and none where somebody
+                # else led the run.
                 self.elapsed_s = self._since_start_s(message.header.stamp)
+                if not self._begun and self._running_since is not None:
+                    self.running_wall_s = self._ended_at - self._running_since
 
     def _note_trouble(self, what: str) -> None:
         self.trouble = self.trouble or (time.monotonic(), what)
 
     def _since_start_s(self, stamp: Any) -> float:
-        return ns_to_seconds(ros.ns_from_stamp(stamp) - self._zero_ns)
+        return ns_to_seconds(ros.ns_from_stamp(stamp) - (self._zero_ns or 0))
 
     def _on_trigger(self, message: TriggerEvent) -> None:
         self._say(
@@ -394,7 +403,7 @@ class RunClient:
             unit = f" {message.unit}" if message.unit else ""
             figures = f": {message.measured:.3g}{unit}, limit {message.limit:.3g}{unit}"
         stamp_s = self._since_start_s(message.header.stamp)
-        if self._zero_ns:
+        if self._zero_ns is not None:
             # What came before the start may be left over from another session.
             self._note_trouble(f"{message.limit_name}{who}{figures}")
         self._say(
