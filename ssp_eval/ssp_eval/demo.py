@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import json
-import math
 import os
 import shutil
 import signal
@@ -27,9 +26,7 @@ from ssp_core.files import make_folder, write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.processes import die_with_parent
 from ssp_core.terminal import on_stop_signals
-from ssp_eval.data.provenance import labels_places
-from ssp_eval.twins.files import twins_folder
-from ssp_scenario_manager.event_spec.load import load_event
+from ssp_eval.demo_plan import DEFAULT_SCENARIOS, SCENARIOS, Step, package_folder, plan_steps
 
 MARKER = ".ssp-demo.json"
 SCHEMA = "ssp.demo/1"
@@ -46,7 +43,7 @@ _MOST = 99
 
 @dataclass
 class Progress:
-    """What a demonstration has done in its folder, as its marker says.
+    """The steps done in a folder of a demonstration, as its marker says.
 
     Args:
         plan: what its steps and their software are; another plan begins anew.
@@ -168,223 +165,12 @@ def _is_ours(marker: Path) -> bool:
 
 
 def _marker(file: Path) -> dict[str, Any]:
-    """What a marker says, empty where it can't be read."""
+    """Read a marker; empty where it can't be read."""
     try:
         value = json.loads(file.read_text())
     except (OSError, ValueError):
         return {}
     return value if isinstance(value, dict) else {}
-
-
-SCENARIOS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
-DEFAULT_SCENARIOS = SCENARIOS[:2]
-BRIDGES = ("constant_velocity", "opencv_baseline")
-SIMULATION_SITE, TRACK_SITE = "boulevard", "north_track"
-SIMULATION_SEED, TRACK_SEED = 11, 12
-CLIP_SEED = 1
-GENERATOR = "ssp-clip/1"
-TWINS = ("--change", "without=ot1", "--change", "control")
-
-
-def _nothing() -> tuple[str, ...]:
-    return ()
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One command of the demonstration.
-
-    Args:
-        arguments: of ``ssp``.
-        needs: steps that must have been done.
-        session: it runs a session; one at a time does.
-        more: arguments that are known only when the steps before are done.
-        after: steps that must have ended, be it without success.
-        present: the arguments without what steps before it failed to make; None: all of them.
-        makes: what is removed before it is done again.
-    """
-
-    name: str
-    title: str
-    arguments: tuple[str, ...]
-    needs: tuple[str, ...] = ()
-    session: bool = False
-    more: Callable[[], tuple[str, ...]] = _nothing
-    after: tuple[str, ...] = ()
-    present: Callable[[], tuple[str, ...]] | None = None
-    makes: tuple[Path, ...] = ()
-
-    def command(self, python: str) -> list[str]:
-        """What to run, once the steps that it needs are done."""
-        arguments = self.arguments if self.present is None else self.present()
-        return [python, "-m", "ssp_core.cli", *arguments, *self.more()]
-
-    @property
-    def digest(self) -> str:
-        """Hash of what it is asked to do."""
-        return sha256_json([__version__, *self.arguments])
-
-
-def run_folder(out: Path, scenario: str, domain: str) -> Path:
-    """Folder of one recording: bag and labels.json, and more for a session."""
-    return out / "runs" / f"{scenario}-{domain}"
-
-
-def clip_path(out: Path, scenario: str) -> Path:
-    return out / "clips" / f"{scenario}.mp4"
-
-
-def event_path(out: Path, scenario: str) -> Path:
-    """The K* that is bound to the clip, from which all three domains are made."""
-    return clip_path(out, scenario).with_suffix(".event.yaml")
-
-
-def _version(out: Path, scenario: str) -> tuple[str, str]:
-    return "--event-version", load_event(str(event_path(out, scenario)))[1]
-
-
-def audit_folder(out: Path, scenario: str) -> Path:
-    return out / "audits" / scenario
-
-
-def package_folder(out: Path) -> Path:
-    return out / "package"
-
-
-def declared_options(clip: Path) -> tuple[str, ...]:
-    """What the maker of a clip declares of it, as options of ``ssp import-video``.
-
-    The camera is known. The speed is the one at which the VUT drives at first, declared for all of
-    the clip: it brakes later, and a video doesn't show by how much.
-    """
-    truth = json.loads(clip.with_suffix(".truth.json").read_text())
-    camera = truth["camera"]
-    return (
-        *("--ego-speed", f"{truth['ego_speed_mps'][0]['speed_mps']:.2f}"),
-        *("--hfov-deg", str(camera["hfov_deg"])),
-        *("--camera-height", str(camera["height_m"])),
-        *("--camera-pitch-deg", f"{math.degrees(camera['pitch_down_rad']):.3f}"),
-    )
-
-
-_DOMAINS = ("synthetic", "simulation", "physical")
-
-
-def plan_steps(out: Path, scenarios: Sequence[str]) -> list[Step]:
-    """All steps; each needs only ones before it."""
-    of_each = [_of_scenario(out, scenario) for scenario in scenarios]
-    # All clips first, then all simulations and so on: what takes longest begins early.
-    return [*(step for steps in zip(*of_each, strict=True) for step in steps),
-            *_evaluation(out, scenarios)]  # fmt: skip
-
-
-def _of_scenario(out: Path, scenario: str) -> list[Step]:
-    """The clip, the recordings of the three domains, their labels and their audit."""
-    clip, event = clip_path(out, scenario), str(event_path(out, scenario))
-    task = str(out / "tasks" / f"{scenario}-track")
-    synthetic, simulation, physical = (str(run_folder(out, scenario, d)) for d in _DOMAINS)
-    recordings = (synthetic, simulation, physical)
-
-    def step(
-        name: str,
-        title: str,
-        *arguments: str,
-        needs: tuple[str, ...] = (),
-        session: bool = False,
-        more: Callable[[], tuple[str, ...]] = _nothing,
-        makes: tuple[str | Path, ...] = (),
-    ) -> Step:
-        before = tuple(f"{scenario}/{one}" for one in needs)
-        return Step(
-            f"{scenario}/{name}", f"{scenario}: {title}", arguments, before, session, more,
-            makes=tuple(map(Path, makes)),
-        )  # fmt: skip
-
-    return [
-        step(
-            "clip", "make a synthetic clip and the K* bound to it",
-            "spec", "clip", scenario, "--seed", str(CLIP_SEED), "--out", str(clip.parent),
-            makes=(clip, Path(event), clip.with_suffix(".truth.json")),
-        ),
-        step(
-            "simulation", "compile and run the simulation",
-            "run", event, "--site", SIMULATION_SITE, "--seed", str(SIMULATION_SEED),
-            "--out", simulation, needs=("clip",), session=True, makes=(simulation,),
-        ),
-        step(
-            "synthetic", "import the clip as a bag",
-            "import-video", str(clip), "--scenario", scenario, "--generator", GENERATOR,
-            "--out", f"{synthetic}/bag", needs=("clip",), makes=(synthetic,),
-            more=lambda: (*_version(out, scenario), *declared_options(clip)),
-        ),
-        step(
-            "task", "compile for the track",
-            "compile", event, "--target", "track", "--site", TRACK_SITE, "--seed", str(TRACK_SEED),
-            "--validated-by", simulation, "--out", task, needs=("simulation",), makes=(task,),
-        ),
-        step(
-            "physical", "run the compiled task on the track",
-            "run", task, "--out", physical, needs=("task",), session=True, makes=(physical,),
-        ),
-        step(
-            "twins", "make the simulation's twins: without its object, with an irrelevant one",
-            "twins", simulation, *TWINS, needs=("simulation",),
-            makes=(twins_folder(Path(simulation) / "bag"),),
-        ),
-        # One plan for the three recordings, so that each has as many labels in every phase.
-        step(
-            "labels", "label the three recordings by one plan",
-            "labels", "new", *recordings, "--truth", str(clip.with_suffix(".truth.json")),
-            needs=_DOMAINS, makes=tuple(labels_places(Path(one) / "bag")[2] for one in recordings),
-        ),
-        step(
-            "audit", "audit the three recordings",
-            "audit", *recordings, "--out", str(audit_folder(out, scenario)), needs=("labels",),
-            makes=(audit_folder(out, scenario),),
-        ),
-    ]  # fmt: skip
-
-
-def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
-    """Asks the bridges about every recording, scores the answers, reports and packs it all."""
-    package = str(package_folder(out))
-    return [
-        Step(
-            "evaluate",
-            "ask the bridges and score",
-            _asked(out, scenarios),
-            after=tuple(
-                f"{scenario}/{one}" for scenario in scenarios for one in ("audit", "twins")
-            ),
-            present=lambda: _asked(out, [s for s in scenarios if _is_audited(out, s)]),
-        ),
-        Step("report", "write the report", ("report", str(out)), after=("evaluate",)),
-        Step(
-            "package",
-            "make the evidence package",
-            ("package", "make", str(out), "--out", package),
-            needs=("report",),
-            makes=(Path(package),),
-        ),
-        Step(
-            "verify",
-            "verify the evidence package",
-            ("package", "verify", package),
-            needs=("package",),
-        ),
-    ]
-
-
-def _asked(out: Path, scenarios: Sequence[str]) -> tuple[str, ...]:
-    """Arguments that ask the bridges about the recordings of scenarios, and about their twins."""
-    bags = [str(run_folder(out, s, d) / "bag") for s in scenarios for d in _DOMAINS]
-    audits = [word for s in scenarios for word in ("--audit", str(audit_folder(out, s)))]
-    bridges = [word for name in BRIDGES for word in ("--bridge", name)]
-    return ("evaluate", *bags, *audits, *bridges, "--twins", "--out", str(out))
-
-
-def _is_audited(out: Path, scenario: str) -> bool:
-    return (audit_folder(out, scenario) / "audit.json").is_file()
 
 
 END_TIMEOUT_S = 30.0
@@ -509,7 +295,7 @@ def _start(step: Step, logs: Path) -> _Running:
 
 
 def _gap(one: _Running) -> Gap | None:
-    """Why a step failed, with the last lines of its output; None where it didn't."""
+    """Say why a step failed, with the last lines of its output; None where it didn't."""
     status = one.process.returncode
     if status == 0:
         return None

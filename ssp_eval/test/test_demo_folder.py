@@ -8,7 +8,8 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
-from ssp_eval.demo import MARKER, Step, own_folder
+from ssp_eval.demo import MARKER, own_folder
+from ssp_eval.demo_plan import Step
 
 PLAN = "sha256:of a plan"
 STEP = Step("clip", "make a clip", ("spec", "clip", "cut_in"))

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import PeerError
-from ssp_eval.demo import AT_ONCE, Progress, Step, follow
+from ssp_eval.demo import AT_ONCE, Progress, follow
+from ssp_eval.demo_plan import Step
 
 
 class Script(Step):

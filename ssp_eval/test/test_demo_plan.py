@@ -9,7 +9,7 @@ import pytest
 
 from ssp_core.cli import cli
 from ssp_core.files import write_json
-from ssp_eval import demo
+from ssp_eval import demo_plan as plan
 from ssp_eval.demo import MADE
 from ssp_scenario_manager.event_spec.load import load_event, write_event
 
@@ -30,9 +30,9 @@ def parse(arguments: tuple[str, ...]) -> click.Context:
     return context
 
 
-@pytest.mark.parametrize("scenarios", [demo.DEFAULT_SCENARIOS, demo.SCENARIOS, ("lead_braking",)])
+@pytest.mark.parametrize("scenarios", [plan.DEFAULT_SCENARIOS, plan.SCENARIOS, ("lead_braking",)])
 def test_every_step_is_a_command_that_exists(scenarios: tuple[str, ...]) -> None:
-    steps = demo.plan_steps(OUT, scenarios)
+    steps = plan.plan_steps(OUT, scenarios)
     for step in steps:
         if step.arguments[0] != "import-video":
             assert parse(step.arguments).params, step.name
@@ -48,17 +48,17 @@ def test_every_step_is_a_command_that_exists(scenarios: tuple[str, ...]) -> None
 
 
 def test_the_models_are_asked_about_twins_of_every_simulation() -> None:
-    (evaluate,) = (s for s in demo.plan_steps(OUT, demo.SCENARIOS) if s.name == "evaluate")
+    (evaluate,) = (s for s in plan.plan_steps(OUT, plan.SCENARIOS) if s.name == "evaluate")
     assert parse(evaluate.arguments).params["twins"] is True
-    assert {f"{scenario}/twins" for scenario in demo.SCENARIOS} <= set(evaluate.after)
+    assert {f"{scenario}/twins" for scenario in plan.SCENARIOS} <= set(evaluate.after)
 
 
 def test_the_evaluation_goes_on_without_a_scenario_that_failed(tmp_path: Path) -> None:
-    steps = {step.name: step for step in demo.plan_steps(tmp_path, demo.DEFAULT_SCENARIOS)}
-    write_json(demo.audit_folder(tmp_path, "cut_in") / "audit.json", {})
+    steps = {step.name: step for step in plan.plan_steps(tmp_path, plan.DEFAULT_SCENARIOS)}
+    write_json(plan.audit_folder(tmp_path, "cut_in") / "audit.json", {})
     asked = steps["evaluate"].command("python")
     assert [word for word in asked if word.endswith("bag")] == [
-        str(demo.run_folder(tmp_path, "cut_in", domain) / "bag")
+        str(plan.run_folder(tmp_path, "cut_in", domain) / "bag")
         for domain in ("synthetic", "simulation", "physical")
     ]
     assert not any("vru_crossing" in word for word in asked)
@@ -66,13 +66,13 @@ def test_the_evaluation_goes_on_without_a_scenario_that_failed(tmp_path: Path) -
 
 
 def test_what_a_clip_declares_is_taken_from_its_truth(tmp_path: Path) -> None:
-    (step,) = (s for s in demo.plan_steps(tmp_path, ["cut_in"]) if s.arguments[0] == "import-video")
+    (step,) = (s for s in plan.plan_steps(tmp_path, ["cut_in"]) if s.arguments[0] == "import-video")
     camera = {"hfov_deg": 66.0, "height_m": 1.35, "pitch_down_rad": 0.02}
     speeds = [{"t_s": 0.0, "speed_mps": 11.512}, {"t_s": 0.1, "speed_mps": 9.0}]
-    truth = demo.clip_path(tmp_path, "cut_in").with_suffix(".truth.json")
+    truth = plan.clip_path(tmp_path, "cut_in").with_suffix(".truth.json")
     write_json(truth, {"camera": camera, "ego_speed_mps": speeds})
     event, version = load_event("cut_in")
-    write_event(demo.event_path(tmp_path, "cut_in"), event)
+    write_event(plan.event_path(tmp_path, "cut_in"), event)
     arguments = step.command("python")[3:]
     params = parse(tuple(arguments)).params
     assert params["ego_speed"] == 11.51
@@ -81,20 +81,20 @@ def test_what_a_clip_declares_is_taken_from_its_truth(tmp_path: Path) -> None:
 
 
 def test_all_three_domains_are_made_from_the_k_star_that_is_bound_to_the_clip() -> None:
-    k_star = str(demo.event_path(OUT, "cut_in"))
-    made = {step.name for step in demo.plan_steps(OUT, ["cut_in"]) if k_star in step.arguments}
+    k_star = str(plan.event_path(OUT, "cut_in"))
+    made = {step.name for step in plan.plan_steps(OUT, ["cut_in"]) if k_star in step.arguments}
     assert made == {"cut_in/simulation", "cut_in/task"}
 
 
-@pytest.mark.parametrize("name", demo.SCENARIOS)
+@pytest.mark.parametrize("name", plan.SCENARIOS)
 def test_clips_are_those_that_the_events_name(name: str) -> None:
     event = load_event(name)[0]
-    assert event.source.generator == demo.GENERATOR
+    assert event.source.generator == plan.GENERATOR
 
 
 def test_all_that_is_made_is_known_when_it_is_cleared() -> None:
     """A step writes below the folder only into what a later demonstration may remove."""
-    for step in demo.plan_steps(OUT, ["cut_in"]):
+    for step in plan.plan_steps(OUT, ["cut_in"]):
         for argument in step.arguments:
             path = Path(argument)
             if path.parts[:1] == (OUT.name,) and len(path.parts) > 1:

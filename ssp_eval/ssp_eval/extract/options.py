@@ -95,7 +95,7 @@ def _groups(text: str, fields: Sequence[_Field]) -> Iterator[list[_Field]]:
 
 
 def _holding(group: Sequence[_Field]) -> list[bool | None]:
-    """Whether each field of a group asserts its name; None where it isn't for its value to say."""
+    """Tell whether each field of a group asserts its name; None where its value can't say."""
     found: list[bool | None] = []
     for one in group:
         if one.value in _YES | _NO:
@@ -108,7 +108,7 @@ def _holding(group: Sequence[_Field]) -> list[bool | None]:
 
 
 def _leads(one: _Field, group: Sequence[_Field]) -> bool | None:
-    """Whether a share is the clear maximum of those of its slot."""
+    """Tell whether a share is the clear maximum of those of its slot."""
     same = [other for other in group if other.slots & one.slots and other.value[:1].isdigit()]
     shares = [(float(other.value.rstrip("% ")), "%" in other.value) for other in same]
     whole = 100.0 if any(p for _, p in shares) or max(v for v, _ in shares) > 1.0 else 1.0
@@ -177,7 +177,7 @@ def _options(text: str, run: Sequence[re.Match[str]]) -> list[_Option]:
 
 
 def _are_options(text: str, options: Sequence[_Option], values_of: Values) -> bool:
-    """Whether items are alternatives: called so, or short and contradicting each other."""
+    """Tell whether items are alternatives: called so, or short and contradicting each other."""
     if _CALLED.search(text[max(0, options[0].start - 40) : options[0].start]):
         return True
     items = [text[one.begin : one.end].strip() for one in options]

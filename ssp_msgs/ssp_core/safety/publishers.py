@@ -1,4 +1,4 @@
-"""Who may publish what in a session: one table, by which manager and recorder find strangers.
+"""The publishers that each topic of a session may have, one table that finds strangers.
 
 Most topics have one publisher, whoever it is: a second one is a stranger. Topics that several parts
 of a session share may be published once by each process of these parts; a part's processes are
@@ -101,7 +101,7 @@ def _asks_for_references(run: RunSpec, object_id: str) -> bool:
 
 
 def _proofs(run: RunSpec | None) -> dict[str, Part]:
-    """By topic with one publisher, the part that its publisher's process belongs to."""
+    """Give, by topic with one publisher, the part that its publisher's process belongs to."""
     found = {topic: part for part, topic in _PROOFS.items()}
     for target in () if run is None else run.targets:
         found |= dict.fromkeys(
@@ -158,7 +158,7 @@ class PublisherRules:
         return frozenset(self._proofs)
 
     def strangers(self, topic: str, found: Sequence[Publisher]) -> Strangers | None:
-        """Who publishes a topic and shouldn't; None while all is well.
+        """Name who publishes a topic and shouldn't; None while all is well.
 
         Args:
             topic: one of ``expected``.
