@@ -151,8 +151,8 @@ class RunClient:
         """The first sign that the running session is going to end badly: when, and what it was."""
         self.elapsed_s = 0.0
         self._running_since: float | None = None
-        # Of the start, once it was heard: a live session's clock counts from 1970, a simulated one's
-        # from 0.
+        # Of the start, once it was heard. The clock of a live session counts from 1970, that of a
+        # simulated one from 0.
         self._zero_ns: int | None = None
         self.running_wall_s = 0.0
         self.silent_s = 0.0
