@@ -87,6 +87,15 @@ def test_an_objects_own_stricter_limit_is_shown_and_stands_in_nobodys_way(run):
     assert shown[0]["its own stricter limits"] == "limits.heartbeat_s 0.25 instead of 0.5"
 
 
+def test_a_heading_that_is_not_known_at_rest_is_shown(run):
+    limits = run.limits.model_copy(update={"heading_by_course": ["ot1"]})
+    for one, words in ((run, ""), (run.model_copy(update={"limits": limits}), "first metre")):
+        parts = health(ready_board(one), ClockWatch(), 10 * S)
+        (shown,) = (dict(part.values) for part in parts if part.part == "ot1")
+        assert shown["heading at rest"].endswith(words)
+        assert bool(shown["heading at rest"]) == bool(words)
+
+
 def test_nothing_stands_in_the_way_of_what_is_ready(run):
     board = ready_board(run)
     assert standing_in_the_way(board, 10 * S) == []

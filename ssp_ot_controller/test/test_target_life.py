@@ -641,6 +641,24 @@ def test_an_object_whose_states_contradict_its_places_stops_and_is_not_armed() -
     assert "its states contradict its places: speed contradicts the way" in refusal.error_msg
 
 
+@pytest.mark.parametrize(("start_rad", "stops"), [(0.3, False), (math.pi, True)])
+def test_an_object_whose_heading_is_unknown_at_rest_stops_where_it_leaves_the_other_way(
+    start_rad: float, stops: bool
+) -> None:
+    rig = Rig()
+    one = rig.run.targets[0]
+    start = one.start.model_copy(update={"yaw_rad": start_rad})
+    limits = rig.run.limits.model_copy(update={"heading_by_course": ["ot1"]})
+    targets = [one.model_copy(update={"start": start})]
+    rig.target = Target("ot1", rig.run.model_copy(update={"limits": limits, "targets": targets}))
+    rig.start()
+    assert rig.take(reference("a", rig.now_ns + S // 2, straight(8.0))) is None
+    outcomes = [rig.step() for _ in range(150)]
+    stopped = [one.stopped for one in outcomes if one.stopped is not None]
+    assert [one.code for one in stopped] == ([SafetyCode.STATE_CONTRADICTS] if stops else [])
+    assert (rig.body.x_m < 42.0) is stops
+
+
 def test_an_object_with_an_empty_twist_is_not_cleared_while_it_moves() -> None:
     rig = Rig()
     rig.drive(seconds=4.0)

@@ -37,11 +37,19 @@ class Receiver:
         least: FixType = FixType.GBAS,
         speeds: bool = True,
         datum: Datum = DATUM,
+        start_yaw_rad: float | None = None,
     ) -> None:
         self.lever = lever or LeverArm()
         self.datum = datum
         states = VutStates(VUT, self.lever, "map")
-        self.states = GnssStates(states, self.lever, datum, Gate(least, 0.3), speeds=speeds)
+        self.states = GnssStates(
+            states,
+            self.lever,
+            datum,
+            Gate(least, 0.3),
+            speeds=speeds,
+            start_yaw_rad=start_yaw_rad,
+        )
 
     def heading(self, t_s: float, yaw_rad: float = 0.3, variance_rad2: float = 1e-6) -> Heading:
         half = (yaw_rad + self.lever.yaw_left_rad + self.datum.yaw_rad) / 2.0
@@ -271,3 +279,42 @@ def test_a_place_without_an_altitude_lies_at_the_datums() -> None:
     fix = receiver.place(1.0)
     state = receiver.take(replace(fix, place=replace(fix.place, altitude_m=math.nan)))
     assert (state.x_m, state.y_m) == pytest.approx((30.0, 40.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("speeds", [True, False])
+def test_a_heading_by_course_is_the_starts_until_one_is_told(speeds: bool) -> None:
+    lever = LeverArm(1.2, 0.0, 0.5)
+    receiver = Receiver(lever, speeds=speeds, start_yaw_rad=0.3)
+
+    def unsure(t_s: float, yaw_rad: float, speed_mps: float) -> None:
+        receiver.states.hear_speed(Speed(seconds_to_ns(t_s), speed_mps))
+        with pytest.raises(Unusable, match="uncertain"):
+            receiver.states.hear_heading(receiver.heading(t_s, yaw_rad, 9.0))
+
+    def place(t_s: float, x_m: float) -> NavSat:
+        here = Pose2(x_m, 4.0, 0.3)
+        return receiver.place(t_s, *here.to_parent(1.2, 0.0))
+
+    if not speeds:
+        with pytest.raises(Unusable, match="speed: not known of the first fix"):
+            receiver.take(place(0.0, 3.0))
+    for k in range(1, 3):
+        unsure(0.1 * k, 2.0, 0.0)
+        state = receiver.take(place(0.1 * k, 3.0))
+        assert (state.x_m, state.y_m, state.yaw_rad) == pytest.approx((3.0, 4.0, 0.3))
+    receiver.hear(0.3, 0.4, 0.8)
+    assert receiver.take(place(0.3, 3.05)).yaw_rad == pytest.approx(0.4)
+    # It stands again, and its heading is the last one that was told.
+    for k in range(4, 12):
+        unsure(0.1 * k, -2.0, 0.0)
+        state = receiver.take(place(0.1 * k, 3.05))
+    assert state.yaw_rad == pytest.approx(0.4)
+    for k in range(12, 20):
+        unsure(0.1 * k, 0.4, 1.1)
+        try:
+            receiver.take(place(0.1 * k, 3.05 + 0.11 * (k - 11)))
+            told = ""
+        except Unusable as error:
+            told = str(error)
+    # Without speeds it takes some places to know that it drives.
+    assert told.startswith("heading: the last usable one is")

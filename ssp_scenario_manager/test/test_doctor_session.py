@@ -291,6 +291,9 @@ def test_motion_that_contradicts_its_places_fails_and_near_misses_are_counted(li
     name = "motion of vut"
     still = replace(sound, motion={"vut": ConsistencyWatch(Bounds())})
     assert finding(live, still, name).text.startswith("it stood: ")
+    by_course = live.limits.model_copy(update={"heading_by_course": ["vut"]})
+    told = finding(live.model_copy(update={"limits": by_course}), still, name).text
+    assert told.endswith("(limits.heading_by_course): judged on its first metre")
     good = finding(live, watched(8.0), name)
     assert (good.status, "agrees with its places in 75 windows" in good.text) == (Status.OK, True)
     near = finding(live, watched(10.4), name)

@@ -280,6 +280,14 @@ def test_who_is_turned_is_named(ask: Ask, event: Gate, yaw_rad: float, says: lis
     assert ask(CONNECT, vut={"yaw_rad": yaw_rad}) == []
 
 
+@pytest.mark.parametrize("event", [ARM, START])
+def test_who_has_no_heading_at_rest_is_turned_as_its_start_is(ask: Ask, event: Gate) -> None:
+    by_course = {"heading_by_course": ["vut", "ot1"]}
+    assert ask(event, vut={"yaw_rad": math.pi}, ot1={"yaw_rad": -1.5}, limits=by_course) == []
+    (far,) = ask(event, vut={"yaw_rad": 1.0, "x_m": 2.0}, limits=by_course)
+    assert far.startswith("vut is 2.00 m from its start")
+
+
 def test_who_contradicts_its_places_is_named(ask: Ask) -> None:
     watch = ConsistencyWatch(Bounds())
     for k in range(100):

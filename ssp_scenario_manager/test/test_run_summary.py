@@ -51,6 +51,17 @@ def test_who_is_real_and_how_far_from_the_start(
     )
 
 
+def test_a_heading_that_is_not_known_at_rest_is_said(
+    run: RunSpec, state: Callable[..., ObjectState]
+) -> None:
+    limits = run.limits.model_copy(update={"heading_by_course": ["vut"]})
+    facts, states = Facts({"ot1": 0.0, "vut": 0.0}), {i: state(i) for i in ("vut", "ot1")}
+    by_course = run.model_copy(update={"limits": limits})
+    lines = summary(by_course, LiveSetup({}), facts, states)
+    words = "its heading is not known at rest (limits.heading_by_course): judged on its first metre"
+    assert [line.split(",")[0].strip() for line in lines if words in line] == ["vut"]
+
+
 def test_the_prompt_names_the_words() -> None:
     assert '"start"' in PROMPT
     assert '"abort"' in PROMPT

@@ -10,6 +10,7 @@ import pytest
 
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Fault, RunSpec
+from ssp_core.safety.start_heading import UNKNOWN_AT_REST
 from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_core.world.plant import ManagerUpdate, Plant, StepReport, make_plant
 from ssp_scenario_manager.compile.targets.folder import prepare_run
@@ -112,6 +113,52 @@ def test_a_vut_that_faces_backwards_is_not_armed(spec: RunSpec) -> None:
         "vut is turned by +3.14 rad from its start's heading, limit 0.35 rad",
     )
     assert session.session.verdict is Verdict.NONE
+
+
+def by_course(spec: RunSpec) -> RunSpec:
+    """The run of a VUT whose receiver has one antenna."""
+    limits = spec.limits.model_copy(update={"heading_by_course": ["vut"]})
+    return spec.model_copy(update={"limits": limits})
+
+
+def single_antenna(yaw_rad: float) -> Change:
+    """A source that states any yaw while it stands, and the course over ground beyond."""
+    return lambda s: s if abs(s.speed_mps) > 0.1 else replace(s, yaw_rad=yaw_rad)
+
+
+def the_other_way(spec: RunSpec) -> Change:
+    """What a single antenna states of a VUT that leaves its start backwards."""
+    start = spec.vut.start
+
+    def change(state: ObjectState) -> ObjectState:
+        x_m, y_m = 2.0 * start.x_m - state.x_m, 2.0 * start.y_m - state.y_m
+        mirrored = replace(state, x_m=x_m, y_m=y_m)
+        return turned(mirrored) if state.speed_mps > 0.1 else mirrored
+
+    return change
+
+
+def test_a_vut_with_one_antenna_may_state_any_yaw_at_rest(spec: RunSpec) -> None:
+    start_rad = spec.vut.start.yaw_rad
+    session, _ = play(by_course(spec), single_antenna(start_rad + 2.5))
+    assert (session.session.verdict, session.session.reasons) == (Verdict.VALID, ())
+    armed = next(one for one in session.of_kind(StateChanged) if one.event == "arm")
+    assert armed.reason.endswith(f"; vut: {UNKNOWN_AT_REST}")
+    session, _ = play(spec, single_antenna(start_rad + 2.5))
+    assert session.problems == (
+        "vut is turned by +2.50 rad from its start's heading, limit 0.35 rad",
+    )
+
+
+def test_a_vut_with_one_antenna_that_leaves_backwards_ends_the_session(spec: RunSpec) -> None:
+    session, plant = play(by_course(spec), the_other_way(spec))
+    (reason,) = session.session.reasons
+    assert reason.startswith("state_contradicts: vut: its first 1.")
+    assert "lead +180° off its start's heading, limit 20° at 1." in reason
+    assert session.session.verdict is Verdict.FAILED_SAFETY
+    assert session.session.state is SessionPhase.ABORTED
+    assert session.of_kind(Triggered) == []
+    assert_it_stands(session, plant)
 
 
 def test_an_abort_waits_for_the_places_where_the_twist_is_empty(spec: RunSpec) -> None:

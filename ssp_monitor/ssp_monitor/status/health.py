@@ -14,6 +14,7 @@ from ssp_core.safety import liveness
 from ssp_core.safety.body_status import FORGOTTEN_S, BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.fence import box_excess_m
+from ssp_core.safety.start_heading import UNKNOWN_AT_REST
 from ssp_core.vocabulary import ControlState, Role, SessionPhase, Verdict
 from ssp_monitor.status.board import (
     DEFAULT_STATE_AGE_S,
@@ -302,8 +303,14 @@ def _object(board: Board, object_id: str, now_ns: int) -> Status:
         ("clock offset, s", _number(link.offset_s, 4)),
         ("states lost", str(link.lost)),
         ("its own stricter limits", "; ".join(_stricter(board, object_id))),
+        ("heading at rest", _heading_at_rest(limits, object_id)),
     )
     return Status(name, object_id, level, message, values)
+
+
+def _heading_at_rest(limits: Limits | None, object_id: str) -> str:
+    by_course = limits is not None and object_id in limits.heading_by_course
+    return UNKNOWN_AT_REST if by_course else ""
 
 
 def _stricter(board: Board, object_id: str) -> tuple[str, ...]:

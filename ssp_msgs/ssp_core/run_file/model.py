@@ -72,6 +72,9 @@ class Limits(Strict):
     omnidirectional: list[ObjectId] = Field(
         [], description="objects that may move in any direction, whatever their heading"
     )
+    heading_by_course: list[ObjectId] = Field(
+        [], description="objects whose heading is the course over ground, unknown while they stand"
+    )
 
     @model_serializer(mode="wrap")
     def _as_before_these(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -80,6 +83,7 @@ class Limits(Strict):
             start_yaw_rad=START_YAW_RAD,
             stop_reaction_s=STOP_REACTION_S,
             omnidirectional=[],
+            heading_by_course=[],
         )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from ssp_core import names
@@ -203,10 +203,19 @@ class Situation:
 
     @property
     def present(self) -> list[tuple[ParticipantSpec, ObjectState]]:
-        """Participants of which a state is known, the VUT first."""
+        """Participants of which a state is known, the VUT first.
+
+        Of one whose heading isn't known at rest the start's counts, until its first metre.
+        """
         known = {**self.targets, **({} if self.vut is None else {self.spec.vut.id: self.vut})}
         everyone = (self.spec.vut, *self.spec.targets)
-        return [(one, known[one.id]) for one in everyone if one.id in known]
+        return [(one, self._turned(one, known[one.id])) for one in everyone if one.id in known]
+
+    def _turned(self, one: ParticipantSpec, state: ObjectState) -> ObjectState:
+        """A state; where its heading isn't known at rest, turned as its start is."""
+        if one.id not in self.spec.limits.heading_by_course:
+            return state
+        return replace(state, yaw_rad=one.start.yaw_rad)
 
     def state_of(self, object_id: str) -> ObjectState | None:
         """The newest state of the VUT or of an object."""

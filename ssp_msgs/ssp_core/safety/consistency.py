@@ -39,7 +39,7 @@ _DIRECTION_RAD = {
 DELAY_S = 0.3
 _DELAYS_S = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
 # Three sigma of the distance between two places.
-_SIGMAS = 3.0 * math.sqrt(2.0)
+SIGMAS = 3.0 * math.sqrt(2.0)
 # A contradiction ends a session when it holds for so long on end; a shorter one is kept in mind
 # from so many windows on: single places may be wrong by more than three sigma.
 HOLDS_S = 0.5
@@ -319,7 +319,7 @@ class ConsistencyWatch:
         speed = (self._odo[n] - self._odo[start]) / span
         stated = abs(speed)
         larger = stated if stated > way else way
-        noise = max(self._std[start], self._std[n]) * _SIGMAS / span
+        noise = max(self._std[start], self._std[n]) * SIGMAS / span
         share = abs(stated - way) / max(SPEED_SHARE * larger, SPEED_MPS, noise)
         off = abs(stated - way) > max(AXES_SHARE * larger, SPEED_MPS, noise)
         moves = larger >= DIRECTION_MPS
@@ -394,7 +394,7 @@ class ConsistencyWatch:
         return max(share, SPEED_MPS, self._noise_m(first) / window.span_s)
 
     def _noise_m(self, first: int) -> float:
-        return _SIGMAS * max(self._std[first], self._std[-1])
+        return SIGMAS * max(self._std[first], self._std[-1])
 
     def _direction_window(self, start: int, n: int) -> _Window | None:
         """Give the shortest window that is long enough to say where the object goes, if any."""

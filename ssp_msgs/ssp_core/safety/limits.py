@@ -240,6 +240,11 @@ def net_way_m(watch: ConsistencyWatch) -> tuple[float, float] | None:
     return None if way_m <= limit_m else (way_m, limit_m)
 
 
+def has_stood(state: ObjectState, watch: ConsistencyWatch) -> bool:
+    """True where speed and places say that the object stands, as far as its places are known."""
+    return abs(state.speed_mps) <= STANDSTILL_MPS and net_way_m(watch) is None
+
+
 def link_violations(offset_s: float, delay_s: float, limits: Limits) -> list[LimitViolation]:
     """What is wrong with a link that was measured by a message and its answer, the delay first.
 

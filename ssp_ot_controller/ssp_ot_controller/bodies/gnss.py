@@ -31,6 +31,8 @@ HEADING_STD_RAD = 0.05
 _BACKWARDS_MPS = 0.1
 # A vehicle that drives goes where it heads, but for its slip; a heading against another axis shows.
 _DRIVES_MPS = 3.0
+# Faster than this a receiver whose heading is the course over ground must tell one.
+_TELLS_COURSE_MPS = 1.0
 _MOST_ACROSS = 0.5
 _HIGHEST_M = 1e5
 
@@ -103,17 +105,27 @@ class GnssStates:
     Args:
         states: makes them of fixes in frame map.
         speeds: speeds are heard; False: speed is made of differences of places.
+        start_yaw_rad: of the vehicle at its start, where the heading is known only while it drives;
+            it counts until then, and the last known one after it. None: one is told at rest too.
     """
 
     def __init__(
-        self, states: VutStates, lever: LeverArm, datum: Datum, gate: Gate, *, speeds: bool
+        self,
+        states: VutStates,
+        lever: LeverArm,
+        datum: Datum,
+        gate: Gate,
+        *,
+        speeds: bool,
+        start_yaw_rad: float | None = None,
     ) -> None:
         self._states = states
         self._turned_rad = lever.yaw_left_rad
         self._datum = datum
         self._gate = gate
         self._hears_speeds = speeds
-        self._yaw_rad = 0.0
+        self._by_course = start_yaw_rad is not None
+        self._yaw_rad = (start_yaw_rad or 0.0) + lever.yaw_left_rad
         self._yaw_rate_radps = 0.0
         self._heading_ns: int | None = None
         self._speed: Speed | None = None
@@ -182,10 +194,8 @@ class GnssStates:
         if not (known and abs(place.altitude_m) <= _HIGHEST_M):
             raise Unusable("its place is none on the Earth")
         self._states.check_stamp(fix.stamp_ns, now_ns)
-        self._near("heading", self._heading_ns, fix.stamp_ns, self._why_no_heading)
+        yaw_rad = self._unit_yaw_rad(fix.stamp_ns)
         x_m, y_m, _ = self._datum.to_site(place)
-        later_s = ns_to_seconds(fix.stamp_ns - (self._heading_ns or 0))
-        yaw_rad = wrap_angle(self._yaw_rad + self._yaw_rate_radps * later_s)
         forward_mps = self._forward_mps(fix.stamp_ns, x_m, y_m, yaw_rad - self._turned_rad)
         # Along the vehicle, as the unit sees it with its own axes.
         c, s = math.cos(self._turned_rad), math.sin(self._turned_rad)
@@ -204,6 +214,23 @@ class GnssStates:
             ),
             now_ns,
         )
+
+    def _unit_yaw_rad(self, stamp_ns: int) -> float:
+        """Give the heading of the unit in the site's frame."""
+        try:
+            self._near("heading", self._heading_ns, stamp_ns, self._why_no_heading)
+        except Unusable:
+            if not self._by_course or self._latest_mps() > _TELLS_COURSE_MPS:
+                raise
+            self._yaw_rate_radps = 0.0
+            return wrap_angle(self._yaw_rad)
+        later_s = ns_to_seconds(stamp_ns - (self._heading_ns or stamp_ns))
+        return wrap_angle(self._yaw_rad + self._yaw_rate_radps * later_s)
+
+    def _latest_mps(self) -> float:
+        if self._hears_speeds:
+            return 0.0 if self._speed is None else self._speed.speed_mps
+        return math.hypot(*(self._velocity or (0.0, 0.0)))
 
     def _near(self, what: str, stamp_ns: int | None, fix_ns: int, why: str = "") -> None:
         """Raises Unusable where a fix has no partner that was measured about when it was."""

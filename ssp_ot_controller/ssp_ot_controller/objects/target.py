@@ -14,9 +14,11 @@ from ssp_core.safety.limits import (
     Continuity,
     LimitViolation,
     follow,
+    has_stood,
     net_way_m,
     state_contradicts,
 )
+from ssp_core.safety.start_heading import start_heading
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.bodies.body import BodyCheck, Decided
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command, brake_command, tightened
@@ -98,6 +100,7 @@ class Target:
         self._own: ObjectState | None = None
         self._continuity = Continuity()
         self._motion = ConsistencyWatch(Bounds.of(object_id, spec.cls, run.limits))
+        self._heading = start_heading(spec, run.limits)
         self._queue = ReferenceQueue()
         self._error: TrackingError | None = None
         self._refused = 0
@@ -283,6 +286,8 @@ class Target:
         self._continuity, broken = follow(self._continuity, own, self._run.limits, asked_mps)
         if (contradicts := state_contradicts(self._motion)) is not None:
             broken.append(contradicts)
+        if (turned := self._turned(own, running=running)) is not None:
+            broken.append(turned)
         lost = lost_its_place(own, now_ns, broken, self._run.limits)
         if lost is not None and self.state in _MAY_MOVE:
             self._blind = True
@@ -327,6 +332,15 @@ class Target:
             command, self._braking = tracking, None
         self._command = command
         return TargetStep(command, self._report(own), stopped)
+
+    def _turned(self, own: ObjectState, *, running: bool) -> LimitViolation | None:
+        """How far the object faces off its start's heading, where its first metre shows it."""
+        if self._heading is None or not own.is_finite:
+            return None
+        if not running:
+            self._heading.clear()
+            return None
+        return self._heading.see(own, stands=has_stood(own, self._motion))
 
     def _body_violation(self) -> LimitViolation | None:
         """What the body does that it must not; each is told once."""

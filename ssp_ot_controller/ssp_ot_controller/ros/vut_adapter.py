@@ -81,8 +81,14 @@ class VutAdapter(Node):
             )
         gate = Gate(FixType[given["least_fix"].upper()], run.limits.state_age_s)
         self._velocity = given["velocity"]
+        by_course = run.vut.id in run.limits.heading_by_course
         self._gnss = GnssStates(
-            self._states, lever, run.datum.datum, gate, speeds=bool(self._velocity)
+            self._states,
+            lever,
+            run.datum.datum,
+            gate,
+            speeds=bool(self._velocity),
+            start_yaw_rad=run.vut.start.yaw_rad if by_course else None,
         )
         sub = self.create_subscription
         sub(NavSatFix, self._places, self._on_place, ros.DRIVER)

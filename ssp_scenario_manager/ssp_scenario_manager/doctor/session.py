@@ -22,6 +22,7 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.consistency import ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.safety.object_rules import RulesCheck, untold
+from ssp_core.safety.start_heading import UNKNOWN_AT_REST
 from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.doctor.checks import Finding, Status, fail, ok
 
@@ -159,7 +160,8 @@ def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
         silent = fail(f"state of {object_id}", missing, remedy)
         stream, lost = heard.streams[object_id], heard.lost.get(object_id, 0)
         findings.append(_stream(silent, stream, rate_hz, oldest_s, lost))
-    findings += [_motion(i, heard.motion[i]) for i in ids if i in heard.motion]
+    by_course = spec.limits.heading_by_course
+    findings += [_motion(i, heard.motion[i], i in by_course) for i in ids if i in heard.motion]
     findings += [_frames(spec, i, stream) for i, stream in sorted(heard.frames.items())]
     if spec.camera is not None:
         findings.append(_camera(spec.camera.rate_hz, heard))
@@ -185,15 +187,19 @@ def _stream(
     return Finding(silent.name, worst, text, "" if worst is Status.OK else _remedy(stream))
 
 
-def _motion(object_id: str, watch: ConsistencyWatch) -> Finding:
+def _motion(object_id: str, watch: ConsistencyWatch, by_course: bool) -> Finding:
     """Stated motion against places; near misses are for tuning before a day on the track."""
+    known_later = f"; {UNKNOWN_AT_REST}" if by_course else ""
     name = f"motion of {object_id}"
     if watch.doubt is not None:
         remedy = "look at the axes, units and mounting of its source; then drive it again"
         return fail(name, f"contradicts its places: {watch.doubt.text}", remedy)
     if not watch.moving_windows:
-        return ok(name, "it stood: speed, direction and yaw are judged while it moves")
+        return ok(
+            name, f"it stood: speed, direction and yaw are judged while it moves{known_later}"
+        )
     text = f"agrees with its places in {watch.windows} windows, {watch.moving_windows} moving"
+    text += known_later
     if not watch.near_misses:
         return ok(name, text)
     near = f"{watch.near_misses} near misses, at most {watch.nearest:.0%} of the bound"

@@ -10,6 +10,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety.arming import Facts
+from ssp_core.safety.start_heading import UNKNOWN_AT_REST
 from ssp_scenario_manager.run.live import LiveSetup
 from ssp_scenario_manager.run.word import ABORT, HOLDS_S, START
 from ssp_scenario_manager.session.preconditions import FRESH_S
@@ -76,7 +77,9 @@ def _place(spec: RunSpec, one: ParticipantSpec, facts: Facts, state: ObjectState
     away_m = math.hypot(state.x_m - one.start.x_m, state.y_m - one.start.y_m)
     far = "" if away_m <= spec.limits.start_region_m else "TOO FAR, "
     control = "" if one.id == spec.vut.id else f"{state.control_state.name}, "
+    by_course = one.id in spec.limits.heading_by_course
+    heading = f"; {UNKNOWN_AT_REST}" if by_course else ""
     return (
         f"connected, {control}{far}{away_m:.2f} m from its start (limit "
-        f"{spec.limits.start_region_m:g} m), {state.speed_mps:.1f} m/s"
+        f"{spec.limits.start_region_m:g} m), {state.speed_mps:.1f} m/s{heading}"
     )

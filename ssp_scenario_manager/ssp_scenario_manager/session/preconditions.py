@@ -40,9 +40,8 @@ def stands(
         least_s: that its places must cover.
     """
     return (
-        judge.net_way_m(watch) is None
+        judge.has_stood(state, watch)
         and watch.net_way_m(judge.STOOD_S)[1] >= least_s
-        and abs(state.speed_mps) <= judge.STANDSTILL_MPS
         and abs(ns_to_seconds(now_ns - state.stamp_ns)) <= FRESH_S
         and state.control_state not in (_NOT_ABORTED if aborting else _MOVING)
     )

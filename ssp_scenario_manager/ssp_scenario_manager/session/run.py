@@ -17,9 +17,11 @@ from ssp_core.safety.limits import (
     Continuity,
     LimitViolation,
     follow,
+    has_stood,
     outside_geofence,
     state_contradicts,
 )
+from ssp_core.safety.start_heading import StartHeading, start_heading
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.dispatch.adaptation import Adaptations
 from ssp_scenario_manager.dispatch.references import (
@@ -66,6 +68,7 @@ class Run:
     closed: bool = False
     continuity: dict[str, Continuity] = field(default_factory=dict)
     motion: dict[str, ConsistencyWatch] = field(default_factory=dict)
+    headings: dict[str, StartHeading] = field(default_factory=dict)
     _breaks: list[Violation] = field(default_factory=list)
     _blamed: set[tuple[SafetyCode, str]] = field(default_factory=set)
     _given: set[str] = field(default_factory=set)
@@ -74,6 +77,8 @@ class Run:
         limits = self.spec.limits
         for one in (self.spec.vut, *self.spec.targets):
             self.motion[one.id] = ConsistencyWatch(Bounds.of(one.id, one.cls, limits))
+            if (heading := start_heading(one, limits)) is not None:
+                self.headings[one.id] = heading
 
     def elapsed_s(self, now_ns: int) -> float:
         """Session time since the start, 0 before it."""
@@ -140,6 +145,10 @@ class Run:
             watch.see(state)
             kind = "" if watch.contradiction is None else watch.contradiction.text
             found.append(of_object(state_contradicts(watch), state.object_id, state.stamp_ns, kind))
+            heading = self.headings.get(state.object_id)
+            if heading is not None and self.started_ns is not None:
+                turned = heading.see(state, stands=has_stood(state, watch))
+                found.append(of_object(turned, state.object_id, state.stamp_ns))
         self._breaks += [violation for violation in found if violation is not None]
 
     def _crossed_fence(self, before: ObjectState, state: ObjectState) -> LimitViolation | None:

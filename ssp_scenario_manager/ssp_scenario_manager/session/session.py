@@ -14,6 +14,7 @@ from ssp_core.safety import arming
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.liveness import WATCHED
 from ssp_core.safety.publishers import NAMELESS
+from ssp_core.safety.start_heading import UNKNOWN_AT_REST
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_scenario_manager.dispatch import references
 from ssp_scenario_manager.session import limits, outbox, preconditions, progress
@@ -130,6 +131,7 @@ class Session:
             why += f"; {self._run.blind_text}"
             for object_id, rules in self.facts.rules.items():
                 why += "".join(f"; {object_id} has its own {one}" for one in rules.stricter)
+            why += "".join(f"; {who}: {UNKNOWN_AT_REST}" for who in self._run.headings)
         self._move(event, now_ns, why)
         if event is SessionEvent.ARM and self._run is not None:
             self._run.armed = True
