@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ssp_core.run_file.model import Limits
-from ssp_core.safety import consistency
+from ssp_core.safety import window
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch, Contradiction
 from ssp_core.safety.limits import net_way_m
 from ssp_core.vocabulary import ObjectClass
@@ -74,11 +74,11 @@ def test_of_200_sound_tracks_none_is_refused_and_none_ended(white: float) -> Non
 @pytest.mark.parametrize(
     ("false", "kind"),
     [
-        ("map axes", consistency.MAP_AXES),
-        ("180", consistency.TURNED),
-        ("ned", consistency.NED_YAW),
+        ("map axes", window.MAP_AXES),
+        ("180", window.TURNED),
+        ("ned", window.NED_YAW),
         ("km/h", "speed in km/h"),
-        ("empty", consistency.EMPTY_TWIST),
+        ("empty", window.EMPTY_TWIST),
     ],
 )
 def test_a_source_that_contradicts_itself_ends_a_session(
@@ -107,7 +107,7 @@ def test_a_twist_in_map_axes_shows_although_its_speed_is_off_by_less_than_a_quar
     sound = list(measured(_straight(0.64, 10.0), 0.02, 50.0, np.random.default_rng(1)))
     found = ended(falsified(sound, "map axes"), Bounds())
     assert found is not None
-    assert found[1].kind == consistency.MAP_AXES
+    assert found[1].kind == window.MAP_AXES
 
 
 def drive(
@@ -141,7 +141,7 @@ def test_a_place_that_steps_again_and_again_moves() -> None:
 
     found = ended(drive(5.0, place, speed_mps=0.0, rate_hz=10.0), Bounds())
     assert found is not None
-    assert found[1].kind == consistency.EMPTY_TWIST
+    assert found[1].kind == window.EMPTY_TWIST
 
 
 @pytest.mark.parametrize("late_s", [-0.29, -0.15, 0.15, 0.29])
@@ -160,6 +160,51 @@ def test_a_delay_between_place_and_twist_is_no_contradiction(late_s: float, rate
     ]
     assert all(watch.doubt is None for watch in watched(rows, Bounds()))
     assert ended(rows, Bounds()) is None
+
+
+@pytest.mark.parametrize(("late_s", "ends"), [(0.29, False), (-0.29, False), (None, True)])
+@pytest.mark.parametrize("rate_hz", [10.0, 50.0])
+def test_one_constant_delay_must_explain_a_whole_track(
+    rate_hz: float, late_s: float | None, ends: bool
+) -> None:
+    """Late while it accelerates and early while it brakes is another speed, and no delay."""
+
+    def speed(t: float) -> float:
+        return max(min(8.0 * (t - 1.0), 12.0, 8.0 * (9.0 - t)), 0.0)
+
+    fine = np.arange(0.0, 10.0, 0.01)
+    way = np.cumsum([speed(t) for t in fine]) * 0.01
+    rows = []
+    for t in np.arange(0.5, 9.9, 1.0 / rate_hz).tolist():
+        late = late_s if late_s is not None else math.copysign(0.29, 5.0 - t)
+        rows.append((t, float(np.interp(t, fine, way)), 0.0, 0.0, speed(t - late), 0.0))
+    found = ended(rows, Bounds())
+    assert (found is not None) is ends
+    if found is not None:
+        assert found[1].kind == window.UNSTEADY_DELAY
+        assert 7.5 < found[0] < 9.5
+
+
+HEADINGS_RAD = [k * math.pi / 8.0 for k in range(16)]
+
+
+@pytest.mark.parametrize("source", [0.0, SOURCES["rtk"]])
+@pytest.mark.parametrize("yaw_rad", HEADINGS_RAD)
+def test_map_axes_and_an_empty_twist_are_told_apart_wherever_the_way_leads(
+    yaw_rad: float, source: float
+) -> None:
+    """Due north and south a twist in map axes is nearly empty, but for what isn't exact."""
+    random = np.random.default_rng(3)
+    true = _straight(yaw_rad, 9.3)
+    sound = list(measured(true, source, 50.0, random)) if source else true.rows[::2]
+    rows = [(*map(float, row[:5]), 0.0) for row in sound]
+    found = ended(falsified(rows, "map axes"), Bounds())
+    # Within 22.5 degrees of east its speed is off by less than a tenth, which nobody can tell.
+    assert (found is None) == (math.cos(yaw_rad) > 0.9)
+    assert found is None or found[1].kind == window.MAP_AXES
+    found = ended(falsified(rows, "empty"), Bounds())
+    assert found is not None
+    assert found[1].kind == window.EMPTY_TWIST
 
 
 def test_of_a_person_the_amount_counts_and_of_what_is_omnidirectional_no_direction() -> None:

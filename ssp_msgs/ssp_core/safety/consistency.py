@@ -2,8 +2,9 @@
 
 A source that gives the twist in other axes than it says, another unit, another heading or no twist
 at all contradicts itself as soon as its object moves. Each window of places gives a way: the chord
-between its ends. Stated speed and yaw must fit it, or must have fitted it up to DELAY_S before or
-after. Reads no clock, and needs no state of an object: recordings are judged by the same rules.
+between its ends. Stated speed and yaw must fit it, after one constant delay of each against the
+places (ssp_core.safety.delays). Reads no clock, and needs no state of an object: recordings are
+judged by the same rules.
 """
 
 from __future__ import annotations
@@ -14,17 +15,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.geometry import wrap_angle
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
+from ssp_core.safety.delays import DELAYS_S, Delays
+from ssp_core.safety.window import (
+    LEAST_SAMPLES,
+    MAP_AXES,
+    SPEED_MPS,
+    UNSTEADY_DELAY,
+    WINDOW_S,
+    Window,
+    kind_of,
+    speed_bound_mps,
+)
 from ssp_core.vocabulary import ObjectClass
 
-# A window lasts so long, or longer until it holds so many samples.
-WINDOW_S = 0.5
-LEAST_SAMPLES = 3
-# Stated speed against the way travelled; a share is of the larger of both.
-SPEED_SHARE = 0.25
-SPEED_MPS = 0.5
 # A twist that fits map axes is told from here on.
 AXES_SHARE = 0.1
 # A direction needs so long a way and counts above so fast a motion.
@@ -35,9 +40,6 @@ _DIRECTION_RAD = {
     ObjectClass.CYCLIST: math.radians(30.0),
     ObjectClass.PEDESTRIAN: math.radians(60.0),
 }
-# Parts of one state may be measured so far apart.
-DELAY_S = 0.3
-_DELAYS_S = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
 # Three sigma of the distance between two places.
 SIGMAS = 3.0 * math.sqrt(2.0)
 # A contradiction ends a session when it holds for so long on end; a shorter one is kept in mind
@@ -53,17 +55,8 @@ _PAUSE_S = 0.5
 _SET_BACK_S = 1.0
 # So much is remembered.
 _REMEMBERED_S = 3.0
-_NO_SPEED_MPS = 0.05
 # A window this near to its bound, or beyond it, is worth a look before a day on the track.
 NEAR_SHARE = 0.8
-
-MAP_AXES = "the twist looks like map axes"
-EMPTY_TWIST = "empty twist"
-TURNED = "yaw turned by 180°"
-NED_YAW = "NED yaw"
-CLOCKWISE = "clockwise yaw"
-# Factor to m/s, and how far from it a ratio may be; a delay spoils ratios while the speed changes.
-_UNITS = ((3.6, 0.25, "km/h"), (2.23694, 0.06, "miles per hour"), (1.94384, 0.06, "knots"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,39 +117,6 @@ class Contradiction:
 _NEVER = Contradiction("", "", 0.0, 0, False)
 
 
-@dataclass(frozen=True, slots=True)
-class _Window:
-    """Means over one window.
-
-    Args:
-        vx_mps: of the chord, along the parent's x; vy_mps: along its y.
-        speed_mps: as stated, with its sign.
-        yaw_rad: as stated.
-    """
-
-    span_s: float
-    vx_mps: float
-    vy_mps: float
-    speed_mps: float
-    yaw_rad: float
-
-    @property
-    def way_mps(self) -> float:
-        return math.hypot(self.vx_mps, self.vy_mps)
-
-    @property
-    def speed_excess_mps(self) -> float:
-        """Stated speed minus that of the way."""
-        return abs(self.speed_mps) - self.way_mps
-
-    def turned_rad(self, *, signed: bool) -> float:
-        """How far the way lies to the left of where the yaw leads."""
-        turned = wrap_angle(math.atan2(self.vy_mps, self.vx_mps) - self.yaw_rad)
-        if signed:
-            return wrap_angle(turned + math.pi) if self.speed_mps < 0.0 else turned
-        return math.remainder(turned, math.pi)
-
-
 class ConsistencyWatch:
     """The states of one object, as they come; each is judged by those before it.
 
@@ -193,6 +153,8 @@ class ConsistencyWatch:
         self._begin = self._speed_from = self._way_from = 0
         self._since = 0.0
         self._kinds: dict[str, float] = {}
+        self._speed_delays, self._yaw_delays = Delays(), Delays()
+        self._fits_alone = False  # a delay fits the newest window, and didn't fit those before
         self._agrees_since: float | None = None
         self._stepped_s = -math.inf
 
@@ -274,6 +236,8 @@ class ConsistencyWatch:
         self._begin = self._speed_from = self._way_from = at
         self.contradiction = None
         self._agrees_since = None
+        self._speed_delays.begin_anew()
+        self._yaw_delays.begin_anew()
 
     # -- judgement -----------------------------------------------------------------------------
 
@@ -288,21 +252,31 @@ class ConsistencyWatch:
         if off and share <= 1.0 and self._in_map_axes(start, n):
             self._contradicts(self._window(start, n), MAP_AXES)
             return
-        if share <= NEAR_SHARE:
-            self.contradiction = None
-            if self.doubt is not None:
-                self._agrees(moves)
-            return
-        self.near_misses += 1
-        self.nearest = max(self.nearest, share)
-        found = self._found(start, n) if share > 1.0 else None
-        if found is None and share > 1.0:
+        if share > NEAR_SHARE:
+            self.near_misses += 1
+            self.nearest = max(self.nearest, share)
+        found = self._found(start, n) if share > 1.0 or self._is_delayed() else None
+        if share <= 1.0:
+            self._take_for_now(found, moves)
+        elif found is None:
             # Only a delay explains it: no proof that the last contradiction is mended.
             self.contradiction = self._agrees_since = None
-        elif found is None:
-            self._agrees(moves)
         elif not self._steps(start if self._direction_rad is None else self._way_from, n):
-            self._contradicts(found, self._kind(found))
+            kind = UNSTEADY_DELAY if self._fits_alone else self._kind(found)
+            self._contradicts(found, kind)
+
+    def _is_delayed(self) -> bool:
+        now = self._t[-1]
+        return self._speed_delays.zero_is_out(now) or self._yaw_delays.zero_is_out(now)
+
+    def _take_for_now(self, found: Window | None, moves: bool) -> None:
+        """Take a window that fits without a delay, and maybe not with the one of those before."""
+        if found is not None:
+            self._contradicts(found, UNSTEADY_DELAY)
+            return
+        self._speed_delays.begin_anew()
+        self._yaw_delays.begin_anew()
+        self._agrees(moves)
 
     def _share(self, start: int, n: int) -> tuple[float, bool, bool]:
         """Give the larger share of their bounds that speed and direction reach, without a delay.
@@ -320,7 +294,7 @@ class ConsistencyWatch:
         stated = abs(speed)
         larger = stated if stated > way else way
         noise = max(self._std[start], self._std[n]) * SIGMAS / span
-        share = abs(stated - way) / max(SPEED_SHARE * larger, SPEED_MPS, noise)
+        share = abs(stated - way) / speed_bound_mps(stated, way, noise)
         off = abs(stated - way) > max(AXES_SHARE * larger, SPEED_MPS, noise)
         moves = larger >= DIRECTION_MPS
         if not moves or self._direction_rad is None:
@@ -349,25 +323,28 @@ class ConsistencyWatch:
         window = self._window(start, n)
         if abs(window.speed_mps - window.vx_mps) >= 0.5 * abs(window.speed_excess_mps):
             return False
-        return not self._fits(
-            start,
-            lambda w: (
-                w.speed_excess_mps,
-                max(AXES_SHARE * w.way_mps, SPEED_MPS, self._noise_m(start) / w.span_s),
-            ),
-        )
+        for delay_s in self._speed_delays.possible(self._t[-1]):
+            w = self._shifted(start, delay_s)
+            if w is None:
+                return False
+            bound = max(AXES_SHARE * w.way_mps, SPEED_MPS, self._noise_m(start) / w.span_s)
+            if abs(w.speed_excess_mps) <= bound:
+                return False
+        return True
 
-    def _found(self, start: int, n: int) -> _Window | None:
+    def _found(self, start: int, n: int) -> Window | None:
         """Give the window in which no delay explains what is stated; None: one does."""
         way = self._direction_window(start, n)
         fast = self._window(start, n)
         is_off = abs(fast.speed_excess_mps) > self._speed_bound(fast, start)
-        if is_off and not self._fits(start, self._speed_fit(start)):
+        if self._is_off(self._speed_delays, is_off, start, self._speed_fit(start)):
             return way or fast
-        if way is None or self._direction_share(way, self._way_from) <= 1.0:
+        if way is None:
             return None
         first = self._way_from
-        return None if self._fits(first, self._direction_fit(first)) else way
+        is_off = self._direction_share(way, first) > 1.0
+        fit = self._direction_fit(first)
+        return way if self._is_off(self._yaw_delays, is_off, first, fit) else None
 
     def _window_start(self, n: int) -> int | None:
         """Give the newest sample from which a window ends now; None: there is none."""
@@ -379,9 +356,9 @@ class ConsistencyWatch:
         fits = first <= n - (LEAST_SAMPLES - 1) and self._t[first] <= latest
         return first if fits else None
 
-    def _window(self, first: int, last: int) -> _Window:
+    def _window(self, first: int, last: int) -> Window:
         span = self._t[last] - self._t[first]
-        return _Window(
+        return Window(
             span,
             (self._x[last] - self._x[first]) / span,
             (self._y[last] - self._y[first]) / span,
@@ -389,14 +366,14 @@ class ConsistencyWatch:
             (self._turn[last] - self._turn[first]) / span,
         )
 
-    def _speed_bound(self, window: _Window, first: int) -> float:
-        share = SPEED_SHARE * max(abs(window.speed_mps), window.way_mps)
-        return max(share, SPEED_MPS, self._noise_m(first) / window.span_s)
+    def _speed_bound(self, window: Window, first: int) -> float:
+        noise_mps = self._noise_m(first) / window.span_s
+        return speed_bound_mps(window.speed_mps, window.way_mps, noise_mps)
 
     def _noise_m(self, first: int) -> float:
         return SIGMAS * max(self._std[first], self._std[-1])
 
-    def _direction_window(self, start: int, n: int) -> _Window | None:
+    def _direction_window(self, start: int, n: int) -> Window | None:
         """Give the shortest window that is long enough to say where the object goes, if any."""
         if self._direction_rad is None:
             return None
@@ -416,46 +393,51 @@ class ConsistencyWatch:
     def _chord_m(self, first: int, last: int) -> float:
         return math.hypot(self._x[last] - self._x[first], self._y[last] - self._y[first])
 
-    def _direction_share(self, way: _Window, first: int) -> float:
+    def _direction_share(self, way: Window, first: int) -> float:
         return abs(way.turned_rad(signed=self._bounds.signed)) / self._direction_bound(way, first)
 
-    def _direction_bound(self, way: _Window, first: int) -> float:
+    def _direction_bound(self, way: Window, first: int) -> float:
         noise_rad = math.atan2(self._noise_m(first), way.way_mps * way.span_s)
         return max(self._direction_rad or 0.0, noise_rad)
 
     # -- a delay between place and motion ------------------------------------------------------
 
-    def _speed_fit(self, first: int) -> Callable[[_Window], tuple[float, float]]:
+    def _speed_fit(self, first: int) -> Callable[[Window], tuple[float, float]]:
         return lambda w: (w.speed_excess_mps, self._speed_bound(w, first))
 
-    def _direction_fit(self, first: int) -> Callable[[_Window], tuple[float, float]]:
-        def fit(window: _Window) -> tuple[float, float]:
+    def _direction_fit(self, first: int) -> Callable[[Window], tuple[float, float]]:
+        def fit(window: Window) -> tuple[float, float]:
             turned = window.turned_rad(signed=self._bounds.signed)
             return turned, self._direction_bound(window, first)
 
         return fit
 
-    def _fits(self, first: int, fit: Callable[[_Window], tuple[float, float]]) -> bool:
-        """True where a delay of at most DELAY_S makes place and motion agree, or might.
+    def _is_off(
+        self,
+        delays: Delays,
+        is_off: bool,
+        first: int,
+        fit: Callable[[Window], tuple[float, float]],
+    ) -> bool:
+        """True where no delay that fits the window fitted those before it.
 
         Args:
+            is_off: it doesn't fit without a delay.
             fit: gives what is left over, and what may be.
         """
-        before: float | None = None
-        for delay_s in _DELAYS_S:
-            window = self._shifted(first, delay_s)
-            if window is None:
-                # Nobody knows yet.
-                return True
-            left, bound = fit(window)
-            # Between a delay that is too short and one that is too long lies the right one.
-            crosses = before is not None and before * left < 0.0 and abs(before - left) < math.pi
-            if abs(left) <= bound or crosses:
-                return True
-            before = left
-        return False
+        now = self._t[-1]
+        if not is_off and not delays.zero_is_out(now):
+            delays.begin_anew()
+            return False
+        windows = [w for d in DELAYS_S if (w := self._shifted(first, d)) is not None]
+        if len(windows) < len(DELAYS_S):
+            # Nobody knows yet.
+            return False
+        fits = [abs(left) <= bound for left, bound in map(fit, windows)]
+        self._fits_alone = any(fits)
+        return not delays.take(now, fits)
 
-    def _shifted(self, first: int, delay_s: float) -> _Window | None:
+    def _shifted(self, first: int, delay_s: float) -> Window | None:
         """Give the window with its motion, or its places, so much older; both end by now."""
         begin, end = self._t[first], self._t[-1]
         older = abs(delay_s)
@@ -468,7 +450,7 @@ class ConsistencyWatch:
         def rate(column: list[float], of: tuple[float, float]) -> float:
             return (self._at(column, of[1]) - self._at(column, of[0])) / span
 
-        return _Window(
+        return Window(
             span,
             rate(self._x, places),
             rate(self._y, places),
@@ -507,7 +489,7 @@ class ConsistencyWatch:
         if math.hypot(step_x - vx * dt, step_y - vy * dt) > self._bounds.jump_m:
             return False
         whole = self._window(first, n)
-        left = _Window(span, vx, vy, whole.speed_mps, whole.yaw_rad)
+        left = Window(span, vx, vy, whole.speed_mps, whole.yaw_rad)
         excess = abs(left.speed_excess_mps) > self._speed_bound(left, first)
         if excess or (self._judges_direction(left) and self._direction_share(left, first) > 1.0):
             return False
@@ -518,7 +500,7 @@ class ConsistencyWatch:
         self._restart(k)
         return True
 
-    def _judges_direction(self, window: _Window) -> bool:
+    def _judges_direction(self, window: Window) -> bool:
         if self._direction_rad is None or window.way_mps <= DIRECTION_MPS:
             return False
         return not self._bounds.signed or abs(window.speed_mps) >= SPEED_MPS
@@ -538,7 +520,7 @@ class ConsistencyWatch:
         elif now - self._agrees_since >= HOLDS_S:
             self.doubt = None
 
-    def _contradicts(self, window: _Window, kind: str) -> None:
+    def _contradicts(self, window: Window, kind: str) -> None:
         before, now = self.contradiction, self._t[-1]
         if before is None:
             self._since = now
@@ -555,46 +537,24 @@ class ConsistencyWatch:
         )
         self._agrees_since = None
         found = self.contradiction
+        if found.holds:
+            # None of them explains what came so far.
+            self._speed_delays, self._yaw_delays = Delays(), Delays()
         if found.windows >= _DOUBT_WINDOWS and found.held_s >= _DOUBT_S:
             self.doubt = found
 
-    def _figures(self, window: _Window) -> str:
+    def _figures(self, window: Window) -> str:
         turned = math.degrees(window.turned_rad(signed=self._bounds.signed))
         text = f"{window.speed_mps:.2f} m/s stated, way of {window.way_mps:.2f} m/s"
         if window.way_mps > DIRECTION_MPS and self._direction_rad is not None:
             text += f" at {turned:+.0f}° to the yaw"
         return f"{text} in {window.span_s:.2f} s"
 
-    def _kind(self, w: _Window) -> str:
-        """Name the mistake that explains a window best."""
-        newest = self._t[-1] - w.span_s - 1e-9
-        stated = [abs(s) for s, t in zip(self._speed, self._t, strict=True) if t >= newest]
-        if w.way_mps > _NO_SPEED_MPS and max(stated) <= _NO_SPEED_MPS:
-            return EMPTY_TWIST
-        course = math.atan2(w.vy_mps, w.vx_mps)
-        forwards = abs(wrap_angle(course - w.yaw_rad)) < math.pi / 2.0
-        along = w.way_mps * math.cos(course - w.yaw_rad)
-        in_parent = abs(w.speed_mps - w.vx_mps) < 0.5 * abs(w.speed_mps - along)
-        is_other_speed = abs(w.speed_excess_mps) > max(SPEED_SHARE * w.way_mps, SPEED_MPS)
-        if in_parent and (is_other_speed or (forwards and w.speed_mps < 0.0)):
-            return MAP_AXES
-        if is_other_speed:
-            ratio = abs(w.speed_mps) / max(w.way_mps, 1e-9)
-            for factor, share, unit in _UNITS:
-                if abs(ratio / factor - 1.0) < share:
-                    return f"speed in {unit}"
-            return "speed contradicts the way"
-        signed = self._bounds.signed
-        bound = 0.5 * (self._direction_rad or DIRECTION_RAD)
-        meant = course + (math.pi if signed and w.speed_mps < 0.0 else 0.0)
-        for kind, yaw in (
-            (TURNED, w.yaw_rad + math.pi),
-            (NED_YAW, math.pi / 2.0 - w.yaw_rad),
-            (CLOCKWISE, -w.yaw_rad),
-        ):
-            if abs(wrap_angle(meant - yaw)) <= bound:
-                return kind
-        return "yaw contradicts the way"
+    def _kind(self, window: Window) -> str:
+        newest = self._t[-1] - window.span_s - 1e-9
+        fastest = max(abs(s) for s, t in zip(self._speed, self._t, strict=True) if t >= newest)
+        direction_rad = self._direction_rad or DIRECTION_RAD
+        return kind_of(window, fastest, direction_rad, signed=self._bounds.signed)
 
     # -- standstill ----------------------------------------------------------------------------
 

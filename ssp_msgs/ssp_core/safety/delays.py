@@ -1,0 +1,67 @@
+"""One constant delay between an object's places and the motion that it states (METHOD 4.3b).
+
+Place, heading and speed may be measured at different times, but always as far apart: a delay that
+explains one window must explain those before it too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+# Parts of one state may be measured so far apart.
+DELAY_S = 0.3
+# Half a step changes less than any bound: 0.25 m/s at 10 m/s^2.
+_STEP_S = 0.05
+DELAYS_S = tuple(round(_STEP_S * k, 3) for k in range(-6, 7))
+_ZERO = DELAYS_S.index(0.0)
+# A delay that didn't fit for so long on end isn't the one, for as long as this.
+_OUT_AFTER_S = 0.5
+_OUT_FOR_S = 10.0
+
+
+class Delays:
+    """Which of DELAYS_S explain what was seen of late."""
+
+    def __init__(self) -> None:
+        self._off_since: list[float | None] = [None] * len(DELAYS_S)
+        self._out_until = [-math.inf] * len(DELAYS_S)
+        self._none_off = True
+
+    def begin_anew(self) -> None:
+        """Forget which delays don't fit now, since windows begin anew; what is out stays so."""
+        if not self._none_off:
+            self._off_since = [None] * len(DELAYS_S)
+            self._none_off = True
+
+    def zero_is_out(self, now_s: float) -> bool:
+        """True where places and motion can't be of the same time."""
+        return self._out_until[_ZERO] >= now_s
+
+    def possible(self, now_s: float) -> list[float]:
+        """Give the delays that aren't out."""
+        return [
+            delay_s
+            for delay_s, until_s in zip(DELAYS_S, self._out_until, strict=True)
+            if until_s < now_s
+        ]
+
+    def take(self, now_s: float, fits: Iterable[bool]) -> bool:
+        """Take which delays fit the newest window; True where one of them is still possible.
+
+        Args:
+            fits: for each of DELAYS_S.
+        """
+        some = False
+        self._none_off = False
+        for k, one in enumerate(fits):
+            if one:
+                self._off_since[k] = None
+                some = some or self._out_until[k] < now_s
+                continue
+            since_s = self._off_since[k]
+            if since_s is None:
+                self._off_since[k] = since_s = now_s
+            if now_s - since_s >= _OUT_AFTER_S:
+                self._out_until[k] = now_s + _OUT_FOR_S
+        return some
