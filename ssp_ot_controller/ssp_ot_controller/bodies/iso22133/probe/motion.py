@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import FloatArray, Polyline, wrap_angle
+from ssp_core.safety.window import LEAST_SAMPLES, WINDOW_S, speed_bound_mps
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.messages import Heab, Strt, Traj
 from ssp_ot_controller.bodies.iso22133.probe.steps import Clause, Finding, Step, within
@@ -238,11 +239,6 @@ def heads_along(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
 _DRIVES = ("normal_stop", "abort", "loss")
 # How long the state that it reports may lag behind what it was told.
 LAG_S = 1.0
-# Over so long, and more than this many places, stated speed is held against the way (METHOD 4.3b).
-_WINDOW_NS = NS_PER_S // 2
-_WINDOW_PLACES = 3
-_SPEED_SHARE = 0.25
-_SPEED_MPS = 0.5
 
 
 def states_speed(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
@@ -259,7 +255,7 @@ def states_speed(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Findi
             )
             stated_mps = float(np.abs(track.speed_mps[first : last + 1]).mean())
             moved_mps = way_m / span_s
-            allowed_mps = max(_SPEED_SHARE * max(stated_mps, moved_mps), _SPEED_MPS)
+            allowed_mps = speed_bound_mps(stated_mps, moved_mps)
             off = abs(stated_mps - moved_mps) / allowed_mps
             if worst is None or not off <= worst[0]:
                 text = f"states {stated_mps:.2f} m/s where it moves {moved_mps:.2f} m/s"
@@ -272,9 +268,9 @@ def states_speed(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Findi
 
 
 def _windows(track: _Track) -> list[tuple[int, int]]:
-    """First and last index of the windows that begin at each place."""
-    ends = np.searchsorted(track.stamp_ns, track.stamp_ns + _WINDOW_NS)
-    ends = np.maximum(ends, np.arange(len(ends)) + _WINDOW_PLACES - 1)
+    """First and last index of the windows of METHOD 4.3b that begin at each place."""
+    ends = np.searchsorted(track.stamp_ns, track.stamp_ns + seconds_to_ns(WINDOW_S))
+    ends = np.maximum(ends, np.arange(len(ends)) + LEAST_SAMPLES - 1)
     return [(i, int(end)) for i, end in enumerate(ends) if end < len(track.stamp_ns)]
 
 
