@@ -75,7 +75,8 @@ DATUM = SiteDatum(latitude_deg=57.0, longitude_deg=12.0)
         (with_limits(heartbeat_s=60.0), "limits.heartbeat_s", "60.0", "0.5"),
         (with_limits(separation_m=0.0), "limits.separation_m", "0.0", "0.5"),
         (with_limits(stop_deceleration_mps2=5.0), "limits.stop_deceleration_mps2", "5.0", "4.0"),
-        (with_limits(trigger_age_s=0.01), "limits.trigger_age_s", "0.01", "null"),
+        (with_limits(stop_deceleration_mps2=3.0), "limits.stop_deceleration_mps2", "3.0", "4.0"),
+        (with_limits(trigger_age_s=0.05), "limits.trigger_age_s", "0.05", "0.04"),
         (with_limits(speed_mps=1.0, jump_m=2.0), "limits.jump_m", "2.0", "1.0"),
         (OURS.model_copy(update={"step_s": 0.01}), "step_s", "0.01", "0.02"),
         (OURS.model_copy(update={"mode": "realtime"}), "mode", '"realtime"', '"lockstep"'),
@@ -131,6 +132,47 @@ def test_a_limit_is_stricter_on_one_side_at_most(name: str) -> None:
         assert one.stricter[0].startswith(f"limits.{name} ")
         assert one.stricter[0].endswith(f" instead of {value}")
     assert (not higher.problem) == (name == "separation_m")
+
+
+def fenced(*corners: tuple[float, float]) -> RulesCheck:
+    return check(OURS.model_copy(update={"geofence": list(corners)}))
+
+
+@pytest.mark.parametrize(
+    ("corners", "inside"),
+    [
+        ([(0.0, -8.0), (300.0, -8.0), (300.0, 12.0), (0.0, 12.0)], True),
+        ([(10.0, -4.0), (300.0, -4.0), (300.0, 8.0)], True),
+        ([(400.0, -8.0), (400.0, 12.0), (0.0, 12.0), (0.0, -8.0)], True),  # from another corner
+        ([(0.0, -8.0), (300.0, -8.0), (300.0, 12.001), (0.0, 12.0)], False),
+        ([(0.0, 20.0), (300.0, 20.0), (300.0, 40.0), (0.0, 40.0)], False),
+    ],
+)
+def test_a_fence_of_its_own_lies_inside_the_runs(
+    corners: list[tuple[float, float]], inside: bool
+) -> None:
+    found = fenced(*corners)
+    assert (not found.problem) is inside
+    assert found.stricter == (("geofence, inside the one here",) if inside else ())
+
+
+def test_a_fence_inside_the_hull_but_across_a_notch_is_another_one() -> None:
+    notch = [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0), (201.0, 12.0), (200.0, -7.0), (199.0, 12.0)]
+    ours = OURS.model_copy(update={"geofence": [*notch, (0.0, 12.0)]})
+    inner = OURS.model_copy(update={"geofence": [(9.0, -5.0), (390.0, -5.0), (390.0, 9.0)]})
+    mine, its = rules_of(ours, "ot1"), rules_of(inner, "ot1")
+    problem = check_rules(mine, its, "ot1").problem
+    assert problem.startswith("ot1 judges by another geofence[0]: [9.0, -5.0]")
+    for text in ('"x"', "[NaN, 0.0]", "[1.0]", "[9.0, -5.0]"):
+        broken = ObjectRules(its.software, {**its.values, "geofence[1]": text})
+        assert "another geofence" in check_rules(mine, broken, "ot1").problem
+
+
+def test_a_trigger_age_that_is_not_given_is_two_periods() -> None:
+    assert check(with_limits(trigger_age_s=0.04)).problem == ""
+    assert check(with_limits(trigger_age_s=0.01)).stricter == (
+        "limits.trigger_age_s 0.01 instead of 0.04",
+    )
 
 
 def test_what_was_heard_last_counts() -> None:

@@ -356,6 +356,12 @@ class RunSpec(Strict):
         return None
 
     @property
+    def trigger_age_s(self) -> float:
+        """No trigger is judged on a state of the VUT that is older; two periods where not given."""
+        given = self.limits.trigger_age_s
+        return 2.0 * self.step_s if given is None else given
+
+    @property
     def object_ids(self) -> list[str]:
         """Ids of the VUT and of the object targets."""
         return [self.vut.id, *(target.id for target in self.targets)]

@@ -246,13 +246,6 @@ def obstacles(
     return [obstacle for check in checks for obstacle in check(situation)]
 
 
-def trigger_age_s(spec: RunSpec) -> float:
-    """Triggers are judged on no state of the VUT that is older than this, s: two periods, unless
-    the site has links that are slower than that."""
-    given = spec.limits.trigger_age_s
-    return 2.0 * spec.step_s if given is None else given
-
-
 # -- each thing that is asked --------------------------------------------------------------------
 
 
@@ -392,7 +385,7 @@ def _young_for_triggers(at: Situation) -> Iterator[Obstacle]:
     if at.vut is None or at.spec.mode != "live":
         return
     # The newest state may lie here for a period before the next one comes.
-    age_s, limit_s = at.age_s(at.vut) - at.spec.step_s, trigger_age_s(at.spec)
+    age_s, limit_s = at.age_s(at.vut) - at.spec.step_s, at.spec.trigger_age_s
     if not age_s <= limit_s:
         yield Obstacle(Need.TRIGGERS, at.spec.vut.id, age_s, limit_s)
 

@@ -108,6 +108,17 @@ def way_room_m(start: Point, end: Point, fence: Sequence[Point]) -> float:
     return room
 
 
+def lies_inside(inner: Sequence[Point], fence: Sequence[Point]) -> bool:
+    """True where all of a polygon lies inside a fence; touching is inside.
+
+    Args:
+        inner: legal outline, m, frame of the fence.
+    """
+    import shapely  # type: ignore[import-untyped]  # slow to import, no types
+
+    return bool(shapely.Polygon(fence).covers(shapely.Polygon(inner)))
+
+
 def box_excess_m(box: Box, fence: Sequence[Point]) -> float:
     """As ``way_excess_m`` for one box where it is."""
     if _is_inside(box, fence):

@@ -8,17 +8,22 @@ compared: an object that judges by anything else doesn't arm.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from ssp_core import __version__
+from ssp_core.geometry import outline_problem
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.fence import lies_inside
 
-# Limits that are stricter where they are lower, and where they are higher; any other one has no
-# side on which it is stricter.
+# Limits that are stricter where they are lower, and where they are higher. Any other one has no
+# side on which it is stricter: an object that stops harder brakes later before its fence, on brakes
+# that the site doesn't vouch for, and one that stops more gently needs more room than the plan has.
 _LOWER = (
+    "trigger_age_s",
     *("speed_mps", "acceleration_mps2", "state_age_s", "heartbeat_s", "ack_s", "duration_s"),
     *("error_longitudinal_m", "error_lateral_m", "error_yaw_rad", "position_std_m", "jump_m"),
     *("frozen_s", "clock_offset_s", "link_delay_s", "start_region_m", "start_yaw_rad"),
@@ -26,6 +31,7 @@ _LOWER = (
 )
 _HIGHER = ("separation_m",)
 _SOFTWARE = "software"
+_FENCE = "geofence"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +76,11 @@ def rules_of(run: RunSpec, object_id: str) -> ObjectRules:
         "event_version": run.event_version,
         "mode": run.mode,
         "step_s": run.step_s,
-        "limits": {name: getattr(run.limits, name) for name in type(run.limits).model_fields},
-        "geofence": run.geofence,
+        "limits": {
+            **{name: getattr(run.limits, name) for name in type(run.limits).model_fields},
+            "trigger_age_s": run.trigger_age_s,
+        },
+        _FENCE: run.geofence,
         "datum": datum,
         object_id: {
             **{key: spec[key] for key in ("object_class", "start", "tracker")},
@@ -117,13 +126,16 @@ def check_rules(ours: ObjectRules, theirs: ObjectRules | None, object_id: str) -
         problem = _differs(_SOFTWARE, theirs.software, ours.software, object_id)
         return RulesCheck(theirs.digest, problem)
     stricter = []
+    own_fence = _has_fence_inside(ours, theirs)
     for name in (*ours.values, *(name for name in theirs.values if name not in ours.values)):
         mine, its = _value(ours, name), _value(theirs, name)
-        if mine == its:
+        if mine == its or (own_fence and name.startswith(f"{_FENCE}[")):
             continue
         if not _is_stricter(name, its, mine):
             return RulesCheck(theirs.digest, _differs(name, its, mine, object_id))
         stricter.append(f"{name} {its} instead of {mine}")
+    if own_fence:
+        stricter.append(f"{_FENCE}, inside the one here")
     return RulesCheck(theirs.digest, stricter=tuple(stricter))
 
 
@@ -159,6 +171,23 @@ def _value(rules: ObjectRules, name: str) -> str:
     if (value := rules.values.get(name)) is not None:
         return value
     return "given" if any(one.startswith(f"{name}.") for one in rules.values) else "nothing"
+
+
+def _has_fence_inside(ours: ObjectRules, theirs: ObjectRules) -> bool:
+    """True where an object has another fence of its own, which lies inside the run's."""
+    outer, inner = _fence(ours), _fence(theirs)
+    return inner != outer and bool(inner) and lies_inside(inner, outer)
+
+
+def _fence(rules: ObjectRules) -> list[tuple[float, float]]:
+    """Corners of the fence; empty where it is none that could be in a run file."""
+    told = [value for name, value in rules.values.items() if name.startswith(f"{_FENCE}[")]
+    try:
+        corners = [(float(x), float(y)) for x, y in map(json.loads, told)]
+    except (ValueError, TypeError):
+        return []
+    legal = len(corners) >= 3 and all(math.isfinite(x + y) for x, y in corners)
+    return corners if legal and outline_problem(corners) is None else []
 
 
 def _is_stricter(name: str, theirs: str, ours: str) -> bool:

@@ -299,7 +299,7 @@ class Session:
         if vut.stamp_ns <= run.triggers_judged_ns or run.has_breaks or not vut.is_finite:
             return []
         run.triggers_judged_ns = vut.stamp_ns
-        if now_ns - vut.stamp_ns > seconds_to_ns(arming.trigger_age_s(run.spec)):
+        if now_ns - vut.stamp_ns > seconds_to_ns(run.spec.trigger_age_s):
             run.late_vut_states += 1
             return []
         age_ns = seconds_to_ns(run.spec.limits.state_age_s)
