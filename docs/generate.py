@@ -486,8 +486,6 @@ def publishers() -> str:
         seen = ["manager", "recorder"] if not parts else ["manager"]
         if topic == names.HEARTBEAT:
             seen.append("objects")
-        if topic == names.rules_topic(target.id):
-            seen = ["manager"]
         shown = topic.replace(f"{target.id}/", "OBJECT/", 1)
         who = ", ".join(PARTS[part] for part in parts) or "one"
         rows.append((f"`{shown}`", who, ", ".join(seen)))

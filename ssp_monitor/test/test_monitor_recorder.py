@@ -289,9 +289,9 @@ def test_a_large_bag_is_read_for_a_while_and_says_so(tmp_path):
 
 def test_a_bag_holds_every_topic_of_every_object(run_mapping):
     topics = {t.name: t for t in bag_topics(RunSpec.model_validate(run_mapping))}
-    assert len(topics) == 23
+    assert len(topics) == 25
     for object_id in ("ot1", "walker"):
-        for kind in ("state", "reference", "reference_ack"):
+        for kind in ("state", "reference", "reference_ack", "rules"):
             assert f"/ssp/{object_id}/{kind}" in topics
     assert {name for name, t in topics.items() if t.required} == {
         "/ssp/world/tick", "/ssp/vut/state", "/ssp/ot1/state", "/ssp/walker/state",
@@ -327,6 +327,8 @@ def test_stamps_of_another_clock_are_not_taken_for_session_time(run_mapping):
     assert {t.name for t in topics if not t.session_time} == {
         "/ssp/manager/heartbeat_reply",
         "/ssp/manager/link_status",
+        "/ssp/ot1/rules",
+        "/ssp/walker/rules",
         "/tf_static",
     }
 

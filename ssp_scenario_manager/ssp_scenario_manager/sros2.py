@@ -81,10 +81,10 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
     told = (*events, names.HEARTBEAT, names.LINK_STATUS, names.STEP_DONE)
     statuses = (names.RECORDER_STATUS, names.LOCALISATION_STATUS, names.BODY_STATUS)
     replies = (names.HEARTBEAT_REPLY, *statuses)
-    recorded = (vut, *states, *references, *acks, *told, *replies, names.FAULT_EVENT)
+    recorded = (vut, *states, *references, *acks, *rules, *told, *replies, names.FAULT_EVENT)
     transforms = (names.TF, names.TF_STATIC)
     # Page and view take states as they come, also without a run file.
-    watched = (*recorded, *rules, names.OBJECT_STATES)
+    watched = (*recorded, names.OBJECT_STATES)
     links = (names.HEARTBEAT, names.LINK_STATUS)
     # In a live session nobody hears an object's actuator commands and steps; it offers them still.
     told_by_objects = (

@@ -99,6 +99,7 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
             add(names.state_topic(target.id), "ObjectState", state, required=True)
         add(names.reference_topic(target.id), "Reference", command)
         add(names.ack_topic(target.id), "ReferenceAck", command)
+        add(names.rules_topic(target.id), "ObjectRules", latched, session=False)
         if run.mode == "live":
             # Only objects that speak ISO 22133 have it, and a run file doesn't say which do.
             add(names.iso_frames_topic(target.id), "IsoFrames", state)
