@@ -10,7 +10,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.arming import Facts
 from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.run.live import LiveSetup
-from ssp_scenario_manager.run.summary import PROMPT, summary
+from ssp_scenario_manager.run.summary import LOST_S, PROMPT, changes, connected, summary
 
 
 def test_nobody_is_connected(run: RunSpec) -> None:
@@ -65,3 +65,16 @@ def test_a_heading_that_is_not_known_at_rest_is_said(
 def test_the_prompt_names_the_words() -> None:
     assert '"start"' in PROMPT
     assert '"abort"' in PROMPT
+
+
+def test_who_comes_and_goes_after_the_summary_is_said_once(run: RunSpec) -> None:
+    alone = connected(run, Facts({"vut": 0.0}))
+    assert alone["vut"]
+    assert not any(alone[who] for who in alone if who != "vut")
+    both = connected(run, Facts({"vut": 0.0, "ot1": 0.1}), alone)
+    assert changes(alone, both) == ["ot1: connected now"]
+    # A moment's silence is no news, a longer one is.
+    assert connected(run, Facts({"vut": LOST_S, "ot1": 0.1}), both) == both
+    late = connected(run, Facts({"vut": LOST_S + 0.1, "ot1": 0.1}), both)
+    assert changes(both, late) == ["vut: NOT CONNECTED any more"]
+    assert changes(late, late) == []

@@ -21,7 +21,7 @@ from ssp_scenario_manager.ros.runner_client import RunClient, StepwiseClient
 from ssp_scenario_manager.ros.start_listener import StartListener
 from ssp_scenario_manager.run import faults
 from ssp_scenario_manager.run.live import LiveSetup
-from ssp_scenario_manager.run.summary import PROMPT, summary
+from ssp_scenario_manager.run.summary import PROMPT, changes, connected, summary
 from ssp_scenario_manager.run.word import ABORT, HOLDS_S, TypedWords, Word
 from ssp_scenario_manager.session.run_script import RunOutcome
 
@@ -41,8 +41,8 @@ SETTLE_S = 1.5
 # A publisher of a process that has ended is gone from discovery by then.
 OTHERS_S = 25.0
 OTHERS = "more than one manager is reached from here"
-# The summary above the prompt waits so long for somebody to be connected.
-LOOK_S = 3.0
+# The summary above the prompt waits so long for everybody to be connected.
+LOOK_S = 8.0
 # From the first sign of an abort to the session's result. The manager gives up waiting for a
 # standstill before; whatever keeps it from that, the run has a verdict within half a minute.
 RESULT_S = 25.0
@@ -245,12 +245,17 @@ class _Following:
         listener = StartListener(self._client.node, self._spec)
         try:
             word: Word | None = Word.OTHER
+            shown: dict[str, bool] = {}
             while word is not Word.START:
                 if word in (Word.ABORT, Word.END_OF_INPUT):
                     return RunOutcome(Verdict.ABORTED, (f"{word.value} before the start",))
                 if word is Word.OTHER:
-                    self._ask(listener, live, words)
+                    shown = self._ask(listener, live, words)
                 self._client.spin(0.05)
+                heard = connected(self._spec, listener.facts(), shown)
+                for line in changes(shown, heard):
+                    self._say(line)
+                shown = heard
                 if self._client.under_way:
                     self._say("begun or aborted from elsewhere; following it")
                     return 0
@@ -264,15 +269,22 @@ class _Following:
             listener.close()
         return time.time_ns() + seconds_to_ns(HOLDS_S)
 
-    def _ask(self, listener: StartListener, live: LiveSetup, words: TypedWords) -> None:
-        """Shows what is connected, and the prompt; only what is typed from here on counts."""
-        heard_s = time.monotonic()
-        while not listener.states and time.monotonic() - heard_s < LOOK_S:
+    def _ask(self, listener: StartListener, live: LiveSetup, words: TypedWords) -> dict[str, bool]:
+        """Shows what is connected, and the prompt; only what is typed from here on counts.
+
+        Returns:
+            Those that were connected.
+        """
+        began_s = time.monotonic()
+        heard = connected(self._spec, listener.facts())
+        while not all(heard.values()) and time.monotonic() - began_s < LOOK_S:
             self._client.spin(0.05)
+            heard = connected(self._spec, listener.facts())
         words.ask()
         for line in summary(self._spec, live, listener.facts(), listener.states):
             self._say(line)
         self._say(PROMPT)
+        return heard
 
     def _wait(self) -> RunOutcome | None:
         """The outcome of the run; None where it didn't start while the word for it held."""

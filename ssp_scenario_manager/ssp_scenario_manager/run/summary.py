@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 
 from ssp_core import names
 from ssp_core.motion.state import ObjectState
@@ -16,6 +17,7 @@ from ssp_scenario_manager.run.word import ABORT, HOLDS_S, START
 from ssp_scenario_manager.session.preconditions import FRESH_S
 from ssp_scenario_manager.session.run import blind_text
 
+LOST_S = 3.0
 PROMPT = (
     f'type "{START}" to connect, arm and start: objects drive off at once. It holds for '
     f'{HOLDS_S:g} s. "{ABORT}" and Ctrl-C give up, later they abort; anything else asks again'
@@ -37,12 +39,13 @@ def summary(
         f"  {one.id}, {_kind(spec, setup, one.id)}: {_place(spec, one, facts, states.get(one.id))}"
         for one in (spec.vut, *spec.targets)
     ]
+    heard = connected(spec, facts)
     recorder = "ready" if facts.recorder_ready else "not ready"
-    if _age_s(facts, names.MONITOR) > FRESH_S:
+    if not heard[names.MONITOR]:
         recorder = "not heard"
-    camera = "" if spec.camera is None else ", camera "
-    if camera:
-        camera += "sends" if _age_s(facts, names.FRONT_CAMERA) <= FRESH_S else "silent"
+    camera = ""
+    if names.FRONT_CAMERA in heard:
+        camera = f", camera {'sends' if heard[names.FRONT_CAMERA] else 'silent'}"
     return [
         *lines,
         f"  recorder {recorder}{camera}",
@@ -50,6 +53,33 @@ def summary(
         f"{limits.separation_m:g} m apart, {limits.duration_s:g} s long, "
         f"stop at {limits.stop_deceleration_mps2:g} m/s²",
         f"  {blind_text(limits)}",
+    ]
+
+
+def connected(
+    spec: RunSpec, facts: Facts, before: Mapping[str, bool] = MappingProxyType({})
+) -> dict[str, bool]:
+    """Tell of the VUT, each object, the recorder and the camera whether they are heard.
+
+    Args:
+        before: the last answer; those that were heard then are until they are silent for LOST_S.
+    """
+    limits_s = dict.fromkeys((spec.vut.id, *(t.id for t in spec.targets)), spec.limits.state_age_s)
+    limits_s[names.MONITOR] = FRESH_S
+    if spec.camera is not None:
+        limits_s[names.FRONT_CAMERA] = FRESH_S
+    return {
+        who: _age_s(facts, who) <= (max(limit_s, LOST_S) if before.get(who) else limit_s)
+        for who, limit_s in limits_s.items()
+    }
+
+
+def changes(before: Mapping[str, bool], now: Mapping[str, bool]) -> list[str]:
+    """A line for each of them that came or went since the summary was shown."""
+    return [
+        f"{who}: {'connected now' if here else 'NOT CONNECTED any more'}"
+        for who, here in now.items()
+        if here != before[who]
     ]
 
 
