@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.geometry import Pose2
+from ssp_core.geometry import Box, Polyline, Pose2
 from ssp_core.run_file.model import LinkDisturbance
 from ssp_core.run_file.participants import (
     Brake,
@@ -18,7 +18,8 @@ from ssp_core.run_file.participants import (
     RelativeDistance,
     TimeToArrival,
 )
-from ssp_scenario_manager.compile.area import OperatingArea
+from ssp_core.safety.fence import box_excess_m
+from ssp_scenario_manager.compile.area import OperatingArea, check_in_fence
 from ssp_scenario_manager.compile.place import Order, Realisation, realise
 from ssp_scenario_manager.compile.task import PlaceLink, Target
 from ssp_scenario_manager.event_spec.load import load_event
@@ -249,6 +250,33 @@ def test_a_thin_wall_across_the_lanes_is_part_of_the_fence(
     changes = {"geofence": {"points": fence}, "ot_reachable": [beyond], "safe_stop_zones": [beyond]}
     with pytest.raises(CannotPlace, match=rf"{who} would leave the geofence at x (19\d|20\d)\."):
         make(event_name, changed("boulevard", changes))
+
+
+@pytest.mark.parametrize("site", ["boulevard", "north_track"])  # the second lies askew in the map
+@pytest.mark.parametrize("step", [0, 1])
+def test_a_way_that_leaves_the_fence_between_two_samples_is_refused(site: str, step: int) -> None:
+    """A walker half a metre long is looked at every metre; the wall stands where none is."""
+    made = make("vru_crossing", shipped(site))
+    run, line = made.task.run, made.block.line
+    manoeuvre = run.triggers[0].manoeuvre
+    assert isinstance(manoeuvre, FollowPath)
+    walker = run.targets[0]
+    path = Polyline(manoeuvre.motion.path)
+    steps = round(path.length_m)
+    samples = [path.pose(path.length_m * k / steps) for k in range(steps + 1)]
+    here, there = samples[step : step + 2]
+    s_m, l_m = line.to_local(0.5 * (here.x_m + there.x_m), 0.5 * (here.y_m + there.y_m))
+    end_m = made.block.length_m - 1.0
+    corners = [(1.0, -40.0), (end_m, -40.0), (end_m, 40.0), (1.0, 40.0)]
+    wall = [(end_m, l_m), (s_m - 1.0, l_m), (end_m, l_m + 1e-3)]
+    whole = [line.to_map(*at) for at in corners]
+    fence = [line.to_map(*at) for at in (*corners[:2], *wall, *corners[2:])]
+    size = walker.size
+    boxes = [Box(one, size.front_m, size.rear_m, size.width_m) for one in samples]
+    assert max(box_excess_m(box, fence) for box in boxes) == 0.0
+    check_in_fence(run.model_copy(update={"geofence": whole}), made.block, made.plan)
+    with pytest.raises(CannotPlace, match="ot1 would leave the geofence"):
+        check_in_fence(run.model_copy(update={"geofence": fence}), made.block, made.plan)
 
 
 @pytest.mark.parametrize("case", REFUSED)

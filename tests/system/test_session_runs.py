@@ -12,6 +12,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from ssp_core.run_file.model import load_run
+from ssp_core.safety.object_rules import rules_of
 from tests.support.bags import messages
 from tests.system.recordings import SAID_FILE, Recordings
 
@@ -72,6 +73,7 @@ def holds_the_event(folder: Path, result: dict[str, Any]) -> None:
     assert measured["tracking"]["ot1"]["lateral_rms_m"] <= 0.05
     assert measured["tracking"]["ot1"]["longitudinal_rms_m"] <= 0.10
     run = load_run(folder / "run.yaml")
+    assert [m.digest for m in messages(bag, "/ssp/ot1/rules")] == [rules_of(run, "ot1").digest]
     states = measured["states"]
     assert states.keys() == {"vut", *(target.id for target in run.targets)}
     for name in states:

@@ -255,7 +255,12 @@ class ConsistencyWatch:
         if share > NEAR_SHARE:
             self.near_misses += 1
             self.nearest = max(self.nearest, share)
-        found = self._found(start, n) if share > 1.0 or self._is_delayed() else None
+        found = None
+        if share <= 1.0 and self._fits_as_before(start):
+            self._speed_delays.begin_anew()
+            self._yaw_delays.begin_anew()
+        else:
+            found = self._found(start, n)
         if share <= 1.0:
             self._take_for_now(found, moves)
         elif found is None:
@@ -265,18 +270,24 @@ class ConsistencyWatch:
             kind = UNSTEADY_DELAY if self._fits_alone else self._kind(found)
             self._contradicts(found, kind)
 
-    def _is_delayed(self) -> bool:
-        now = self._t[-1]
-        return self._speed_delays.zero_is_out(now) or self._yaw_delays.zero_is_out(now)
+    def _fits_as_before(self, start: int) -> bool:
+        """True where a window that fits without a delay fits with the believed one, if any."""
+        if self._yaw_delays.believed_s != 0.0:
+            return False  # Rare, and its window is another.
+        delay_s = self._speed_delays.believed_s
+        if delay_s == 0.0:
+            return True
+        window = self._shifted(start, delay_s)
+        if window is None:
+            return True
+        return abs(window.speed_excess_mps) <= self._speed_bound(window, start)
 
     def _take_for_now(self, found: Window | None, moves: bool) -> None:
         """Take a window that fits without a delay, and maybe not with the one of those before."""
         if found is not None:
             self._contradicts(found, UNSTEADY_DELAY)
-            return
-        self._speed_delays.begin_anew()
-        self._yaw_delays.begin_anew()
-        self._agrees(moves)
+        else:
+            self._agrees(moves)
 
     def _share(self, start: int, n: int) -> tuple[float, bool, bool]:
         """Give the larger share of their bounds that speed and direction reach, without a delay.
@@ -425,8 +436,13 @@ class ConsistencyWatch:
             is_off: it doesn't fit without a delay.
             fit: gives what is left over, and what may be.
         """
-        now = self._t[-1]
-        if not is_off and not delays.zero_is_out(now):
+        if delays.believed_s != 0.0:
+            window = self._shifted(first, delays.believed_s)
+            if window is None:
+                return False
+            left, bound = fit(window)
+            is_off = abs(left) > bound
+        if not is_off:
             delays.begin_anew()
             return False
         windows = [w for d in DELAYS_S if (w := self._shifted(first, d)) is not None]
@@ -435,7 +451,7 @@ class ConsistencyWatch:
             return False
         fits = [abs(left) <= bound for left, bound in map(fit, windows)]
         self._fits_alone = any(fits)
-        return not delays.take(now, fits)
+        return not delays.take(self._t[-1], fits)
 
     def _shifted(self, first: int, delay_s: float) -> Window | None:
         """Give the window with its motion, or its places, so much older; both end by now."""

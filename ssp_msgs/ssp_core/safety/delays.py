@@ -14,54 +14,60 @@ DELAY_S = 0.3
 # Half a step changes less than any bound: 0.25 m/s at 10 m/s^2.
 _STEP_S = 0.05
 DELAYS_S = tuple(round(_STEP_S * k, 3) for k in range(-6, 7))
-_ZERO = DELAYS_S.index(0.0)
 # A delay that didn't fit for so long on end isn't the one, for as long as this.
 _OUT_AFTER_S = 0.5
 _OUT_FOR_S = 10.0
 
 
 class Delays:
-    """Which of DELAYS_S explain what was seen of late."""
+    """Which of DELAYS_S explain what was seen of late.
+
+    One is believed until it is out; while it fits nothing else is tried.
+    """
 
     def __init__(self) -> None:
         self._off_since: list[float | None] = [None] * len(DELAYS_S)
         self._out_until = [-math.inf] * len(DELAYS_S)
+        self._believed = DELAYS_S.index(0.0)
         self._none_off = True
 
+    @property
+    def believed_s(self) -> float:
+        """The delay that explains what came so far; 0 until it doesn't."""
+        return DELAYS_S[self._believed]
+
     def begin_anew(self) -> None:
-        """Forget which delays don't fit now, since windows begin anew; what is out stays so."""
+        """Forget which delays don't fit now; what is out stays so."""
         if not self._none_off:
             self._off_since = [None] * len(DELAYS_S)
             self._none_off = True
 
-    def zero_is_out(self, now_s: float) -> bool:
-        """True where places and motion can't be of the same time."""
-        return self._out_until[_ZERO] >= now_s
-
     def possible(self, now_s: float) -> list[float]:
         """Give the delays that aren't out."""
-        return [
-            delay_s
-            for delay_s, until_s in zip(DELAYS_S, self._out_until, strict=True)
-            if until_s < now_s
-        ]
+        return [d for d, until_s in zip(DELAYS_S, self._out_until, strict=True) if until_s < now_s]
 
     def take(self, now_s: float, fits: Iterable[bool]) -> bool:
-        """Take which delays fit the newest window; True where one of them is still possible.
+        """Take which delays fit a window that the believed one doesn't fit.
 
         Args:
             fits: for each of DELAYS_S.
+
+        Returns:
+            True where one that fits is still possible.
         """
-        some = False
+        fitting = []
         self._none_off = False
         for k, one in enumerate(fits):
             if one:
                 self._off_since[k] = None
-                some = some or self._out_until[k] < now_s
+                if self._out_until[k] < now_s:
+                    fitting.append(k)
                 continue
             since_s = self._off_since[k]
             if since_s is None:
                 self._off_since[k] = since_s = now_s
             if now_s - since_s >= _OUT_AFTER_S:
                 self._out_until[k] = now_s + _OUT_FOR_S
-        return some
+        if fitting and self._out_until[self._believed] >= now_s:
+            self._believed = fitting[len(fitting) // 2]
+        return bool(fitting)
