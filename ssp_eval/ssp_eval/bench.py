@@ -20,8 +20,8 @@ from ssp_core.errors import HostError, PeerError
 # In the order in which the data flow.
 BENCHMARKS = (
     "topology", "wire", "consistency", "dispatch", "iso", "sil", "sil_in_process", "adaptation",
-    "recorder", "recording", "seek", "replay", "memory", "scoring", "analysis", "extraction", "page",
-    "report_page",
+    "recorder", "recording", "seek", "replay", "memory", "scoring", "analysis", "extraction",
+    "page", "report_page",
 )  # fmt: skip
 # A benchmark that missed a limit is measured this often in all.
 MOST_RUNS = 3

@@ -49,7 +49,8 @@ def main() -> None:
     random = np.random.default_rng(1)
     drive = list(measured(motion("drive", random, 60.0), 0.02, RATE_HZ, random))
     stand = list(measured(motion("stand", random, 60.0), 0.02, RATE_HZ, random))
-    for name, rows in (("driving", drive), ("standing", stand), ("late by 0.3 s", late(drive, 0.3))):
+    tracks = {"driving": drive, "standing": stand, "late by 0.3 s": late(drive, 0.3)}
+    for name, rows in tracks.items():
         stamped = [(round(row[0] * S), row) for row in rows]
         ours, bound = (
             min(timeit.repeat(call, number=1, repeat=REPEATS)) / len(rows) * 1e6
