@@ -350,15 +350,32 @@ def test_a_clock_that_is_ahead_or_behind_is_named_and_forgotten_when_it_is_right
     )
 
 
+def test_a_body_that_hears_no_command_keeps_its_object_from_being_armed() -> None:
+    run = RunSpec.model_validate(small_run(mode="live"))
+    body = StatedBody()
+    live = LiveObjects(run, {"ot1": body}, lambda text: None)
+    for brakes in (True, False):
+        body.stamp_ns, body.brakes_by_itself = (T0, True) if brakes else (T0 + S, False)
+        live.tick(body.stamp_ns)
+        (told,) = live.statuses(body.stamp_ns)
+        assert [text.partition(":")[0] for text in told.cannot_arm] == (
+            ["its body hears no command and brakes by itself"] if brakes else []
+        )
+
+
 class StatedBody(MirrorBody):
     """Says that it stands, at a given time."""
 
     def __init__(self) -> None:
         super().__init__(ObjectClass.CAR, Pose2(0.0, 0.0, 0.0))
         self.stamp_ns: int | None = None
+        self.brakes_by_itself = False
 
     def read(self) -> BodyReading | None:
-        return None if self.stamp_ns is None else replace(READING, stamp_ns=self.stamp_ns)
+        if self.stamp_ns is None:
+            return None
+        braked = self.brakes_by_itself
+        return replace(READING, stamp_ns=self.stamp_ns, brakes_by_itself=braked)
 
     def problems(self) -> tuple[str, ...]:
         return ("its cable is out",)

@@ -245,9 +245,20 @@ class LiveObjects:
             of_object = self._test_objects.get(object_id)
             check = BodyCheck() if of_object is None else of_object.check
             late = () if silent else self._late(object_id, now_ns)
+            deaf = () if silent or of_object is not None else self._deaf(object_id)
             no_state = problems if silent else ()
-            found.append(BodyStatus(object_id, no_state, (*check.cannot_arm, *late), check.lasting))
+            keeps = (*check.cannot_arm, *late, *deaf)
+            found.append(BodyStatus(object_id, no_state, keeps, check.lasting))
         return found
+
+    def _deaf(self, object_id: str) -> tuple[str, ...]:
+        """Whether a body says that it hears no command; one of ISO 22133 says it by its state."""
+        if not self._newest[object_id].brakes_by_itself:
+            return ()
+        return (
+            "its body hears no command and brakes by itself: is the way to it open, and does no "
+            "other program command it?",
+        )
 
     def _late(self, object_id: str, now_ns: int) -> tuple[str, ...]:
         """Why the newest reading was too old when it came."""

@@ -129,7 +129,10 @@ def _monr_at(step: Step, track: _Track, index: int) -> tuple[bytes, ...]:
 
 
 def stops(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
-    """From the step's mark to the first slowing, of an object that stands at the end."""
+    """From the step's mark to where it became slower for good, if it stands at the end.
+
+    An uneven pace is no stop: one that speeds up again hasn't begun to brake.
+    """
     mark_ns = step.marks.get("stimulus")
     track = _track(step)
     at = -1 if mark_ns is None else track.until(mark_ns)
@@ -140,17 +143,17 @@ def stops(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     if not before_mps > 2.0 * _LOST_MPS:
         return Finding(Outcome.NOT_RUN, f"drove at {before_mps:.2f} m/s only")
     limit_mps = before_mps - max(_LOST_MPS, _LOST_SHARE * before_mps)
-    slower = at + 1 + np.flatnonzero(speeds[at + 1 :] <= limit_mps)
+    fast = np.flatnonzero(~(speeds[at + 1 :] <= limit_mps))
+    first = at + 1 + (int(fast[-1]) + 1 if len(fast) else 0)
     told = f"at {before_mps:.2f} m/s"
     sent = tuple(
         s.data for s in step.sent if isinstance(s.message, Heab) and s.stamp_ns <= mark_ns
     )[-1:]
     last = track.until(int(track.arrived_ns[-1]) - NS_PER_S)
-    if not len(slower) or last <= at or float(track.way_m(last)[last:].max()) > STANDS_M:
+    if first >= len(speeds) or last <= at or float(track.way_m(last)[last:].max()) > STANDS_M:
         way_m = float(track.way_m(at)[-1])
         text = f"{told}; after {way_m:.1f} m it still moves"
         return Finding(Outcome.FAIL, text, None, sent, _monr_at(step, track, len(speeds) - 1))
-    first = int(slower[0])
     reaction_s = ns_to_seconds(int(track.arrived_ns[first]) - mark_ns)
     standing = first + int(np.flatnonzero(~(speeds[first:] > STANDS_M))[0])
     stood_s = ns_to_seconds(int(track.arrived_ns[standing]) - mark_ns)
