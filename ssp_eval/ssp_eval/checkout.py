@@ -25,16 +25,29 @@ PACKAGES = (
 
 QUICK = "ros and not system"
 SESSIONS = "ros or system"
+# Where the language model of --real-model lies, and the variable that tells its tests so.
+MODEL_FOLDER = ".venv/real-model"
+MODEL_VARIABLE = "SSP_REAL_MODEL"
 
 
-def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str]]]:
+def _checks(
+    arguments: tuple[str, ...], quick: bool, real_model: bool
+) -> list[tuple[str, list[str]]]:
+    tools = ("tools", [sys.executable, "bootstrap/bootstrap.py", "--test-tools"])
+    pytest = [sys.executable, "-m", "pytest", "--durations=50", "--durations-min=0.5"]
+    if real_model:
+        folder = "tests/real_model"
+        return [
+            tools,
+            ("model", [sys.executable, f"{folder}/install.py", MODEL_FOLDER]),
+            ("tests with a real model", [*pytest, "-m", "real_model", folder, *arguments]),
+        ]
     checks = [
-        ("tools", [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]),
+        tools,
         ("format", ["ruff", "format", "--check", "."]),
         ("lint", ["ruff", "check", "."]),
         ("types", ["mypy", *PACKAGES]),
     ]
-    pytest = [sys.executable, "-m", "pytest", "--durations=50", "--durations-min=0.5"]
     if arguments:
         chosen = ["-m", "not system"] if quick else []
         return [*checks, ("tests", [*pytest, *chosen, *arguments])]
@@ -52,8 +65,14 @@ def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.option("--quick", is_flag=True, help="Leave out the tests that run whole sessions.")
+@click.option(
+    "--real-model",
+    is_flag=True,
+    help="Instead, download a small language model (130 MB) and run the tests that ask it: about "
+    "15 minutes, both processors, half a GB of memory.",
+)
 @click.argument("pytest_arguments", nargs=-1, type=click.UNPROCESSED)
-def test(quick: bool, pytest_arguments: tuple[str, ...]) -> int:
+def test(quick: bool, real_model: bool, pytest_arguments: tuple[str, ...]) -> int:
     """Run format, lint, types and all tests; further arguments go to pytest.
 
     All of them run even when one fails; exit status 1 when any did.
@@ -65,8 +84,9 @@ def test(quick: bool, pytest_arguments: tuple[str, ...]) -> int:
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     # As many processes as processors: a small matrix isn't worth waiting for each other's threads.
     environment.setdefault("OPENBLAS_NUM_THREADS", "1")
+    environment[MODEL_VARIABLE] = str(Path(root) / MODEL_FOLDER)
     failed = []
-    for name, command in _checks(pytest_arguments, quick):
+    for name, command in _checks(pytest_arguments, quick, real_model):
         console.note(f"== {name}")
         started = time.monotonic()
         status = subprocess.run(command, cwd=root, env=environment, check=False).returncode

@@ -179,8 +179,8 @@ class Extractor:
 
 @cache
 def _checks_hash() -> str:
-    """Of the modules that read and judge what the LLM says."""
-    names = ("reply.py", "judge.py")
+    """Of the files that read and judge what the LLM says."""
+    names = ("reply.py", "judge.py", "support.py", "support.yaml")
     return sha256_json({n: sha256_bytes(Path(__file__).with_name(n).read_bytes()) for n in names})
 
 

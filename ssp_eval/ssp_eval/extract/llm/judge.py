@@ -1,9 +1,9 @@
 """Which of the LLM's proposals the text supports (METHOD 5.5 c).
 
 The rules needn't know the quoted words. What is checked is what holds for any evidence: the quote
-stands in the text and cuts no word; it names no other label of its slot, and the side that its
-label has; no negation, condition, possibility or echo is in force over it; and it is said of the
-right one, the VUT for an action, and somebody else for a motion.
+stands in the text and cuts no word; it names no other label of its slot, has a word that may mean
+its own, and the side that its label has; no negation, condition, possibility or echo is in force
+over it; and it is said of the right one, the VUT for an action, and somebody else for a motion.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from ssp_eval.extract.checks import check
 from ssp_eval.extract.lexicon import lexicon
 from ssp_eval.extract.llm.prompt import NOBODY
 from ssp_eval.extract.llm.reply import Proposal
+from ssp_eval.extract.llm.support import load_support
 from ssp_eval.extract.match import Hit, find, sentences
 from ssp_eval.extract.scope import Scope, scopes
 from ssp_eval.extract.tokens import tokenise
@@ -147,6 +148,8 @@ class _Bench:
             return "the quote holds a word that turns it round"
         if self._means_another(proposal, inside):
             return "the quote means something else"
+        if not load_support().holds(proposal.slot, proposal.label, self.words[first:stop]):
+            return "no word of the quote is one for the label"
         if not self._names_side(proposal, first, stop):
             return "the quote names no such side"
         if proposal.label == "potential" and not (
