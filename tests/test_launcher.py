@@ -60,6 +60,17 @@ def test_a_middleware_that_is_not_there_is_left_out() -> None:
     assert "rmw_fastrtps_cpp" in done.stderr
 
 
+def test_a_live_run_with_a_middleware_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    live = ("run", "cut_in", "--site", "north_track", "--mode", "live", "--out", str(out))
+    done = launch({"RMW_IMPLEMENTATION": "rmw_of_nobody"}, *live)
+    assert done.returncode == 1, done.stderr
+    (error,) = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    for words in ("RMW_IMPLEMENTATION", "rmw_of_nobody", "export RMW_IMPLEMENTATION=rmw_fastrtps"):
+        assert words in error
+    assert "session" not in error
+
+
 def test_entries_of_the_caller_are_found_behind_the_packages(tmp_path: Path) -> None:
     if not list(Path(sys.prefix).glob("lib/python3.*/site-packages/ssp_sources.pth")):
         pytest.skip("not the environment of ./ssp")

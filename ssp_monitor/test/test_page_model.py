@@ -14,7 +14,10 @@ from hypothesis import strategies as st
 
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.arming import Facts, Gate, obstacles
 from ssp_core.safety.body_status import BodyStatus
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.liveness import signs_of_life
 from ssp_core.safety.object_rules import HeardRules, rules_of
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase, Verdict
 from ssp_monitor.page.snapshot import (
@@ -38,6 +41,7 @@ from ssp_monitor.status.health import ClockWatch, health, standing_in_the_way
 from support.states import object_state
 
 S = 1_000_000_000
+NOT_MEASURED = "clock offset and link delay of ot1 are not measured: no answer to heartbeats"
 GONE = BodyStatus("ot1", ("nobody listens at udp://10.0.0.21:9001",))
 UNPROBED = BodyStatus("ot1", (), ("it has no probe report",), lasting=True)
 
@@ -69,6 +73,13 @@ def ready_board(run: RunSpec) -> Board:
     for target in run.targets:
         board.rules.hear((target.id, rules_of(run, target.id)))
     return board
+
+
+def led_live(board: Board, status: BodyStatus, at_ns: int) -> None:
+    """The run is a live one, and the process of an object says how its body is."""
+    assert board.run is not None
+    board.run = board.run.model_copy(update={"mode": "live"})
+    board.hear_body(status, at_ns)
 
 
 def other_limits(board: Board, **limits: float) -> None:
@@ -114,8 +125,8 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
     ("change", "said"),
     [
         (lambda b: setattr(b, "manager_at_ns", None), "the scenario manager is silent"),
-        (lambda b: setattr(b, "camera_at_ns", None), "no camera picture arrives"),
-        (lambda b: setattr(b, "recorder", None), "the recorder is silent"),
+        (lambda b: setattr(b, "camera_at_ns", None), "no camera frame arrives"),
+        (lambda b: setattr(b, "recorder_at_ns", None), "the recorder is silent"),
         (
             lambda b: b.hear_recorder(RecorderFact(False, missing=("/ssp/x",)), 10 * S),
             "the recorder is not ready: /ssp/x",
@@ -125,8 +136,8 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
             "the recorder has lost 3 messages, limit 0",
         ),
         (
-            lambda b: b.hear_recorder(RecorderFact(True, failure="disk full"), 10 * S),
-            "the recorder has failed: disk full",
+            lambda b: b.hear_recorder(RecorderFact(False, failure="disk full"), 10 * S),
+            "the recorder is not ready: disk full",
         ),
         (
             lambda b: b.hear_localisation("fix type: FIX, GBAS is asked for", 8 * S),
@@ -134,10 +145,10 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
         ),
         (lambda b: b.objects.pop("ot1"), "no state of ot1 arrives"),
         (
-            lambda b: (b.objects.pop("ot1"), b.hear_body(GONE, 8 * S)),
+            lambda b: (b.objects.pop("ot1"), led_live(b, GONE, 8 * S)),
             "no state of ot1 arrives: nobody listens at udp://10.0.0.21:9001",
         ),
-        (lambda b: b.hear_body(UNPROBED, 8 * S), "ot1: it has no probe report"),
+        (lambda b: led_live(b, UNPROBED, 8 * S), "ot1: it has no probe report"),
         (
             lambda b: other_limits(b, heartbeat_s=60.0),
             "ot1 judges by another limits.heartbeat_s: 60.0 on its host, 0.5 here",
@@ -146,10 +157,10 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
             lambda b: setattr(b, "rules", HeardRules()),
             "ot1 has not said what it judges by",
         ),
-        (lambda b: b.links.clear(), "the link to ot1 is not measured yet"),
+        (lambda b: b.links.clear(), NOT_MEASURED),
         (
             lambda b: b.hear_links({"ot1": LinkFact(0.2, 0.9)}, 10 * S),
-            "the link to ot1 takes 0.900 s, limit 0.5 s",
+            "the link to ot1 takes 0.900 s there and back, limit 0.5 s",
         ),
         (
             lambda b: b.hear_links({"ot1": LinkFact(0.2, 0.1)}, 10 * S),
@@ -184,10 +195,44 @@ def test_what_stands_in_the_way_is_said(run, change, said):
     assert said in standing_in_the_way(board, 10 * S)
 
 
-def test_what_an_objects_process_said_long_ago_stands_in_nobodys_way(run):
+def test_an_objects_process_that_fell_silent_is_named_and_not_what_it_said(run):
     board = ready_board(run)
-    board.hear_body(UNPROBED, 8 * S - 1)
-    assert standing_in_the_way(board, 10 * S) == []
+    board.objects.pop("ot1")
+    led_live(board, UNPROBED, 8 * S - 1)
+    found = standing_in_the_way(board, 10 * S)
+    assert "no state of ot1 arrives: its object_target has said nothing for 2 s" in found
+    assert not any("probe" in text for text in found)
+
+
+def test_the_page_asks_for_all_that_the_manager_asks_for(run):
+    """Of the manager's list nothing is missing when nothing was heard, nor when all is late."""
+    blank = Board(run)
+    blank.hear_session(SessionFact(5 * S, SessionPhase.CONNECTED), 10 * S)
+    asked = [one.text for one in obstacles(Gate.ARM, run, Facts(), None, {}, 0)]
+    assert standing_in_the_way(blank, 10 * S) == ["the scenario manager is silent", *asked]
+    late = ready_board(run)
+    late.manager_at_ns = 11 * S
+    late.manager_stamp_ns = 6 * S
+    found = " ".join(standing_in_the_way(late, 11 * S))
+    # Half of what ends an armed session, of each of its participants.
+    for sign in signs_of_life(run):
+        if sign.limit_s < 2.0 and sign.code is not SafetyCode.REPLY_MISSING:
+            assert f"limit {sign.arming_limit_s:g} s" in found, sign
+
+
+def test_an_object_that_moves_while_it_says_that_it_stands_is_named(run):
+    board = ready_board(run)
+    for k in range(1, 30):
+        moved = state("ot1", x_m=30.0 + 0.02 * k, y_m=6.0, stamp_ns=5 * S + k * S // 10)
+        board.hear_states([moved], 10 * S)
+    assert "ot1 says that it stands and went" in " ".join(standing_in_the_way(board, 10 * S))
+
+
+def test_a_stranger_that_the_recorder_names_stands_in_the_way(run):
+    board = ready_board(run)
+    board.hear_recorder(RecorderFact(True, strangers=("/ssp/ot1/state has two",)), 10 * S)
+    found = standing_in_the_way(board, 10 * S)
+    assert found == ["1 publishers too many, limit 0: /ssp/ot1/state has two"]
 
 
 def test_a_session_whose_objects_may_still_refuse_to_arm_is_shown_as_arming(run):
@@ -377,7 +422,7 @@ def test_a_state_that_arrives_late_is_old(run):
     snapshot = Snapshots(board).snapshot(10 * S)
     assert snapshot["blind"]
     assert "what ot1 says is 2.5 s old" in snapshot["stale"]
-    assert "no state of ot1 for 2.5 s, limit 1 s" in snapshot["standing"]
+    assert "the state of ot1 is 2.50 s old, limit 0.15 s" in snapshot["standing"]
     # A manager that isn't heard any more tells nothing of the time; nor does one that is behind.
     board.manager_at_ns = 8 * S
     assert ages_of(board)["ot1"]["age"] == 0.01
@@ -399,7 +444,7 @@ def test_links_are_forgotten_when_the_manager_tells_of_them_no_more(run):
     board.hear_states([state("ot1", x_m=30.0, y_m=6.0)], 13 * S)
     assert "link" in ages_of(board, 13 * S)["ot1"]
     assert "link" not in ages_of(board, 13 * S + 1)["ot1"]
-    assert "the link to ot1 is not measured yet" in standing_in_the_way(board, 13 * S + 1)
+    assert NOT_MEASURED in standing_in_the_way(board, 13 * S + 1)
 
 
 def test_an_overtaken_state_is_dropped_and_a_new_beginning_is_not():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import os
 import sys
 from collections.abc import Mapping
 from signal import Signals
@@ -12,6 +13,7 @@ from typing import Any
 import click
 
 from ssp_core import __version__
+from ssp_core.environment import set_middleware_aside
 from ssp_core.errors import SspError
 from ssp_core.terminal import lost_output, on_stop_signals, survive_lost_output
 
@@ -121,6 +123,8 @@ def cli() -> None:
 def main(args: list[str] | None = None) -> int:
     """Runs the command line and returns its exit status."""
     survive_lost_output()
+    if left_out := set_middleware_aside(os.environ):
+        click.echo(f"ssp: {left_out}", err=True)
     with on_stop_signals(_interrupt):
         status = _run(args)
     if reason := lost_output():

@@ -11,14 +11,16 @@ import os
 import select
 import socket
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from ssp_core.errors import InputError
 
+# A middleware that isn't installed, moved here by set_middleware_aside.
+_ASIDE = "SSP_RMW_IMPLEMENTATION"
 # Whatever finds sessions or code of ROS and DDS starts like this.
-_PREFIXES = ("ROS_", "RMW_", "FAST", "CYCLONEDDS_")
+_PREFIXES = ("ROS_", "RMW_", "FAST", "CYCLONEDDS_", _ASIDE)
 # These say where logs go and which distribution is sourced.
 _KEPT = {"ROS_DISTRO", "ROS_HOME", "ROS_LOG_DIR", "ROS_PYTHON_VERSION", "ROS_VERSION"}
 
@@ -78,6 +80,29 @@ def installed_middlewares(env: Mapping[str, str]) -> set[str]:
     return found - {"rmw_implementation"}
 
 
+def set_middleware_aside(env: MutableMapping[str, str]) -> str:
+    """Take a middleware that isn't installed out of RMW_IMPLEMENTATION.
+
+    ROS ends a process that merely imports it with such a value. What needs no middleware of others
+    goes on without it; a live session is refused all the same (environment_errors).
+
+    Returns:
+        The line for people; empty where nothing was taken out.
+    """
+    middleware = env.get("RMW_IMPLEMENTATION", "")
+    if not middleware:
+        return ""
+    env.pop(_ASIDE, None)
+    there = installed_middlewares(env)
+    if not there or middleware in there:
+        return ""
+    env[_ASIDE] = env.pop("RMW_IMPLEMENTATION")
+    return (
+        f"RMW_IMPLEMENTATION={middleware} is left out: here is {', '.join(sorted(there))} alone. "
+        f"A live session is refused with it; `export {_RMW}`, on all hosts, ends this line"
+    )
+
+
 def environment_errors(
     env: Mapping[str, str],
     middlewares: Collection[str] = (),
@@ -93,18 +118,20 @@ def environment_errors(
         Each with variable, value and remedy.
     """
     errors = []
+    middleware = env.get(_ASIDE) or env.get("RMW_IMPLEMENTATION", "")
 
     def wrong(name: str, problem: str, remedy: str) -> None:
-        errors.append(InputError(problem, field=name, value=env[name], remedy=remedy))
+        value = env.get(name) or middleware
+        errors.append(InputError(problem, field=name, value=value, remedy=remedy))
 
     domain = env.get("ROS_DOMAIN_ID", "")
     if domain and not (domain.isascii() and domain.isdigit() and int(domain) <= LARGEST_DOMAIN):
         problem = f"must be a whole number from 0 to {LARGEST_DOMAIN}"
         wrong("ROS_DOMAIN_ID", problem, "export ROS_DOMAIN_ID=7, the same on all hosts")
-    middleware = env.get("RMW_IMPLEMENTATION", "")
     if middleware and middlewares and middleware not in middlewares:
         there = ", ".join(sorted(middlewares))
-        wrong("RMW_IMPLEMENTATION", f"isn't installed here; there is {there}", f"export {_RMW}")
+        remedy = f"export {_RMW}, on all hosts"
+        wrong("RMW_IMPLEMENTATION", f"isn't installed here; there is {there}", remedy)
     discovery = env.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
     if discovery and discovery not in _RANGES:
         problem = f"must be one of {', '.join(_RANGES)}"

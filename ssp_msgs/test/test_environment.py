@@ -13,6 +13,7 @@ from ssp_core.environment import (
     isolated,
     nobody_listens,
     require_sound,
+    set_middleware_aside,
 )
 from ssp_core.errors import InputError
 from ssp_core.processes import live_environment, session_environment
@@ -124,6 +125,27 @@ def test_what_is_right_is_let_through(tmp_path: Path) -> None:
     }
     assert environment_errors(env, {"rmw_fastrtps_cpp"}, lambda *_: False) == []
     assert environment_errors(dict.fromkeys(FINDERS, "")) == []
+
+
+def test_a_middleware_that_is_not_there_is_set_aside_and_a_live_session_refused(
+    tmp_path: Path,
+) -> None:
+    there = tmp_path / "share" / "ament_index" / "resource_index" / "rmw_typesupport"
+    there.mkdir(parents=True)
+    (there / "rmw_fastrtps_cpp").touch()
+    env = {"AMENT_PREFIX_PATH": str(tmp_path), "RMW_IMPLEMENTATION": "rmw_of_nobody"}
+    line = set_middleware_aside(env)
+    assert "RMW_IMPLEMENTATION=rmw_of_nobody" in line
+    assert "rmw_fastrtps_cpp alone" in line
+    assert "RMW_IMPLEMENTATION" not in env
+    # A command of a command takes over what was set aside, and says nothing more of it.
+    assert set_middleware_aside(env) == ""
+    with pytest.raises(InputError, match=r"rmw_of_nobody.*export RMW_IMPLEMENTATION=rmw_fastrtps"):
+        require_sound(env)
+    require_sound(isolated(env))
+    env["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
+    assert set_middleware_aside(env) == ""
+    require_sound(env)
 
 
 def test_the_middleware_of_the_wheels_is_found() -> None:

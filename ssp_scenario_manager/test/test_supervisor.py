@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from ssp_core import names
-from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.model import Camera, RunSpec
+from ssp_core.safety.arming import Gate, obstacles
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.liveness import WORLD_SILENT_LOCKSTEP_S
 from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
-from ssp_scenario_manager.session.limits import Violation
+from ssp_scenario_manager.session.limits import Violation, own_lateness
 from ssp_scenario_manager.session.state_machine import STANDSTILL_GIVEN_UP
 from ssp_scenario_manager.session.supervision import (
     ABORT_STANDSTILL_S,
@@ -287,3 +289,59 @@ def test_the_wait_begins_anew_with_each_abort(driver: Any) -> None:
     driver.move("ot1", speed_mps=3.0)
     session.state = SessionPhase.ABORTING
     assert not aborting.gives_up(99.0, 99.0, 99.0)
+
+
+@pytest.mark.parametrize(
+    ("measured", "limit", "late_s", "own"),
+    [
+        # A limit shorter than the manager's own pause, which without it was kept.
+        (0.32, 0.3, 0.31, True),
+        (0.32, 0.3, 0.30, False),
+        (0.62, 0.3, 0.31, False),
+        (-3.0, 0.1, 0.31, False),
+        (math.inf, 0.3, 0.49, False),
+        # Whatever it was, after half a second nothing is known.
+        (3.0, 0.3, 0.51, True),
+    ],
+)
+def test_a_pause_of_the_manager_counts_from_the_limit_that_is_judged(
+    measured: float, limit: float, late_s: float, own: bool
+) -> None:
+    code = SafetyCode.CLOCK_OFFSET if measured < 0.0 else SafetyCode.OBJECT_SILENT
+    found = Violation(code, "ot1", measured, limit, 0)
+    judged = own_lateness(found, late_s, 0.5)
+    assert (judged.code is SafetyCode.OVERRUN) is own
+    assert own or judged is found
+
+
+def test_the_longest_pause_of_late_is_remembered(driver: Any) -> None:
+    watchdog = Supervisor(driver.session, LivenessMonitor())
+    for at_s in (1.0, 1.4, 1.45, 1.65):
+        watchdog.wake(round(at_s * S))
+    assert driver.session.late_s == pytest.approx(0.4)
+    for k in range(40):
+        watchdog.wake(round((1.7 + 0.05 * k) * S))
+    assert driver.session.late_s == 0.0
+
+
+def test_a_world_that_waits_for_its_camera_is_named_and_not_the_vut(
+    run_mapping: dict[str, Any],
+) -> None:
+    """A machine on which the camera needs long to come up."""
+    run = RunSpec.model_validate(run_mapping).model_copy(
+        update={"camera": Camera(), "mode": "lockstep"}
+    )
+    liveness = LivenessMonitor()
+
+    def missing() -> list[str]:
+        facts = liveness.facts(run, S)
+        return [one.text for one in obstacles(Gate.CONNECT, run, facts, None, {}, 0)]
+
+    for who in (names.OBJECT_TARGET, names.MONITOR):
+        liveness.hear_answer(who)
+    assert missing()[0] == (
+        "the simulated world waits for front_camera: no answer to its first step"
+    )
+    assert not any("VUT" in text for text in missing())
+    liveness.hear_answer(names.FRONT_CAMERA)
+    assert missing()[0] == "no state of the VUT arrives"

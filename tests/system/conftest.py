@@ -6,7 +6,9 @@ import fcntl
 import json
 import os
 import pty
+import shutil
 import signal
+import socket
 import subprocess
 import sys
 import termios
@@ -18,6 +20,7 @@ from typing import Any
 
 import pytest
 
+from ssp_core.environment import nobody_listens
 from tests.system.recordings import Recordings
 
 START_DEADLINE_S = 180.0
@@ -170,6 +173,32 @@ def long_session(start_session: Any, tmp_path: Path) -> Callable[..., Any]:
 @pytest.fixture
 def live_processes() -> Any:
     return processes_of
+
+
+@pytest.fixture
+def discovery_server() -> Iterator[str]:
+    """A discovery server of this middleware on this host; its address."""
+    program = shutil.which("fast-discovery-server")
+    assert program is not None, "fast-discovery-server isn't on PATH: Fast DDS brings it"
+    port = _free_udp_port()
+    env = {k: v for k, v in os.environ.items() if k != "FASTRTPS_DEFAULT_PROFILES_FILE"}
+    command = [program, "-i", "0", "-l", "127.0.0.1", "-p", str(port)]
+    server = subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL)
+    try:
+        until_s = time.monotonic() + START_DEADLINE_S
+        while nobody_listens("127.0.0.1", port):
+            assert server.poll() is None, "the discovery server ended"
+            assert time.monotonic() < until_s, "the discovery server doesn't listen"
+        yield f"127.0.0.1:{port}"
+    finally:
+        server.kill()
+        server.wait()
+
+
+def _free_udp_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 @pytest.fixture(scope="session")

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -85,29 +81,6 @@ def processes() -> Iterator[Processes]:
     made.close()
 
 
-@pytest.fixture
-def server(processes: Processes) -> str:
-    """A discovery server; its address."""
-    program = shutil.which("fast-discovery-server")
-    if program is None:
-        pytest.skip("this ROS has no fast-discovery-server")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    env = {k: v for k, v in os.environ.items() if k != "FASTRTPS_DEFAULT_PROFILES_FILE"}
-    started = processes.start(env, program, "-i", "0", "-l", "127.0.0.1", "-p", str(port))
-    until_s = time.monotonic() + _DEADLINE_S
-    while True:
-        assert started.poll() is None, "the discovery server ended"
-        assert time.monotonic() < until_s, "the discovery server doesn't listen"
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(("127.0.0.1", port))
-            except OSError:  # it has the port
-                return f"127.0.0.1:{port}"
-        time.sleep(0.05)
-
-
 def say_end(process: subprocess.Popen[str]) -> str:
     out, _ = process.communicate(timeout=_DEADLINE_S)
     return out.splitlines()[-1]
@@ -115,11 +88,11 @@ def say_end(process: subprocess.Popen[str]) -> str:
 
 @pytest.mark.parametrize("same_domain", [False, True])
 def test_a_simulated_session_hears_nothing_of_a_live_one(
-    processes: Processes, server: str, same_domain: bool, monkeypatch: pytest.MonkeyPatch
+    processes: Processes, discovery_server: str, same_domain: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
     with free_domain() as domain, free_domain() as other:
-        monkeypatch.setenv("ROS_DISCOVERY_SERVER", server)
+        monkeypatch.setenv("ROS_DISCOVERY_SERVER", discovery_server)
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         live = live_environment(_CONFIG / "fastdds_hosts.xml")
         simulated = session_environment(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from rosbags.highlevel import AnyReader
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.object_rules import rules_of
 from tests.support.bags import messages
+from tests.system.conftest import END_DEADLINE_S, ssp_command
 from tests.system.recordings import SAID_FILE, Recordings
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -113,3 +115,19 @@ def test_a_folder_that_holds_something_is_refused(start_session: Any, tmp_path: 
     assert session.process.returncode == 1
     assert "is not empty" in err
     assert (tmp_path / "run" / "mine.txt").read_text() == "keep"
+
+
+def test_of_two_runs_into_one_new_folder_one_is_refused_and_the_other_whole(
+    start_session: Any, tmp_path: Path
+) -> None:
+    both = [start_session("cut_in", "--no-camera") for _ in range(2)]
+    said = [session.process.communicate(timeout=END_DEADLINE_S)[1] for session in both]
+    done, refused = sorted(range(2), key=lambda k: both[k].process.returncode)
+    statuses = [both[k].process.returncode for k in (done, refused)]
+    assert statuses == [0, 1], said
+    assert f"{tmp_path / 'run'}: is what another command writes into" in said[refused]
+    assert "Traceback" not in said[refused], said[refused]
+    result = json.loads((tmp_path / "run" / "result.json").read_text())
+    holds_the_event(tmp_path / "run", result)
+    checked = subprocess.run(ssp_command("bag", "check", str(tmp_path / "run" / "bag")))
+    assert checked.returncode == 0

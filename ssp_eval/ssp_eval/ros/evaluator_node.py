@@ -6,12 +6,11 @@ import sys
 from pathlib import Path
 
 import rclpy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
-from ssp_core.ros import declare, make_node
+from ssp_core.ros import declare, init, make_node
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import driving_before
 from ssp_eval.evaluate.executors import Settings
@@ -29,11 +28,11 @@ from ssp_eval.ros.parameters import EVALUATOR
 
 def main() -> int:
     """Evaluates bags with bridges that run already: ``ros2 run ssp_eval evaluator``."""
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     if len(remove_ros_args(sys.argv)) > 1:
         report_error("takes ROS parameters only: --ros-args -p bags:=[...] -p models:=[...]")
         return 2
     try:
+        init(sys.argv)
         return _evaluate()
     except SspError as error:
         report_error(str(error))

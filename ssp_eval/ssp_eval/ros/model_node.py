@@ -9,10 +9,9 @@ from typing import Any
 import rclpy
 from rclpy.executors import Executor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from ssp_core.names import vla_request_topic, vla_response_topic
-from ssp_core.ros import VLA, make_executor, make_node
+from ssp_core.ros import VLA, init, make_executor, make_node
 from ssp_eval.evaluate.model_client import RequestTracker
 from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.backends.recorded import response_of_message
@@ -95,7 +94,7 @@ def open_transport() -> Iterator[RosTransport]:
     """
     with ExitStack() as stack:
         if not rclpy.ok():
-            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            init()
             stack.callback(rclpy.try_shutdown)
         node = make_node(NAME)
         stack.callback(node.destroy_node)

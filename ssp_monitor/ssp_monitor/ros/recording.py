@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections import Counter, deque
@@ -12,10 +11,8 @@ from functools import cache
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
 
-from ssp_core import names
-from ssp_core.environment import require_sound
+from ssp_core import names, ros
 from ssp_core.errors import HostError, SspError
 from ssp_core.safety.liveness import WATCHED
 from ssp_core.vocabulary import SessionPhase
@@ -341,8 +338,7 @@ def record(
         InputError: the bag can't be made, or a variable of the environment is wrong.
         HostError: the bag can't be written, or reception failed.
     """
-    require_sound(os.environ)
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    ros.init([])
     try:
         # Nothing is spun: of a node that only looks at the graph, nobody asks anything.
         node = Node(

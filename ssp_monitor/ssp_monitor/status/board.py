@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import BodyStatus
+from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.object_rules import HeardRules
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 
@@ -117,6 +118,7 @@ class RecorderFact:
     flush_age_s: float = 0.0
     warnings: tuple[str, ...] = ()
     topics: tuple[TopicFact, ...] = ()
+    strangers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +178,7 @@ class Board:
     """Takes facts as they come. Every ``at_ns`` is ns on this host's steady clock.
 
     Args:
+        motion: what the run's participants state, held against their places.
         offered: commands whose services were found; None: nobody looks for them.
     """
 
@@ -197,12 +200,20 @@ class Board:
     vut_refused: str = ""
     vut_refused_at_ns: int | None = None
     bodies: dict[str, tuple[BodyStatus, int]] = field(default_factory=dict)
+    motion: dict[str, ConsistencyWatch] = field(default_factory=dict)
     camera_at_ns: int | None = None
     camera_fault: str = ""
     replay: bool = False
     offered: frozenset[str] | None = None
     events: deque[tuple[int, Event]] = field(default_factory=lambda: deque(maxlen=MOST_EVENTS))
     events_seen: int = 0
+
+    def __post_init__(self) -> None:
+        if self.run is None:
+            return
+        for one in (self.run.vut, *self.run.targets):
+            bounds = Bounds.of(one.id, one.cls, self.run.limits)
+            self.motion[one.id] = ConsistencyWatch(bounds)
 
     def hear_states(self, states: Iterable[ObjectState], at_ns: int) -> None:
         """Newest states; one that was overtaken on its way is dropped."""
@@ -215,6 +226,9 @@ class Board:
                 if at_ns < known.at_ns or 0 < back_ns <= _BEGUN_AGAIN_NS:
                     continue
             self.objects[state.object_id] = Received(state, at_ns)
+            watch = self.motion.get(state.object_id)
+            if watch is not None and state.is_finite:
+                watch.see(state)
 
     def hear_session(self, fact: SessionFact, at_ns: int) -> None:
         """A transition; it also becomes an event, and begins or ends the run's own time."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ssp_core.motion.state import ObjectState
+from ssp_core import names
 from ssp_core.node_interface import Level, Status
-from ssp_core.run_file.model import Limits, RunSpec
-from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.run_file.model import Limits
 from ssp_core.safety import limits as judge
-from ssp_core.safety import liveness
-from ssp_core.safety.body_status import FORGOTTEN_S, BodyStatus
+from ssp_core.safety.arming import Facts, Gate, obstacles, recorder_lacks, recorder_obstacles
+from ssp_core.safety.body_status import known_bodies
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.safety.fence import box_excess_m
+from ssp_core.safety.link_quality import LinkEstimate
+from ssp_core.safety.liveness import ADAPTER_SILENT_S, RECORDER_SILENT_S
 from ssp_core.safety.start_heading import UNKNOWN_AT_REST
 from ssp_core.vocabulary import ControlState, Role, SessionPhase, Verdict
 from ssp_monitor.status.board import (
@@ -22,6 +22,7 @@ from ssp_monitor.status.board import (
     Board,
     LinkFact,
     Received,
+    RecorderFact,
     age_s,
     links_of,
     object_age_s,
@@ -37,7 +38,8 @@ _BEFORE_START = (
 
 
 def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
-    """Everything, as sentences; empty once the session is past its start."""
+    """Everything, as sentences, by the rules that the manager arms by; empty once the session is
+    past its start."""
     session = board.session.state if board.session is not None else SessionPhase.UNKNOWN
     if session not in _BEFORE_START:
         return []
@@ -46,22 +48,58 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
         problems.append("the scenario manager is silent")
     if session in (SessionPhase.UNKNOWN, SessionPhase.IDLE):
         problems.append("no run is loaded")
-    problems += _recorder_problems(board, now_ns)
-    run = board.run
+    run, facts = board.run, _facts(board, now_ns)
     if run is None:
-        return problems
-    if run.camera is not None and age_s(now_ns, board.camera_at_ns) > liveness.CAMERA_SILENT_S:
-        problems.append("no camera picture arrives")
-    if board.vut_refused and age_s(now_ns, board.vut_refused_at_ns) <= liveness.ADAPTER_SILENT_S:
-        problems.append(f"the VUT's GNSS/INS gives no state: {board.vut_refused}")
-    bodies = _bodies(board, run, now_ns)
-    problems += [one.problem for one in board.rules.checks(run).values() if one.problem]
-    for participant in (run.vut, *run.targets):
-        body = bodies.get(participant.id, BodyStatus(participant.id))
-        problems += _participant(board, run, participant, session, body, now_ns)
-        others = (text for text in body.cannot_arm if text not in body.no_state)
-        problems += [f"{participant.id}: {text}" for text in others]
-    return problems
+        found = [*recorder_obstacles(facts)]
+    else:
+        gate = Gate.START if session is SessionPhase.ARMED else Gate.ARM
+        states = {object_id: heard.state for object_id, heard in board.objects.items()}
+        vut = states.pop(run.vut.id, None)
+        found = obstacles(gate, run, facts, vut, states, _session_ns(board, now_ns))
+    return problems + [obstacle.text for obstacle in found]
+
+
+def _facts(board: Board, now_ns: int) -> Facts:
+    """What was heard, as the manager's rules ask for it."""
+    run, recorder = board.run, board.recorder or RecorderFact(ready=False)
+    ages_s = {who: age_s(now_ns, heard.at_ns) for who, heard in board.objects.items()}
+    ages_s[names.MONITOR] = age_s(now_ns, board.recorder_at_ns)
+    ages_s[names.FRONT_CAMERA] = age_s(now_ns, board.camera_at_ns)
+    if run is not None:
+        # Of a simulated world the states of the VUT are the sign.
+        for who in (names.VUT_ID, names.SIL_WORLD):
+            ages_s[who] = ages_s.get(run.vut.id, math.inf)
+    live = run is not None and run.mode == "live"
+    ids = [target.id for target in run.targets] if run is not None else []
+    adapted = age_s(now_ns, board.vut_refused_at_ns) <= ADAPTER_SILENT_S
+    return Facts(
+        ages_s=ages_s,
+        # What is measured was answered within the last second, and how long ago isn't told.
+        links={
+            who: LinkEstimate(link.offset_s, link.delay_s, 0.0)
+            for who, link in links_of(board, now_ns).items()
+            if math.isfinite(link.delay_s)
+        },
+        rules=board.rules.checks(run) if run is not None else {},
+        recorder_ready=recorder.ready,
+        recorder_missing=recorder_lacks(recorder.missing, recorder.failure, recorder.warnings),
+        recorder_lost=recorder.lost,
+        vut_refused=board.vut_refused if adapted else "",
+        motion=board.motion,
+        other_managers=len(recorder.strangers),
+        foreign="; ".join(recorder.strangers),
+        bodies=known_bodies(ids, board.bodies, now_ns) if live else {},
+    )
+
+
+def _session_ns(board: Board, now_ns: int) -> int:
+    """Session time: of a live session it goes on after the manager's last word of it; a simulated
+    world stands still before the start."""
+    if board.manager_stamp_ns is None:
+        return max((heard.state.stamp_ns for heard in board.objects.values()), default=0)
+    live = board.run is not None and board.run.mode == "live"
+    heard_ns = board.manager_at_ns
+    return board.manager_stamp_ns + (now_ns - heard_ns if live and heard_ns is not None else 0)
 
 
 def not_armed(board: Board) -> list[str]:
@@ -72,95 +110,6 @@ def not_armed(board: Board) -> list[str]:
         for target in (run.targets if run is not None else ())
         if target.id not in heard or heard[target.id].state.control_state is not ControlState.ARMED
     ]
-
-
-def _bodies(board: Board, run: RunSpec, now_ns: int) -> dict[str, BodyStatus]:
-    """What the processes of live objects have said of late."""
-    fresh = {
-        object_id: status
-        for object_id, (status, at_ns) in board.bodies.items()
-        if age_s(now_ns, at_ns) <= FORGOTTEN_S
-    }
-    return {target.id: fresh[target.id] for target in run.targets if target.id in fresh}
-
-
-def _recorder_problems(board: Board, now_ns: int) -> list[str]:
-    recorder = board.recorder
-    if recorder is None or age_s(now_ns, board.recorder_at_ns) > liveness.RECORDER_SILENT_S:
-        return ["the recorder is silent"]
-    if recorder.failure:
-        return [f"the recorder has failed: {recorder.failure}"]
-    if not recorder.ready:
-        return [f"the recorder is not ready: {', '.join(recorder.missing) or 'no open file'}"]
-    if recorder.lost:
-        return [f"the recorder has lost {recorder.lost} messages, limit 0"]
-    return []
-
-
-def _participant(
-    board: Board,
-    run: RunSpec,
-    who: ParticipantSpec,
-    session: SessionPhase,
-    body: BodyStatus,
-    now_ns: int,
-) -> list[str]:
-    heard = board.objects.get(who.id)
-    why = f": {'; '.join(body.no_state)}" if body.no_state else ""
-    if heard is None:
-        return [f"no state of {who.id} arrives{why}"]
-    silent_s = object_age_s(board, heard, now_ns)
-    if silent_s > STALE_S:
-        return [f"no state of {who.id} for {silent_s:.1f} s, limit {STALE_S:g} s{why}"]
-    problems = []
-    if who is not run.vut:
-        problems += _link(who.id, links_of(board, now_ns).get(who.id, LinkFact()), run)
-        wanted = (
-            (ControlState.ARMED,)
-            if session is SessionPhase.ARMED
-            else (ControlState.DISARMED, ControlState.ARMED)
-        )
-        if session >= SessionPhase.CONNECTED and heard.state.control_state not in wanted:
-            names = " or ".join(one.name for one in wanted)
-            problems.append(f"{who.id} is {heard.state.control_state.name}, not {names}")
-    return problems + _place(heard.state, who, run)
-
-
-def _link(object_id: str, link: LinkFact, run: RunSpec) -> list[str]:
-    if not math.isfinite(link.delay_s):
-        return [f"the link to {object_id} is not measured yet"]
-    words = {
-        SafetyCode.LINK_DELAY: f"the link to {object_id} takes",
-        SafetyCode.CLOCK_OFFSET: f"the clock of {object_id} is off by",
-    }
-    return [
-        f"{words[one.code]} {one.measured:.3f} s, limit {one.limit:g} s"
-        for one in judge.link_violations(link.offset_s, link.delay_s, run.limits)
-    ]
-
-
-def _place(state: ObjectState, who: ParticipantSpec, run: RunSpec) -> list[str]:
-    if not state.is_finite:
-        return [f"{who.id} has a state with a value that is no number"]
-    problems = []
-    away_m = math.hypot(state.x_m - who.start.x_m, state.y_m - who.start.y_m)
-    if away_m > run.limits.start_region_m:
-        problems.append(
-            f"{who.id} is {away_m:.2f} m from its start, limit {run.limits.start_region_m:g} m"
-        )
-    if abs(state.speed_mps) > judge.STANDSTILL_MPS:
-        problems.append(
-            f"{who.id} moves at {state.speed_mps:.2f} m/s, limit {judge.STANDSTILL_MPS:g} m/s"
-        )
-    outside = judge.outside_geofence(box_excess_m(state.box, run.geofence))
-    if outside is not None:
-        problems.append(f"{who.id} is outside the geofence by {outside.measured:.2f} m")
-    if (vague := judge.localisation(state, run.limits)) is not None:
-        problems.append(
-            f"the position of {who.id} is uncertain by {vague.measured:.2f} m, "
-            f"limit {vague.limit:g} m"
-        )
-    return problems
 
 
 CLOCK_STANDS_S = 1.0
@@ -220,7 +169,7 @@ def _recorder(board: Board, now_ns: int) -> Status:
         ("age of the last flush, s", _number(fact.flush_age_s, 2)),
         ("missing topics", ", ".join(fact.missing)),
     )
-    if silent_s > liveness.RECORDER_SILENT_S:
+    if silent_s > RECORDER_SILENT_S:
         level, message = Level.STALE, f"silent for {silent_s:.1f} s"
     elif fact.failure:
         level, message = Level.ERROR, f"nothing is recorded any more: {fact.failure}"

@@ -188,6 +188,22 @@ class StopRequest:
             self.reason = reason
 
 
+def init(args: list[str] | None = None) -> None:
+    """Begin ROS in this process, in the domain that the environment names.
+
+    Signals are left alone: rclpy's own handler would invalidate the context before a node could say
+    that it stops.
+
+    Args:
+        args: for ROS to read; None: those of this process.
+
+    Raises:
+        InputError: a variable of the environment is wrong; names all of them.
+    """
+    require_sound(os.environ)
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+
+
 def run_node(
     make: Callable[[StopRequest], Node],
     shutdown: Callable[[Any], None],
@@ -196,8 +212,7 @@ def run_node(
 ) -> int:
     """Runs one node in this process until a signal, or until the node asks to stop; then exits.
 
-    rclpy's own signal handler would invalidate the context before the node could say that it
-    stops, so signals only set a flag; ``shutdown(node)`` then runs with the context still valid.
+    Signals only set a flag; ``shutdown(node)`` then runs with the context still valid.
 
     Args:
         args: for ROS to read; None: those of this process, in which it finds remap rules also
@@ -214,11 +229,10 @@ def run_node(
     survive_lost_output()
     stop = StopRequest()
     try:
-        require_sound(os.environ)
+        init(args)
     except InputError as error:
         report_error(str(error))
         sys.exit(1)
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     catch_stop_signals(lambda number: stop.set(number.name))
     status = 0
     node: Node | None = None

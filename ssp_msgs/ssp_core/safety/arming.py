@@ -7,7 +7,7 @@ look stands in it; the silence of participants comes from the table of ssp_core.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -24,7 +24,7 @@ from ssp_core.safety.consistency import ConsistencyWatch
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.safety.link_quality import LinkEstimate
-from ssp_core.safety.liveness import SignOfLife, signs_of_life
+from ssp_core.safety.liveness import RECORDER_SIGN, SignOfLife, signs_of_life
 from ssp_core.safety.object_rules import RulesCheck, untold
 from ssp_core.vocabulary import ControlState
 
@@ -50,6 +50,7 @@ class Need(Enum):
     VUT_STATE = "no state of the VUT arrives"
     OBJECT_STATE = "no state of {who} arrives"
     WORLD = "no tick of the simulated world arrives"
+    ANSWERS = "the simulated world waits for {detail}: no answer to its first step"
     RECORDER = "the recorder is silent"
     CAMERA = "no camera frame arrives"
     REPLY = "clock offset and link delay of {who} are not measured: no answer to heartbeats"
@@ -132,7 +133,8 @@ class Facts:
             name; what isn't in it was never heard.
         links: by object; their ages are those of the answers to heartbeats.
         rules: by object, what it judges by, held against the run's.
-        recorder_missing: what the recorder waits for.
+        recorder_missing: what the recorder waits for (``recorder_lacks``).
+        unanswered: nodes that the world of a lockstep run waits for before the VUT says anything.
         vut_refused: why no state is made of what the VUT's receiver says now; empty: one is, or
             nobody says.
         motion: what the VUT and the objects state, held against their places, by id.
@@ -150,6 +152,7 @@ class Facts:
     recorder_ready: bool = False
     recorder_missing: tuple[str, ...] = ()
     recorder_lost: int = 0
+    unanswered: tuple[str, ...] = ()
     vut_refused: str = ""
     motion: Mapping[str, ConsistencyWatch] = field(default_factory=dict)
     other_managers: int = 0
@@ -180,6 +183,14 @@ class Facts:
             rules=dict.fromkeys(ids, RulesCheck()),
             recorder_ready=True,
         )
+
+
+def recorder_lacks(
+    missing: Sequence[str], failure: str, warnings: Sequence[str]
+) -> tuple[str, ...]:
+    """Say what a recorder that isn't ready lacks (RecorderStatus.msg): topics; without one it is
+    the file or the disk, of which the first warning tells."""
+    return tuple(missing) or ((failure,) if failure else tuple(warnings[:1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,6 +264,10 @@ def _states_arrive(at: Situation) -> Iterator[Obstacle]:
     for sign in at.signs:
         if sign.code not in (SafetyCode.VUT_SILENT, SafetyCode.OBJECT_SILENT) or sign.by_stamp:
             continue
+        if sign.code is SafetyCode.VUT_SILENT and at.vut is None and at.facts.unanswered:
+            detail = " and ".join(at.facts.unanswered)
+            yield Obstacle(Need.ANSWERS, names.SIL_WORLD, detail=detail)
+            continue
         silence_s = math.inf if at.state_of(sign.who) is None else at.facts.silence_s(sign)
         body = at.facts.bodies.get(sign.who)
         yield from _silent(sign, silence_s, "" if body is None else "; ".join(body.no_state))
@@ -301,13 +316,18 @@ def _nodes_live(at: Situation) -> Iterator[Obstacle]:
             SafetyCode.PARTICIPANT_LOST,
         ):
             continue
-        silent = list(_silent(sign, at.facts.silence_s(sign)))
-        yield from silent
-        if sign.code is SafetyCode.RECORDER and not silent:
-            yield from _recorder_works(at.facts)
+        if sign == RECORDER_SIGN:
+            yield from recorder_obstacles(at.facts)
+        else:
+            yield from _silent(sign, at.facts.silence_s(sign))
 
 
-def _recorder_works(facts: Facts) -> Iterator[Obstacle]:
+def recorder_obstacles(facts: Facts) -> Iterator[Obstacle]:
+    """Find what the recorder lacks, which needs no run file to be said."""
+    silent = list(_silent(RECORDER_SIGN, facts.silence_s(RECORDER_SIGN)))
+    yield from silent
+    if silent:
+        return
     if not facts.recorder_ready:
         topics = ", ".join(facts.recorder_missing) or "its file is not open"
         yield Obstacle(Need.RECORDER_READY, names.MONITOR, detail=topics)

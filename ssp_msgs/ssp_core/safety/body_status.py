@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+
+from ssp_core.clock import ns_to_seconds
 
 # Told twice a second; what was told longer ago is forgotten.
 PERIOD_S = 0.5
@@ -23,3 +26,28 @@ class BodyStatus:
     no_state: tuple[str, ...] = ()
     cannot_arm: tuple[str, ...] = ()
     lasting: bool = False
+
+
+_NO_PROCESS = "its object_target was never heard: it doesn't run, or can't be reached"
+
+
+def known_bodies(
+    object_ids: Iterable[str], heard: Mapping[str, tuple[BodyStatus, int]], steady_ns: int
+) -> dict[str, BodyStatus]:
+    """Say of each object of a live run what is known of its body, or that its process is silent.
+
+    Args:
+        heard: by object, what its process said last, and when, ns on the steady clock.
+    """
+    found = {}
+    for object_id in object_ids:
+        status, at_ns = heard.get(object_id, (None, 0))
+        silent_s = ns_to_seconds(steady_ns - at_ns)
+        if status is None:
+            found[object_id] = BodyStatus(object_id, (_NO_PROCESS,))
+        elif silent_s > FORGOTTEN_S:
+            text = f"its object_target has said nothing for {silent_s:.0f} s"
+            found[object_id] = BodyStatus(object_id, (text,))
+        else:
+            found[object_id] = status
+    return found

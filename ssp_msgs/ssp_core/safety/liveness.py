@@ -12,6 +12,8 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 
+# Arming asks for this share of each limit, at both ends.
+ARMING_SHARE = 0.5
 # Where limits are judged: from the arming of the objects to their standstill.
 WATCHED = (SessionPhase.ARMED, SessionPhase.RUNNING, SessionPhase.STOPPING)
 # A simulated world that is silent this long is taken for dead. In lockstep it may wait for a
@@ -62,7 +64,10 @@ class SignOfLife:
     @property
     def arming_limit_s(self) -> float:
         """The longest silence on which a session is connected, armed or started, s, inclusive."""
-        return 0.5 * self.limit_s
+        return ARMING_SHARE * self.limit_s
+
+
+RECORDER_SIGN = SignOfLife(SafetyCode.RECORDER, names.MONITOR, RECORDER_SILENT_S)
 
 
 def signs_of_life(spec: RunSpec) -> tuple[SignOfLife, ...]:
@@ -84,7 +89,7 @@ def signs_of_life(spec: RunSpec) -> tuple[SignOfLife, ...]:
     table.append(SignOfLife(vut, names.VUT_ID, state_s if live else state_s + _AFTER_WORLD_S))
     while_held = (SessionPhase.ARMED,) if lockstep else WATCHED
     table += [SignOfLife(silent, who, state_s, while_held) for who in objects]
-    table.append(SignOfLife(SafetyCode.RECORDER, names.MONITOR, RECORDER_SILENT_S))
+    table.append(RECORDER_SIGN)
     if spec.camera is not None:
         camera_s = world_s if lockstep else CAMERA_SILENT_S
         table.append(SignOfLife(SafetyCode.PARTICIPANT_LOST, names.FRONT_CAMERA, camera_s))
@@ -93,3 +98,10 @@ def signs_of_life(spec: RunSpec) -> tuple[SignOfLife, ...]:
     table.append(SignOfLife(vut, names.VUT_ID, stamp_s, by_stamp=True))
     table += [SignOfLife(silent, who, stamp_s, by_stamp=True) for who in objects]
     return tuple(table)
+
+
+def lockstep_participants(spec: RunSpec) -> tuple[str, ...]:
+    """Nodes whose first answer the world of a lockstep run waits for, the manager left out."""
+    camera = (names.FRONT_CAMERA,) if spec.camera is not None else ()
+    driver = (names.VUT_DRIVER,) if spec.driver.external else ()
+    return names.OBJECT_TARGET, *camera, *driver, names.MONITOR

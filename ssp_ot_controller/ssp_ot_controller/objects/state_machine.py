@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from ssp_core.errors import PeerError
+from ssp_core.safety.liveness import ARMING_SHARE
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.body import BodyCheck
 from ssp_ot_controller.objects.rules import Rules
@@ -131,10 +132,11 @@ def cannot_arm(
 
     Args:
         event_version: K* version of the manager's run.
-        heartbeat_age_s: since the manager's last heartbeat, inf before the first.
+        heartbeat_age_s: since the manager's last heartbeat, inf before the first. Half of the limit
+            that stops a driving object is allowed, so that no object is armed that stops next.
         body: what a body with a control state of its own is found to be.
     """
-    ours, limit_s = run.event_version, run.limits.heartbeat_s
+    ours, limit_s = run.event_version, ARMING_SHARE * run.limits.heartbeat_s
     found = []
     code = REFUSED_LASTING if body.lasting else REFUSED_CONDITION
     if event_version != ours:

@@ -23,6 +23,7 @@ from ssp_core.motion.state import ObjectState as State
 from ssp_core.ros.conversions import body_status_of
 from ssp_core.run_file.model import load_run
 from ssp_core.safety import body_status
+from ssp_core.safety.arming import recorder_lacks
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import Exchange
 from ssp_core.safety.liveness import WATCHED
@@ -169,6 +170,7 @@ class ScenarioManager(Node):
         """A participant has answered a step."""
         if done.participant == names.SCENARIO_MANAGER:
             return
+        self._liveness.hear_answer(done.participant)
         self._inputs.on_answer(
             done.participant, done.step, done.states_sent, done.acks_sent, done.safety_events_sent
         )
@@ -230,9 +232,7 @@ class ScenarioManager(Node):
     def _on_recorder(self, message: RecorderStatus) -> None:
         """The recorder says how it is; the supervisor would see it a moment later."""
         steady_ns = time.monotonic_ns()
-        # Without a missing topic it is the file or the disk: the first warning says so.
-        why = (message.failure,) if message.failure else tuple(message.warnings[:1])
-        missing = tuple(message.missing_topics) or why
+        missing = recorder_lacks(message.missing_topics, message.failure, message.warnings)
         self._liveness.hear_recorder(message.ready, missing, message.lost, steady_ns)
         self._liveness.hear_strangers(message.strangers[:_MOST_STRANGERS])
         self._supervisor.wake(steady_ns)

@@ -40,6 +40,8 @@ RunListener = Callable[[str], None]
 RESULT_GRACE_S = 1.0
 # How long the result of a word that ran out may take.
 _RESULT_LOST_S = 5.0
+# A manager of another session that was heard so recently is there.
+_HEARD_S = 2.0
 # What one call of ``spin`` counts at most as silence: this process may have stood still itself.
 _LISTENED_S = 0.5
 _TELL_AGAIN_S = 5.0  # what a step waits for, this long after the last line
@@ -149,12 +151,16 @@ class RunClient:
         self._abort_asked_at: float | None = None
         self.trouble: tuple[float, str] | None = None
         """The first sign that the running session is going to end badly: when, and what it was."""
+        self.first_event: tuple[int, str, float, int] | None = None
+        """The first limit that was passed: code, of whom, limit, and when it was heard, ns."""
         self.elapsed_s = 0.0
         self._running_since: float | None = None
         # Of the start, once it was heard. The clock of a live session counts from 1970, that of a
         # simulated one from 0.
         self._zero_ns: int | None = None
         self.running_wall_s = 0.0
+        self._own_heard = False
+        self._other_heard_at: float | None = None
         self.silent_s = 0.0
         """How long this process has listened without a sign of the manager's."""
         sub = self.node.create_subscription
@@ -173,9 +179,16 @@ class RunClient:
         self.silent_s = 0.0
 
     def ready(self) -> bool:
-        """The manager offers the action."""
+        """This session's manager is heard, and the action is offered.
+
+        A manager of another session offers the same action and services.
+        """
         services = (self._load, self._abort)
-        return self._client.server_is_ready() and all(c.service_is_ready() for c in services)
+        return (
+            self._own_heard
+            and self._client.server_is_ready()
+            and all(c.service_is_ready() for c in services)
+        )
 
     def load(self, run_file: str) -> None:
         """Asks the manager to load a run without beginning it; ``loaded`` has its answer."""
@@ -224,7 +237,7 @@ class RunClient:
         self._begun, self._goal, self._result = False, None, None
 
     def other_managers(self) -> tuple[str, ...]:
-        """Nodes beside our manager that publish heartbeats, by what discovery tells of the graph.
+        """Nodes beside our manager that publish heartbeats, by the graph and by what they sent.
 
         A publisher of a process that has ended may stay there for some seconds.
         """
@@ -232,6 +245,9 @@ class RunClient:
             self.node.resolve_topic_name(names.HEARTBEAT)
         )
         found = sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in known)
+        at_s = self._other_heard_at
+        if len(found) < 2 and at_s is not None and time.monotonic() - at_s < _HEARD_S:
+            found.append("the manager of another session")
         return tuple(found) if len(found) > 1 else ()
 
     def cancel(self) -> None:
@@ -350,7 +366,10 @@ class RunClient:
     def _on_heartbeat(self, message: Heartbeat) -> None:
         # One of another session says nothing of our manager. A run by hand may name no session.
         if not self._token or message.session_token in ("", self._token):
+            self._own_heard = True
             self.hear_manager()
+        else:
+            self._other_heard_at = time.monotonic()
 
     def _on_session(self, message: SessionState) -> None:
         self.was_armed |= message.state >= SessionState.STATE_ARMED
@@ -403,6 +422,9 @@ class RunClient:
             unit = f" {message.unit}" if message.unit else ""
             figures = f": {message.measured:.3g}{unit}, limit {message.limit:.3g}{unit}"
         stamp_s = self._since_start_s(message.header.stamp)
+        if self.was_armed and self.first_event is None:
+            at_ns = time.monotonic_ns()
+            self.first_event = message.code, message.object_id, message.limit, at_ns
         if self._zero_ns is not None:
             # What came before the start may be left over from another session.
             self._note_trouble(f"{message.limit_name}{who}{figures}")

@@ -21,6 +21,11 @@ from ssp_scenario_manager.ros.runner_client import RunClient, StepwiseClient
 from ssp_scenario_manager.ros.start_listener import StartListener
 from ssp_scenario_manager.run import faults
 from ssp_scenario_manager.run.live import LiveSetup
+from ssp_scenario_manager.run.processor_waits import (
+    ProcessorWaits,
+    waited_ns,
+    with_busy_machine,
+)
 from ssp_scenario_manager.run.summary import PROMPT, changes, connected, summary
 from ssp_scenario_manager.run.word import ABORT, HOLDS_S, TypedWords, Word
 from ssp_scenario_manager.session.run_script import RunOutcome
@@ -127,6 +132,7 @@ class _Following:
         self._injector: faults.FaultInjector | None = None
         self._by_hand: StepwiseClient | None = None
         self._armed_at: float | None = None
+        self._waits = ProcessorWaits()
         if spec.faults:
             self._hands = FaultEndpoints(client.node, spec, time.monotonic())
             self._injector = faults.FaultInjector(spec, group, bag, self._hands, say)
@@ -286,6 +292,11 @@ class _Following:
         self._say(PROMPT)
         return heard
 
+    def _look_at_waits(self) -> None:
+        processes = self._group.processes.values()
+        waits_ns = {one.name: waited_ns(one.process.pid) for one in processes}
+        self._waits.look(waits_ns, time.monotonic_ns())
+
     def _wait(self) -> RunOutcome | None:
         """The outcome of the run; None where it didn't start while the word for it held."""
         cancelled, typed = 0, False
@@ -293,6 +304,7 @@ class _Following:
         outcome: RunOutcome | None = None
         while outcome is None:
             self._client.spin(0.05)
+            self._look_at_waits()
             self._inject()
             if (missing := self._client.not_in_time) is not None and not self._told:
                 self._say(f"not started within {HOLDS_S:g} s: {'; '.join(missing)}")
@@ -330,6 +342,9 @@ class _Following:
             if deadline is not None and time.monotonic() > deadline:
                 break
         outcome = outcome or RunOutcome(Verdict.INVALID_HARNESS, ())
+        if self._client.first_event is not None and not self._told:
+            busy = self._waits.too_busy(*self._client.first_event)
+            outcome = with_busy_machine(outcome, busy)
         if typed:
             outcome = RunOutcome(outcome.verdict, (f"{ABORT} typed", *outcome.reasons))
         if cancelled:

@@ -194,10 +194,10 @@ def violations(everyone: Sequence[ObjectState], spec: RunSpec) -> list[Violation
 
 
 def own_lateness(found: Violation, late_s: float, heartbeat_s: float) -> Violation:
-    """What was found while the manager itself stood still: then its own lateness is the reason.
+    """Name the manager's own lateness as the reason of what was found while it stood still.
 
-    Who wasn't looked at for seconds seems silent, slow or off in time, and an object that didn't
-    hear the manager stops by itself.
+    A participant that wasn't looked at for a while seems silent, slow or off in time, and an object
+    that didn't hear the manager stops by itself.
 
     Args:
         found: by the manager, or seen by another node.
@@ -207,7 +207,12 @@ def own_lateness(found: Violation, late_s: float, heartbeat_s: float) -> Violati
     # A recorder that lost messages is one without a name; a silent one has its node's.
     silent_recorder = found.code is SafetyCode.RECORDER and bool(found.object_id)
     limit_s = max(LATE_S, heartbeat_s) if found.code in _OF_OBJECTS else LATE_S
-    if late_s <= limit_s or not (found.code in _OF_TIME or silent_recorder):
+    if not (found.code in _OF_TIME or silent_recorder):
+        return found
+    if found.code not in _OF_OBJECTS and abs(found.measured) - late_s <= found.limit < late_s:
+        # A limit shorter than the manager's own pause, which without it would have been kept.
+        limit_s = min(limit_s, found.limit)
+    if late_s <= limit_s:
         return found
     who = f" of {found.object_id}" if found.object_id else ""
     instead = f"instead of {MEANINGS[found.code].limit_name}{who}"

@@ -12,18 +12,25 @@ from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.arming import Facts
-from ssp_core.safety.body_status import FORGOTTEN_S, BodyStatus
+from ssp_core.safety.body_status import BodyStatus, known_bodies
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import WINDOW_S, LinkClocks
-from ssp_core.safety.liveness import ADAPTER_SILENT_S, WATCHED, SignOfLife, signs_of_life
+from ssp_core.safety.liveness import (
+    ADAPTER_SILENT_S,
+    WATCHED,
+    SignOfLife,
+    lockstep_participants,
+    signs_of_life,
+)
 from ssp_core.safety.object_rules import HeardRules
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session.limits import LATE_S, Violation, of_object, silent, too_many
 from ssp_scenario_manager.session.session import Session
 
+# A gap between two looks that is no lateness yet: two periods of the watchdog.
+_PUNCTUAL_S = 0.1
 # After a refusal objects are asked to arm again no sooner than this.
 ARM_AGAIN_S = 1.0
-_NO_PROCESS = "its object_target was never heard: it doesn't run, or can't be reached"
 
 
 class LivenessMonitor:
@@ -39,6 +46,7 @@ class LivenessMonitor:
         # By topic that one node alone may publish: how many others do, and who.
         self.foreign: dict[str, tuple[int, str]] = {}
         self._heard_ns: dict[str, int] = {}
+        self._answered: set[str] = set()
         self._bodies: dict[str, tuple[BodyStatus, int]] = {}
         # Of the last command to arm: by object, why not, and when the last refusal came.
         self._refusals: dict[str, str] = {}
@@ -59,6 +67,10 @@ class LivenessMonitor:
         """What the recorder says of itself (RecorderStatus.msg)."""
         self.hear(names.MONITOR, steady_ns)
         self.recorder_ready, self.recorder_missing, self.recorder_lost = ready, missing, lost
+
+    def hear_answer(self, participant: str) -> None:
+        """A participant has answered a step of the simulated world (StepDone.msg)."""
+        self._answered.add(participant)
 
     def hear_strangers(self, texts: Sequence[str]) -> None:
         """Topics with more publishers than they should have, by the numbers of their messages."""
@@ -89,21 +101,6 @@ class LivenessMonitor:
         self._refusal_lasts |= lasting
         self._refused_ns = steady_ns
 
-    def _bodies_of(self, spec: RunSpec, steady_ns: int) -> dict[str, BodyStatus]:
-        """Of a live run's objects; a process that says nothing any more is what is known of it."""
-        found = {}
-        for target in spec.targets:
-            status, heard_ns = self._bodies.get(target.id, (None, 0))
-            silent_s = ns_to_seconds(steady_ns - heard_ns)
-            if status is None:
-                found[target.id] = BodyStatus(target.id, (_NO_PROCESS,))
-            elif silent_s > FORGOTTEN_S:
-                text = f"its object_target has said nothing for {silent_s:.0f} s"
-                found[target.id] = BodyStatus(target.id, (text,))
-            else:
-                found[target.id] = status
-        return found
-
     @property
     def other_managers(self) -> int:
         return sum(count for count, _ in self.foreign.values())
@@ -122,17 +119,22 @@ class LivenessMonitor:
         ids = [target.id for target in spec.targets] if spec else []
         refused = steady_ns - self._refused_ns <= seconds_to_ns(ARM_AGAIN_S)
         adapted = self.age_s(names.VUT_ADAPTER, steady_ns) <= ADAPTER_SILENT_S
+        live = spec is not None and spec.mode == "live"
+        bodies = known_bodies(ids, self._bodies, steady_ns) if live else {}
+        in_steps = spec is not None and spec.mode == "lockstep"
+        awaited = lockstep_participants(spec) if spec is not None and in_steps else ()
         return Facts(
             ages_s={who: self.age_s(who, steady_ns) for who in self._heard_ns},
             links={i: self.links.link(i, steady_ns) for i in ids},
             recorder_ready=self.recorder_ready,
             recorder_missing=self.recorder_missing,
             recorder_lost=self.recorder_lost,
+            unanswered=tuple(who for who in awaited if who not in self._answered),
             vut_refused=self._vut_refused if adapted else "",
             rules=self.rules.checks(spec) if spec else {},
             other_managers=self.other_managers,
             foreign=self.foreign_text,
-            bodies=self._bodies_of(spec, steady_ns) if spec and spec.mode == "live" else {},
+            bodies=bodies,
             refusals=dict(self._refusals) if refused else {},
             lasting=refused and self._refusal_lasts,
         )
@@ -238,16 +240,18 @@ class Supervisor:
         self._liveness.told_to_arm()
 
     def wake(self, steady_ns: int) -> None:
-        """The manager runs now, whatever for: how late is it, if nothing ran for long?"""
-        if self._awake_ns is not None and steady_ns - self._awake_ns > seconds_to_ns(LATE_S):
-            self._late = steady_ns, ns_to_seconds(steady_ns - self._awake_ns)
+        """Record a wake-up of the manager, and how late it was of late."""
+        pause_ns = 0 if self._awake_ns is None else steady_ns - self._awake_ns
+        if pause_ns > seconds_to_ns(LATE_S):
             spec = self._session.spec
             if spec is not None and spec.mode == "lockstep":
-                self._liveness.excuse(steady_ns - self._awake_ns, steady_ns)
+                self._liveness.excuse(pause_ns, steady_ns)
         self._awake_ns = steady_ns
-        at_ns, late_s = self._late
-        recent = steady_ns - at_ns <= seconds_to_ns(_REMEMBERED_S)
-        self._session.late_s = late_s if recent else 0.0
+        if steady_ns - self._late[0] > seconds_to_ns(_REMEMBERED_S):
+            self._late = steady_ns, 0.0
+        if pause_ns > seconds_to_ns(_PUNCTUAL_S) and ns_to_seconds(pause_ns) >= self._late[1]:
+            self._late = steady_ns, ns_to_seconds(pause_ns)
+        self._session.late_s = self._late[1]
 
     def look(self, steady_ns: int, now_ns: int) -> bool:
         """Tells the session what is known now, and ends what has waited for too long.

@@ -32,7 +32,7 @@ def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
     node = dead(names.OBJECT_TARGET)
     group = MagicMock(processes={names.OBJECT_TARGET: node, names.SCENARIO_MANAGER: MagicMock()})
     client = MagicMock(outcome=None, silent_s=0.0, was_armed=armed, under_way=False)
-    client.not_in_time = client.trouble = None
+    client.not_in_time = client.trouble = client.first_event = None
     client.other_managers.return_value = ()
     client.elapsed_s = client.running_wall_s = 0.0
     # It comes up, and ends when the run has begun.
@@ -72,7 +72,7 @@ def test_a_manager_that_lives_and_gives_no_result_doesnt_keep_the_run(
     group = MagicMock(processes={names.SCENARIO_MANAGER: manager})
     group.ended.return_value = []
     client = MagicMock(outcome=None, silent_s=0.0, was_armed=True, under_way=False, trouble=None)
-    client.not_in_time = None
+    client.not_in_time = client.first_event = None
     client.other_managers.return_value = ()
     client.elapsed_s = client.running_wall_s = 0.0
 

@@ -9,6 +9,7 @@ import pytest
 
 from ssp_core.processes import session_environment
 from ssp_core.run_file.model import RunSpec
+from ssp_core.session_token import draw_token
 from ssp_scenario_manager.ros.runner_client import RunClient
 
 if TYPE_CHECKING:
@@ -24,7 +25,12 @@ def test_a_manager_that_was_reset_is_no_silent_one(
     assert peers.load(run_file).accepted
     client = RunClient(session_environment(domain), lambda _: None, run)
     try:
-        peers.spin_until(client.ready, "the manager's action")
+
+        def ready() -> bool:
+            client.spin(0.05)
+            return client.ready()
+
+        peers.spin_until(ready, "the manager's action")
         peers.obtain("reset")
 
         def heard() -> bool:
@@ -35,5 +41,24 @@ def test_a_manager_that_was_reset_is_no_silent_one(
             client.silent_s = 99.0
             peers.spin_until(heard, "a sign of the manager's life")
         assert not peers.links or peers.seen[-1].run_id == ""
+    finally:
+        client.close()
+
+
+def test_the_manager_of_another_session_is_not_taken_for_ones_own(
+    peers: Peers, domain: int, run_file: Path, run: RunSpec
+) -> None:
+    """It offers the same action, so that a goal would go to it."""
+    assert peers.load(run_file).accepted
+    own = run.model_copy(update={"session_token": draw_token(run.mode)})
+    client = RunClient(session_environment(domain), lambda _: None, own)
+    try:
+
+        def told() -> bool:
+            client.spin(0.05)
+            return bool(client.other_managers())
+
+        peers.spin_until(told, "the other manager")
+        assert not client.ready()
     finally:
         client.close()

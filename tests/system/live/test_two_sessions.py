@@ -1,0 +1,152 @@
+"""Two whole sessions side by side: neither moves, arms or records anything of the other's."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core import names
+from ssp_core.processes import free_domain
+from ssp_core.vocabulary import ControlState, SessionPhase
+from tests.support.bags import messages
+from tests.system.conftest import ssp_command
+from tests.system.live.conftest import ASKS, ODOMETRY
+
+PORT = 21_000
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+
+# A simulated session whose nodes take domain and discovery from the environment, as no session of
+# ``ssp run`` does: what is left between it and a live one is the session's token and mode.
+NOT_ISOLATED = """
+import sys
+from ssp_core import cli
+from ssp_scenario_manager.run import over_dds
+over_dds.session_environment = lambda *_: over_dds.live_environment(over_dds.HOSTS_PROFILE)
+sys.exit(cli.main())
+"""
+BEFORE_ARMING = {SessionPhase.IDLE, SessionPhase.LOADED, SessionPhase.CONNECTED}
+
+
+@pytest.fixture
+def waiting_session(
+    make_stage: Callable[[dict[str, str]], Any], task: Callable[[str], Path]
+) -> Callable[[dict[str, str]], tuple[Any, Any]]:
+    """Starts a live session in an environment, up to where it waits with everybody connected."""
+
+    def start(env: dict[str, str]) -> tuple[Any, Any]:
+        stage = make_stage({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **env})
+        port = str(PORT + os.getpid() % 1000)
+        run = stage.run_live(task("cut_in"), "--no-camera", "--body", f"ot1=udp://127.0.0.1:{port}")
+        stage.play("bodies", "--play", "bodies", "--first-port", port, "--log", str(stage.log))
+        stage.play("vut", "--play", "vut")
+        ask_until_connected(stage, run)
+        return stage, run
+
+    return start
+
+
+def ask_until_connected(stage: Any, run: Any) -> None:
+    """Types what is no word until the summary above the prompt misses nobody."""
+
+    def connected() -> bool:
+        before = stage.said("ssp_run").count(ASKS)
+        type_line(run, "who is there")
+        stage.wait_for(lambda: stage.said("ssp_run").count(ASKS) > before, "a new prompt")
+        return "NOT CONNECTED" not in stage.said("ssp_run").rpartition("mode live")[2]
+
+    stage.wait_for(connected, "everybody to be connected")
+
+
+def type_line(run: Any, words: str) -> None:
+    run.stdin.write(f"{words}\n".encode())
+    run.stdin.flush()
+
+
+def ends_unarmed(stage: Any, run: Any) -> None:
+    """The waiting session goes on until ``abort`` is typed, and its bag knows of no arming."""
+    assert run.poll() is None, stage.said("ssp_run")
+    type_line(run, "abort")
+    result = stage.finish(run)
+    assert (result["verdict"], result["status"]) == ("aborted", 1), result
+    assert result["reasons"][0] == "abort before the start", result
+    bag = stage.folder / "run" / "bag"
+    sessions = messages(bag, names.absolute(names.SESSION_STATE))
+    assert sessions
+    assert {SessionPhase(message.state) for message in sessions} <= BEFORE_ARMING
+    states = messages(bag, names.absolute(names.state_topic("ot1")))
+    assert {ControlState(state.control_state) for state in states} == {ControlState.DISARMED}
+    assert all(row.speed_mps == 0.0 for row in stage.rows())
+
+
+def simulated(stage: Any, domain: int, *program: str) -> tuple[dict[str, Any], int]:
+    """A whole simulated session, started in the same environment but for the domain."""
+    command = [*(program or ssp_command()), "run", "cut_in", "--no-camera"]
+    command += ["--out", str(stage.folder / "simulated")]
+    process = stage.start("simulated", command, ("env", f"ROS_DOMAIN_ID={domain}"))
+    stage.wait_for(lambda: process.poll() is not None, "the end of the simulated session")
+    result = json.loads((stage.folder / "simulated" / "result.json").read_text())
+    return result, process.wait()
+
+
+@pytest.mark.parametrize(("on_server", "same_domain"), [(True, False), (False, True), (True, True)])
+def test_a_simulated_session_leaves_a_waiting_live_one_alone(
+    waiting_session: Any, discovery_server: str, on_server: bool, same_domain: bool
+) -> None:
+    with free_domain() as domain, free_domain() as other:
+        env = {"ROS_DOMAIN_ID": str(domain)}
+        if on_server:
+            env["ROS_DISCOVERY_SERVER"] = discovery_server
+        stage, run = waiting_session(env)
+        result, status = simulated(stage, domain if same_domain else other)
+        assert (result["verdict"], status) == ("valid", 0), (result, stage.said("simulated"))
+        ends_unarmed(stage, run)
+
+
+def test_a_simulated_session_that_meets_a_live_one_arms_nothing_of_it(
+    waiting_session: Any, discovery_server: str
+) -> None:
+    with free_domain() as domain:
+        stage, run = waiting_session(
+            {"ROS_DOMAIN_ID": str(domain), "ROS_DISCOVERY_SERVER": discovery_server}
+        )
+        result, status = simulated(stage, domain, sys.executable, "-c", NOT_ISOLATED)
+        assert (result["verdict"], status) == ("invalid_harness", 1), result
+        assert "foreign_manager" in " ".join(result["reasons"]), result
+        ends_unarmed(stage, run)
+
+
+def second_live(stage: Any, arguments: Sequence[str]) -> tuple[dict[str, Any], int]:
+    """Another live session in the same domain, which nobody has to start."""
+    command = ["run", str(stage.folder / "task"), "--mode", "live", "--start-at-once"]
+    command += ["--no-camera", "--odometry", ODOMETRY, "--out", str(stage.folder / "second")]
+    process = stage.start("second", ssp_command(*command, *arguments))
+    stage.wait_for(lambda: process.poll() is not None, "the end of the second session")
+    result = json.loads((stage.folder / "second" / "result.json").read_text())
+    return result, process.wait()
+
+
+@pytest.mark.parametrize("on_server", [False, True])
+def test_the_second_manager_of_a_domain_is_told_so_before_any_goal(
+    waiting_session: Any, discovery_server: str, on_server: bool
+) -> None:
+    with free_domain() as domain:
+        env = {"ROS_DOMAIN_ID": str(domain)}
+        if on_server:
+            env["ROS_DISCOVERY_SERVER"] = discovery_server
+        stage, run = waiting_session(env)
+        result, status = second_live(stage, ())
+        assert (result["verdict"], status) == ("invalid_harness", 1), result
+        reason = result["reasons"][0]
+        assert reason.startswith("foreign_manager: "), reason
+        assert "ROS_DOMAIN_ID" in reason
+        # No goal: the bag of its manager's domain knows of no session but the waiting one.
+        assert "session CONNECTED" not in stage.said("second")
+        states = messages(stage.folder / "second" / "bag", names.absolute(names.SESSION_STATE))
+        assert {SessionPhase(message.state) for message in states} <= BEFORE_ARMING
+        ends_unarmed(stage, run)
