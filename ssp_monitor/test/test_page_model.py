@@ -209,7 +209,11 @@ def test_the_page_asks_for_all_that_the_manager_asks_for(run):
     blank = Board(run)
     blank.hear_session(SessionFact(5 * S, SessionPhase.CONNECTED), 10 * S)
     asked = [one.text for one in obstacles(Gate.ARM, run, Facts(), None, {}, 0)]
-    assert standing_in_the_way(blank, 10 * S) == ["the scenario manager is silent", *asked]
+    told = standing_in_the_way(blank, 10 * S)
+    assert sorted(told) == sorted(["the scenario manager is silent", *asked])
+    # What concerns the whole session is told before single objects.
+    named = [any(who in text for who in run.object_ids) for text in told]
+    assert named == sorted(named)
     late = ready_board(run)
     late.manager_at_ns = 11 * S
     late.manager_stamp_ns = 6 * S

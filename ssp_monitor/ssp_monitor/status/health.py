@@ -56,6 +56,8 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
         states = {object_id: heard.state for object_id, heard in board.objects.items()}
         vut = states.pop(run.vut.id, None)
         found = obstacles(gate, run, facts, vut, states, _session_ns(board, now_ns))
+        # What concerns the whole session first: a page shows a few of many.
+        found.sort(key=lambda obstacle: obstacle.who in run.object_ids)
     return problems + [obstacle.text for obstacle in found]
 
 
