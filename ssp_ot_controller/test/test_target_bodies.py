@@ -217,6 +217,21 @@ def test_a_body_that_hears_nothing_brakes_by_itself(cls: ObjectClass) -> None:
     assert rig.server.body.x_m - x_m <= fastest * reaction_s + fastest**2 / (2.0 * hardest)
 
 
+def test_a_clock_that_is_set_back_holds_neither_the_body_nor_its_watchdog() -> None:
+    rig = Rig()
+    rig.run(1.2, 2.0)
+    x_m, seen = rig.server.body.x_m, len(rig.states)
+    assert rig.server.body.speed_mps > 1.5
+    rig.now_ns -= 5 * S
+    rig.run(WATCHDOG_S)
+    assert rig.server.body.x_m > x_m
+    assert rig.states[-1].brakes_by_itself
+    rig.run(1.8)
+    assert rig.server.body.speed_mps == 0.0
+    assert len(rig.states) - seen == pytest.approx(200, abs=2)
+    assert rig.states[-1].stamp_ns == pytest.approx(rig.now_ns, abs=20 * MS)
+
+
 def test_a_command_may_hold_for_a_shorter_time_but_not_for_a_longer_one() -> None:
     rig = Rig()
     rig.run(1.0, 2.0)

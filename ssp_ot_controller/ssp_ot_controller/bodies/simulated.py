@@ -56,7 +56,7 @@ class BodyServer:
         self.object_id = object_id
         self._class = object_class
         self._boot_ns = now_ns
-        self._now_ns = now_ns
+        self._now_ns = self._seen_ns = now_ns
         self._period_ns = round(NS_PER_S / rate_hz)
         self._next_state_ns = now_ns
         self._sequence = 0
@@ -100,7 +100,12 @@ class BodyServer:
         self._brakes_at_ns = now_ns + seconds_to_ns(holds_s)
 
     def advance(self, now_ns: int) -> None:
-        """Moves the body up to a time."""
+        """Moves the body up to a time. Its own goes on where the clock was set back."""
+        back_ns = max(0, self._seen_ns - now_ns)
+        self._seen_ns = now_ns
+        self._now_ns -= back_ns
+        self._next_state_ns -= back_ns
+        self._brakes_at_ns -= back_ns
         step_ns = seconds_to_ns(_PLANT_STEP_S)
         while self._now_ns + step_ns <= now_ns:
             command = self._command
