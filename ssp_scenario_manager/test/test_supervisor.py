@@ -339,6 +339,8 @@ def test_a_world_that_waits_for_its_camera_is_named_and_not_the_vut(
 
     for who in (names.OBJECT_TARGET, names.MONITOR):
         liveness.hear_answer(who)
+    assert missing()[0] == "no state of the VUT arrives"  # nobody knows of a world yet
+    liveness.hear(names.SIL_WORLD, S)
     assert missing()[0] == (
         "the simulated world waits for front_camera: no answer to its first step"
     )

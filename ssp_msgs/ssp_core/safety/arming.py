@@ -134,7 +134,8 @@ class Facts:
         links: by object; their ages are those of the answers to heartbeats.
         rules: by object, what it judges by, held against the run's.
         recorder_missing: what the recorder waits for (``recorder_lacks``).
-        unanswered: nodes that the world of a lockstep run waits for before the VUT says anything.
+        unanswered: nodes that the world of a lockstep run, which is heard, waits for before the VUT
+            says anything.
         vut_refused: why no state is made of what the VUT's receiver says now; empty: one is, or
             nobody says.
         motion: what the VUT and the objects state, held against their places, by id.
@@ -264,7 +265,8 @@ def _states_arrive(at: Situation) -> Iterator[Obstacle]:
     for sign in at.signs:
         if sign.code not in (SafetyCode.VUT_SILENT, SafetyCode.OBJECT_SILENT) or sign.by_stamp:
             continue
-        if sign.code is SafetyCode.VUT_SILENT and at.vut is None and at.facts.unanswered:
+        world_steps = names.SIL_WORLD in at.facts.ages_s
+        if sign.who == names.VUT_ID and at.vut is None and world_steps and at.facts.unanswered:
             detail = " and ".join(at.facts.unanswered)
             yield Obstacle(Need.ANSWERS, names.SIL_WORLD, detail=detail)
             continue

@@ -69,7 +69,12 @@ def test_refusals_say_why(peers: Peers, run_file: Path, tmp_path: Path) -> None:
     assert peers.load(run_file).event_version == "sha256:event"
     answer = peers.command("connect")
     assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_CONDITION)
-    assert list(answer.missing) == ["no state of the VUT arrives", "no state of ot1 arrives"]
+    # Its world steps, and nobody but the manager has answered.
+    waits = "the simulated world waits for object_target and monitor: no answer to its first step"
+    peers.spin_until(
+        lambda: list(peers.command("connect").missing) == [waits, "no state of ot1 arrives"],
+        "what the world waits for",
+    )
 
     # Both are heard, but nothing is as it must be for arming.
     peers.clock_offset_ns = 2_000_000_000
