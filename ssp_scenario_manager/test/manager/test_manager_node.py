@@ -194,7 +194,7 @@ def test_a_goal_is_for_an_idle_session(peers: Peers, run_file: Path, tmp_path: P
 def test_a_goal_says_what_its_next_step_waits_for(peers: Peers, run_file: Path) -> None:
     goal = peers.send(run_file)
     peers.spin_until(lambda: peers.feedback and peers.feedback[-1].waits_for, "what is missing")
-    assert "no state of the VUT" in peers.feedback[-1].waits_for
+    assert "no state of ot1 arrives" in peers.feedback[-1].waits_for
     peers.appear()
     peers.spin_until(lambda: peers.seen[-1].state == SessionPhase.RUNNING, "the start")
     peers.spin_until(lambda: not peers.feedback[-1].waits_for, "that nothing is missing")
