@@ -55,6 +55,7 @@ class Peers:
         self.ot1: ObjectState | None = None
         self.recorder: msg.RecorderStatus | None = None
         self.make_state = state
+        self.object_ids = ["ot1"]
         self.obeys = True
         self.refusal_code = ObjectCommand.Response.REFUSED_CONDITION
         self.seen: list[Any] = []
@@ -119,7 +120,7 @@ class Peers:
             now = ros.stamp_from_ns(time.time_ns() + self.clock_offset_ns)
             answer = msg.HeartbeatReply(
                 participant="peers",
-                object_ids=["ot1"],
+                object_ids=self.object_ids,
                 sequence=beat.sequence,
                 heartbeat_sent=beat.sent,
                 heartbeat_received=now,

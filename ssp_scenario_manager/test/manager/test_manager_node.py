@@ -18,6 +18,9 @@ import rclpy
 
 from ssp_core import names, ros
 from ssp_core.processes import session_environment
+from ssp_core.ros.conversions import rules_to_msg
+from ssp_core.run_file.model import load_run
+from ssp_core.safety.object_rules import rules_of
 from ssp_core.safety.publishers import NAMELESS
 from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_msgs import msg
@@ -165,6 +168,52 @@ def test_an_object_that_refuses_to_arm_is_asked_once_a_second_and_not_at_all_for
     assert list(result.result().result.reasons) == ["ot1 refused: the key is out"]
     asked = len(arms())
     assert asked <= 5
+
+
+def test_others_are_not_armed_and_disarmed_all_the_time_while_one_refuses(
+    peers: Peers, tmp_path: Path, run_mapping: dict[str, Any]
+) -> None:
+    """Of several objects one refuses for good: the others follow it once a second at most."""
+    start = {"x_m": 70.0, "y_m": 3.5, "yaw_rad": 0.0}
+    second = {"id": "ot2", "object_class": "car", "start": start}
+    path = tmp_path / "run.yaml"
+    path.write_text(json.dumps({**run_mapping, "targets": [*run_mapping["targets"], second]}))
+    run, arm = load_run(path), ObjectCommand.Request.COMMAND_ARM
+    told: list[int] = []
+    controls = [ControlState.DISARMED]
+
+    def on_command(request: Any, response: Any) -> Any:
+        told.append(request.command)
+        controls.append(ControlState.ARMED if request.command == arm else ControlState.DISARMED)
+        response.accepted = True
+        return response
+
+    node, topic = peers.node, names.state_topic("ot2")
+    states = node.create_publisher(msg.ObjectState, topic, ros.STATE)
+    rules = node.create_publisher(msg.ObjectRules, names.rules_topic("ot2"), ros.LATCHED)
+    node.create_publisher(msg.ReferenceAck, names.ack_topic("ot2"), ros.COMMAND)
+    node.create_service(ObjectCommand, names.command_service("ot2"), on_command)
+
+    def publish() -> None:
+        place = {"x_m": start["x_m"], "y_m": start["y_m"], "control_state": controls[-1]}
+        states.publish(state_to_msg(peers.make_state("ot2", **place)))
+
+    node.create_timer(0.02, publish)
+    rules.publish(rules_to_msg(rules_of(run, "ot2"), "ot2", "peers"))
+    peers.object_ids = ["ot1", "ot2"]
+    peers.appear()
+    peers.obeys = False
+    goal = peers.send(path)
+    peers.spin_until(lambda: peers.commands.count(arm) == 3, "the third command to arm")
+    # A stall may let another one come in between, and a late answer a disarm be repeated.
+    assert told.count(arm) <= 5
+    assert len(told) <= 20
+    peers.refusal_code = ObjectCommand.Response.REFUSED_LASTING
+    result = goal.get_result_async()
+    peers.spin_until(result.done, "the result")
+    assert list(result.result().result.reasons) == ["ot1 refused: the key is out"]
+    assert told.count(arm) <= 8
+    peers.spin_until(lambda: controls[-1] is ControlState.DISARMED, "ot2 disarmed again")
 
 
 def test_a_number_without_a_name_does_not_kill_it(
