@@ -80,6 +80,9 @@ class PairEntry(Strict):
     verdict: ResponseVerdict
     why: list[str]
     rating: RatingEntry | None = None
+    braking_s: tuple[Finite, Finite] | None = Field(
+        None, description="clip times at which the two were aligned; null in audits of before"
+    )
     on_common_clock: RatingEntry | None = None
     without_gain: RatingEntry | None = None
     figures: list[FigureEntry] = []
@@ -90,7 +93,7 @@ class CurveEntry(Strict):
     """The VUT's longitudinal acceleration from 0.2 s before its braking on, as it was rated."""
 
     trigger_s: Finite = Field(description="clip time")
-    braking_s: Finite = Field(description="clip time of the crossing of −1 m/s²")
+    braking_s: Finite = Field(description="clip time at which the braking begins")
     from_s: Finite = Field(description="of the first sample, from the braking on")
     step_s: Positive
     acceleration_mps2: list[Finite]

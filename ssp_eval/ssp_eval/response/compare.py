@@ -30,15 +30,18 @@ from ssp_eval.data.response import (
 from ssp_eval.response.drive import (
     AFTER_S,
     BEFORE_S,
+    BEGINS_MPS2,
     BRAKES_MPS2,
     SHORTEST_S,
     STEP_S,
     Drive,
+    braking_point,
     braking_start,
     curve,
     figure,
     obstacle,
     sampled,
+    start_before,
 )
 from ssp_eval.response.iso18571 import Rating, rate
 
@@ -73,16 +76,26 @@ def respond(drives: Sequence[Drive], limits: ResponseLimits) -> ResponseEntry:
     Args:
         drives: of Synthetic, Simulation, Physical.
     """
-    curves = {domain: curve(drive) for domain, drive in zip(DOMAINS, drives, strict=True)}
+    pairs = [
+        compare((DOMAINS[a], DOMAINS[b]), drives[a], drives[b], limits)
+        for a, b in _PAIRS
+        if a != 0 or len(drives[0].t_s)
+    ]
+    starts: dict[str, float | None] = {
+        domain: braking_start(drive) for domain, drive in zip(DOMAINS, drives, strict=True)
+    }
+    # The first pair in which a recording is rated says where its curve is drawn from.
+    for pair in reversed(pairs):
+        if pair.braking_s is not None:
+            starts |= zip((pair.reference, pair.comparison), pair.braking_s, strict=True)
+    curves = {
+        domain: curve(drive, starts[domain]) for domain, drive in zip(DOMAINS, drives, strict=True)
+    }
     return ResponseEntry.model_validate(
         {
             "limits": limits.model_dump(by_alias=True),
             "curves": {domain: found for domain, found in curves.items() if found is not None},
-            "pairs": [
-                compare((DOMAINS[a], DOMAINS[b]), drives[a], drives[b], limits)
-                for a, b in _PAIRS
-                if a != 0 or len(drives[0].t_s)
-            ],
+            "pairs": pairs,
         }
     )
 
@@ -101,14 +114,40 @@ class Delay:
     gain: float | None
 
 
-def delay(reference: Drive, comparison: Drive) -> Delay:
+def braking_starts(reference: Drive, comparison: Drive) -> tuple[float | None, float | None]:
+    """Clip times at which the brakings of two drives begin; None: it doesn't brake.
+
+    One of the two brakes by the definition, the reference if it does. The other's braking is the
+    one that follows it best (delay): its start is the crossing of −1 m/s² times its gain. A
+    threshold of its own would have it start elsewhere, or nowhere, for a braking that is a little
+    weaker. Where nothing follows, the definition holds for both.
+    """
+    drives = reference, comparison
+    starts = [braking_start(drive) for drive in drives]
+    if starts == [None, None] or any(obstacle(d, s) for d, s in zip(drives, starts, strict=True)):
+        return starts[0], starts[1]
+    first = 0 if starts[0] is not None else 1
+    leader, other = drives[first], drives[1 - first]
+    follows, point_s = delay(leader, other, starts[first]), braking_point(leader)
+    if follows.lag_s is None or follows.gain is None or point_s is None:
+        return starts[0], starts[1]
+    if follows.gain > 0.0 and other.acceleration_mps2.min() < BEGINS_MPS2:
+        since_s = point_s - (leader.trigger_s or 0.0) + follows.lag_s
+        found = start_before(other, (other.trigger_s or 0.0) + since_s, follows.gain)
+        starts[1 - first] = starts[1 - first] if found is None else found
+    return starts[0], starts[1]
+
+
+def delay(reference: Drive, comparison: Drive, start_s: float | None) -> Delay:
     """The delay from the trigger until the reference's braking has built up, and the gain there.
 
     The window ends with the build-up, so that a weaker or longer braking isn't taken for a later
     one; correlation doesn't ask for gain.
+
+    Args:
+        start_s: clip time at which the reference's braking begins; None: it doesn't brake.
     """
     nothing = Delay(None, None)
-    start_s = braking_start(reference)
     if start_s is None or reference.trigger_s is None or comparison.trigger_s is None:
         return nothing
     first_s = min(0.0, start_s - BEFORE_S - reference.trigger_s)
@@ -129,7 +168,9 @@ def delay(reference: Drive, comparison: Drive) -> Delay:
     others = shifted - shifted.mean(axis=1, keepdims=True)
     spread = np.sqrt((others**2).sum(axis=1) * (own**2).sum())
     found = np.divide(others @ own, spread, out=np.full(len(shifted), -1.0), where=spread > 1e-6)
-    best = int(np.argmax(found))
+    # On a straight line every lag follows as well; the least of them needs no explanation.
+    as_good = np.flatnonzero(found >= found.max() - _EPS)
+    best = int(as_good[np.argmin(np.abs(lags[as_good]))])
     if best in (0, len(found) - 1) or found[best] <= 0.0:
         return nothing
     gain = float(shifted[best] @ window / (window @ window))
@@ -146,21 +187,23 @@ def compare(
     """
     drives = reference, comparison
     head = {"reference": names[0], "comparison": names[1]}
-    starts = [braking_start(drive) for drive in drives]
-    why = [f"{name} {text}" for name, d in zip(names, drives, strict=True) if (text := obstacle(d))]
-    brakes = [start is not None for start in starts]
+    starts = braking_starts(reference, comparison)
+    whole = list(zip(names, drives, starts, strict=True))
+    why = [f"{name} {text}" for name, d, start_s in whole if (text := obstacle(d, start_s))]
+    brakes = [start_s is not None for start_s in starts]
     if not why and not any(brakes):
         why = [f"nobody braked: no acceleration below {BRAKES_MPS2:g} m/s²"]
     if why:
         return PairEntry.model_validate({**head, "verdict": "not assessable", "why": why})
-    if not all(brakes):
+    if starts[0] is None or starts[1] is None:
         does, doesnt = names if brakes[0] else names[::-1]
         text = f"{does} brakes, {doesnt} never falls below {BRAKES_MPS2:g} m/s²"
         return PairEntry.model_validate({**head, "verdict": "unlike", "why": [text]})
-    follows = delay(reference, comparison)
-    aligned, common = _aligned(drives), _on_common_clock(drives)
+    begin = starts[0], starts[1]
+    follows = delay(reference, comparison, begin[0])
+    aligned, common = _aligned(drives, begin), _on_common_clock(drives, begin)
     rating = _rated(*aligned)
-    figures = [_figure(name, *drives, getattr(limits, name)) for name in _FIGURES]
+    figures = [_figure(name, drives, begin, getattr(limits, name)) for name in _FIGURES]
     if rating.overall < limits.rating.limit:
         why.append(f"the rating {rating.overall:.2f} is below {limits.rating.limit:g}")
     why += [_outside(entry, names) for entry in figures if entry.within is False]
@@ -174,6 +217,7 @@ def compare(
             "verdict": "unlike" if why else "alike",
             "why": why,
             "rating": rating,
+            "braking_s": begin,
             "on_common_clock": clock,
             "without_gain": without,
             "figures": figures,
@@ -185,8 +229,9 @@ def compare(
 _FIGURES: tuple[Figure, ...] = ("ttc_at_braking", "remaining_distance", "impact_speed")
 
 
-def _aligned(drives: tuple[Drive, Drive]) -> tuple[FloatArray, FloatArray]:
-    starts = [start for drive in drives if (start := braking_start(drive)) is not None]
+def _aligned(
+    drives: tuple[Drive, Drive], starts: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
     ends = [float(drive.t_s[-1]) - start for drive, start in zip(drives, starts, strict=True)]
     last_s = min(AFTER_S, *ends)
     first, second = (
@@ -196,12 +241,14 @@ def _aligned(drives: tuple[Drive, Drive]) -> tuple[FloatArray, FloatArray]:
     return first, second
 
 
-def _on_common_clock(drives: tuple[Drive, Drive]) -> tuple[FloatArray, FloatArray] | None:
+def _on_common_clock(
+    drives: tuple[Drive, Drive], starts: tuple[float, float]
+) -> tuple[FloatArray, FloatArray] | None:
     """Both on time since the trigger, from 0.2 s before the earlier braking; None: too short."""
     spans = []
-    for drive in drives:
-        start_s, zero_s = braking_start(drive), drive.trigger_s
-        if start_s is None or zero_s is None:
+    for drive, start_s in zip(drives, starts, strict=True):
+        zero_s = drive.trigger_s
+        if zero_s is None:
             return None
         spans.append((drive.t_s[0] - zero_s, start_s - zero_s, drive.t_s[-1] - zero_s, zero_s))
     first_s = min(span[1] for span in spans) - BEFORE_S
@@ -225,8 +272,10 @@ def grade(overall: float) -> Grade:
     return next((word for above, word in _GRADES if overall > above), "poor")
 
 
-def _figure(name: Figure, reference: Drive, comparison: Drive, limit: Limit) -> FigureEntry:
-    values = figure(reference, name), figure(comparison, name)
+def _figure(
+    name: Figure, drives: tuple[Drive, Drive], starts: tuple[float, float], limit: Limit
+) -> FigureEntry:
+    values = figure(drives[0], name, starts[0]), figure(drives[1], name, starts[1])
     difference = None if None in values else values[1] - values[0]  # type: ignore[operator]
     within = None if values == (None, None) else False
     if difference is not None:

@@ -71,27 +71,57 @@ def braking_start(drive: Drive) -> float | None:
     The first point below −3 m/s², from there back to the crossing of −1 m/s². A recording that
     begins below −1 m/s² has no such crossing.
     """
+    below = np.flatnonzero(drive.acceleration_mps2 < BRAKES_MPS2)
+    return _crossing(drive, int(below[0]), BEGINS_MPS2) if len(below) else None
+
+
+def braking_point(drive: Drive) -> float | None:
+    """Clip time of the first point below −3 m/s²; None: there is none."""
+    below = np.flatnonzero(drive.acceleration_mps2 < BRAKES_MPS2)
+    return float(drive.t_s[below[0]]) if len(below) else None
+
+
+def start_before(drive: Drive, point_s: float, gain: float) -> float | None:
+    """Clip time at which a braking begins that is so many times as strong as another one.
+
+    It is the crossing of −1 m/s² times the gain before a point of the braking. So it stays where it
+    is when the whole braking is made weaker or stronger.
+
+    Args:
+        point_s: clip time.
+        gain: above 0.
+
+    Returns:
+        None where the VUT doesn't decelerate by as much there, or did so from its beginning on.
+    """
+    i = int(np.argmin(np.abs(drive.t_s - point_s)))
+    level_mps2 = BEGINS_MPS2 * gain
+    return _crossing(drive, i, level_mps2) if drive.acceleration_mps2[i] < level_mps2 else None
+
+
+def _crossing(drive: Drive, before: int, level_mps2: float) -> float | None:
+    """Clip time of the last falling crossing of a level before a state."""
     a = drive.acceleration_mps2
-    below = np.flatnonzero(a < BRAKES_MPS2)
-    if not len(below):
-        return None
-    above = np.flatnonzero(a[: below[0]] >= BEGINS_MPS2)
+    above = np.flatnonzero(a[:before] >= level_mps2)
     if not len(above):
         return None
     i = int(above[-1])
-    share = (a[i] - BEGINS_MPS2) / (a[i] - a[i + 1])
+    share = (a[i] - level_mps2) / (a[i] - a[i + 1])
     return float(drive.t_s[i] + share * (drive.t_s[i + 1] - drive.t_s[i]))
 
 
-def obstacle(drive: Drive) -> str | None:
-    """Why a response can't be assessed, None where it can or where the VUT just doesn't brake."""
+def obstacle(drive: Drive, start_s: float | None) -> str | None:
+    """Why a response can't be assessed, None where it can or where the VUT just doesn't brake.
+
+    Args:
+        start_s: clip time at which its braking begins; None: it doesn't brake.
+    """
     if len(drive.t_s) < 2:
         return "has no states of the VUT"
     if drive.trigger_s is None:
         return "has no trigger"
     if (np.abs(drive.acceleration_mps2) > POSSIBLE_MPS2).any():
         return f"has states with more than {POSSIBLE_MPS2:g} m/s²"
-    start_s = braking_start(drive)
     if start_s is None:
         if (drive.acceleration_mps2 < BRAKES_MPS2).any():
             return "brakes from its beginning on"
@@ -110,10 +140,13 @@ def sampled(drive: Drive, zero_s: float, first_s: float, last_s: float) -> Float
     return values
 
 
-def curve(drive: Drive) -> CurveEntry | None:
-    """The curve that is rated; None where it can't be assessed."""
-    start_s = braking_start(drive)
-    if start_s is None or drive.trigger_s is None or obstacle(drive) is not None:
+def curve(drive: Drive, start_s: float | None) -> CurveEntry | None:
+    """The curve that is rated; None where it can't be assessed.
+
+    Args:
+        start_s: clip time at which the braking begins.
+    """
+    if start_s is None or drive.trigger_s is None or obstacle(drive, start_s) is not None:
         return None
     values = sampled(drive, start_s, -BEFORE_S, min(AFTER_S, float(drive.t_s[-1]) - start_s))
     return CurveEntry(
@@ -125,14 +158,13 @@ def curve(drive: Drive) -> CurveEntry | None:
     )
 
 
-def figure(drive: Drive, name: Figure) -> float | None:
-    """A key figure of one recording; None: it doesn't exist there.
+def figure(drive: Drive, name: Figure, start_s: float | None) -> float | None:
+    """A key figure of one recording whose braking begins at a clip time; None: it doesn't exist.
 
     ``ttc_at_braking`` at the braking's start; ``remaining_distance`` the smallest bumper gap from
     there on while the OT is ahead in the VUT's corridor; ``impact_speed`` the VUT's speed at the
     first state in which the outlines touch, 0 where they never do.
     """
-    start_s = braking_start(drive)
     if start_s is None:
         return None
     if name == "ttc_at_braking":

@@ -52,7 +52,16 @@ def _plot(response: ResponseEntry, pair: PairEntry) -> str:
     found = [response.curves.get(name) for name in (pair.reference, pair.comparison)]
     if pair.rating is None or found[0] is None or found[1] is None:
         return ""
-    return curve_plot((pair.reference, found[0]), (pair.comparison, found[1]))
+    begin = pair.braking_s or (found[0].braking_s, found[1].braking_s)
+    return curve_plot(
+        (pair.reference, _from(found[0], begin[0])), (pair.comparison, _from(found[1], begin[1]))
+    )
+
+
+def _from(curve: CurveEntry, braking_s: float) -> CurveEntry:
+    """The same curve on the time from another start of the braking."""
+    from_s = curve.from_s + curve.braking_s - braking_s
+    return curve.model_copy(update={"braking_s": braking_s, "from_s": from_s})
 
 
 def curve_plot(reference: tuple[str, CurveEntry], comparison: tuple[str, CurveEntry]) -> str:
@@ -62,15 +71,22 @@ def curve_plot(reference: tuple[str, CurveEntry], comparison: tuple[str, CurveEn
         reference: domain and curve.
         comparison: the same; only the stretch that both have is drawn.
     """
-    named = {name: np.array(curve.acceleration_mps2) for name, curve in (reference, comparison)}
-    n = min(map(len, named.values()))
-    first_s, step_s = reference[1].from_s, reference[1].step_s
-    t_s: FloatArray = first_s + step_s * np.arange(n, dtype=float)
+    step_s, both = reference[1].step_s, (reference, comparison)
+    own_s = [c.from_s + c.step_s * np.arange(len(c.acceleration_mps2)) for _, c in both]
+    first_s, last_s = max(t[0] for t in own_s), min(t[-1] for t in own_s)
+    t_s: FloatArray = np.arange(first_s, last_s + step_s / 2, step_s)
+    values_of = {
+        name: np.interp(t_s, times_s, curve.acceleration_mps2)
+        for times_s, (name, curve) in zip(own_s, both, strict=True)
+    }
+    n = len(t_s)
     chosen = np.unique(np.linspace(0, n - 1, min(n, _POINTS)).round().astype(int))
-    base = named[reference[0]][:n]
+    base = values_of[reference[0]][:n]
     norm = float(np.abs(base).max())
-    low = min(float((base - OUTER * norm).min()), *(float(c[:n].min()) for c in named.values()))
-    high = max(float((base + OUTER * norm).max()), *(float(c[:n].max()) for c in named.values()))
+    low = min(float((base - OUTER * norm).min()), *(float(c[:n].min()) for c in values_of.values()))
+    high = max(
+        float((base + OUTER * norm).max()), *(float(c[:n].max()) for c in values_of.values())
+    )
 
     def x(time_s: FloatArray | float) -> Any:
         share = (np.asarray(time_s) - t_s[0]) / (t_s[-1] - t_s[0])
@@ -94,14 +110,15 @@ def curve_plot(reference: tuple[str, CurveEntry], comparison: tuple[str, CurveEn
         band(INNER, "inner", "inner"),
         pages.element("line", x1=x(0.0), x2=x(0.0), y1=_TOP, y2=_HEIGHT - _BOTTOM, class_="zero"),
     ]
-    for (name, values), role in zip(named.items(), ("reference", "comparison"), strict=True):
+    for (name, values), role in zip(values_of.items(), ("reference", "comparison"), strict=True):
         told = pages.title(f"{name}, {role}")
         parts.append(
             pages.element("polyline", told, points=pages.points(line(values)), class_=role)
         )
+    named = f"Acceleration of {comparison[0]} against {reference[0]}"
     return pages.element(
-        "svg", "".join(parts), class_="response", viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}", role="img",
-        aria_label=f"Acceleration of {comparison[0]} against {reference[0]}",
+        "svg", pages.title(named) + "".join(parts), class_="response",
+        viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}", role="img", aria_label=named,
     )  # fmt: skip
 
 
