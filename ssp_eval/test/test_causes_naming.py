@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,7 +18,7 @@ from ssp_eval.causes.findings import moved_by
 from ssp_eval.causes.naming import Naming, Seen, namings, sights
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.model_client import ModelReply
+from ssp_eval.evaluate.model_client import ModelClient, ModelReply
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.results import load_cells
 from ssp_eval.recordings.clip import Clip
@@ -41,14 +43,22 @@ def campaign(make_bag: BagMaker, tmp_path: Path) -> Path:
         shutil.copytree(bag, bag_of(bag, name))
     write_twin_set(bag, {name: audit_of_twin() for name in TWINS})
 
-    def reply(number: int, request: Request) -> ModelReply:
-        text = PEDESTRIAN if number % 3 == 2 else CAR
-        text = "The road is clear." if 9 <= number < 18 else text
-        return ModelReply(Response(request.request_id, request.stamp_ns, "m", "m/1", text))
+    class Namer(Answering):
+        """Whoever is asked, by the condition."""
+
+        def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
+            told = count()
+
+            def reply(_: int, request: Request) -> ModelReply:
+                text = PEDESTRIAN if next(told) % 3 == 2 else CAR
+                text = "The road is clear." if "without" in model.condition else text
+                return ModelReply(Response(request.request_id, request.stamp_ns, "m", "m/1", text))
+
+            return Answering(reply)
 
     models = [ModelSpec("m", backend="opencv_baseline")]
     out = tmp_path / "out"
-    run_campaign([(bag, None)], models, Answering(reply), out, CellOptions(), True, twins=True)
+    run_campaign([(bag, None)], models, Namer(), out, CellOptions(), True, twins=True)
     return out
 
 
@@ -105,8 +115,9 @@ def test_report_shows_what_moved_the_answers(campaign: Path, tmp_path: Path) -> 
     assert '<section id="moved">' in page
     assert "1 recording can&#39;t carry a test" in page
     rows = json.loads((tables / "moved_answers.json").read_text())["data"]
-    assert len(rows) == 4 * 9
-    assert {row["condition"] for row in rows} == {"", *(f"twin.{name}" for name in TWINS)}
+    assert len(rows) == 5 * 9
+    shown = {"", "repeat", *(f"twin.{name}" for name in TWINS)}
+    assert {row["condition"] for row in rows} == shown
     moved = moved_by(load_cells(campaign))
     assert moved is not None
     assert len(json.loads((tables / "moved_naming.json").read_text())["data"]) == len(

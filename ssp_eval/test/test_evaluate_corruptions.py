@@ -203,7 +203,7 @@ def test_a_campaign_asks_each_model_under_every_corruption(
     asked = [model for model in models if not model.answerer]
     results = run_campaign(bags, asked, client, tmp_path, CellOptions(), True)
     assert {result.status for result in results} == {"ok"}
-    assert client.count == 17 * 9
+    assert client.count == 18 * 9  # each condition, and the question itself twice
     said = {cell.model: [record.text for record in cell.records] for cell in load_cells(tmp_path)}
     assert said["seeing+pictures.text_only"] == ["mean 128.000"] * 9
     for kind in EFFECTS:

@@ -277,10 +277,10 @@ def test_a_worker_takes_only_the_files_that_the_campaign_began_with(
     assert labels is not None
     with Clip(bag) as clip:
         bag_sha256 = clip.provenance.bag_sha256
-    job = Job(0, bag, labels, model, bag_sha256, labels_version(load_labels(labels)))
+    job = Job(0, bag, labels, (model,), bag_sha256, labels_version(load_labels(labels)))
     out = tmp_path / "many"
     with JobRunner(settings(out), "worker_0") as runner:
-        assert runner.run(job).status == "ok"
+        assert [result.status for result in runner.run(job)] == ["ok"]
         with pytest.raises(InputError, match="isn't what the campaign began with"):
             runner.run(replace(job, **{changed: "sha256:other"}))
 

@@ -67,17 +67,17 @@ def test_a_campaign_tells_the_backend_what_to_give_back(make_bag: BagMaker, tmp_
     bags: list[tuple[Path, Path | None]] = [(make_bag(), None)]
     models = reasoned([CHAT])
     results = run_campaign(bags, models, client, tmp_path, CellOptions(), True, on_plan=told.append)
-    assert [result.model for result in results] == ["chat", *SHOWN]
-    assert told == [Plan(45, 5, 45, 0, 0, given_back=36)]
-    assert told[0].line().endswith("of these 36 with the model's own text given back")
+    assert [result.model for result in results] == ["chat", *SHOWN, "chat+repeat"]
+    assert told == [Plan(54, 6, 54, 0, 0, given_back=36, repeated=9)]
+    assert "of these 36 with the model's own text given back; 9 as before" in told[0].line()
     said = {cell.model: {record.text for record in cell.records} for cell in load_cells(tmp_path)}
-    assert said["chat"] == {"given nothing"}
+    assert said["chat"] == said["chat+repeat"] == {"given nothing"}
     assert [said[name] for name in SHOWN] == [{f"given {fact}"} for fact in FACTS]
     # The same frames and history each time: only the bridge knows of it.
     frames = [[frame.sha256 for frame in request.frames] for request in client.requests]
-    assert frames == frames[:9] * 5
+    assert frames == frames[:9] * 6
     again = run_campaign(bags, models, client, tmp_path, CellOptions())
-    assert [(result.asked, result.reused) for result in again] == [(0, 9)] * 5
+    assert [(result.asked, result.reused) for result in again] == [(0, 9)] * 6
 
 
 def test_who_can_t_be_given_its_text_is_named(capfd: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import pickle
 import shutil
+from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +17,14 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
+from ssp_eval.causes.findings import Word, moved_by
 from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.executors import Job, JobRunner, Settings
 from ssp_eval.evaluate.model_client import InProcessClients, ModelReply
 from ssp_eval.evaluate.models import ModelSpec, bridge_spec, with_controls
+from ssp_eval.evaluate.requests import key_of
 from ssp_eval.evaluate.results import load_cells, load_facts
 from ssp_eval.evaluate.run import ENGINES, run_parallel
 from ssp_eval.report.page import write_report
@@ -81,22 +85,22 @@ def cell_of(out: Path, model: str) -> dict[str, Any]:
 def test_a_model_is_asked_about_each_twin_at_the_labels_times(bag: Path, tmp_path: Path) -> None:
     client, out = Answering(brightness), tmp_path / "out"
     results = evaluated(bag, out, [SEEING], client, twins=True)
-    names = ["seeing", f"seeing+twin.{WITHOUT}", f"seeing+twin.{OTHER}"]
+    names = ["seeing", f"seeing+twin.{WITHOUT}", f"seeing+twin.{OTHER}", "seeing+repeat"]
     assert [(r.model, r.status, r.control) for r in results] == [
-        (names[0], "ok", False), (names[1], "ok", True), (names[2], "ok", True),
+        (names[0], "ok", False), *((name, "ok", True) for name in names[1:]),
     ]  # fmt: skip
     said = {c.model: [(r.t_s, r.text) for r in c.records] for c in load_cells(out)}
     assert [t_s for t_s, _ in said[names[1]]] == [t_s for t_s, _ in said[names[0]]]
     assert {text for _, text in said[names[1]]} == {"mean 200"}
-    assert said[names[2]] == said[names[0]]
+    assert said[names[2]] == said[names[3]] == said[names[0]]
     assert all(text != "mean 200" for _, text in said[names[0]])
     assert {row.model for row in entering(rows_from_cells(load_cells(out)))} == {"seeing"}
     assert names[1] in write_report(out).read_text()
     again = evaluated(bag, out, [SEEING], client, twins=True)
-    assert [(r.asked, r.reused) for r in again] == [(0, 9)] * 3
+    assert [(r.asked, r.reused) for r in again] == [(0, 9)] * 4
     # A later command without it asks nothing anew and leaves their cells.
     assert [(r.asked, r.reused) for r in evaluated(bag, out, [SEEING], client)] == [(0, 9)]
-    assert len(load_cells(out)) == 3
+    assert len(load_cells(out)) == 4
 
 
 def test_the_cell_names_the_twin_by_its_hash(bag: Path, tmp_path: Path) -> None:
@@ -123,15 +127,18 @@ def test_the_plan_counts_the_questions_about_twins(bag: Path, tmp_path: Path) ->
         f"{name}+twin.{WITHOUT}" for name in ("seeing", "constant_velocity", "copy_history")
     ]
     (plan,) = told
-    assert plan == Plan(117, 13, 117, to_answerers=36, spoilt=18, about_twins=54)
+    assert plan == Plan(144, 16, 144, to_answerers=36, spoilt=18, about_twins=54, repeated=27)
     assert sum(result.asked for result in results) == plan.questions
-    assert plan.line().endswith("leaves them out); 54 once more about twins")
+    assert plan.line().endswith(
+        "leaves them out); 54 once more about twins; 27 as before, to see what changes without a "
+        "cause"
+    )
 
 
 def test_who_sees_no_frame_is_not_moved(bag: Path, tmp_path: Path) -> None:
     evaluated(bag, tmp_path / "out", [bridge_spec("constant_velocity")], twins=True)
     own, *others = ([r.trajectory for r in c.records] for c in load_cells(tmp_path / "out"))
-    assert others == [own, own]
+    assert others == [own] * 3
 
 
 def test_a_twin_whose_audit_does_not_hold_is_refused_and_the_others_asked(
@@ -141,8 +148,9 @@ def test_a_twin_whose_audit_does_not_hold_is_refused_and_the_others_asked(
     write_twin_set(bag, {WITHOUT: bad, OTHER: audit_of_twin()})
     told, client = list[Plan](), Answering(brightness)
     results = evaluated(bag, tmp_path, [SEEING], client, twins=True, on_plan=told.append)
-    assert [result.model for result in results] == ["seeing", f"seeing+twin.{OTHER}"]
-    assert told[0].questions == told[0].label_times == client.count == 18
+    shown = ["seeing", f"seeing+twin.{OTHER}", "seeing+repeat"]
+    assert [result.model for result in results] == shown
+    assert told[0].questions == told[0].label_times == client.count == 27
     said = capfd.readouterr().err.replace("\n", " ")
     assert f"{WITHOUT}/bag: isn't asked about, its audit doesn't hold: 1,204 px differ" in said
     write_twin_set(bag, {WITHOUT: bad})
@@ -176,7 +184,7 @@ def test_workers_ask_the_same(bag: Path, tmp_path: Path, monkeypatch: pytest.Mon
 
     def here(jobs: Sequence[Job], settings: Settings, *_: object) -> list[CellResult]:
         with JobRunner(settings, "here") as runner:
-            return [runner.run(pickle.loads(pickle.dumps(job))) for job in jobs]
+            return [one for job in jobs for one in runner.run(pickle.loads(pickle.dumps(job)))]
 
     monkeypatch.setitem(ENGINES, "processes", here)
     models = [bridge_spec("constant_velocity"), SEEING]
@@ -187,11 +195,86 @@ def test_workers_ask_the_same(bag: Path, tmp_path: Path, monkeypatch: pytest.Mon
     assert {result.status for result in results} == {"ok"}
     names = [path.name for path in sorted((alone / "cells").iterdir())]
     assert [path.name for path in sorted((parallel / "cells").iterdir())] == names
-    assert len(names) == 6
+    assert len(names) == 8
     for name in names:
         records = [(root / "cells" / name / "records.jsonl").read_bytes()
                    for root in (alone, parallel)]  # fmt: skip
         assert records[0] == records[1]
+
+
+def order(client: Answering) -> list[str]:
+    """The questions in the order in which they were asked, by what finds their answers again."""
+    return [key_of(request.request_id) for request in client.requests]
+
+
+def test_conditions_take_turns_and_the_recording_is_asked_about_again_at_the_end(
+    bag: Path, tmp_path: Path
+) -> None:
+    client = Answering(brightness)
+    evaluated(bag, tmp_path, [SEEING], client, twins=True)
+    cells = {
+        path.name.rpartition("+")[2] if "+" in path.name else "": [
+            key_of(json.loads(line)["request_id"])
+            for line in (path / "requests.jsonl").read_text().splitlines()
+        ]
+        for path in (tmp_path / "cells").iterdir()
+    }  # fmt: skip
+    # No condition finds another one's answers, whatever they show.
+    assert len({key for keys in cells.values() for key in keys}) == 4 * 9
+    of = {key: (name, index) for name, keys in cells.items() for index, key in enumerate(keys)}
+    asked = [of[key] for key in order(client)]
+    assert asked[27:] == [("repeat", index) for index in range(9)]
+    blocks = [asked[3 * index : 3 * index + 3] for index in range(9)]
+    assert all({index for _, index in block} == {k} for k, block in enumerate(blocks))
+    assert {name for name, _ in asked[:27]} == {"", f"twin.{WITHOUT}", f"twin.{OTHER}"}
+    for place in range(3):
+        # Whole squares of six rows, and three more of another.
+        counts = Counter(block[place][0] for block in blocks)
+        assert set(counts.values()) == {3}
+
+
+@pytest.mark.parametrize("cut", [1, 4, 17, 30])
+def test_a_campaign_that_was_cut_goes_on_in_the_same_order(
+    bag: Path, tmp_path: Path, cut: int
+) -> None:
+    whole, first, second = (Answering(brightness) for _ in range(3))
+    evaluated(bag, tmp_path / "whole", [SEEING], whole, twins=True)
+
+    def until(number: int, request: Request) -> ModelReply:
+        if number == cut:
+            raise KeyboardInterrupt
+        return brightness(number, request)
+
+    first.reply = until
+    with pytest.raises(KeyboardInterrupt):
+        evaluated(bag, tmp_path / "cut", [SEEING], first, twins=True)
+    evaluated(bag, tmp_path / "cut", [SEEING], second, twins=True)
+    assert order(first)[:cut] + order(second) == order(whole)
+
+
+def seeing_or_blind(switch: int | None) -> Callable[[int, Request], ModelReply]:
+    """Says what it sees; or, switched after so many requests, looks at nothing."""
+
+    def reply(number: int, request: Request) -> ModelReply:
+        bright = brightness(number, request).response
+        assert bright is not None
+        sees = bright.text != "mean 200" if switch is None else number < switch
+        text = "A car is ahead, I brake." if sees else "The road is clear, I keep my speed."
+        return ModelReply(replace(bright, text=text))
+
+    return reply
+
+
+@pytest.mark.parametrize("switch", [None, *range(0, 37, 3)])
+def test_an_answer_that_changes_with_time_is_not_put_down_to_the_object(
+    bag: Path, tmp_path: Path, switch: int | None
+) -> None:
+    evaluated(bag, tmp_path, [SEEING], Answering(seeing_or_blind(switch)), twins=True)
+    moved = moved_by(load_cells(tmp_path))
+    assert moved is not None
+    (finding,) = moved.findings
+    uses = finding.word in (Word.OBJECT, Word.EXPLAINS_LATER)
+    assert uses == (switch is None), (finding.word, finding.text)
 
 
 def test_the_command_asks_about_twins_when_it_is_told(
@@ -208,6 +291,7 @@ def test_the_command_asks_about_twins_when_it_is_told(
         ("constant_velocity", 0),
         (f"constant_velocity+twin.{WITHOUT}", 0),
         (f"constant_velocity+twin.{OTHER}", 0),
+        ("constant_velocity+repeat", 0),
     ]
     assert "of these 18 once more about twins" in printed.err
     shutil.rmtree(twins_folder(bag))

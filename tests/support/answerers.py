@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import random
 from collections.abc import Callable, Iterator, Sequence
@@ -10,6 +11,8 @@ from pathlib import Path
 
 from ssp_eval.data.labels import Label, Labels
 from ssp_eval.data.records import BehaviourRecord, Slot, Slots
+from ssp_eval.evaluate.design import stages_of
+from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.requests import request_to_json
 from ssp_eval.evaluate.results import AnswerFacts, CellData, CellFacts, ClipFacts, IgnoredFacts
 from ssp_eval.score.cell import score_cell
@@ -18,7 +21,7 @@ from ssp_vla_bridge.trajectory import Trajectory
 
 CONDITIONS = (
     "twin.without.ot1", "twin.mirror.ot1", "twin.camera.0500", "twin.history.0500",
-    "twin.control.car", "pictures.fog.2", "pictures.control",
+    "twin.control.car", "pictures.fog.2", "pictures.control", "repeat",
 )  # fmt: skip
 TURNED, GIVEN_BACK = "reasoning.object", "reasoning.control"
 LABELS = 9
@@ -138,6 +141,26 @@ def unsteady(answerer: Answerer, share: float, jitter_m: float, seed: int) -> An
     return answer
 
 
+def switching(after: int) -> Answerer:
+    """Looks at nothing, and says and drives otherwise from one request on."""
+    asked = itertools.count()
+
+    def answer(_: Scene) -> Said:
+        return uses_the_object(Scene("left" if next(asked) < after else None, 10.0, 0))
+
+    return answer
+
+
+def flipping(share: float, seed: int) -> Answerer:
+    """Looks at nothing, and gives the rarer of two answers with this chance."""
+    numbers = random.Random(seed)
+
+    def answer(_: Scene) -> Said:
+        return uses_the_object(Scene(None if numbers.random() < share else "left", 10.0, 0))
+
+    return answer
+
+
 def scene_under(scene: Scene, condition: str) -> Scene:
     """The scene with one cause changed."""
     match condition.split("."):
@@ -166,7 +189,11 @@ def cells_of(
     conditions: Sequence[str] = CONDITIONS,
     folder: Path = Path("campaign"),
 ) -> Iterator[CellData]:
-    """A campaign's cells of one model, on recordings whose object comes from either side."""
+    """A campaign's cells of one model, on recordings whose object comes from either side.
+
+    It is asked in the order that a campaign asks in.
+    """
+    models = [ModelSpec(model, condition=condition) for condition in ("", *conditions)]
     for number in range(recordings):
         numbers = random.Random(number)
         side, since, speed_mps = (
@@ -175,9 +202,13 @@ def cells_of(
         scenes = [
             Scene(side if label >= since else None, speed_mps, label) for label in range(LABELS)
         ]
-        for condition in ("", *conditions):
-            answers = [answerer(scene_under(scene, condition)) for scene in scenes]
-            yield cell(model, f"event_{number:02d}", condition, answers, folder)
+        answers: dict[str, list[Said]] = {one.condition: [] for one in models}
+        for stage in stages_of(models, f"sha256:{number}", LABELS):
+            for scene, row in zip(scenes, stage.rows, strict=True):
+                for condition in (stage.models[index].condition for index in row):
+                    answers[condition].append(answerer(scene_under(scene, condition)))
+        for condition, of in answers.items():
+            yield cell(model, f"event_{number:02d}", condition, of, folder)
 
 
 def cell(

@@ -11,7 +11,7 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord
-from ssp_eval.evaluate.models import CONDITIONS
+from ssp_eval.evaluate.models import CONDITIONS, REPEAT
 from ssp_eval.evaluate.requests import asked_again
 from ssp_eval.evaluate.results import CellData, CellFacts
 from ssp_eval.score.cell import Judgement
@@ -186,7 +186,8 @@ def wanted_cells(folders: Iterable[str]) -> frozenset[str]:
 def asked(cell: CellData) -> Asked | None:
     """What is kept of a cell; None: it has no answers, or is none that is compared."""
     facts, condition = cell.facts, cell.facts.condition
-    if cell.score is None or (condition and cause_of(condition) is None):
+    known = condition in ("", REPEAT) or cause_of(condition) is not None
+    if cell.score is None or not known:
         return None
     out = cell.folder.parent.parent
     questions = [value for line in cell.asked if not (value := json.loads(line)).get("missing")]

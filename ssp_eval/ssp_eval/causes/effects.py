@@ -1,9 +1,13 @@
-"""The effect of each cause on each part of an answer, beside its irrelevant control."""
+"""The effect of each cause on each part of an answer, beside what changes it without a cause.
+
+That is the noise: an irrelevant change (the control), and the factual question asked again after
+all others (the repeat). A cause must do more than the larger of both.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from statistics import fmean
@@ -12,6 +16,7 @@ import numpy as np
 
 from ssp_eval.causes.answers import REASONING, Answer, Asked, Cause, cause_of
 from ssp_eval.data.records import SLOT_NAMES
+from ssp_eval.evaluate.models import REPEAT
 from ssp_eval.statistics.comparisons import step_down
 from ssp_eval.statistics.paired import (
     Shares,
@@ -41,10 +46,11 @@ MARGIN_SHARE, MARGIN_M = 0.2, 0.1
 class Verdict(Enum):
     """What is known of an effect."""
 
-    MOVED = "moved"  # more than the control, by the test after Holm's correction
+    MOVED = "moved"  # more than the noise, by the test after Holm's correction
     LESS = "less than the control"  # the same, the other way
-    SEEN = "differs, untested"  # more than the control, in too few recordings for any test
+    SEEN = "differs, untested"  # in too few recordings for any test, without any noise
     UNCONTROLLED = "differs, no control"
+    UNREPEATED = "differs, not asked again"
     NONE = "no effect"  # never differs, or its interval lies within the margin
     OPEN = "not shown"
     NOT_GIVEN = "not given"  # the model doesn't say such a thing
@@ -62,11 +68,16 @@ class Effect:
         changed: mean over recordings of the share of label times at which the answer differs from
             the factual one; of a trajectory its displacement, m.
         changed_by_control: the same of the control, None without one.
-        size: the difference of both shares; of trajectories Hodges and Lehmann's estimate of the
-            difference of displacements, m. Without a control it is the effect itself.
+        changed_by_repeat: the same of the repeated question, None where it wasn't repeated.
+        size: the difference from the larger of these two; of trajectories Hodges and Lehmann's
+            estimate of the difference of displacements, m. Without a control it is the effect
+            itself.
         per_metre: as size, over the factual trajectory's length, m/m.
         p_holm: over all tests of the model in which anything differs.
         decidable: with so many recordings and tests p_holm could be at most 5 %.
+        quiet: control and repeat changed this part at no label time.
+        alone: label times at which this cause changes this part.
+        chances: of some cause and some part to differ as often as this one.
     """
 
     model: str
@@ -85,6 +96,15 @@ class Effect:
     test: Test | None = None
     p_holm: float | None = None
     decidable: bool = False
+    changed_by_repeat: float | None = None
+    quiet: bool = False
+    alone: int = 0
+    chances: int = 1
+
+    @property
+    def above_repeat(self) -> bool:
+        """The repeated question does more than the control, and the cause is held against it."""
+        return (self.changed_by_repeat or 0.0) > (self.changed_by_control or 0.0)
 
     @property
     def verdict(self) -> Verdict:
@@ -95,13 +115,26 @@ class Effect:
             return Verdict.NONE
         if self.test is None:
             return Verdict.UNCONTROLLED
+        if self.changed_by_repeat is None:
+            return Verdict.UNREPEATED
         if self.p_holm is not None and self.p_holm <= ALPHA:
-            return Verdict.MOVED if self.test.more > self.test.fewer else Verdict.LESS
+            if self.test.more > self.test.fewer:
+                return Verdict.MOVED
+            return Verdict.OPEN if self.above_repeat else Verdict.LESS
         if self._is_small:
             return Verdict.NONE
         above = self.size > (MARGIN_M if self.output == TRAJECTORY else 0.0)
-        is_seen = above and not self.decidable and self.test.more > 0 and self.test.fewer == 0
-        return Verdict.SEEN if is_seen else Verdict.OPEN
+        return Verdict.SEEN if above and not self.decidable and self._is_clear else Verdict.OPEN
+
+    @property
+    def _is_clear(self) -> bool:
+        """Without any noise, at more label times than chance would choose.
+
+        Of an answer that comes from nothing that was shown, the one that differs is the factual
+        one, the control's or the cause's with the same chance, since they take turns: m times in a
+        row it is the cause's with the chance 3^−m.
+        """
+        return self.quiet and self.chances * 3.0**-self.alone <= ALPHA
 
     @property
     def _is_small(self) -> bool:
@@ -111,16 +144,23 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class Triplet:
-    """A label time: the factual answer, that to the cause, and that to the control.
+class Compared:
+    """A label time: the factual answer, and those to the cause, the control and the repeat.
 
     Args:
         control: None where there is no control.
+        repeat: None where the factual question wasn't asked again.
     """
 
     factual: Answer
     cause: Answer
     control: Answer | None
+    repeat: Answer | None = None
+
+    @property
+    def noise(self) -> list[Answer]:
+        """The answers that nothing should have changed."""
+        return [one for one in (self.control, self.repeat) if one is not None]
 
 
 def effects_of(cells: Iterable[Asked]) -> list[Effect]:
@@ -137,118 +177,154 @@ def effects_of(cells: Iterable[Asked]) -> list[Effect]:
 def _of_model(model: str, cells: Sequence[Asked]) -> list[Effect]:
     found: list[Effect] = []
     causes = {cause for cell in cells if (cause := cause_of(cell.condition)) is not None}
-    for cause in sorted(causes, key=lambda c: c.order):
-        if not cause.is_control:
-            control, units = triplets(cause, cells)
-            # A text that was given back is no answer.
-            outputs = (TRAJECTORY,) if cause.family == REASONING else OUTPUTS
-            found += [_effect(model, cause, output, control, units) for output in outputs]
+    wanted = sorted((c for c in causes if not c.is_control), key=lambda c: c.order)
+    compared = [(cause, *compared_answers(cause, cells)) for cause in wanted]
+    controlled = sum(bool(control) for _, control, _ in compared)
+    for cause, control, units in compared:
+        # A text that was given back is no answer.
+        outputs = (TRAJECTORY,) if cause.family == REASONING else OUTPUTS
+        labels = [label for unit in units for label in unit]
+        quiet = {output: all(_is_quiet(one, output) for one in labels) for output in outputs}
+        # Where nothing at all was noise, a part that differs was no choice among them.
+        chances = controlled * (1 if all(quiet.values()) else len(outputs))
+        for output in outputs:
+            effect = _effect(model, cause, output, control, units)
+            found.append(replace(effect, quiet=quiet[output], chances=chances))
     return _corrected(found)
 
 
-def triplets(cause: Cause, cells: Iterable[Asked]) -> tuple[str, list[list[Triplet]]]:
-    """The triplets of each recording, and what the control is.
+def compared_answers(cause: Cause, cells: Iterable[Asked]) -> tuple[str, list[list[Compared]]]:
+    """What is compared of each recording, and what the control is.
 
     A recording that was asked in several campaigns, or about several objects, is one unit. Where
-    some recordings have a control, those without are left out.
+    some recordings have a control, those without are left out; of those left, the same with the
+    repeated question.
 
     Args:
         cells: of one model.
     """
     listed = sorted(cells, key=lambda c: (*c.place, c.condition))
     factual = {cell.place: cell for cell in listed if not cell.condition}
+    repeats = {cell.place: cell for cell in listed if cell.condition == REPEAT}
     controls = {
         cell.place: cell
         for cell in listed
         if (found := cause_of(cell.condition)) and found.is_control and found.family == cause.family
     }
-    with_control: dict[str, list[Triplet]] = {}
-    without: dict[str, list[Triplet]] = {}
+    kept: dict[tuple[bool, bool], dict[str, list[Compared]]] = {}
     name = ""
     for cell in listed:
         if cause_of(cell.condition) != cause or cell.place not in factual:
             continue
-        before, control = factual[cell.place], controls.get(cell.place)
-        kept = without if control is None else with_control
-        name = name if control is None else control.condition
+        before = factual[cell.place]
+        noise = [controls.get(cell.place), repeats.get(cell.place)]
+        name = name if noise[0] is None else noise[0].condition
+        group = kept.setdefault((noise[0] is not None, noise[1] is not None), {})
         for t_s, own in before.answers.items():
             other = cell.answers.get(t_s)
-            beside = None if control is None else control.answers.get(t_s)
-            if own is None or other is None or (control is not None and beside is None):
+            beside = [None if one is None else one.answers.get(t_s) for one in noise]
+            lacks = any(n is not None and b is None for n, b in zip(noise, beside, strict=True))
+            if own is None or other is None or lacks:
                 continue
-            kept.setdefault(before.recording, []).append(Triplet(own, other, beside))
-    return (name, list(with_control.values())) if with_control else ("", list(without.values()))
+            group.setdefault(before.recording, []).append(Compared(own, other, *beside))
+    has = max((key for key, units in kept.items() if units), default=(False, False))
+    return (name if has[0] else ""), [*kept.get(has, {}).values()]
+
+
+def _is_quiet(label: Compared, output: str) -> bool:
+    """Control and repeat are there, and this part of them is that of the factual answer."""
+    if label.control is None or label.repeat is None:
+        return False
+    own = label.factual
+    if output == TRAJECTORY:
+        return all(_is_same_path(own.trajectory, one.trajectory) for one in label.noise)
+    place = SLOT_NAMES.index(output)
+    return all(one.slots[place] == own.slots[place] for one in label.noise)
+
+
+def _is_same_path(own: Trajectory | None, other: Trajectory | None) -> bool:
+    if own is None or other is None:
+        return own is other
+    return _distances_m([own, other])[0] <= MARGIN_M
 
 
 def _effect(
-    model: str, cause: Cause, output: str, control: str, units: Sequence[Sequence[Triplet]]
+    model: str, cause: Cause, output: str, control: str, units: Sequence[Sequence[Compared]]
 ) -> Effect:
     if output == TRAJECTORY:
         return _of_trajectories(model, cause, control, units)
     place = SLOT_NAMES.index(output)
     said = [
-        (t.factual.slots[place], t.cause.slots[place], t.control and t.control.slots[place])
-        for unit in units for t in unit
+        [one.slots[place] for one in (label.factual, label.cause, *label.noise)]
+        for unit in units for label in unit
     ]  # fmt: skip
     n, labels = len(units), len(said)
     given = fmean(any(v is not None for v in of) for of in said) if said else 0.0
     if not n:
         return Effect(model, cause, output, control, 0, 0, given, None, None, None)
-    first = [_differing(unit, place, control=False) for unit in units]
-    changed = fmean(float(one.mean()) for one in first)
+
+    def differing(others: Callable[[Compared], Answer | None]) -> list[np.ndarray]:
+        """By recording (L,) whether the slot differs from the factual answer's."""
+        return [
+            np.array([(o := others(x)) is not None and o.slots[place] != x.factual.slots[place]
+                      for x in unit])
+            for unit in units
+        ]  # fmt: skip
+
+    first = differing(lambda label: label.cause)
+    noise = [differing(lambda label: label.control), differing(lambda label: label.repeat)]
+    changed, by_control, by_repeat = (
+        fmean(float(one.mean()) for one in of) for of in (first, *noise)
+    )
+    repeated = by_repeat if units[0][0].repeat is not None else None
+    alone = sum(int(one.sum()) for one in first)
     if not control:
         return Effect(
             model, cause, output, control, n, labels, given, changed, None, changed,
-            rate_interval(changed, n),
+            rate_interval(changed, n), changed_by_repeat=repeated, alone=alone,
         )  # fmt: skip
-    second = [_differing(unit, place, control=True) for unit in units]
+    second = noise[by_repeat > by_control]
     each = [Shares.of(a, b) for a, b in zip(first, second, strict=True)]
-    # A recording in which the cause changes more label times than the control does is one pair.
+    # A recording in which the cause changes more label times than the noise does is one pair.
     more = sum(one.difference > SAME_M for one in each)
     fewer = sum(one.difference < -SAME_M for one in each)
     mean = Shares.mean(each)
     return Effect(
-        model, cause, output, control, n, labels, given, changed, mean.both + mean.second,
+        model, cause, output, control, n, labels, given, changed, by_control,
         mean.difference, paired_difference(mean, n), test=mcnemar(more, fewer),
+        changed_by_repeat=repeated, alone=alone,
     )  # fmt: skip
 
 
-def _differing(unit: Sequence[Triplet], place: int, control: bool) -> np.ndarray:
-    """(L,) whether a slot differs from the factual answer's."""
-    others = [t.control if control else t.cause for t in unit]
-    return np.array(
-        [
-            other is not None and other.slots[place] != t.factual.slots[place]
-            for t, other in zip(unit, others, strict=True)
-        ]
-    )
-
-
 def _of_trajectories(
-    model: str, cause: Cause, control: str, units: Sequence[Sequence[Triplet]]
+    model: str, cause: Cause, control: str, units: Sequence[Sequence[Compared]]
 ) -> Effect:
-    moved_m: list[tuple[float, float]] = []
-    per_metre: list[float] = []
-    labels, total = 0, sum(map(len, units))
+    recordings: list[list[tuple[float, float, float, float]]] = []
     for unit in units:
-        found = [one for triplet in unit if (one := _displacements(triplet)) is not None]
-        if not found:
-            continue
-        labels += len(found)
-        moved_m.append((fmean(f[0] for f in found), fmean(f[1] for f in found)))
-        relative = [(b - c) / length for b, c, length in found if length >= LEAST_LENGTH_M]
-        if relative:
-            per_metre.append(fmean(relative))
-    n, given = len(moved_m), labels / total if total else 0.0
+        found = [one for label in unit if (one := _displacements(label)) is not None]
+        if found:
+            recordings.append(found)
+    labels, total = sum(map(len, recordings)), sum(map(len, units))
+    n, given = len(recordings), labels / total if total else 0.0
     if not n:
         return Effect(model, cause, TRAJECTORY, control, 0, 0, given, None, None, None)
-    differences = [_whole(b - c) for b, c in moved_m]
+    means = [[fmean(f[k] for f in found) for found in recordings] for k in range(3)]
+    by_control, by_repeat = fmean(means[1]), fmean(means[2])
+    # Without a control nothing is tested, and the effect stands by itself.
+    at = 1 if not control or by_repeat <= by_control else 2
+    differences = [_whole(b - c) for b, c in zip(means[0], means[at], strict=True)]
+    per_metre = [
+        fmean(relative) for found in recordings
+        if (relative := [(f[0] - f[at]) / f[3] for f in found if f[3] >= LEAST_LENGTH_M])
+    ]  # fmt: skip
     size, interval = hodges_lehmann(differences)
     share, share_interval = hodges_lehmann(per_metre)
     return Effect(
-        model, cause, TRAJECTORY, control, n, labels, given, _whole(fmean(b for b, _ in moved_m)),
-        fmean(c for _, c in moved_m) if control else None, size, interval, share, share_interval,
+        model, cause, TRAJECTORY, control, n, labels, given, _whole(fmean(means[0])),
+        by_control if control else None, size, interval, share, share_interval,
         signed_rank(differences) if control else None,
+        changed_by_repeat=by_repeat if units[0][0].repeat is not None else None,
+        alone=sum(f[0] > MARGIN_M for found in recordings for f in found),
     )  # fmt: skip
 
 
@@ -257,23 +333,27 @@ def _whole(value_m: float) -> float:
     return round(value_m / SAME_M) * SAME_M
 
 
-def _displacements(triplet: Triplet) -> tuple[float, float, float] | None:
-    """Mean distances of the cause's and the control's trajectory from the factual one, and its
-    length, m; None where one is missing. Without a control its distance is 0.
+def _displacements(label: Compared) -> tuple[float, float, float, float] | None:
+    """Mean distances of the cause's, the control's and the repeat's trajectory from the factual
+    one, and its length, m; None where one is missing. What wasn't asked has the distance 0.
     """
-    paths = [triplet.factual.trajectory, triplet.cause.trajectory]
-    if triplet.control is not None:
-        paths.append(triplet.control.trajectory)
-    known = [path for path in paths if path is not None]
-    if len(known) < len(paths):
+    answers = (label.factual, label.cause, *label.noise)
+    paths = [answer.trajectory for answer in answers if answer.trajectory is not None]
+    if len(paths) < len(answers):
         return None
-    end_s = min(HORIZON_S, *(path.t_s[-1] for path in known))
+    by_cause, *others, length_m = _distances_m(paths)
+    by_control = others.pop(0) if label.control is not None else 0.0
+    return by_cause, by_control, others[0] if others else 0.0, length_m
+
+
+def _distances_m(paths: Sequence[Trajectory]) -> list[float]:
+    """Mean distances of trajectories from the first one, as long as all last, and its length."""
+    end_s = min(HORIZON_S, *(path.t_s[-1] for path in paths))
     times_s = np.arange(0.0, end_s + 1e-9, STEP_S)
-    own, *others = (_at(path, times_s) for path in known)
+    own, *others = (_at(path, times_s) for path in paths)
     # At t = 0 all of them are where the vehicle is.
     moved = [float(np.hypot(*(other - own)[:, 1:]).mean()) for other in others]
-    length_m = float(np.hypot(*np.diff(own, axis=1)).sum())
-    return moved[0], moved[1] if len(moved) > 1 else 0.0, length_m
+    return [*moved, float(np.hypot(*np.diff(own, axis=1)).sum())]
 
 
 def _at(path: Trajectory, times_s: np.ndarray) -> np.ndarray:

@@ -70,6 +70,10 @@ class Finding:
 
 
 _MOVED = frozenset({Verdict.MOVED, Verdict.SEEN})
+_LACKS = {
+    Verdict.UNCONTROLLED: "without a control",
+    Verdict.UNREPEATED: "and the factual question wasn't asked again",
+}
 _SAID = frozenset({*Verdict} - {Verdict.NOT_GIVEN})
 
 
@@ -145,15 +149,21 @@ def finding(model: str, effects: Sequence[Effect], echo: float | None = None) ->
         ("the object", of_object), ("its own history", of_history), ("the pictures", of_pictures),
     ]  # fmt: skip
     sentences = [text for name, group in told if (text := _sentence(name, group))]
-    word, why = _word(of_object, of_history, of_pictures, by_text, echo)
+    noise = _noise(effects)
+    word, why = _word(of_object, of_history, of_pictures, by_text, echo, noise)
     if any(_is(e, Verdict.SEEN) for e in effects):
         n = max(e.recordings for e in effects)
         sentences.append(
-            f"{counted(n, 'recording')} can't carry a test: what differs was seen in these, and "
-            "may be otherwise in others."
+            f"{counted(n, 'recording')} can't carry a test: what differs was seen in these, where "
+            "control and repeated question changed nothing, and may be otherwise in others."
         )
-    tested = any(_is(e, Verdict.MOVED) for e in effects) or any(e.decidable for e in effects)
+    tested = _is_tested(effects)
     return Finding(model, word, tested, (*sentences, *why))
+
+
+def _is_tested(effects: Iterable[Effect]) -> bool:
+    """There are as many recordings as a test needs."""
+    return any(_is(e, Verdict.MOVED) or e.decidable for e in effects)
 
 
 def _is(effect: Effect, verdict: Verdict) -> bool:
@@ -181,12 +191,26 @@ def _of(effects: Iterable[Effect], is_trajectory: bool) -> list[Effect]:
     return [e for e in effects if (e.output == TRAJECTORY) == is_trajectory]
 
 
+def _noise(effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Why recordings too few for a test tell nothing of a model; empty where they do."""
+    tried = [e for e in effects if e.cause.family == TWIN]
+    if _is_tested(effects) or not tried or all(e.quiet for e in tried):
+        return ()
+    few = f"Of {counted(max(e.recordings for e in tried), 'recording')} nothing is told"
+    if any(e.changed_by_repeat is None for e in tried):
+        return (f"{few}: the factual question wasn't asked again at the end.",)
+    if not any(e.control for e in tried):
+        return (f"{few}: there is no control.",)
+    return (f"{few}: the control, or the same question asked again, changes these answers too.",)
+
+
 def _word(
     of_object: Sequence[Effect],
     of_history: Sequence[Effect],
     of_pictures: Sequence[Effect],
     by_text: Sequence[Effect],
     echo: float | None,
+    noise: tuple[str, ...],
 ) -> tuple[Word, tuple[str, ...]]:
     if _moved(of_object):
         return _by_the_object(of_object, by_text)
@@ -195,10 +219,12 @@ def _word(
     parrots = echo is not None and echo >= ECHO
     if not of_object:
         return Word.OPEN, ("No twin with a changed object was asked about.",)
+    if noise:
+        return Word.OPEN, noise
     if _is_unsteady(of_object):
         return Word.UNSTEADY, (
-            "The irrelevant change alters these answers as well: none of it can be put down to "
-            "the object.",
+            "The irrelevant change, or the same question asked again, alters these answers as "
+            "well: none of it can be put down to the object.",
         )
     if not _unmoved(of_object):
         text = "An effect of the object is neither shown nor excluded: more recordings would tell."
@@ -215,9 +241,10 @@ def _word(
 
 
 def _is_unsteady(effects: Iterable[Effect]) -> bool:
-    slots = [e.changed_by_control for e in effects if e.output != TRAJECTORY and e.given]
-    known = [share for share in slots if share is not None]
-    return bool(known) and max(known) >= UNSTEADY
+    return any(
+        max(e.changed_by_control or 0.0, e.changed_by_repeat or 0.0) >= UNSTEADY
+        for e in effects if e.output != TRAJECTORY and e.given and e.control
+    )  # fmt: skip
 
 
 def _by_the_object(
@@ -257,9 +284,10 @@ def _sentence(name: str, group: Sequence[Effect]) -> str:
     if not moved:
         if _unmoved(given):
             return f"Not moved by {name}."
-        bare = dict.fromkeys(e.cause.words for e in given if _is(e, Verdict.UNCONTROLLED))
-        if bare:
-            return f"Differs with a change of {name} ({some([*bare])}), without a control."
+        for verdict, lacks in _LACKS.items():
+            bare = dict.fromkeys(e.cause.words for e in given if _is(e, verdict))
+            if bare:
+                return f"Differs with a change of {name} ({some([*bare])}), {lacks}."
         return f"An effect of {name} is not shown."
     parts = []
     for is_trajectory in (True, False):
@@ -281,4 +309,5 @@ def _said(effect: Effect) -> str:
     name = effect.output.replace("_", " ")
     where = "of label times more" if effect.output != TRAJECTORY else "further"
     p = "untested" if effect.verdict is Verdict.SEEN else f"Holm p {effect.p_holm:.2g}"
-    return f"{name} {show(size)}{span} {where} than by the control ({effect.cause.words}, {p})"
+    noise = "by the repeated question" if effect.above_repeat else "by the control"
+    return f"{name} {show(size)}{span} {where} than {noise} ({effect.cause.words}, {p})"

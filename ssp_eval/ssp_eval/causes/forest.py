@@ -20,14 +20,15 @@ class Mark:
 
     Args:
         low, high: ends of the interval; where the effect is, where there is none.
-        control: what the irrelevant change does by itself; None: there is none.
+        noise: what the irrelevant change does by itself, or the repeated question where that
+            does more; None: there is no control.
         look: moved, seen or none.
     """
 
     at: float
     low: float
     high: float
-    control: float | None
+    noise: float | None
     look: str
     tip: str
 
@@ -138,10 +139,12 @@ def _mark(effect: Effect, scale: Callable[[float], float]) -> Mark:
     low = size if effect.interval.low is None else effect.interval.low
     high = size if effect.interval.high is None else effect.interval.high
     unit = " m" if effect.output == TRAJECTORY else " of label times"
-    control = effect.changed_by_control
+    control, repeat = effect.changed_by_control, effect.changed_by_repeat
     beside = "no control" if control is None else f"the control by itself {control:.2f}{unit}"
+    beside += "" if repeat is None else f", the question asked again {repeat:.2f}{unit}"
+    noise = None if control is None else max(control, repeat or 0.0)
     return Mark(
-        scale(size), scale(low), scale(high), None if control is None else scale(control),
+        scale(size), scale(low), scale(high), None if noise is None else scale(noise),
         _LOOKS.get(effect.verdict, "none"),
         f"{effect.cause.words}, {effect.output.replace('_', ' ')}: {size:+.2f}{unit} "
         f"[{low:+.2f}, {high:+.2f}], {effect.verdict.value}; {beside}",

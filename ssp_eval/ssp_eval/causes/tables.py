@@ -21,9 +21,10 @@ _LEFT_OUT = (
     "alike. Label times with a missing answer are left out."
 )
 _TESTED = (
-    "more, fewer: recordings in which the cause does more than the control, and less. Holm: over "
-    "all tests of a model in which anything differs. A test can reject from some ten recordings "
-    "on; of fewer, what differs is shown and not tested."
+    "more, fewer: recordings in which the cause does more than the control (or the repeated "
+    "question), and less. Holm: over all tests of a model in which anything differs. A test can "
+    "reject from some ten recordings on; of fewer, what differs is shown, if control and repeated "
+    "question are silent, and not tested."
 )
 _MEANING = (
     "What such an effect may be taken for, and what not, stands in docs/twins.md.",
@@ -77,14 +78,15 @@ def slots_table(effects: Iterable[Effect]) -> Table:
     columns = (
         *_KEYS, Column("slot", "slot", "text"), *_UNITS,
         Column("given", "given"), Column("changed", "differs"),
-        Column("by_control", "by the control"), Column("effect", "effect", "signed"),
+        Column("by_control", "by the control"), Column("by_repeat", "asked again"),
+        Column("effect", "effect", "signed"),
         Column("low", "95 % from", "signed"), Column("high", "to", "signed"),
         *_TESTS, Column("p_mid", "mid-p", "p"), *_LAST,
     )  # fmt: skip
     rows: list[tuple[Value, ...]] = [
         (
             *_begin(e)[:3], e.output, *_begin(e)[3:], e.given, e.changed, e.changed_by_control,
-            e.size, e.interval.low, e.interval.high, *_test(e),
+            e.changed_by_repeat, e.size, e.interval.low, e.interval.high, *_test(e),
             None if e.test is None else e.test.p_mid, *_end(e),
         )
         for e in effects
@@ -92,8 +94,9 @@ def slots_table(effects: Iterable[Effect]) -> Table:
     ]  # fmt: skip
     notes = (
         "differs: share of label times at which the slot is another one than in the factual "
-        "answer; by the control: the same under an irrelevant change. The effect is the first "
-        "less the second, with Newcombe's interval of paired shares; without a control it is the "
+        "answer; by the control: the same under an irrelevant change; asked again: the same when "
+        "the factual question is repeated. The effect is the first less the larger of the other "
+        "two, with Newcombe's interval of paired shares; without a control it is the "
         "share itself, with Wilson's. Slots that a model never gives are left out.",
         _LEFT_OUT, "p: McNemar's exact test.", _TESTED, *_MEANING,
     )  # fmt: skip
@@ -106,6 +109,7 @@ def paths_table(effects: Iterable[Effect]) -> Table:
         *_KEYS, *_UNITS, Column("given", "given"),
         Column("moved_m", "moved (m)", "seconds"),
         Column("by_control_m", "by the control (m)", "seconds"),
+        Column("by_repeat_m", "asked again (m)", "seconds"),
         Column("effect_m", "effect (m)", "seconds"),
         Column("low_m", "95 % from (m)", "seconds"), Column("high_m", "to (m)", "seconds"),
         Column("per_metre", "per metre", "signed"),
@@ -114,17 +118,17 @@ def paths_table(effects: Iterable[Effect]) -> Table:
     )  # fmt: skip
     rows: list[tuple[Value, ...]] = [
         (
-            *_begin(e), e.given, e.changed, e.changed_by_control, e.size, e.interval.low,
-            e.interval.high, e.per_metre, e.per_metre_interval.low, e.per_metre_interval.high,
-            *_test(e), *_end(e),
+            *_begin(e), e.given, e.changed, e.changed_by_control, e.changed_by_repeat, e.size,
+            e.interval.low, e.interval.high, e.per_metre, e.per_metre_interval.low,
+            e.per_metre_interval.high, *_test(e), *_end(e),
         )
         for e in effects if e.output == TRAJECTORY
     ]  # fmt: skip
     notes = (
         "moved: mean distance between the trajectory and the factual one, over its first 3 s or "
         "as long as all of them last. The effect is Hodges and Lehmann's estimate of how much "
-        "further the cause moves it than the control does; per metre: over the length of the "
-        "factual trajectory.",
+        "further the cause moves it than the control does, or than the repeated question where "
+        "that moves it more; per metre: over the length of the factual trajectory.",
         _LEFT_OUT, "p: Wilcoxon's signed rank.", _TESTED, *_MEANING,
     )  # fmt: skip
     return Table(PATHS, "What moved the trajectory", columns, tuple(rows), notes)
@@ -180,8 +184,8 @@ def agreement_table(cells: Iterable[Asked]) -> Table:
     words: dict[str, str] = {}
     for cell in cells:
         cause = cause_of(cell.condition)
-        key = "" if cause is None else cause.key
-        words[key] = "nothing" if cause is None else cause.words
+        key = cell.condition if cause is None else cause.key
+        words[key] = cause.words if cause else "nothing, asked again" if key else "nothing"
         groups.setdefault((cell.model, key), []).extend(cell.answers.values())
     rows = []
     for (model, key), answers in sorted(groups.items()):

@@ -16,15 +16,18 @@ from ssp_core.hashing import sha256_file
 from ssp_eval.data.labels import Labels, compare_by_scenario, load_labels
 from ssp_eval.data.provenance import SAFE_NAME, bag_folder, beside_bag, find_labels
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission, keep_audits
-from ssp_eval.evaluate.cell import CellOptions, evaluate_cell_again
+from ssp_eval.evaluate.cell import CellOptions, evaluate_again
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers
+from ssp_eval.evaluate.design import series_of
 from ssp_eval.evaluate.model_client import ModelClients
 from ssp_eval.evaluate.models import (
     BLIND,
     CONDITIONS,
     REASONING,
+    REPEAT,
     TWIN,
     ModelSpec,
+    with_repeats,
     with_twin_conditions,
 )
 from ssp_eval.evaluate.twin_clips import with_twins
@@ -51,6 +54,7 @@ class Plan:
         given_back: of these, to models that are given their own text back.
         blind: of these, to models that are shown no picture.
         about_twins: of these, to whoever is asked about twins in the place of recordings.
+        repeated: of these, the factual ones that are asked again after all others.
         goes_on: some may have an answer that is stored, and isn't asked for again.
         label_lines: per scenario how many labels each phase has, and whether the domains compare
             (METHOD 5.2b).
@@ -65,6 +69,7 @@ class Plan:
     about_twins: int = 0
     given_back: int = 0
     blind: int = 0
+    repeated: int = 0
     goes_on: bool = False
     label_lines: tuple[str, ...] = field(default=(), compare=False)
 
@@ -91,6 +96,8 @@ class Plan:
             told.append(f"{self.given_back} with the model's own text given back")
         if self.blind:
             told.append(f"{self.blind} without pictures")
+        if self.repeated:
+            told.append(f"{self.repeated} as before, to see what changes without a cause")
         return f"{text}; of these {'; '.join(told)}" if told else text
 
 
@@ -125,6 +132,7 @@ def plan_of(
         about_twins=found["twins"],
         given_back=found["given back"],
         blind=found[BLIND],
+        repeated=found["repeated"],
         goes_on=goes_on,
         label_lines=tuple(f"{name}: {told.line}" for name, told in compared.items()),
     )
@@ -138,14 +146,16 @@ def _asked_for(model: ModelSpec) -> str:
         return "given back"
     if model.condition == BLIND:
         return BLIND
+    if model.condition == REPEAT:
+        return "repeated"
     if model.condition:
         return "spoilt" if model.condition in CONDITIONS else "corrupted"
     return "answerers" if model.answerer else "models"
 
 
 def models_of(labelled: LabelledClip, models: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """Who is asked about a recording: the models, and these under its twins as well."""
-    return with_twin_conditions(models, list(labelled.twins))
+    """Who is asked about a recording: the models, these under its twins as well, and once more."""
+    return with_repeats(with_twin_conditions(models, list(labelled.twins)))
 
 
 def _count(number: int, noun: str) -> str:
@@ -389,9 +399,9 @@ def run_campaign(
         keep_audits(out, (labelled.admission for labelled in clips))
         on_plan(plan_of(clips, models, not options.fresh and holds_answers(out)))
         for labelled in clips:
-            for model in models_of(labelled, models):
-                result = evaluate_cell_again(labelled, model, clients, out, options, on_record)
-                results.append(result)
-                labelled.forget_twin(model)
+            for series in series_of(models_of(labelled, models)):
+                results += evaluate_again(labelled, series, clients, out, options, on_record)
+                for model in series:
+                    labelled.forget_twin(model)
             labelled.clip.forget_questions()
     return results

@@ -1,4 +1,4 @@
-"""One cell (scenario × domain × model): asks, stores, interprets, scores and writes its folder."""
+"""Cells (scenario × domain × model): asks, stores, interprets, scores and writes their folders."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from ssp_eval.evaluate.cell_file import (
     write_cell,
 )
 from ssp_eval.evaluate.conditions import question_under
+from ssp_eval.evaluate.design import stages_of
 from ssp_eval.evaluate.model_client import (
     PASSING,
     IgnoredAnswers,
@@ -69,22 +70,30 @@ class CellOptions:
 
 
 def ask_all(
-    place: CellPlace, clients: ModelClients, out: Path, options: CellOptions, on_record: Progress
-) -> tuple[list[Asked], IgnoredAnswers]:
-    """Asks about every label time that isn't answered in the cell's folder already.
+    places: Sequence[CellPlace],
+    rows: Sequence[Sequence[int]],
+    clients: ModelClients,
+    out: Path,
+    options: CellOptions,
+    on_record: Progress,
+) -> list[tuple[list[Asked], IgnoredAnswers]]:
+    """Asks about every label time that isn't answered in a cell's folder already.
 
     Args:
+        places: cells of one recording.
+        rows: by label time the order in which the cells are asked about it, as places of these.
         clients: gives the way to the model; not touched when every answer is stored already.
         out: campaign folder, which keeps the newest frame of each request.
     """
-    cell = _Conversation(place, clients, options)
-    for label in place.labelled.labels.labels:
-        question = cell.question(label.t_s)
-        if isinstance(question, Question):
-            _keep_frame(out, question.request.frames[-1])
-        cell.about(question)
-        on_record()
-    return cell.finish()
+    cells = [_Conversation(place, clients, options) for place in places]
+    for label, row in zip(places[0].labelled.labels.labels, rows, strict=True):
+        for index in row:
+            question = cells[index].question(label.t_s)
+            if isinstance(question, Question):
+                _keep_frame(out, question.request.frames[-1])
+            cells[index].about(question)
+            on_record()
+    return [cell.finish() for cell in cells]
 
 
 class _Conversation:
@@ -102,6 +111,7 @@ class _Conversation:
         self._client: ModelClient | None = None
         self._unreachable = ""
         self._asked: list[Asked] = []
+        self._ignored = IgnoredAnswers()
 
     def question(self, label_t_s: float) -> Question | NoQuestion:
         """What is asked about a label time, with the model's previous answer if it takes one."""
@@ -154,7 +164,10 @@ class _Conversation:
         client = self._reached()
         if client is None:
             return replace(asked, missing=self._unreachable, loss=Loss.UNREACHABLE)
+        # Other cells may be asked over the same client in between.
+        before = replace(client.ignored)
         reply = client.ask(request)
+        self._ignored = self._ignored.plus(client.ignored, before)
         if reply.response is None:
             return replace(asked, missing=reply.reason, loss=reply.loss)
         self._store.append(reply.response)
@@ -175,7 +188,7 @@ class _Conversation:
     def finish(self) -> tuple[list[Asked], IgnoredAnswers]:
         """Leaves the stored answers and questions in order."""
         self._store.finish(self._asked)
-        return self._asked, IgnoredAnswers() if self._client is None else self._client.ignored
+        return self._asked, self._ignored
 
 
 def _keep_frame(out: Path, frame: Frame) -> None:
@@ -292,52 +305,77 @@ def _write_labels(folder: Path, labels: Labels) -> None:
             (folder / stale).unlink(missing_ok=True)
 
 
-def evaluate_cell_again(
+def evaluate_again(
     labelled: LabelledClip,
-    model: ModelSpec,
+    models: Sequence[ModelSpec],
     clients: ModelClients,
     out: Path,
     options: CellOptions,
     on_record: Callable[[], None],
-) -> CellResult:
-    """Evaluates a cell, and once more where its bridge wasn't there: it may have come up late.
+) -> list[CellResult]:
+    """Evaluates cells, and once more those whose bridge wasn't there: it may have come up late.
 
     Raises:
-        InputError: as of evaluate_cell.
+        InputError: as of evaluate_cells.
     """
-    result = evaluate_cell(labelled, model, clients, out, options, on_record)
-    if not result.failed_for_bridge:
-        return result
-    return evaluate_cell(labelled, model, clients, out, options, lambda: None)
+    found = evaluate_cells(labelled, models, clients, out, options, on_record)
+    late = [model for model, one in zip(models, found, strict=True) if one.failed_for_bridge]
+    if not late:
+        return found
+    again = iter(evaluate_cells(labelled, late, clients, out, options, lambda: None))
+    return [next(again) if one.failed_for_bridge else one for one in found]
 
 
-def evaluate_cell(
+def evaluate_cells(
     labelled: LabelledClip,
-    model: ModelSpec,
+    models: Sequence[ModelSpec],
     clients: ModelClients,
     out: Path,
     options: CellOptions,
     on_record: Callable[[], None],
-) -> CellResult:
-    """Evaluates one model on one clip and leaves the cell's folder.
+) -> list[CellResult]:
+    """Evaluates one model under its conditions on one clip and leaves the cells' folders.
 
     Args:
+        models: of design.series_of; they take turns as design.stages_of says.
         clients: gives the way to the model; not touched when every answer is stored already.
+
+    Returns:
+        One result per model, in their order.
 
     Raises:
         InputError: the adapter or the model's options are wrong, or stored answers were changed.
     """
-    check_unchanged(_folder(labelled, model, out))
-    place = _place(labelled, model, out, options)
-    folder = place.folder
+    for model in models:
+        check_unchanged(_folder(labelled, model, out))
+    places = {model.shown: _place(labelled, model, out, options) for model in models}
     refusal = labelled.refusal
     if refusal is not None:
-        for stale in (SCORE_FILE, RECORDS_FILE):
-            (folder / stale).unlink(missing_ok=True)
-        for _ in labelled.labels.labels:
-            on_record()
-        return write_cell(place, "refused", [refusal])
-    asked, ignored = ask_all(place, clients, out, options, on_record)
+        return [_refused(place, refusal, on_record) for place in places.values()]
+    found: dict[str, CellResult] = {}
+    labels = labelled.labels.labels
+    for stage in stages_of(models, labelled.clip.provenance.bag_sha256, len(labels)):
+        of_stage = [places[model.shown] for model in stage.models]
+        answers = ask_all(of_stage, stage.rows, clients, out, options, on_record)
+        for place, (asked, ignored) in zip(of_stage, answers, strict=True):
+            found[place.model.shown] = _scored(place, asked, ignored, options)
+    return [found[name] for name in places]
+
+
+def _refused(place: CellPlace, refusal: str, on_record: Callable[[], None]) -> CellResult:
+    for stale in (SCORE_FILE, RECORDS_FILE):
+        (place.folder / stale).unlink(missing_ok=True)
+    for _ in place.labelled.labels.labels:
+        on_record()
+    return write_cell(place, "refused", [refusal])
+
+
+def _scored(
+    place: CellPlace, asked: Sequence[Asked], ignored: IgnoredAnswers, options: CellOptions
+) -> CellResult:
+    """Interprets and scores a cell's answers, and writes its files."""
+    folder = place.folder
+    options.extractor.counts.clear()  # those of the cell before
     records = records_of(asked, place.adapter, options.extractor)
     write_text(folder / RECORDS_FILE, "".join(record_to_json(r) + "\n" for r in records))
     if not records:
@@ -345,6 +383,6 @@ def evaluate_cell(
         (folder / SCORE_FILE).unlink(missing_ok=True)
         reasons = list(dict.fromkeys(one.missing for one in asked if one.missing))
         return write_cell(place, "failed", reasons, asked, ignored)
-    score = score_cell(labelled.labels, records, options.thresholds).to_json()
+    score = score_cell(place.labelled.labels, records, options.thresholds).to_json()
     write_json(folder / SCORE_FILE, score)
     return write_cell(place, "ok", [], asked, ignored, score)

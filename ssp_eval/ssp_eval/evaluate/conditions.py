@@ -22,6 +22,7 @@ from ssp_eval.evaluate.models import (
     DROPPED,
     PICTURES_CONTROL,
     REASONING,
+    REPEAT,
     SHUFFLED,
     TEXT_ONLY,
     ModelSpec,
@@ -104,9 +105,10 @@ def question_under(
     """What a model is asked about a label time, under its condition."""
     clip, condition = labelled.clip, model.condition
     question = clip.question(label_t_s, model.rules)
-    in_backend = condition == BLIND or condition.startswith(REASONING)
-    if not condition or in_backend or isinstance(question, NoQuestion):
-        return question  # what pictures are left out, or what is turned, is its backend's
+    # What pictures are left out, or what is turned, is its backend's.
+    in_backend = condition in ("", REPEAT, BLIND) or condition.startswith(REASONING)
+    if in_backend or isinstance(question, NoQuestion):
+        return question
     if condition in labelled.twins:
         return _about_twin(question, labelled.twins[condition], model.rules)
     another = None

@@ -9,7 +9,7 @@ import signal
 import socket
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
@@ -25,7 +25,7 @@ from ssp_core.terminal import ignore_stop_signals
 from ssp_eval.data.labels import labels_version
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.campaign import labelled_clip
-from ssp_eval.evaluate.cell import CellOptions, evaluate_cell_again
+from ssp_eval.evaluate.cell import CellOptions, evaluate_again
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip
 from ssp_eval.evaluate.model_client import (
     CONNECT_S,
@@ -70,21 +70,21 @@ class Settings:
 
 @dataclass(frozen=True)
 class Job:
-    """One cell.
+    """One cell, or those of a model whose conditions take turns (design.series_of).
 
     Args:
         bag_sha256, labels_sha256: of the recording, and of what its labels say (labels_version).
-        twin_sha256: of the twin that the model's condition is about; empty where it is about none.
+        twins_sha256: of the twins that the models' conditions are about, by condition.
     """
 
     number: int
     bag: Path
     labels: Path
-    model: ModelSpec
+    models: tuple[ModelSpec, ...]
     bag_sha256: str
     labels_sha256: str
     admission: Admission = NO_AUDIT
-    twin_sha256: str = ""
+    twins_sha256: Mapping[str, str] = field(default_factory=dict)
 
 
 class JobRunner(Closing):
@@ -111,8 +111,8 @@ class JobRunner(Closing):
             self._clients = ClientsWithAnswerers(self._stack.enter_context(topics))
         self._options = replace(settings.options, extractor=extractor)
 
-    def run(self, job: Job, on_record: Callable[[], None] = lambda: None) -> CellResult:
-        """Evaluates a cell as a campaign of one process does.
+    def run(self, job: Job, on_record: Callable[[], None] = lambda: None) -> list[CellResult]:
+        """Evaluates the cells of a job as a campaign of one process does.
 
         Raises:
             InputError: the recording or its labels aren't those that the campaign began with.
@@ -120,11 +120,11 @@ class JobRunner(Closing):
         with ExitStack() as stack:
             clip = stack.enter_context(Clip(job.bag))
             labelled = labelled_clip(clip, job.labels, job.admission)
-            if job.twin_sha256:
-                labelled = with_twins(stack, labelled, job.model.condition)
+            if job.twins_sha256:
+                labelled = with_twins(stack, labelled, job.twins_sha256)
             _check_same(job, labelled)
-            return evaluate_cell_again(
-                labelled, job.model, self._clients, self._settings.out, self._options, on_record
+            return evaluate_again(
+                labelled, job.models, self._clients, self._settings.out, self._options, on_record
             )
 
     def close(self) -> None:
@@ -135,10 +135,13 @@ class JobRunner(Closing):
 def _check_same(job: Job, labelled: LabelledClip) -> None:
     """Another machine may hold another file at the same path, and a file may change meanwhile."""
     bag_sha256 = labelled.clip.provenance.bag_sha256
-    twin = labelled.twins.get(job.model.condition)
+    twins = {condition: twin.sha256 for condition, twin in labelled.twins.items()}
     for file, before, now in (
         (job.bag, job.bag_sha256, bag_sha256),
-        (twins_folder(job.bag) / SET_FILE, job.twin_sha256, twin.sha256 if twin else ""),
+        *(
+            (twins_folder(job.bag) / SET_FILE, digest, twins.get(condition, ""))
+            for condition, digest in job.twins_sha256.items()
+        ),
         (job.labels, job.labels_sha256, labels_version(labelled.labels)),
     ):
         if before != now:
@@ -184,13 +187,13 @@ class _Pool:
         return worker
 
     def give(self, worker: _Worker) -> None:
-        """The next cell, of the model whose bridge the worker has where there is one."""
+        """The next job, of the model whose bridge the worker has where there is one."""
         if not self.waiting:
             return
-        same = (job for job in self.waiting if job.model.name == worker.last_model)
+        same = (job for job in self.waiting if job.models[0].name == worker.last_model)
         job = next(same, self.waiting[0])
         self.waiting.remove(job)
-        worker.job, worker.last_model = job, job.model.name
+        worker.job, worker.last_model = job, job.models[0].name
         with suppress(OSError):  # it died in between; its end says so
             worker.pipe.send(job)
 
@@ -210,7 +213,7 @@ def run_pool(
     jobs: Sequence[Job],
     settings: Settings,
     workers: int,
-    on_dead: Callable[[Job, str], CellResult],
+    on_dead: Callable[[Job, str], list[CellResult]],
     on_record: Callable[[], None] = lambda: None,
 ) -> list[CellResult]:
     """Evaluates cells in several processes.
@@ -219,7 +222,7 @@ def run_pool(
         workers: how many processes; not more are started than there are cells.
 
     Returns:
-        One result per job, in their order.
+        The results of the jobs, in their order.
 
     Raises:
         InputError: of a cell, as in a campaign of one process; the others are ended.
@@ -227,7 +230,7 @@ def run_pool(
         RuntimeError: a bug in a worker, with its traceback.
     """
     pool = _Pool(settings, list(jobs), on_record)
-    found: dict[int, CellResult] = {}
+    found: dict[int, list[CellResult]] = {}
     try:
         for _ in range(min(workers, len(jobs))):
             pool.give(pool.start())
@@ -237,14 +240,14 @@ def run_pool(
                 _hear(pool, worker, found, on_dead)
     finally:
         pool.end()
-    return [found[job.number] for job in jobs]
+    return [result for job in jobs for result in found[job.number]]
 
 
 def _hear(
     pool: _Pool,
     worker: _Worker,
-    found: dict[int, CellResult],
-    on_dead: Callable[[Job, str], CellResult],
+    found: dict[int, list[CellResult]],
+    on_dead: Callable[[Job, str], list[CellResult]],
 ) -> None:
     """What a worker said, or that it died."""
     job = worker.job
@@ -412,8 +415,8 @@ class _Actor:
     def hello(self) -> None:
         """Answers as soon as the cluster has room for the actor."""
 
-    def run(self, job: Job) -> tuple[CellResult, int]:
-        """The cell, and how many label times it had."""
+    def run(self, job: Job) -> tuple[list[CellResult], int]:
+        """The cells, and how many label times they had."""
         if self._runner is None:
             # Here, not at the start: what it raises then is this call's error.
             self._runner = JobRunner(self._settings, self._name)
@@ -435,7 +438,7 @@ def run_ray(
     jobs: Sequence[Job],
     settings: Settings,
     workers: int,
-    on_dead: Callable[[Job, str], CellResult],
+    on_dead: Callable[[Job, str], list[CellResult]],
     on_record: Callable[[], None] = lambda: None,
 ) -> list[CellResult]:
     """As pool.run_pool, on the cluster that RAY_ADDRESS names, or on one that is started here.
@@ -458,12 +461,12 @@ def _run(
     jobs: Sequence[Job],
     settings: Settings,
     workers: int,
-    on_dead: Callable[[Job, str], CellResult],
+    on_dead: Callable[[Job, str], list[CellResult]],
     on_record: Callable[[], None],
 ) -> list[CellResult]:
     actor_class = ray.remote(num_cpus=1)(_Actor)
     waiting = list(jobs)
-    found: dict[int, CellResult] = {}
+    found: dict[int, list[CellResult]] = {}
     actors: list[Any] = []
     there: list[Any] = []
     at_work: dict[Any, tuple[Any, Job | None]] = {}
@@ -509,7 +512,7 @@ def _run(
                 at_work[actor.run.remote(following)] = actor, following
     finally:
         _end(ray, there, actors)
-    return [found[job.number] for job in jobs]
+    return [result for job in jobs for result in found[job.number]]
 
 
 def _end(ray: Any, there: Sequence[Any], actors: Sequence[Any]) -> None:

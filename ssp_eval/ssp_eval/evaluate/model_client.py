@@ -85,6 +85,14 @@ class IgnoredAnswers:
     duplicate: int = 0
     unknown: int = 0
 
+    def plus(self, now: IgnoredAnswers, before: IgnoredAnswers) -> IgnoredAnswers:
+        """These, and those that came between two counts."""
+        return IgnoredAnswers(
+            self.late + now.late - before.late,
+            self.duplicate + now.duplicate - before.duplicate,
+            self.unknown + now.unknown - before.unknown,
+        )
+
     def to_json(self) -> dict[str, int]:
         return {"late": self.late, "duplicate": self.duplicate, "unknown": self.unknown}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import zip_longest
+from itertools import groupby, zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -66,8 +66,10 @@ _CHAT = "openai"
 BLIND = "blind"
 # What --twins adds begins so, and the twin's name follows.
 TWIN = "twin."
-# What a condition begins with that isn't one of CONDITIONS.
+# What a condition begins with that isn't one of CONDITIONS, and changes one cause.
 _FAMILIES = ("pictures.", TWIN, REASONING)
+# The question itself once more, after all others: what changes then has no cause at all.
+REPEAT = "repeat"
 # Of the order into which frames are put and of what is drawn in them; one for all campaigns, so
 # that they can be compared.
 CONDITION_SEED = 1
@@ -76,7 +78,7 @@ CONDITION_SEED = 1
 def condition_of(model: str) -> tuple[str, str]:
     """Name of the model and condition under which it was asked; empty where there is none."""
     name, _, last = model.rpartition("+")
-    known = last in (*CONDITIONS, BLIND) or last.startswith(_FAMILIES)
+    known = last in (*CONDITIONS, BLIND, REPEAT) or last.startswith(_FAMILIES)
     return (name, last) if name and known else (model, "")
 
 
@@ -476,6 +478,17 @@ def with_twin_conditions(specs: Sequence[ModelSpec], twins: Sequence[str]) -> li
         twins: their conditions.
     """
     return once_more(specs, twins, CONTROLS)
+
+
+def with_repeats(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
+    """The models, each that is asked with a cause changed followed by itself, asked again."""
+    found: list[ModelSpec] = []
+    for _, group in groupby(specs, lambda spec: spec.name):
+        own, *others = group
+        found += [own, *others]
+        if any(spec.condition.startswith(_FAMILIES) for spec in others):
+            found.append(replace(own, condition=REPEAT, control=True))
+    return found
 
 
 def once_more(

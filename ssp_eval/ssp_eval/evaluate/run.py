@@ -26,6 +26,7 @@ from ssp_eval.evaluate.campaign import (
 )
 from ssp_eval.evaluate.cell import fail_cell
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers, losses_text
+from ssp_eval.evaluate.design import series_of
 from ssp_eval.evaluate.executors import Job, Settings, import_ray, run_pool, run_ray
 from ssp_eval.evaluate.model_client import ClientsWithAnswerers, TopicClients
 from ssp_eval.evaluate.models import ModelSpec
@@ -188,7 +189,7 @@ class Engine(Protocol):
         jobs: Sequence[Job],
         settings: Settings,
         workers: int,
-        on_dead: Callable[[Job, str], CellResult],
+        on_dead: Callable[[Job, str], list[CellResult]],
         on_record: Callable[[], None],
     ) -> list[CellResult]: ...
 
@@ -238,14 +239,18 @@ def run_parallel(
                 raise InputError("has lost its labels file", file=bag)
             hashes = labelled.clip.provenance.bag_sha256, labels_version(labelled.labels)
             places, admission = (bag.absolute(), path.absolute()), labelled.admission
-            for model in models_of(labelled, models):
-                twin = labelled.twins.get(model.condition)
-                twin_sha256 = twin.sha256 if twin else ""
-                jobs.append(Job(len(jobs), *places, model, *hashes, admission, twin_sha256))
+            for series in series_of(models_of(labelled, models)):
+                conditions = {model.condition for model in series} & labelled.twins.keys()
+                twins_sha256 = {name: labelled.twins[name].sha256 for name in sorted(conditions)}
+                job = Job(len(jobs), *places, tuple(series), *hashes, admission, twins_sha256)
+                jobs.append(job)
                 clip_of.append(labelled)
 
-        def on_dead(job: Job, reason: str) -> CellResult:
-            place = clip_of[job.number], job.model, settings.out
-            return fail_cell(*place, settings.options, reason)
+        def on_dead(job: Job, reason: str) -> list[CellResult]:
+            labelled = clip_of[job.number]
+            return [
+                fail_cell(labelled, model, settings.out, settings.options, reason)
+                for model in job.models
+            ]
 
         return ENGINES[engine](jobs, settings.to_send(), workers, on_dead, on_record)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -15,21 +16,23 @@ from ssp_eval.twins.files import TwinRecord, bag_of, read_set, usable_twins
 _REMEDY = "make the twins of {} anew with `ssp twins`"
 
 
-def with_twins(stack: ExitStack, labelled: LabelledClip, condition: str = "") -> LabelledClip:
+def with_twins(
+    stack: ExitStack, labelled: LabelledClip, conditions: Collection[str] = ()
+) -> LabelledClip:
     """The recording with the twins that lie beside it, by condition.
 
     A twin whose audit doesn't hold isn't asked about, and somebody is told so.
 
     Args:
         stack: that closes the twins' bags.
-        condition: of the one twin that is wanted; empty: all of them.
+        conditions: of the twins that are wanted; empty: all of them.
 
     Raises:
         InputError: they are of another recording, or one isn't the bag that was audited.
     """
     clip = labelled.clip
     found = read_set(clip.path)
-    for one in found.twins if found is not None and not condition else ():
+    for one in found.twins if found is not None and not conditions else ():
         if not one.audit.holds:
             why = "; ".join(one.audit.reasons) or "no reason is given"
             place = bag_of(clip.path, one.identity.name)
@@ -37,7 +40,7 @@ def with_twins(stack: ExitStack, labelled: LabelledClip, condition: str = "") ->
     twins = {
         name: _opened(stack, clip, one)
         for one in usable_twins(clip.path, clip.provenance.bag_sha256)
-        if (name := TWIN + one.identity.name) == condition or not condition
+        if (name := TWIN + one.identity.name) in conditions or not conditions
     }
     return replace(labelled, twins=twins)
 

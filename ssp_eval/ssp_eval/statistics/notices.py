@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ssp_core.vocabulary import DOMAINS, PHASES
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.cell_file import outages
-from ssp_eval.evaluate.models import ANSWERERS, BLIND, CONDITIONS, TWIN, condition_of
+from ssp_eval.evaluate.models import ANSWERERS, BLIND, CONDITIONS, REPEAT, TWIN, condition_of
 from ssp_eval.evaluate.results import CellData, CellFacts
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.statistics.rows import (
@@ -156,12 +156,12 @@ def _of_thresholds(rows: Sequence[CellRow]) -> Iterable[Notice]:
 def _absent(rows: Sequence[CellRow]) -> list[str]:
     """Models that weren't asked about a recording that another was asked about.
 
-    Not every recording has twins: that one has none isn't a gap.
+    Not every recording has twins, or is asked about again: that one has none isn't a gap.
     """
     there = {row.key for row in rows}
     clips = dict.fromkeys((row.scenario, row.domain) for row in rows)
     models = dict.fromkeys(
-        row.model for row in rows if not condition_of(row.model)[1].startswith(TWIN)
+        row.model for row in rows if not condition_of(row.model)[1].startswith((TWIN, REPEAT))
     )
     return [
         " / ".join((*clip, model)) for clip in clips for model in models
