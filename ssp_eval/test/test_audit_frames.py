@@ -50,11 +50,26 @@ def test_a_caption_tells_the_instant_from_the_frame() -> None:
     assert text == "3.208 s · φ 0.356 · frame 3.167 s, synthetic, trigger"
 
 
-def test_tables_of_three_recordings_scroll_on_a_narrow_screen() -> None:
+def test_tables_of_three_recordings_are_stacked_on_a_narrow_screen() -> None:
     here = Path(page.__file__).parent
     source = (here / "page.html.j2").read_text()
     tables = re.findall(r'(<div class="scroll">)?<table class="compare">', source)
     assert len(tables) == source.count("</tbody></table></div>") == 7
     assert all(tables)
     narrow = (here / "style.css").read_text().split("@media (max-width: 900px)")[1]
-    assert ".compare { min-width:" in narrow
+    assert ".compare tr { display: flex; flex-wrap: wrap;" in narrow
+    assert "overflow-x: auto" not in narrow
+
+
+def test_every_drawing_of_the_pages_has_a_title_or_is_hidden_from_screen_readers() -> None:
+    root = Path(page.__file__).parents[1]
+    drawings = [
+        found
+        for file in sorted(root.rglob("*.j2"))
+        for found in re.findall(r"<svg [^>]*>(?:<title>)?", file.read_text("utf-8"))
+    ]
+    assert len(drawings) >= 4
+    for drawing in drawings:
+        assert 'aria-hidden="true"' in drawing or (
+            'role="img"' in drawing and "aria-label=" in drawing and drawing.endswith("<title>")
+        ), drawing

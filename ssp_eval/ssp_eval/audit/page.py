@@ -143,8 +143,9 @@ def _overlay(one: Examined, index: int) -> str:
             parts.append(_outline(view, states[target], target, kind))
     box = f"0 0 {optics.lens.width_px} {optics.lens.height_px}"
     return pages.element(
-        "svg", "".join(parts), class_="overlay", viewBox=box, preserveAspectRatio="none"
-    )
+        "svg", "".join(parts), class_="overlay", viewBox=box, preserveAspectRatio="none",
+        aria_hidden="true",
+    )  # fmt: skip
 
 
 def _outline(view: View, state: ObjectState, name: str, kind: str) -> str:

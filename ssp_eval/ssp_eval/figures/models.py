@@ -252,7 +252,7 @@ def _median(values: Iterator[float | None]) -> float | None:
 def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float | None]) -> Sheet:
     columns = min(_PANEL_COLUMNS, len(members))
     rows = -(-len(members) // columns)
-    bar_in, head_in, gap_in, foot_in = 0.115, 0.19, 0.1, 0.3
+    bar_in, head_in, gap_in, foot_in = 0.115, 0.19, 0.1, 0.34
     left_in, panel_in = 0.47, _PANEL_IN
     step_in = panel_in + (PAGE_IN - left_in - 0.1 - _PANEL_COLUMNS * panel_in) / (
         _PANEL_COLUMNS - 1
@@ -275,6 +275,11 @@ def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float |
         axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"] if last else ["", "", ""])
         ivcs = shown_mean(scores.by_model[model]["ivcs"].value)
         axes.set_title(f"{shown} {ivcs}", loc="left", pad=3, size=7.0)
+    page = sheet.page()
+    page.text(
+        (left_in + width_in - 0.15) / 2, sheet.height_in - 0.09, "mean score, from 0 to 1",
+        ha="center", va="center_baseline",
+    )  # fmt: skip
     return sheet
 
 

@@ -207,7 +207,7 @@ def drawn(story: CellOverlay, moment: Moment | None, stamp_ns: int, picture: Ima
     failure = moment.judgement.first_failure
     text = moment.record.text if moment.record is not None else "no answer"
     lines = [
-        f"{title} · answer at {moment.label.t_s:g} s · {_known(story)}",
+        f"{title} · answer at {moment.label.t_s:.2f} s · {_known(story)}",
         f"says {moment.says}   plans {moment.plans}   ok: {moment.allowed}",
         f"first failure: {NULL if failure is None else words(failure)}",
         *wrapped(text or "no text", picture.shape[1], 2),

@@ -28,6 +28,7 @@ from ssp_eval.figures.style import (
     text_width_in,
 )
 from ssp_eval.figures.write import Written, written_drawings
+from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.notices import stand_in_text, stand_ins
 
 _LEFT_IN, _GAP_IN, _HEAD_IN, _FOOT_IN = 0.22, 0.06, 0.22, 0.24
@@ -72,7 +73,7 @@ def phase_frames(scenario: str, model: str, stories: Sequence[CellOverlay]) -> D
                 )  # fmt: skip
                 continue
             _panel(axes, story, moment, width_in, f"{domain}-{phase}")
-            clock = f"{moment.label.t_s:g} s"
+            clock = f"{moment.label.t_s:.2f} s"
             page.text(
                 left + 0.04, top + 0.09, clock, va="center_baseline",
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2},
@@ -141,7 +142,10 @@ def _panel(axes: Axes, story: CellOverlay, moment: Moment, width_in: float, gid:
             )  # fmt: skip
 
 
-_ENTRIES = ("plan, a dot every 0.5 s", "recorded path", f"{RIGHT} allowed   {WRONG} not allowed")
+_ENTRIES = (
+    "plan, a dot every 0.5 s", "recorded path",
+    f"{RIGHT} allowed   {WRONG} not allowed   {NULL} not said",
+)  # fmt: skip
 
 
 def _legend_lines(width_in: float) -> int:
@@ -184,7 +188,8 @@ def _caption(
         f"(motion of the VUT: {', '.join(ego)}). Both were drawn after the fact and were in no "
         "input of a model.",
         "Below a frame: clip time, the actions that the text commits to and those that the "
-        "trajectory makes, each marked as allowed or not, and after ok what is allowed; – is none.",
+        "trajectory makes, longitudinal and lateral, each pair marked as allowed or not, and after "
+        "ok what is allowed; – is an action that isn't said, and never allowed.",
         f"Labels: {', '.join(counts)}; n = 1 answer per frame.",
         f"No label falls in: {', '.join(p for p in PHASES if p not in phases)}."
         if len(phases) < len(PHASES)

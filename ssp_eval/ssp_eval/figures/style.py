@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -193,7 +194,7 @@ def row_width_in(names: Iterable[str]) -> float:
     return COLUMN_IN if fits else PAGE_IN
 
 
-def fitted(text: str, most_in: float, size_pt: float = SMALL_PT, head: float = 0.5) -> str:
+def fitted(text: str, most_in: float, size_pt: float = SMALL_PT, head: float = 1.0) -> str:
     """The text, cut where it is wider than this; what is cut shows as an ellipsis.
 
     Args:
@@ -213,9 +214,12 @@ def fitted(text: str, most_in: float, size_pt: float = SMALL_PT, head: float = 0
 
 
 def names_in(names: Iterable[str], most_in: float) -> dict[str, str]:
-    """How names are shown within a width: cut where they must be, and still told apart."""
+    """Shorten names to a width so that they are still told apart.
+
+    They lose their end, or, where that makes two alike, their beginning.
+    """
     names = list(names)
-    for head in (0.5, 0.75, 1.0, 0.25):
+    for head in (1.0, 0.0):
         shown = {name: fitted(name, most_in, head=head) for name in names}
         if len(set(shown.values())) == len(names):
             return shown
@@ -308,6 +312,11 @@ class Drawing:
     name: str
     figure: Figure
     caption: str
+
+    @property
+    def title(self) -> str:
+        """The first clause of its caption."""
+        return re.split(r"[:;.]\s", self.caption)[0]
 
 
 @dataclass(frozen=True)

@@ -111,9 +111,13 @@ def written_drawings(
                 continue
             for kind, metadata in _METADATA.items():
                 stream = io.BytesIO()
-                item.figure.savefig(stream, format=kind, dpi=DPI, metadata=metadata)
+                title = {"Title": item.title}
+                item.figure.savefig(stream, format=kind, dpi=DPI, metadata=metadata | title)
                 files.append(out / f"{item.name}.{kind}")
-                write_bytes(files[-1], stream.getvalue())
+                data = stream.getvalue()
+                if kind == "svg":  # so that a screen reader takes it for one picture
+                    data = data.replace(b"<svg ", b'<svg role="img" ', 1)
+                write_bytes(files[-1], data)
             files.append(out / f"{item.name}.txt")
             write_text(files[-1], f"{item.caption.rstrip()} {told}".rstrip() + "\n")
             progress(item.name)

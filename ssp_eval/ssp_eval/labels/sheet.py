@@ -115,7 +115,7 @@ class Rows(BaseModel):
 
 
 def html_sheet(rows: Rows, pictures: Sequence[Picture | None], source: str) -> str:
-    """A page with every frame in its own size, or LEAST_WIDTH_PX, and its slots beside it.
+    """A page with the frames side by side, each with its slots; pressed, a frame fills the window.
 
     Args:
         pictures: one for each row, None where the clip has none.
