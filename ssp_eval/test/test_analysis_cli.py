@@ -17,7 +17,7 @@ from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.models import BEST_CONSTANT, bridge_spec
 from ssp_eval.evaluate.results import load_cells
 from ssp_eval.score.cell import score_cell
 from ssp_eval.score.thresholds import Thresholds
@@ -120,19 +120,23 @@ def test_domains_stand_beside_each_other_in_relative_terms(cells: Path, tmp_path
     """By hand: SemAcc of LINES in cut_in is 0.3 in synthetic and 0.34 in physical."""
     assert call("--from-cells", cells, "--out", tmp_path, *FEW) == 0
     rows = table(tmp_path / "tables/domain_differences.csv")
-    assert [(one["domain"], one["reference"]) for one in rows[::3]] == [
+    ivcs = [one for one in rows if one["metric"] == "IVCS"]
+    assert [(one["domain"], one["reference"]) for one in ivcs[::3]] == [
         ("simulation", "synthetic"), ("physical", "synthetic"), ("physical", "simulation"),
     ]  # fmt: skip
-    assert [one["scenario"] for one in rows[:3]] == ["all", "cut_in", "vru"]
-    found = {(one["domain"], one["reference"], one["scenario"]): one for one in rows}
-    sem = float(found["physical", "synthetic", "cut_in"]["d_sem_acc_eff"])
-    assert sem == pytest.approx(0.04 / 0.3, abs=1e-15)
-    assert float(found["physical", "synthetic", "all"]["d_sem_acc_eff"]) == pytest.approx(
-        0.04 / 0.35
-    )
-    assert found["physical", "simulation", "vru"]["n"] == "3"
+    assert [one["scenario"] for one in ivcs[:3]] == ["all", "cut_in", "vru"]
+    found = {(one["domain"], one["reference"], one["scenario"], one["metric"]): one for one in rows}
+    sem = found["physical", "synthetic", "cut_in", "SemAcc"]
+    assert float(sem["difference"]) == pytest.approx(0.04)
+    assert float(sem["change"]) == pytest.approx(0.04 / 0.3, abs=1e-15)
+    assert sem["finding"] == "one recording each: no interval"
+    over_all = found["physical", "synthetic", "all", "SemAcc"]
+    assert float(over_all["change"]) == pytest.approx(0.04 / 0.35)
+    # Both scenarios have the same difference.
+    assert [float(over_all[key]) for key in ("low", "high")] == pytest.approx([0.04, 0.04])
+    assert found["physical", "simulation", "vru", "SemAcc"]["n"] == "3"
     # RSR is 0 in every crossing: nothing is relative to it.
-    assert found["physical", "simulation", "vru"]["d_rsr"] == ""
+    assert found["physical", "simulation", "vru", "RSR"]["change"] == ""
     assert r"+13.3\%" in (tmp_path / "tables/domain_differences.tex").read_text()
 
 
@@ -213,7 +217,8 @@ def test_a_campaign_gives_intervals_over_records_and_the_diagnostic(
     assert call(campaign, "--tables", tmp_path, "--format", "csv", *FEW) == 0
     assert (campaign / "index.html").is_file()
     matrix = table(tmp_path / "matrix.csv")
-    assert len(matrix) == 9
+    # With the best blind constant of each recording.
+    assert len(matrix) == 12
     cells_of = table(tmp_path / "intervals_cells.csv")
     assert {one["model"] for one in cells_of} == {"constant_velocity"}
     stored = {tuple(p.parent.name.split("__")): p for p in campaign.glob("cells/*/score.json")}
@@ -255,7 +260,7 @@ def test_repeated_campaigns_are_runs_of_the_same_cells(campaign: Path, tmp_path:
     assert {one["k"] for one in runs} == {"2"}
     assert {float(one["sd"]) for one in runs} == {0.0}
     matrix = table(tmp_path / "t/matrix.csv")
-    assert len(matrix) == 18
+    assert len(matrix) == 24
     assert {one["run"] for one in matrix} == {"out", "again"}
     # A cell counts once, whatever its runs.
     (model,) = table(tmp_path / "t/by_model.csv")
@@ -284,14 +289,14 @@ def test_the_matrix_of_a_campaign_gives_its_tables_again(campaign: Path, tmp_pat
     own, again = tmp_path / "own", tmp_path / "again"
     assert call(campaign, "--tables", own, *FEW) == 0
     file = own / "matrix.csv"
-    found = {row.key: row for row in rows_from_csv(file)}
+    found = {row.key: row for row in rows_from_csv(file) if row.model != BEST_CONSTANT}
     assert found == {row.key: row for row in rows_from_campaign(campaign)}
     assert {row.control for row in found.values()} == {True, False}
     assert call("--from-cells", file, "--out", again, *FEW) == 0
     tables = [path.name for path in (again / "tables").iterdir()]
     needs_records = {
         "intervals_groups", "intervals_cells", "curvature", "sensitivity", "first_failures",
-        "first_failures_model", "notices",
+        "first_failures_model", "notices", "best_constants",
     }  # fmt: skip
     assert table_names(own) - needs_records == (
         {*table_names(again / "tables"), "statistics"} - needs_records

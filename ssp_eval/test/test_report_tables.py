@@ -22,6 +22,7 @@ from ssp_eval.evaluate.models import bridge_spec, with_controls
 from ssp_eval.evaluate.results import load_cells
 from ssp_eval.report.render import common_notes, grid, seeing_plot
 from ssp_eval.score.aggregate import Mean
+from ssp_eval.statistics.constants import constant_rows, constant_table, constants_of_cells
 from ssp_eval.statistics.notices import everywhere, notices
 from ssp_eval.statistics.rows import rows_from_campaign
 from ssp_eval.statistics.statistics_tables import failures_by_cell
@@ -39,8 +40,8 @@ from support.score_rows import row
 
 BagMaker = Callable[..., Path]
 PAGE_TABLES = (
-    *MEAN_TABLES, "strata", "domain_differences", "ranks_model", "ranks_domain", "seeing",
-    "answerers", "first_failures",
+    *MEAN_TABLES, "strata", "domain_differences", "domain_differences_model",
+    "ranks_model", "ranks_domain", "seeing", "answerers", "best_constants", "first_failures",
 )  # fmt: skip
 DIGITS = {"ratio": 3, "signed": 3, "seconds": 2}
 
@@ -110,7 +111,9 @@ def written(bag_writer: Callable[..., Path], tmp_path_factory: pytest.TempPathFa
 def data(written: Path) -> dict[str, Any]:
     """The same tables with all digits, by name."""
     rows, cells = rows_from_campaign(written), load_cells(written)
-    found = [*all_tables(rows), failures_by_cell(cells)]
+    constants = constants_of_cells(rows, cells)
+    shown = [*rows, *constant_rows(constants)]
+    found = [*all_tables(shown), constant_table(constants), failures_by_cell(cells)]
     listed = json.loads((written / "tables" / "statistics.json").read_text())["tables"]
     return {one["name"]: one for one in (*map(to_data, found), *listed)}
 

@@ -38,6 +38,8 @@ CONTROLS: dict[str, dict[str, Any]] = {
     "silent": {},
     "recorded": {},
 }
+# The best blind constant of a scenario (score/constant.py): chosen from labels, asked by nobody.
+BEST_CONSTANT = "best_constant"
 # Whatever such a bridge is called, it is no model; a recording may be of one.
 NEVER_MODELS = frozenset({"perfect", "silent"})
 
@@ -84,7 +86,7 @@ def condition_of(model: str) -> tuple[str, str]:
 
 def is_control_name(model: str) -> bool:
     """Whether a name alone says that it is no model but a check of the harness."""
-    return model in CONTROLS or bool(condition_of(model)[1])
+    return model in CONTROLS or model == BEST_CONSTANT or bool(condition_of(model)[1])
 
 
 @dataclass(frozen=True)
@@ -382,7 +384,8 @@ def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> No
             value=spec.name,
             remedy="use letters, digits and underscores, a letter first, 64 at most",
         )
-    if spec.name in {*CONTROLS, *ANSWERERS} and spec.backend not in ("", spec.name):
+    known = spec.name in {*CONTROLS, *ANSWERERS} and spec.backend not in ("", spec.name)
+    if known or spec.name == BEST_CONSTANT:
         # Its cells would be taken for those of the answerer, and be replaced by them.
         raise InputError(
             "is the name of an answerer of ours, and can't be that of another backend",

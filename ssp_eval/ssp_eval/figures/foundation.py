@@ -16,6 +16,7 @@ from ssp_eval.figures.cloud import (
     share_axis_near,
     steps_of,
 )
+from ssp_eval.figures.models import draw_constant
 from ssp_eval.figures.scores import Scores, listed, pareto_front
 from ssp_eval.figures.style import (
     BLUE,
@@ -46,6 +47,7 @@ from ssp_eval.figures.style import (
 )
 from ssp_eval.score.aggregate import Mean, mean, ranks
 from ssp_eval.score.metrics import IVCS_LAST, METRIC_LABELS
+from ssp_eval.statistics.constants import MARK
 from ssp_eval.statistics.table import counted
 
 
@@ -247,7 +249,11 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
     counts = Counter(kinds.values())
     width_in = row_width_in(scores.by_model)
     names = names_in(scores.by_model, NAMES_IN[width_in])
-    labels = {model: f"{places[model]}  {names[model]}" for model in scores.by_model}
+    constant, below = scores.constant("model"), scores.below("model")
+    labels = {
+        model: f"{places[model]}  {names[model]}{f' {MARK}' if (model,) in below else ''}"
+        for model in scores.by_model
+    }
     size = {model: _size(scores, model) for model in scores.by_model}
     right_in = max(0.12, widest_in(size.values()) + 0.15)
     legend = (
@@ -261,6 +267,7 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 row, value, 0.68, color=look.colour, edgecolor=INK, linewidth=0.4, hatch=look.hatch,
                 gid=f"bar-{model}",
             )  # fmt: skip
+            draw_constant(axes, row, constant.get((model,)), model)
             axes.text(value + 0.02, row, shown_mean(value), va="center_baseline")
             sheet.figure.text(
                 1.0 - 0.05 / width_in,
@@ -281,6 +288,7 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 else "",
                 f"Architectures: {', '.join(f'{a} {n}' for a, n in sorted(counts.items()))}.",
                 "Ranks per scenario are in models_ranks.",
+                scores.constant_text("The dashed red line"),
                 scores.uneven("model"),
                 scores.left_out,
                 renamed({m: names[m] for m in members}),

@@ -16,6 +16,7 @@ from ssp_eval.figures.style import (
     INK,
     MOST_HEIGHT_IN,
     PAGE_IN,
+    RED,
     SMALL_PT,
     UNITS,
     Drawing,
@@ -30,6 +31,7 @@ from ssp_eval.figures.style import (
 )
 from ssp_eval.score.cli import NULL, format_ratio, format_response
 from ssp_eval.score.metrics import COMPONENT_RATIOS, METRIC_LABELS
+from ssp_eval.statistics.constants import CONSTANT, MARK
 from ssp_eval.statistics.rows import OK, CellRow
 
 NAME = "matrix"
@@ -134,11 +136,11 @@ def _page(name: str, lines: Sequence[_Line], names: dict[str, str], scores: Scor
                 _LEFT_IN, y + _ROW_IN / 2, fitted(line.domain, _DOMAIN_IN - 0.05),
                 va="center_baseline",
             )  # fmt: skip
-        _row(axes, index, line.cell, y + _ROW_IN / 2, names)
+        _row(axes, index, line.cell, y + _ROW_IN / 2, names, scores)
         y += _ROW_IN
     axes.plot([0.0, PAGE_IN], [y, y], color=GREY, linewidth=0.6)
     cells = [line.cell for line in lines if line.cell is not None]
-    _foot(axes, y + 0.15, cells)
+    _foot(axes, y + 0.15, cells, bool(scores.constants))
     used = {cell.model: names[cell.model] for cell in cells}
     return Drawing(name, sheet.figure, _caption(cells, used, scores))
 
@@ -160,7 +162,9 @@ def _head(axes: Axes) -> None:
     axes.plot([0.0, PAGE_IN], [_HEAD_IN, _HEAD_IN], color=GREY, linewidth=0.6)
 
 
-def _row(axes: Axes, index: int, cell: CellRow, y: float, names: dict[str, str]) -> None:
+def _row(
+    axes: Axes, index: int, cell: CellRow, y: float, names: dict[str, str], scores: Scores
+) -> None:
     mark = "" if cell.admitted or cell.status != OK else f" {NOT_ADMITTED}"
     axes.text(_LEFT_IN + _DOMAIN_IN, y, names[cell.model] + mark, va="center_baseline")
     if cell.status != OK:
@@ -180,7 +184,16 @@ def _row(axes: Axes, index: int, cell: CellRow, y: float, names: dict[str, str])
     for share, colour in ((1.0, "#f0f0f0"), (ivcs, shade(ivcs))):
         bar = Rectangle((left, y - height / 2), width * share, height, color=colour, linewidth=0)
         axes.add_patch(bar)
+    constant = scores.constants.get((cell.scenario, cell.domain))
+    if constant is not None:
+        x = left + width * (constant.score["ivcs"] or 0.0)
+        axes.plot(
+            [x, x], [y - _ROW_IN / 2, y + _ROW_IN / 2], color=RED, linewidth=0.9,
+            gid=f"constant-{index}",
+        )  # fmt: skip
     flag = "*" if cell.ivcs_nulls else ""
+    if scores.is_below(cell):
+        flag += f" {MARK}"
     axes.text(left + width + 0.05, y, format_ratio(cell.ivcs) + flag, va="center_baseline")
 
 
@@ -207,7 +220,7 @@ def _mark(axes: Axes, x: float, y: float, value: float | None, gid: str) -> None
     axes.text(x + _RADIUS_IN + 0.03, y, f"{value:.2f}", va="center_baseline")
 
 
-def _foot(axes: Axes, y: float, cells: Sequence[CellRow]) -> None:
+def _foot(axes: Axes, y: float, cells: Sequence[CellRow], has_constant: bool) -> None:
     x = _LEFT_IN
     axes.text(x, y, "area and shade:", va="center_baseline", color=GREY)
     x += text_width_in("area and shade:") + 0.2
@@ -217,6 +230,8 @@ def _foot(axes: Axes, y: float, cells: Sequence[CellRow]) -> None:
     notes = ["S@t: response to the risk after t seconds", "F: none", f"{NULL}: no denominator"]
     if any(cell.ivcs_nulls for cell in cells):
         notes.append("*: a component without denominator counts as 0")
+    if has_constant:
+        notes.append(f"line on IVCS: {CONSTANT}; {MARK}: below it")
     if any(not cell.admitted and cell.status == OK for cell in cells):
         notes.append(f"{NOT_ADMITTED}: in no domain mean")
     # Two lines at most, which the foot has room for beside and below the legend.
@@ -262,6 +277,7 @@ def _caption(cells: Sequence[CellRow], names: dict[str, str], scores: Scores) ->
         if runs
         else "",
         f"Runs without a score, which their cells leave out: {_reasons(lost)}." if lost else "",
+        scores.constant_text("The upright line on IVCS"),
         UNITS,
         "ActAcc and ATC are diagnostic and not part of IVCS.",
         renamed(names),

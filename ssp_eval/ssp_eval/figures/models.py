@@ -40,6 +40,7 @@ from ssp_eval.figures.style import (
 )
 from ssp_eval.score.aggregate import BY_MODEL, Cell, means, relative_difference
 from ssp_eval.score.metrics import COMPONENTS, IVCS_LAST, METRIC_LABELS
+from ssp_eval.statistics.constants import CONSTANT, MARK
 
 # Ends of the axes that all panels share.
 _LIMITS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
@@ -152,6 +153,7 @@ def _difference_panels(
 
 PROFILE = (*COMPONENTS, "act_acc_eff", "atc_eff")
 MACRO_LOOK = Look(INK, "|", "")
+CONSTANT_LOOK = Look(RED, "|", "")
 _PANEL_COLUMNS, _MOST_PANEL_ROWS, _PANEL_IN = 4, 8, 1.2
 
 
@@ -178,10 +180,14 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
         yield LeftOut(name, "the rows are means over scenarios" if scores.over else NO_MODEL)
         return
     width_in = row_width_in(scores.by_model)
-    names = names_in(scores.by_model, NAMES_IN[width_in])
+    names = names_in(scores.by_model, NAMES_IN[width_in] - text_width_in(f" {MARK}"))
     looks = scenario_looks(scores.scenarios)
     legend = {words(name): look for name, look in looks.items()}
     legend["macro average"] = MACRO_LOOK
+    constant, below = scores.constant("model"), scores.below("model")
+    names = {m: f"{name} {MARK}" if (m,) in below else name for m, name in names.items()}
+    if constant:
+        legend[CONSTANT] = CONSTANT_LOOK
     for page, members in pages_of(name, list(scores.by_model)):
         sheet, axes, _ = named_rows(width_in, [names[m] for m in members], legend)
         for row, model in enumerate(members):
@@ -196,6 +202,7 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 if value is None:
                     continue
                 mark(axes, (value, row), looks[scenario], f"scenario-{scenario}-{model}")
+            draw_constant(axes, row, constant.get((model,)), model)
             axes.plot(
                 [scores.by_model[model]["ivcs"].value or 0.0], [row], "|", color=INK, markersize=9,
                 markeredgewidth=1.5, clip_on=False, zorder=4,
@@ -209,11 +216,21 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 "IVCS of each model: a mark per scenario, the line is their range, the "
                 "upright stroke the macro average over all cells; the best by it comes first. "
                 f"{scores.n_text()}.",
+                scores.constant_text("The dashed red stroke"),
                 scores.uneven("model"),
                 scores.left_out,
-                renamed({m: names[m] for m in members}),
+                renamed({m: names[m].removesuffix(f" {MARK}") for m in members}),
             ),
         )
+
+
+def draw_constant(axes: Axes, row: int, value: float | None, model: str) -> None:
+    """Draws the best blind constant over the cells of a row's model, where it is known."""
+    if value is not None:
+        axes.plot(
+            [value, value], [row - 0.5, row + 0.5], "--", color=RED, linewidth=0.9, zorder=3,
+            gid=f"constant-{model}",
+        )  # fmt: skip
 
 
 def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:

@@ -17,6 +17,7 @@ from ssp_eval.figures.style import (
     LINE_IN,
     PAGE_IN,
     RED,
+    SMALL_PT,
     Drawing,
     LeftOut,
     Look,
@@ -30,7 +31,8 @@ from ssp_eval.figures.style import (
     text_width_in,
     widest_in,
 )
-from ssp_eval.score.aggregate import Ranking, ranking
+from ssp_eval.score.aggregate import Ranking, mean, ranking
+from ssp_eval.statistics.constants import CONSTANT, MARK
 
 MACRO = "macro"
 MOST = 60
@@ -65,7 +67,10 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
         for one in groups
     }
     looks = DOMAIN_LOOKS if subject == "domain" else {}
-    sheet, names = _draw(columns, values, ranks, {c.subject for c in found.changes}, looks)
+    blind = _blind(scores, subject, columns)
+    changed = {c.subject for c in found.changes}
+    below = scores.below("scenario", subject) | scores.below(subject)
+    sheet, names = _draw(columns, values, ranks, changed, looks, blind, below)
     admission = "admitted cells" if subject == "domain" else "cells"
     counts = ", ".join(f"{one} {group['ivcs'].n}" for one, group in groups.items())
     return Drawing(
@@ -79,12 +84,41 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
             "A solid line ends on a better rank than it began, a dashed one on a worse, a dash-dot "
             "one changes its rank in between only, a dotted one never.",
             _changes(found, scenarios),
+            scores.constant_text(
+                "The faint dash-dot lines, one for each domain"
+                if subject == "domain"
+                else "The red dash-dot line"
+            ),
             scores.unadmitted if subject == "domain" else "",
             scores.uneven(subject),
             scores.left_out,
             renamed(names),
         ),
     )
+
+
+def _blind(
+    scores: Scores, subject: str, columns: Sequence[str | None]
+) -> dict[str, list[float | None]]:
+    """The best blind constant's line by name: one for each domain, one for all models.
+
+    Of models it is the mean over all their recordings, also where a model lacks some of them.
+    """
+    if not scores.constants:
+        return {}
+    if subject == "domain":
+        over_all, of_one = scores.constant(subject), scores.constant("scenario", subject)
+        return {
+            name: [macro if c is None else of_one.get((c, name)) for c in columns]
+            for (name,), macro in over_all.items()
+        }
+    cells = [cell for place, cell in scores.constants.items() if place in scores.places]
+    return {
+        CONSTANT: [
+            mean(cell.score["ivcs"] for cell in cells if column in (None, cell.scenario)).value
+            for column in columns
+        ]
+    }
 
 
 def _macro(groups: Mapping[str, Group], found: Ranking) -> str:
@@ -117,11 +151,14 @@ def _draw(
     ranks: Mapping[str, Sequence[int | None]],
     changed: Collection[str],
     looks: Mapping[str, Look],
+    blind: Mapping[str, Sequence[float | None]],
+    below: Collection[tuple[str, ...]],
 ) -> tuple[Sheet, dict[str, str]]:
-    plain_in, lead_in = text_width_in("0.88 #00"), 0.24
+    plain_in, lead_in = text_width_in(f"0.88 #00{f' {MARK}' if below else ''}"), 0.24
     whole = len(columns) <= 3 and len(values) <= 12 and widest_in(map(drawable, values)) <= 1.0
     names = names_in(values, 1.0 if whole else 2.3)
-    named_in = widest_in(names.values()) + plain_in + text_width_in(" ") + lead_in
+    shown = {one: f"{name} {MARK}" if (one,) in below else name for one, name in names.items()}
+    named_in = widest_in(shown.values()) + plain_in + text_width_in(" ") + lead_in
     starts = {one for one, line in values.items() if line[-1] is None}
     left_in = (named_in if starts else plain_in + lead_in) + 0.05
     wide = len(columns) > 3 or COLUMN_IN - left_in - named_in < 1.2
@@ -132,7 +169,7 @@ def _draw(
     span_in = width_in - left_in - named_in - 0.05
     step_in = span_in / (len(columns) - 1)
     xs = [left_in + step_in * k for k in range(len(columns))]
-    present = [value for line in values.values() for value in line if value is not None]
+    present = [v for line in (*values.values(), *blind.values()) for v in line if v is not None]
     middle, half = (min(present) + max(present)) / 2, max(max(present) - min(present), 0.05) / 2
 
     def y_of(value: float) -> float:
@@ -147,6 +184,16 @@ def _draw(
                 x, top_in - 0.08 - LINE_IN * 0.85 * number, part, ha="center",
                 style="italic" if column is None else "normal",
             )  # fmt: skip
+    for one, line in blind.items():
+        points = [(x, y_of(v)) for x, v in zip(xs, line, strict=True) if v is not None]
+        page.plot(
+            [x for x, _ in points], [y for _, y in points], linestyle=(0, (6, 1.5, 1, 1.5)),
+            color=looks[one].colour if one in looks else RED, alpha=0.55,
+            linewidth=0.8, zorder=1, gid=f"constant-{one}",
+        )  # fmt: skip
+    if len(blind) == 1 and not looks:
+        line = blind[CONSTANT]
+        _name_constant(page, xs, [y_of(v) for v in line if v is not None], line[0])
     for one, line in values.items():
         style, colour = _style(ranks[one], columns, one in changed)
         colour, marker = (looks[one].colour, looks[one].marker) if one in looks else (colour, "o")
@@ -167,7 +214,17 @@ def _draw(
     bounds = (top_in + 0.05, top_in + height_in - 0.05)
     for index, side in ((0, -1), (len(columns) - 1, 1)):
         ends = {
-            one: (y_of(value), _end_text(side, names[one], value, ranks[one][index], one in starts))
+            one: (
+                y_of(value),
+                _end_text(
+                    side,
+                    shown[one],
+                    value,
+                    ranks[one][index],
+                    one in starts,
+                    (columns[index] or "", one) in below,
+                ),
+            )
             for one, line in values.items()
             if (value := line[index]) is not None
         }
@@ -175,6 +232,20 @@ def _draw(
     scale = f"upwards: IVCS from {shown_mean(middle - half)} to {shown_mean(middle + half)}"
     page.text(left_in, sheet.height_in - 0.07, scale, color=GREY)
     return sheet, names
+
+
+def _name_constant(
+    page: Axes, xs: Sequence[float], ys: Sequence[float], first: float | None
+) -> None:
+    """Writes what the constant's line is, under it between its first two columns."""
+    if len(xs) < 2 or len(ys) < 2:
+        return
+    x, y = (xs[0] + xs[1]) / 2, (ys[0] + ys[1]) / 2
+    page.text(
+        x, y + LINE_IN * 0.6, f"{CONSTANT} {shown_mean(first)}", ha="center", va="center",
+        color=RED, size=SMALL_PT, zorder=5,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.4, "alpha": 0.8},
+    )  # fmt: skip
 
 
 def _two_lines(text: str, most_in: float) -> list[str]:
@@ -198,11 +269,14 @@ def _style(
     return _UP if known[-1] < known[0] else _DOWN
 
 
-def _end_text(side: int, name: str, value: float, rank: int | None, starts: bool) -> str:
+def _end_text(
+    side: int, name: str, value: float, rank: int | None, starts: bool, is_below: bool
+) -> str:
     """Rank and value next to a line's end, with its name at the right, where all lines go."""
+    score = f"{shown_mean(value)} {MARK}" if is_below else shown_mean(value)
     if side > 0:
-        return f"#{rank} {shown_mean(value)} {name}"
-    return f"{name} {shown_mean(value)} #{rank}" if starts else f"{shown_mean(value)} #{rank}"
+        return f"#{rank} {score} {name}"
+    return f"{name} {score} #{rank}" if starts else f"{score} #{rank}"
 
 
 def _end_labels(

@@ -16,7 +16,16 @@ from ssp_eval.score.aggregate import (
     domain_order,
     means,
 )
-from ssp_eval.statistics.rows import OK, CellRow, entering, merged, over_what
+from ssp_eval.statistics.constants import (
+    BELOW,
+    CONSTANT,
+    MARK,
+    Place,
+    constant_means,
+    constants_in,
+    is_below,
+)
+from ssp_eval.statistics.rows import OK, CellRow, entering, merged, one_scale, over_what
 from ssp_eval.statistics.table import counted
 from ssp_eval.statistics.tables import run_notes, uneven
 
@@ -83,6 +92,48 @@ class Scores:
         found = {model: group for (model,), group in means(self.cells, BY_MODEL).items()}
         order = sorted(found, key=lambda m: (-(found[m]["ivcs"].value or 0.0), m.casefold(), m))
         return {model: found[model] for model in order}
+
+    @cached_property
+    def constants(self) -> dict[Place, Cell]:
+        """The best blind constant's cell of each scenario and domain; empty: nobody knows it."""
+        return constants_in(one_scale(self.rows))
+
+    def constant(self, *by: str) -> dict[tuple[str, ...], float | None]:
+        """The constant's mean IVCS over the same cells as each group's."""
+        found = constant_means(self.cells, self.constants, by)
+        return {key: mean.value for key, mean in found.items()}
+
+    def is_below(self, row: CellRow) -> bool:
+        """Whether a model scores less on a recording than its best blind constant."""
+        found = self.constants.get((row.scenario, row.domain))
+        return found is not None and not row.control and is_below(row.ivcs, found.score["ivcs"])
+
+    def below(self, *by: str) -> frozenset[tuple[str, ...]]:
+        """Groups whose mean IVCS is less than the constant's over the same cells."""
+        constant = self.constant(*by)
+        return frozenset(
+            key
+            for key, group in means(self.cells, by).items()
+            if is_below(group["ivcs"].value, constant.get(key))
+        )
+
+    @cached_property
+    def places(self) -> frozenset[Place]:
+        """Scenario and domain of the cells that enter means."""
+        return frozenset((cell.scenario, cell.domain) for cell in self.cells)
+
+    def constant_text(self, drawn: str) -> str:
+        """A sentence of the line that is drawn of the constant; empty where there is none.
+
+        Args:
+            drawn: how it looks.
+        """
+        if not self.constants:
+            return ""
+        return (
+            f"{drawn}: the {CONSTANT}, the one answer of each scenario that scores most over its "
+            f"recordings without looking; it has no rank. {MARK}: {BELOW}."
+        )
 
     @cached_property
     def scenarios(self) -> tuple[str, ...]:

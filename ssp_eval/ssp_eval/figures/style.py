@@ -284,7 +284,8 @@ def mark(
 ) -> None:
     """One mark with a dark border, over lines, also where it reaches beyond the axes."""
     style: dict[str, Any] = {
-        "markeredgecolor": INK,
+        # A stroke is nothing but its border.
+        "markeredgecolor": look.colour if look.marker == "|" else INK,
         "markeredgewidth": 0.4,
         "clip_on": False,
         "zorder": 3,

@@ -6,9 +6,9 @@
   const COLUMNS = data.scores.length + 5;  // scenario, domain, model, risk, first failures
   const at = (name) => data.scores.indexOf(name);
   const cells = data.rows.map(
-    ([id, scenario, domain, model, status, admission, control, stages, scores, rl, reason]) => ({
+    ([id, scenario, domain, model, status, admission, control, stages, scores, rl, reason, constant]) => ({
       id, scenario: data.scenario[scenario], domain: data.domain[domain], model: data.model[model],
-      status, admission, control: Boolean(control), stages, scores, rl, reason,
+      status, admission, control: Boolean(control), stages, scores, rl, reason, constant,
     }));
   for (const cell of cells) {
     cell.text = words(`${cell.scenario} ${cell.domain} ${cell.model} ${cell.status} ${cell.admission} ` +
@@ -63,6 +63,11 @@
     const score = cell.scores ? cell.scores[at(name)] : null;
     const node = make("td", score === null ? "–" : score.toFixed(digits), "num bar");
     if (score !== null) node.style.setProperty("--v", score);
+    if (name === "ivcs" && cell.constant !== null) {
+      node.title = `best blind constant ${cell.constant.toFixed(3)}`;
+      // Both are rounded to six digits.
+      if (!cell.control && score < cell.constant) node.textContent += " ↓";
+    }
     return node;
   };
   const strip = (stages) => {

@@ -20,9 +20,16 @@ from ssp_eval.evaluate.results import CellData, cell_files, load_cells
 from ssp_eval.figures.write import GROUPS, Written, write_figures
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED
+from ssp_eval.statistics.constants import (
+    OfScenario,
+    constant_rows,
+    constant_table,
+    constants_in,
+    constants_of_cells,
+)
 from ssp_eval.statistics.notices import everywhere, notice_table, notices
 from ssp_eval.statistics.responses import named_audits, response_table
-from ssp_eval.statistics.rows import CellRow, rows_from_cells, rows_from_csv, scale
+from ssp_eval.statistics.rows import CellRow, one_scale, rows_from_cells, rows_from_csv, scale
 from ssp_eval.statistics.statistics import Options, compute, steps_of
 from ssp_eval.statistics.statistics_tables import (
     failures_by_cell,
@@ -263,18 +270,19 @@ def report(
     repeated: Sequence[Asked] = ()
     is_wanted = tables is not None or drawn is not None
     if is_wanted or len(cell_files(out_dir)) <= MOST_ANALYSED:
-        data, rows = _runs((out_dir, *repeats))
+        data, rows, constants = _runs((out_dir, *repeats))
         for cell in data:
             check(cell)
         if drawn is not None:
-            draw_figures(drawn, rows, out_dir, data[: len(cell_files(out_dir))])
+            shown = [*rows, *constant_rows(constants)]
+            draw_figures(drawn, shown, out_dir, data[: len(cell_files(out_dir))])
         repeated = answers_in(data[len(cell_files(out_dir)) :])
         if tables is not None:
             wanted = _Wanted(tables, formats, reference, options)
             audits = named_audits((out_dir, *repeats), (cell.facts for cell in data))
-            analysis = _analyse(rows, data, wanted, tables, response_table(audits))
+            analysis = _analyse(rows, data, wanted, tables, response_table(audits), constants)
         elif len(data) <= MOST_ANALYSED:
-            analysis = _statistics(rows, data, options)
+            analysis = _statistics(rows, data, options, constants)
         # A page is made of one cell after the other; it needs its memory more than a second read.
         del data, rows
     with console.progress("report", None) as bar:
@@ -299,12 +307,19 @@ def _is_given(option: str) -> bool:
     return source is ParameterSource.COMMANDLINE
 
 
-def _runs(folders: Iterable[Path]) -> tuple[list[CellData], list[CellRow]]:
-    """The cells of one or several campaigns; several are runs that are told apart by folder."""
+def _runs(
+    folders: Iterable[Path],
+) -> tuple[list[CellData], list[CellRow], list[OfScenario]]:
+    """Read the cells of one or several campaigns, which are runs that are told apart by folder.
+
+    Returns:
+        The cells, their rows in the same order, and the best blind constants of each run.
+    """
     given = list(folders)
     names = [folder.resolve().name for folder in given]
     data: list[CellData] = []
     rows: list[CellRow] = []
+    constants: list[OfScenario] = []
     for folder, name in zip(given, names, strict=True):
         if sum(other.resolve() == folder.resolve() for other in given) > 1:
             raise InputError("is given twice", file=folder, remedy="give each campaign once")
@@ -314,14 +329,22 @@ def _runs(folders: Iterable[Path]) -> tuple[list[CellData], list[CellRow]]:
             cells = load_cells(folder, partial(bar.advance, task))
         data += cells
         run = name if names.count(name) == 1 else str(folder)
-        rows += rows_from_cells(cells, run if len(given) > 1 else "")
-    return data, rows
+        own = rows_from_cells(cells, run if len(given) > 1 else "")
+        constants += constants_of_cells(own, cells)
+        rows += own
+    return data, rows, constants
 
 
-def _statistics(rows: Sequence[CellRow], data: Sequence[CellData], options: Options) -> list[Table]:
+def _statistics(
+    rows: Sequence[CellRow],
+    data: Sequence[CellData],
+    options: Options,
+    constants: Sequence[OfScenario],
+) -> list[Table]:
+    blind = constants_in(one_scale([*rows, *constant_rows(constants)]))
     with console.progress("statistics", steps_of(rows, bool(data))) as bar:
         task = bar.task_ids[0]
-        found = compute(rows, data, options, lambda: bar.advance(task))
+        found = compute(rows, data, options, lambda: bar.advance(task), blind)
     return statistics_tables(found, options.resamples)
 
 
@@ -331,17 +354,21 @@ def _analyse(
     wanted: _Wanted,
     statistics: Path,
     responses: Table | None = None,
+    constants: Sequence[OfScenario] = (),
 ) -> list[Table]:
     """Computes everything before anything is written."""
     told = notices(rows, data)
-    plain = [*all_tables(rows, wanted.reference), notice_table(told)]
+    shown_rows = [*rows, *constant_rows(constants)]
+    plain = [*all_tables(shown_rows, wanted.reference), notice_table(told)]
+    if constants:
+        plain.append(constant_table(constants))
     if data:
         plain += [failures_by_cell(data), failures_by_model(data)]
     if responses is not None:
         plain.append(responses)
     moved = moved_by(data)
     plain += [] if moved is None else moved_tables(moved)
-    shown = with_notices(_statistics(rows, data, wanted.options), everywhere(told))
+    shown = with_notices(_statistics(rows, data, wanted.options, constants), everywhere(told))
     plain = with_notices(plain, everywhere(told))
     with console.progress("tables", len(plain) + len(shown)) as bar:
         task = bar.task_ids[0]

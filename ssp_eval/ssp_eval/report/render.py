@@ -22,7 +22,7 @@ from ssp_eval.causes.forest import forests
 from ssp_eval.causes.tables import ANSWERS, FINDINGS, moved_tables
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
-from ssp_eval.evaluate.models import BLIND, condition_of
+from ssp_eval.evaluate.models import BEST_CONSTANT, BLIND, condition_of
 from ssp_eval.evaluate.results import CellData, KeptAudits, read_cells
 from ssp_eval.pages import number
 from ssp_eval.report.cell_view import RecordView, record_views, tolerated
@@ -30,8 +30,17 @@ from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.cell import STAGES
 from ssp_eval.score.cli import format_response
 from ssp_eval.score.metrics import BY_NAME, COMPONENT_RATIOS, DIAGNOSTIC, METRIC_LABELS
+from ssp_eval.statistics.constants import (
+    MARK,
+    OfScenario,
+    Place,
+    constant_rows,
+    constant_table,
+    constants_of_cells,
+    is_below,
+)
 from ssp_eval.statistics.notices import notices
-from ssp_eval.statistics.rows import compared_labels, rows_from_cells
+from ssp_eval.statistics.rows import CellRow, compared_labels, rows_from_cells
 from ssp_eval.statistics.statistics_tables import (
     NONE,
     STAGE_NAMES,
@@ -49,6 +58,7 @@ _LIGHT, _DARK = (214, 228, 240), (8, 64, 129)
 # Room for a name, and px of a letter of it; a longer one is cut.
 _NAME, _LETTER, _MOST_LETTERS = 140.0, 7.2, 40
 _HERE = Path(__file__).parent
+NO_CONSTANTS: Mapping[Place, float] = MappingProxyType({})
 
 
 def _template(name: str) -> Template:
@@ -62,8 +72,12 @@ def shade(value: float) -> str:
     return "#" + "".join(f"{part:02x}" for part in mixed)
 
 
-def matrix(cells: Sequence[CellData]) -> str:
-    """The figure as SVG, one row per cell, in the order given (scenarios together)."""
+def matrix(cells: Sequence[CellData], constants: Mapping[Place, float] = NO_CONSTANTS) -> str:
+    """The figure as SVG, one row per cell, in the order given (scenarios together).
+
+    Args:
+        constants: IVCS of the best blind constant by scenario and domain.
+    """
 
     def name(cell: CellData) -> str:
         text = f"{cell.model} {MARKS.get(cell.admission, '')}".rstrip()
@@ -81,6 +95,9 @@ def matrix(cells: Sequence[CellData]) -> str:
         push=max(0.0, longest * _LETTER - _NAME),
         name=name,
         shade=shade,
+        constants=constants,
+        is_below=is_below,
+        below=MARK,
         response=format_response,
         stages=STAGES,
         stage_names=STAGE_NAMES,
@@ -89,7 +106,7 @@ def matrix(cells: Sequence[CellData]) -> str:
 
 _SPOILT = {"black": "black frames", "shuffled": "frames of other times", BLIND: "no pictures"}
 # Answerers that see no frame: what a model must beat to show that it looks.
-_BLIND = ("constant_velocity", "copy_history")
+_BLIND = ("constant_velocity", "copy_history", BEST_CONSTANT)
 
 
 def seeing_plot(seeing: Table | None, answerers: Table | None) -> str:
@@ -125,6 +142,8 @@ def _number(value: Value) -> float | None:
     return value.value if isinstance(value, Mean) else None
 
 
+# Letters beyond which a text keeps some width on a narrow screen.
+_LONG = 40
 # Beyond, a table is folded up.
 MOST_OPEN = 60
 MAIN = ("ivcs", "ivcs_difference")
@@ -185,7 +204,7 @@ def grid(table: Table, links: Sequence[str] = ()) -> Grid:
                 Field(
                     _spoken(column, shown[place].text),
                     "" if shown[place].n is None else f"n={shown[place].n}",
-                    _look(column),
+                    _look(column) or ("words" if len(shown[place].text) > _LONG else ""),
                     _share(column, row[place], total),
                     link if column.key == "model" else "",
                 )
@@ -400,8 +419,12 @@ class DetailFiles:
                 file.unlink()
 
 
-def rows(cells: Sequence[CellData]) -> dict[str, Any]:
-    """What the page's script makes rows of: one list per cell, names by their number."""
+def rows(cells: Sequence[CellData], constants: Mapping[Place, float]) -> dict[str, Any]:
+    """What the page's script makes rows of: one list per cell, names by their number.
+
+    Args:
+        constants: IVCS of the best blind constant by scenario and domain.
+    """
     names: dict[str, list[str]] = {
         key: list(dict.fromkeys(getattr(cell, key) for cell in cells))
         for key in ("scenario", "domain", "model")
@@ -422,6 +445,7 @@ def rows(cells: Sequence[CellData]) -> dict[str, Any]:
                 None if cell.score is None else [_short(getattr(cell.score, s)) for s in SCORES],
                 None if cell.score is None else _short(cell.score.rl_s),
                 "; ".join(cell.facts.reasons),
+                _short(constants.get((cell.scenario, cell.domain))),
             ]
             for cell in cells
         ],
@@ -442,7 +466,10 @@ def _short(value: float | None) -> float | None:
 
 
 # Means that a page shows folded: each has many rows, or is for those who look closer.
-_FOLDED = ("by_scenario_model", "by_domain_model", "strata", "foundation_models")
+_FOLDED = (
+    "by_scenario_model", "by_domain_model", "strata", "domain_differences_model",
+    "foundation_models",
+)  # fmt: skip
 # Notices that aren't about all cells, before a page only counts them.
 MOST_NOTICES = 12
 
@@ -476,7 +503,10 @@ def render(
         details: None: they lie in files beside the page, and its cells are browsed.
         moved: what moved the answers; None: nothing was asked with a cause changed.
     """
-    drawn = _browsed(cells) if details is None else _whole(cells, details)
+    cell_rows = rows_from_cells(cells)
+    constants = constants_of_cells(cell_rows, cells)
+    blind = _of_recordings(constants)
+    drawn = _browsed(cells, blind) if details is None else _whole(cells, details, blind)
     return (
         environment()
         .get_template("page.html.j2")
@@ -492,19 +522,27 @@ def render(
             moved=moved_part(moved),
             most=MOST_NOTICES,
             version=__version__,
-            **_tables(cells),
+            **_tables(cells, cell_rows, constants),
             **drawn,
         )
     )
 
 
-def _tables(cells: list[CellData]) -> dict[str, Any]:
+def _of_recordings(constants: Sequence[OfScenario]) -> dict[Place, float]:
+    """IVCS of the best blind constant by scenario and domain."""
+    rows = constant_rows(constants)
+    return {(row.scenario, row.domain): row.ivcs for row in rows if row.ivcs is not None}
+
+
+def _tables(
+    cells: list[CellData], rows: Sequence[CellRow], constants: Sequence[OfScenario]
+) -> dict[str, Any]:
     """The tables that the files have too, and what must be known before reading them."""
-    rows = rows_from_cells(cells)
-    found = {table.name: table for table in all_tables(rows)}
+    found = {table.name: table for table in all_tables([*rows, *constant_rows(constants)])}
     sized = any(row.total_b or row.architecture for row in rows)
     common, means = common_notes([grid(found[name]) for name in MEAN_TABLES])
-    more = ("strata", "domain_differences", *(("foundation_models",) if sized else ()))
+    differences = ("domain_differences", "domain_differences_model")
+    more = ("strata", *differences, *(("foundation_models",) if sized else ()))
     means += [without_notes(grid(found[name]), common) for name in more]
     told, ranks = common_notes(
         [
@@ -523,11 +561,14 @@ def _tables(cells: list[CellData]) -> dict[str, Any]:
         "ranks_notes": told,
         "seeing": None if seeing is None else grid(seeing),
         "answerers": None if answerers is None else grid(answerers),
+        "constants": grid(constant_table(constants)) if constants else None,
         "seeing_plot": Markup(seeing_plot(seeing, answerers)),
     }
 
 
-def _whole(cells: list[CellData], details: Details) -> dict[str, Any]:
+def _whole(
+    cells: list[CellData], details: Details, constants: Mapping[Place, float]
+) -> dict[str, Any]:
     own = [cell for cell in cells if not cell.is_control]
     controls = [cell for cell in cells if cell.is_control]
 
@@ -540,8 +581,8 @@ def _whole(cells: list[CellData], details: Details) -> dict[str, Any]:
         "views": details.views,
         "tolerated": {cell.id: tolerated(cell) for cell in cells},
         "groups": [(name, of) for name, of in (("models", own), ("controls", controls)) if of],
-        "matrix": Markup(matrix(own)),
-        "controls_matrix": Markup(matrix(controls)) if controls else "",
+        "matrix": Markup(matrix(own, constants)),
+        "controls_matrix": Markup(matrix(controls, constants)) if controls else "",
         "failures": failures(own),
         "controls_failures": failures(controls),
         "data": Markup(script_json(details.pictures)),
@@ -549,7 +590,7 @@ def _whole(cells: list[CellData], details: Details) -> dict[str, Any]:
     }
 
 
-def _browsed(cells: list[CellData]) -> dict[str, Any]:
+def _browsed(cells: list[CellData], constants: Mapping[Place, float]) -> dict[str, Any]:
     own = [cell for cell in cells if not cell.is_control]
     controls = [cell for cell in cells if cell.is_control]
     return {
@@ -564,7 +605,7 @@ def _browsed(cells: list[CellData]) -> dict[str, Any]:
         "failures": grid(failures_by_model(own)) if own else None,
         "controls_failures": grid(failures_by_model(controls)) if controls else None,
         "controls_matrix": "",
-        "data": Markup(script_json(rows(cells))),
+        "data": Markup(script_json(rows(cells, constants))),
         "script": source("browse.js"),
     }
 

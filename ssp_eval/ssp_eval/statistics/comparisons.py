@@ -6,13 +6,15 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from types import MappingProxyType
 
 import numpy as np
 
-from ssp_eval.score.aggregate import EQUAL
+from ssp_eval.score.aggregate import EQUAL, Cell
 from ssp_eval.score.metrics import IVCS_FIRST
+from ssp_eval.statistics.constants import Place
+from ssp_eval.statistics.domains import finding, over_recordings
 from ssp_eval.statistics.resampling import (
-    LEVEL,
     NO_INTERVAL,
     Interval,
     NanMean,
@@ -20,11 +22,11 @@ from ssp_eval.statistics.resampling import (
     generator,
     percentile_interval,
     reach,
-    student_quantile,
+    sd,
+    t_interval,
 )
 from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import in_order
-from ssp_eval.statistics.tables import sd
 
 TESTED = "ivcs"
 # All 2^n signs are tried up to here.
@@ -40,7 +42,9 @@ class Comparison:
         first, second: the two; differences are first less second.
         n: pairs, scenario × the other factor.
         difference: mean of the differences; None without a pair.
-        interval: of Student's t over the pairs, 95 %; none of fewer than two.
+        interval: of Student's t, 95 %; over the pairs of two models, over the scenarios of two
+            domains, since all pairs of a scenario rest on one recording in each; none of fewer than
+            two.
         standardised: the mean over the standard deviation of the differences (d_z).
         favour: share of pairs in which the first one is ahead, equal ones half.
         p: two-sided, of the sign flips; None where it isn't tested or n < 2.
@@ -51,6 +55,8 @@ class Comparison:
         p_scenarios_holm: the same after Holm's correction over those of the family that have it.
         over_labels: of two models, 95 %, over the labels of the clips that both have; with one clip
             too, see ssp_eval.statistics.comparisons.
+        labels_alone: of two domains, what the best blind constant gains over the same pairs; None
+            where it isn't known.
     """
 
     subject: str
@@ -71,14 +77,28 @@ class Comparison:
     p_scenarios: float | None = None
     p_scenarios_holm: float | None = None
     over_labels: Interval = NO_INTERVAL
+    labels_alone: float | None = None
+
+    @property
+    def finding(self) -> str:
+        """What must be read beside a difference of two domains; empty for nothing."""
+        if self.subject != "domain":
+            return ""
+        return finding(self.difference, self.interval, self.labels_alone)
 
 
-def compare(rows: Sequence[CellRow], subject: str, seed: int) -> list[Comparison]:
+def compare(
+    rows: Sequence[CellRow],
+    subject: str,
+    seed: int,
+    constants: Mapping[Place, Cell] = MappingProxyType({}),
+) -> list[Comparison]:
     """Every pair of domains or of models; IVCS is tested, its components are described.
 
     Args:
         rows: that enter means, one per cell; where domains are compared, only those that were
             admitted count, since the audit alone says that they show the same event.
+        constants: the best blind constant's cells; empty: nobody knows them.
     """
     kept = [row for row in rows if row.admitted or subject != "domain"]
     values: dict[str, dict[tuple[str, str], CellRow]] = {}
@@ -87,7 +107,7 @@ def compare(rows: Sequence[CellRow], subject: str, seed: int) -> list[Comparison
         values.setdefault(getattr(row, subject), {})[(row.scenario, other)] = row
     names = sorted(values, key=lambda name: in_order([name]))
     found = [
-        _comparison(subject, first, second, metric, values, seed)
+        _comparison(subject, first, second, metric, values, seed, constants)
         for metric in IVCS_FIRST
         for first, second in combinations(names, 2)
     ]
@@ -101,23 +121,30 @@ def _comparison(
     metric: str,
     values: Mapping[str, Mapping[tuple[str, str], CellRow]],
     seed: int,
+    constants: Mapping[Place, Cell],
 ) -> Comparison:
-    differences = []
+    differences, gained = [], []
     of_scenario: dict[str, list[float]] = {}
     for place in sorted(values[first].keys() & values[second].keys()):
         a, b = getattr(values[first][place], metric), getattr(values[second][place], metric)
         if a is not None and b is not None:
             differences.append(a - b)
             of_scenario.setdefault(place[0], []).append(a - b)
+            if subject == "domain":
+                gained.append(_gained(constants, place[0], first, second, metric))
     n, scenarios = len(differences), len(of_scenario)
     if n == 0:
         return Comparison(subject, first, second, metric, 0, None)
     mean, spread = math.fsum(differences) / n, sd(differences)
     ahead = sum(0.5 if abs(d) <= EQUAL else float(d > 0) for d in differences) / n
+    is_domain = subject == "domain"
+    labels_alone = math.fsum(gained) / n if is_domain else None
     found = Comparison(
-        subject, first, second, metric, n, mean, t_interval(differences),
+        subject, first, second, metric, n, mean,
+        over_recordings(of_scenario) if is_domain else t_interval(differences),
         mean / spread if spread is not None and spread > EQUAL else None, ahead,
         scenarios=scenarios,
+        labels_alone=None if labels_alone is None or math.isnan(labels_alone) else labels_alone,
     )  # fmt: skip
     if metric != TESTED or n < 2:
         return found
@@ -127,6 +154,16 @@ def _comparison(
     p_scenarios = _flipped(together, seed, "scenarios", *names)[0] if scenarios > 1 else None
     exact = len(_differing(differences)) <= EXACT_PAIRS
     return replace(found, p=p, p_least=least, exact=exact, p_scenarios=p_scenarios)
+
+
+def _gained(
+    constants: Mapping[Place, Cell], scenario: str, first: str, second: str, metric: str
+) -> float:
+    """What a scenario's constant gains from the second domain to the first; NaN: not known."""
+    cells = [constants.get((scenario, domain)) for domain in (first, second)]
+    values = [None if cell is None else cell.score[metric] for cell in cells]
+    a, b = (math.nan if value is None else value for value in values)
+    return a - b
 
 
 def _differing(differences: Sequence[float]) -> list[float]:
@@ -142,16 +179,6 @@ def _flipped(differences: Sequence[float], seed: int, *names: str) -> tuple[floa
     exact = len(differing) <= EXACT_PAIRS
     p = sign_flip_p(np.array(differing), None if exact else generator(seed, *names))
     return p, 2.0 ** (1 - len(differing)) if exact else 1 / (FLIPS + 1)
-
-
-def t_interval(values: Sequence[float], level: float = LEVEL) -> Interval:
-    """Student's interval of the mean of a sample; none of fewer than two values."""
-    n, spread = len(values), sd(values)
-    if spread is None:
-        return NO_INTERVAL
-    mean = math.fsum(values) / n
-    half = student_quantile(n - 1, level) * spread / math.sqrt(n)
-    return Interval(mean - half, mean + half)
 
 
 def sign_flip_p(differences: Numbers, rng: np.random.Generator | None = None) -> float:

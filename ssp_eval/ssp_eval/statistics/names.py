@@ -6,7 +6,7 @@ import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 
-from ssp_eval.evaluate.models import ANSWERERS, CONTROLS, is_control_name
+from ssp_eval.evaluate.models import ANSWERERS, BEST_CONSTANT, CONTROLS, is_control_name
 from ssp_eval.statistics.table import some
 
 # All that may stand between the parts of a name: spaces, underscores, dashes of any length.
@@ -72,7 +72,7 @@ def control_names(models: Sequence[str]) -> list[str]:
     Args:
         models: names of rows that don't say whether they are controls.
     """
-    own = {folded(name): name for name in (*CONTROLS, *ANSWERERS)}
+    own = {folded(name): name for name in (*CONTROLS, *ANSWERERS, BEST_CONSTANT)}
     names = sorted(set(models))
     taken = [name for name in names if is_control_name(name)]
     answering = [name for name in names if name in ANSWERERS and name not in taken]

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 from ssp_core.vocabulary import DOMAINS, PHASES
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.cell_file import outages
-from ssp_eval.evaluate.models import ANSWERERS, BLIND, CONDITIONS, REPEAT, TWIN, condition_of
+from ssp_eval.evaluate.models import (
+    ANSWERERS,
+    BEST_CONSTANT,
+    BLIND,
+    CONDITIONS,
+    REPEAT,
+    TWIN,
+    condition_of,
+)
 from ssp_eval.evaluate.results import CellData, CellFacts
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.statistics.rows import (
@@ -161,7 +169,9 @@ def _absent(rows: Sequence[CellRow]) -> list[str]:
     there = {row.key for row in rows}
     clips = dict.fromkeys((row.scenario, row.domain) for row in rows)
     models = dict.fromkeys(
-        row.model for row in rows if not condition_of(row.model)[1].startswith((TWIN, REPEAT))
+        row.model
+        for row in rows
+        if row.model != BEST_CONSTANT and not condition_of(row.model)[1].startswith((TWIN, REPEAT))
     )
     return [
         " / ".join((*clip, model)) for clip in clips for model in models
@@ -172,7 +182,7 @@ def _absent(rows: Sequence[CellRow]) -> list[str]:
 def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
     controls = sorted({row.model for row in rows if row.control})
     models = sorted({row.model for row in rows if not row.control})
-    if not controls:
+    if not set(controls) - {BEST_CONSTANT}:
         text = (
             "These cells have no controls: nothing here shows that a score comes from seeing, and "
             "that the harness gives 1 to perfect answers and 0 to none."

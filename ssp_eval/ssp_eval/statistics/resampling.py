@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,25 @@ class Interval:
 
 
 NO_INTERVAL = Interval(None, None)
+
+
+def sd(values: Iterable[float]) -> float | None:
+    """Return the standard deviation of a sample (n − 1); None of fewer than two values."""
+    present = list(values)
+    if len(present) < 2:
+        return None
+    centre = math.fsum(present) / len(present)
+    return math.sqrt(math.fsum((v - centre) ** 2 for v in present) / (len(present) - 1))
+
+
+def t_interval(values: Sequence[float], level: float = LEVEL) -> Interval:
+    """Return Student's interval of the mean of a sample; none of fewer than two values."""
+    n, spread = len(values), sd(values)
+    if spread is None:
+        return NO_INTERVAL
+    mean = math.fsum(values) / n
+    half = student_quantile(n - 1, level) * spread / math.sqrt(n)
+    return Interval(mean - half, mean + half)
 
 
 def generator(seed: int, *names: str) -> np.random.Generator:

@@ -35,14 +35,14 @@ MACRO = "macro"
 OTHER_LABELS = "not comparable: labels at other places of the phases in other domains"
 
 
-# IVCS follows from the others.
-_GIVEN = tuple(name for name in METRIC_NAMES if name != "ivcs")
+# The metrics that a row is made of; IVCS follows from the others.
+GIVEN = tuple(name for name in METRIC_NAMES if name != "ivcs")
 
 
 @dataclass(frozen=True)
 class CellRow(
     make_dataclass(  # type: ignore[misc]  # its scores are the metrics
-        "Scores", [(name, float | None, None) for name in _GIVEN], frozen=True, kw_only=True
+        "Scores", [(name, float | None, None) for name in GIVEN], frozen=True, kw_only=True
     )
 ):
     """One cell, scenario × domain × model, with its scores by the keys of METHOD 6.14.
@@ -149,7 +149,7 @@ def merged(rows: Sequence[CellRow]) -> list[CellRow]:
 
 
 def _merge(group: Sequence[CellRow]) -> CellRow:
-    values = {name: mean(getattr(row, name) for row in group).value for name in _GIVEN}
+    values = {name: mean(getattr(row, name) for row in group).value for name in GIVEN}
     return replace(
         group[0],
         **values,  # type: ignore[arg-type]  # the names are those of METRICS
@@ -207,7 +207,7 @@ def _row_of(cell: CellData, run: str, compared: LabelComparison | None) -> CellR
     if lost := losses_text(outages(cell.facts.answers.missing_by_kind)):
         reasons.append(lost)
 
-    scores = {name: None if score is None else getattr(score, name) for name in _GIVEN}
+    scores = {name: None if score is None else getattr(score, name) for name in GIVEN}
     return CellRow(
         scenario=cell.scenario,
         domain=cell.domain,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from types import MappingProxyType
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ssp_eval.score.aggregate import (
     BY_MODEL,
     BY_SCENARIO_DOMAIN,
     BY_SCENARIO_MODEL,
+    Cell,
     mean,
     means,
 )
@@ -28,9 +30,10 @@ from ssp_eval.statistics.bootstrap import (
     bootstrap_mean,
     bootstrap_records,
 )
-from ssp_eval.statistics.comparisons import Comparison, compare, t_interval
+from ssp_eval.statistics.comparisons import Comparison, compare
+from ssp_eval.statistics.constants import Place
 from ssp_eval.statistics.curvature import Beside, beside_actions
-from ssp_eval.statistics.resampling import NO_INTERVAL, Interval
+from ssp_eval.statistics.resampling import NO_INTERVAL, Interval, sd, t_interval
 from ssp_eval.statistics.rows import OK, CellRow, entering, one_scale, over_what
 from ssp_eval.statistics.sensitivity import (
     GRID,
@@ -42,7 +45,6 @@ from ssp_eval.statistics.sensitivity import (
     vary_thresholds,
     vary_weights,
 )
-from ssp_eval.statistics.tables import sd
 
 
 @dataclass(frozen=True)
@@ -228,11 +230,13 @@ def compute(
     data: Sequence[CellData] = (),
     options: Options = Options(),
     on_step: Callable[[], None] = lambda: None,
+    constants: Mapping[Place, Cell] = MappingProxyType({}),
 ) -> Statistics:
     """Everything that the cells allow.
 
     Args:
         data: the cells themselves in the order of the rows, none where they aren't known.
+        constants: the best blind constant's cells; empty: nobody knows them.
     """
     chosen = entering(rows)
     over = over_what(rows)
@@ -246,7 +250,7 @@ def compute(
         on_step()
         if subject in over:
             continue
-        comparisons += compare(chosen, subject, options.seed)
+        comparisons += compare(chosen, subject, options.seed, constants)
         sampled = sample_weights(chosen, subject, options.seed, options.resamples)
         if sampled is not None:
             weights.append(sampled)

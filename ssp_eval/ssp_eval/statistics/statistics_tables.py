@@ -16,6 +16,7 @@ from ssp_eval.score.thresholds import DEFAULT
 from ssp_eval.statistics.bootstrap import Estimate, Group
 from ssp_eval.statistics.comparisons import FLIPS, Comparison
 from ssp_eval.statistics.curvature import Beside
+from ssp_eval.statistics.domains import DOMAIN_NOTES, FINDING, LABELS_ALONE
 from ssp_eval.statistics.notices import Notice
 from ssp_eval.statistics.resampling import LEVEL, Interval
 from ssp_eval.statistics.sensitivity import Variation, WeightSamples
@@ -281,30 +282,36 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     rows = [
         (
             c.subject, c.first, c.second, c.metric, c.n, c.difference, c.interval.low,
-            c.interval.high, c.over_labels.low, c.over_labels.high, c.standardised, c.favour, c.p,
-            c.p_holm, c.p_least, c.family or None, c.scenarios, c.p_scenarios, c.p_scenarios_holm,
+            c.interval.high, c.labels_alone, c.finding, c.over_labels.low, c.over_labels.high,
+            c.standardised, c.favour, c.scenarios, c.p_scenarios, c.p_scenarios_holm, c.p, c.p_holm,
+            c.p_least, c.family or None,
         )
         for c in listed
     ]  # fmt: skip
-    numbers: tuple[tuple[str, str, Kind], ...] = (
+    difference: tuple[tuple[str, str, Kind], ...] = (
         ("difference", "difference", "ratio"), ("low", "95 % low", "ratio"),
-        ("high", "95 % high", "ratio"), ("labels_low", "labels low", "ratio"),
-        ("labels_high", "labels high", "ratio"), ("d_z", "d_z", "ratio"),
-        ("ahead", "ahead", "ratio"), ("p", "p", "p"), ("p_holm", "p (Holm)", "p"),
-        ("p_least", "least p", "p"),
+        ("high", "95 % high", "ratio"),
+    )  # fmt: skip
+    numbers: tuple[tuple[str, str, Kind], ...] = (
+        ("labels_low", "labels low", "ratio"), ("labels_high", "labels high", "ratio"),
+        ("d_z", "d_z", "ratio"), ("ahead", "ahead", "ratio"), ("scenarios", "scenarios", "count"),
+        ("p_scenarios", "p (scenarios)", "p"), ("p_scenarios_holm", "p (scenarios, Holm)", "p"),
+        ("p", "p", "p"), ("p_holm", "p (Holm)", "p"), ("p_least", "least p", "p"),
     )  # fmt: skip
     notes = [
         "Pairs: cells of the same scenario and model for two domains, of the same scenario and "
         "domain for two models. difference: mean of first less second over the pairs, with "
-        "Student's interval over them; ahead: share of pairs in which the first leads, equal ones "
-        "half.",
-        "p: two-sided, from flipping the signs of the pairs' differences of ivcs at random; p "
-        "(Holm) holds for all comparisons of domains together, and for all of models together. "
+        "Student's interval over the pairs of two models; ahead: share of pairs in which the first "
+        "leads, equal ones half.",
+        *(DOMAIN_NOTES if any(c.subject == "domain" for c in listed) else ()),
+        "p (scenarios): two-sided, from flipping the signs of ivcs of all pairs of a scenario "
+        "together at random. It comes first, since it alone keeps its size where scenarios matter, "
+        "and speaks of other scenarios too; beside it corrected after Holm.",
+        "p: the same, from flipping the sign of each pair alone. Pairs of a scenario share its "
+        "event: p takes them for independent, and speaks of these recordings alone. p (Holm) holds "
+        "for all comparisons of domains together, and for all of models together. "
         f"{_families(listed)} Components are described and not tested. No p with fewer than two "
         "pairs. least p: what p would be, were all differences of one sign.",
-        "Pairs of a scenario share its event: p takes them for independent, and speaks of these "
-        "recordings alone. p (scenarios): all signs of a scenario flipped together, which speaks "
-        "of other scenarios too; the last column is corrected like p.",
         *_over_labels(listed),
         METRICS_NOTE,
         *_powerless(listed),
@@ -317,11 +324,11 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         (
             *words("subject", "first", "second", "metric"),
             Column("n", "pairs", "count"),
+            *(Column(key, title, kind) for key, title, kind in difference),
+            LABELS_ALONE,
+            FINDING,
             *(Column(key, title, kind, printed=key != "d_z") for key, title, kind in numbers),
             Column("family", "family", "count", printed=False),
-            Column("scenarios", "scenarios", "count"),
-            Column("p_scenarios", "p (scenarios)", "p"),
-            Column("p_scenarios_holm", "p (scenarios, Holm)", "p"),
         ),
         tuple(rows),
         tuple(notes),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
+from types import MappingProxyType
 
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.models import BLIND, CONDITIONS, condition_of
@@ -24,6 +24,16 @@ from ssp_eval.score.aggregate import (
     relative_difference,
 )
 from ssp_eval.score.metrics import IVCS_LAST, METRIC_LABELS
+from ssp_eval.statistics.constants import (
+    BELOW,
+    CONSTANT,
+    Place,
+    constant_means,
+    constants_in,
+    is_below,
+)
+from ssp_eval.statistics.domains import domain_differences, domain_differences_by_model
+from ssp_eval.statistics.resampling import sd
 from ssp_eval.statistics.rows import (
     MACRO,
     OK,
@@ -74,6 +84,7 @@ _BEHIND = (
 def matrix_table(rows: Sequence[CellRow]) -> Table:
     """Every run of every cell, controls and lost ones too (METHOD 6.13)."""
     runs, seeds = any(row.run for row in rows), any(row.seed is not None for row in rows)
+    constants = constants_in(one_scale(rows))
     columns = (
         *(Column(key, key, "text") for key in ("scenario", "domain", "model")),
         *((Column("run", "run", "text"),) if runs else ()),
@@ -94,7 +105,8 @@ def matrix_table(rows: Sequence[CellRow]) -> Table:
         (
             row.scenario, row.domain, row.model, *((row.run,) if runs else ()),
             *((row.seed,) if seeds else ()), row.n, *_scores(row, BEFORE_RISK),
-            Outcome(row.rsr, row.rl_s, bool(row.over)), *_scores(row, AFTER_RISK), _remark(row),
+            Outcome(row.rsr, row.rl_s, bool(row.over)), *_scores(row, AFTER_RISK),
+            _remark(row, constants.get((row.scenario, row.domain))),
             *_scores(row, BEHIND), row.total_b, row.active_b, row.architecture,
             YES if row.control else NO, YES if row.admitted else NO,
             YES if row.stand_in else NO, row.status, row.reason, row.thresholds,
@@ -113,10 +125,12 @@ def _scores(row: CellRow, columns: Iterable[Column]) -> list[float | None]:
     return [getattr(row, column.key) for column in columns]
 
 
-def _remark(row: CellRow) -> str:
+def _remark(row: CellRow, constant: Cell | None) -> str:
     parts = []
     if row.control:
         parts.append(f"control, {BLIND}" if condition_of(row.model)[1] == BLIND else "control")
+    elif constant is not None and is_below(row.ivcs, constant.score["ivcs"]):
+        parts.append(BELOW)
     if row.status != OK:
         parts.append(f"{row.status}: {row.reason}" if row.reason else row.status)
     elif row.reason or not row.admitted:
@@ -133,9 +147,20 @@ MOST_PAIRED = 6
 CHANGES = "changes"
 
 
-def rank_table(cells: Sequence[Cell], subject: str, notes: Sequence[str]) -> Table:
-    """Ranks by IVCS per scenario and over all, every change of rank pointed out."""
+def rank_table(
+    cells: Sequence[Cell],
+    subject: str,
+    notes: Sequence[str],
+    constants: Mapping[Place, Cell] = MappingProxyType({}),
+) -> Table:
+    """Ranks by IVCS per scenario and over all, every change of rank pointed out.
+
+    Args:
+        constants: the best blind constant's cells, which have no rank.
+    """
     found = ranking(cells, subject)
+    blind = constant_means(cells, constants, (subject,))
+    below = names_below(cells, constants, subject)
     scenarios = sorted(name for name in found.scenarios if name != MACRO)
     values = {key[0]: value["ivcs"] for key, value in means(cells, (subject,)).items()}
     rows = tuple(
@@ -144,6 +169,8 @@ def rank_table(cells: Sequence[Cell], subject: str, notes: Sequence[str]) -> Tab
             *(found.scenarios[scenario].get(name) for scenario in scenarios),
             found.macro[name],
             values[name],
+            blind.get((name,)),
+            below.get(name, ""),
             _rank_changes(found, name),
         )
         for name in sorted(found.macro, key=lambda n: (found.macro[n] or len(values), n))
@@ -153,12 +180,36 @@ def rank_table(cells: Sequence[Cell], subject: str, notes: Sequence[str]) -> Tab
         *(Column(f"rank_{name}", name.replace("_", " "), "count") for name in scenarios),
         Column("rank_all", "all", "count"),
         Column("ivcs", "mean IVCS"),
+        Column("constant", CONSTANT, printed=bool(constants)),
+        Column("below", BELOW, "text", printed=bool(constants)),
         Column(CHANGES, "changes of rank", "text"),
     )
     said = ["Rank 1 is the largest mean IVCS, from unrounded values; equal ones share a rank."]
+    if constants:
+        said.append(
+            f"{CONSTANT}: mean IVCS over the same cells of the one answer that scores most without "
+            f"looking; it has no rank. {BELOW}: where the {subject} scores less than that."
+        )
     if not found.changes and len(scenarios) > 1:
         said.append("No rank changes between scenarios.")
     return Table(f"ranks_{subject}", f"Ranks of {subject}s", columns, rows, (*said, *notes))
+
+
+def names_below(
+    cells: Sequence[Cell], constants: Mapping[Place, Cell], subject: str
+) -> dict[str, str]:
+    """Say of each model or domain that scores less than the constant in which scenarios it does.
+
+    Returns:
+        By name ``all`` for the mean over all cells, and scenarios.
+    """
+    found: dict[str, list[str]] = {}
+    for by in ((subject,), ("scenario", subject)):
+        own, blind = means(cells, by), constant_means(cells, constants, by)
+        for key, constant in blind.items():
+            if is_below(own[key]["ivcs"].value, constant.value):
+                found.setdefault(key[-1], []).append("all" if len(by) == 1 else key[0])
+    return {name: ", ".join(where) for name, where in found.items()}
 
 
 def _rank_changes(found: Ranking, name: str) -> str:
@@ -292,14 +343,14 @@ def answerers_table(rows: Sequence[CellRow]) -> Table:
         (
             "Unweighted means over cells; n counts cells. perfect answers with the labels and "
             "should score 1, silent says nothing and should score 0; constant_velocity and "
-            "copy_history see no frame, nor does a model that is called blind (NAME+blind).",
+            "copy_history see no frame, nor does a model that is called blind (NAME+blind). "
+            "best_constant is the one answer of each scenario that scores most when it is given "
+            "always; it knows the labels and sees nothing.",
         ),
     )
 
 
 BY_DOMAIN_MODEL = ("domain", "model")
-# A row over all scenarios.
-ALL = "all"
 _GROUPINGS = (
     ("by_model", "Means by model", BY_MODEL),
     ("by_domain", "Means by domain", BY_DOMAIN),
@@ -320,6 +371,7 @@ def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Ta
     """
     chosen = entering(rows)
     cells = [row.cell() for row in chosen]
+    constants = constants_in(one_scale(rows))
     notes = run_notes(rows)
     over = over_what(rows)
     found = [matrix_table(rows)]
@@ -331,12 +383,14 @@ def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Ta
     if not over:
         found.append(strata_table(cells, notes))
     if "domain" not in over:
-        found.append(domain_differences(cells, notes))
+        told = (*_left_out(cells, BY_DOMAIN), *notes)
+        found.append(domain_differences(cells, constants, told))
+        found.append(domain_differences_by_model(cells, constants, told))
     found.append(foundation_table(chosen, reference, notes))
     for subject in ("model", "domain"):
         if subject not in over:
             told = (*uneven(cells, subject), *_left_out(cells, (subject,)), *notes)
-            found.append(rank_table(cells, subject, told))
+            found.append(rank_table(cells, subject, told, constants))
     found += control_tables(rows)
     return found
 
@@ -458,15 +512,6 @@ def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
     return Table("strata", "IVCS within strata", columns, tuple(rows), (*said, *left_out, *notes))
 
 
-def sd(values: Iterable[float]) -> float | None:
-    """The standard deviation of a sample (n − 1); None of fewer than two values."""
-    present = list(values)
-    if len(present) < 2:
-        return None
-    centre = math.fsum(present) / len(present)
-    return math.sqrt(math.fsum((v - centre) ** 2 for v in present) / (len(present) - 1))
-
-
 def foundation_table(
     rows: Sequence[CellRow], reference: str | None, notes: Sequence[str] = ()
 ) -> Table:
@@ -512,55 +557,6 @@ def foundation_table(
     said += uneven([row.cell() for row in rows], "model")
     return Table(
         "foundation_models", "Foundation models", columns, tuple(table_rows), (*said, *notes)
-    )
-
-
-def domain_differences(cells: Sequence[Cell], notes: Sequence[str] = ()) -> Table:
-    """Each domain beside each other one, over all scenarios and in each (METHOD 6.13).
-
-    The means of both are over the scenarios and models that both have, so that what is shown is no
-    difference between cells.
-
-    Args:
-        cells: that enter means; those that weren't admitted are left out.
-    """
-    values: dict[str, dict[tuple[str, str], Cell]] = {}
-    for cell in cells:
-        if cell.admitted:
-            values.setdefault(cell.domain, {})[(cell.scenario, cell.model)] = cell
-    names = sorted(values, key=lambda name: in_order([name]))
-    rows: list[tuple[Value, ...]] = []
-    for first, second in combinations(names, 2):
-        shared = sorted(values[first].keys() & values[second].keys())
-        scenarios = sorted({scenario for scenario, _ in shared})
-        parts = [(name, [one for one in shared if one[0] == name]) for name in scenarios]
-        if len(scenarios) != 1:
-            parts.insert(0, (ALL, shared))
-        for scenario, places in parts:
-            base, own = (
-                {key: mean(values[d][place].score[key] for place in places) for key in IVCS_LAST}
-                for d in (first, second)
-            )
-            rows.append((second, first, scenario, len(places), *_differences(own, base)))
-    columns = (
-        Column("domain", "domain", "text"),
-        Column("reference", "compared with", "text"),
-        Column("scenario", "scenario", "text"),
-        COUNT,
-        *_changes(),
-    )
-    said = (
-        "Δ: relative difference of the means, (domain − compared with) / |compared with|, from "
-        "unrounded values; – where the latter is 0. n counts pairs of cells, the same scenario and "
-        "model in both domains.",
-        "No domain is the true one: the difference is as much that of the one it is compared with.",
-    )
-    return Table(
-        "domain_differences",
-        "Relative differences between domains",
-        columns,
-        tuple(rows),
-        (*said, *_left_out(cells, BY_DOMAIN), *notes),
     )
 
 

@@ -24,10 +24,10 @@ from ssp_core.vocabulary import (
 )
 from ssp_vla_bridge.backend import check_options
 from ssp_vla_bridge.backends.phrases import (
+    action_points,
     action_sentence,
     point_times,
     scene_text,
-    travelled_m,
     waypoints,
 )
 from ssp_vla_bridge.messages import Answer, NativeArray, Request
@@ -35,11 +35,8 @@ from ssp_vla_bridge.messages import Answer, NativeArray, Request
 MATCH_S = 0.11  # METHOD 6.1
 # In the order of preference; a defensive action wherever the label allows one (METHOD 6.9).
 _PREFERRED = ("decelerate", "stop", "maintain", "accelerate")
-# Speeds in which every action below is both feasible and recognised (METHOD 6.6).
-_SLOWEST_MPS, _FASTEST_MPS = 3.0, 20.0
-_ACCELERATION_MPS2 = {"decelerate": -1.5, "maintain": 0.0, "accelerate": 1.5, "stop": -6.0}
-_STOP_FROM_MPS = 3.0
-_SIDEWAYS_MPS = {"left": 0.8, "straight": 0.0, "right": -0.8}
+# Where the request doesn't tell the VUT's speed.
+_UNKNOWN_MPS = 8.0
 
 
 class PerfectLabel(BaseModel):
@@ -83,7 +80,7 @@ class Perfect:
             )
         lon_action = next(action for action in _PREFERRED if action in label.lon_actions)
         lat_action = "straight" if "straight" in label.lat_actions else label.lat_actions[0]
-        speed_mps = request.history[-1].speed_mps if request.ego_known else 8.0
+        speed_mps = request.history[-1].speed_mps if request.ego_known else _UNKNOWN_MPS
         scene = scene_text(label.objects, label.position, label.motion, label.conflict)
         return Answer(
             f"{scene} {action_sentence(lon_action, lat_action)}".strip(),
@@ -95,15 +92,8 @@ class Perfect:
 def _trajectory(
     request: Request, speed_mps: float, lon_action: str, lat_action: str
 ) -> NativeArray:
-    speed = min(max(speed_mps, _SLOWEST_MPS), _FASTEST_MPS)
-    if lon_action == "stop":
-        speed = _STOP_FROM_MPS
-    acceleration = _ACCELERATION_MPS2[lon_action]
-    points = [
-        (travelled_m(time_s, speed, acceleration), _SIDEWAYS_MPS[lat_action] * time_s)
-        for time_s in point_times(request.task)
-    ]
-    return waypoints(points, request.task)
+    times_s = point_times(request.task)
+    return waypoints(action_points(lon_action, lat_action, speed_mps, times_s), request.task)
 
 
 def make(options: Mapping[str, Any]) -> Perfect:

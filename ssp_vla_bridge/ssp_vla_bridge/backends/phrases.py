@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from ssp_vla_bridge.adapters.points import WAYPOINTS_ARRAY, WAYPOINTS_FRAME
 from ssp_vla_bridge.messages import DrivingTask, NativeArray
@@ -135,6 +136,33 @@ def travelled_m(time_s: float, speed_mps: float, acceleration_mps2: float) -> fl
     if acceleration_mps2 < 0.0:
         time_s = min(time_s, max(0.0, speed_mps) / -acceleration_mps2)
     return speed_mps * time_s + acceleration_mps2 * time_s**2 / 2.0
+
+
+# Speeds in which every action below is both feasible and recognised (METHOD 6.6).
+_SLOWEST_MPS, _FASTEST_MPS = 3.0, 20.0
+_ACCELERATION_MPS2 = {"decelerate": -1.5, "maintain": 0.0, "accelerate": 1.5, "stop": -6.0}
+_STOP_FROM_MPS = 3.0
+_SIDEWAYS_MPS = {"left": 0.8, "straight": 0.0, "right": -0.8}
+
+
+def action_points(
+    lon_action: str, lat_action: str, speed_mps: float, times_s: Sequence[float]
+) -> list[tuple[float, float]]:
+    """Draw a feasible plan that is read as these two actions (METHOD 6.6).
+
+    Args:
+        speed_mps: present speed; what is outside 3 to 20 m/s is taken for the nearest, and a plan
+            that stops begins at 3 m/s.
+        times_s: of the points.
+
+    Returns:
+        x_m, y_m of each point.
+    """
+    speed = min(max(speed_mps, _SLOWEST_MPS), _FASTEST_MPS)
+    if lon_action == "stop":
+        speed = _STOP_FROM_MPS
+    acceleration, sideways_mps = _ACCELERATION_MPS2[lon_action], _SIDEWAYS_MPS[lat_action]
+    return [(travelled_m(t_s, speed, acceleration), sideways_mps * t_s) for t_s in times_s]
 
 
 def waypoints(points: list[tuple[float, float]], task: DrivingTask) -> NativeArray:
