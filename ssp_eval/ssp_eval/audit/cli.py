@@ -15,7 +15,7 @@ from ssp_core.files import make_folder, write_json, write_text
 from ssp_eval.audit.judge import check_domains, judge
 from ssp_eval.audit.page import render
 from ssp_eval.audit.recording import read_recording
-from ssp_eval.data.audit import AUDIT_FILE, PAGE_FILE, Audit, RecordingEntry
+from ssp_eval.data.audit import AUDIT_FILE, HARDLY_VISIBLE_PX, PAGE_FILE, Audit, RecordingEntry
 from ssp_eval.data.response import PairEntry
 from ssp_eval.response.compare import load_limits
 from ssp_scenario_manager.event_spec.load import load_event
@@ -154,6 +154,12 @@ def show(found: Audit) -> None:
             console.out.print(f"{r.domain}: {reason.text}: {reason.detail}", markup=False)
             for following in reason.consequences:
                 console.out.print(f"  so {following.text}: {following.detail}", markup=False)
+        if r.labels is not None and (times_s := r.labels.hardly_visible_s):
+            console.note(
+                f"{r.domain}: hardly visible, the critical object is under "
+                f"{HARDLY_VISIBLE_PX:g} px high, at the labels of "
+                f"{', '.join(f'{t_s:.2f}' for t_s in times_s)} s"
+            )
         console.note(f"{r.domain}: {r.domain_said_by}")
         if "clip" in r.disclosures:
             console.note(f"{r.domain}: {r.disclosures['clip']}")

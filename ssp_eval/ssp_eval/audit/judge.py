@@ -17,6 +17,7 @@ from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.measure import Phases
 from ssp_eval.audit.reasons import Finding, Reason, explain
 from ssp_eval.audit.recording import Recording, disclosed
+from ssp_eval.audit.visibility import label_sizes
 from ssp_eval.data.audit import (
     EVENT_PHASES,
     FIELDS,
@@ -440,10 +441,13 @@ def _labels(one: Examined) -> LabelCount | None:
     if labels is None:
         return None
     outside = 0 if crop is None else sum(not crop.holds(x.t_s) for x in labels.labels)
+    sizes, sizes_from = label_sizes(one)
     return LabelCount(
         plan=labels.plan,
         per_phase=phase_counts(labels),
         outside_crop=outside,
+        sizes=sizes,
+        sizes_from=sizes_from,
     )
 
 

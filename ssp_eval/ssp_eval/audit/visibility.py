@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import statistics
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Literal
@@ -16,11 +17,12 @@ from ssp_eval.audit.evidence import PHASES_FIELD, Subject, review_of, seen_field
 from ssp_eval.audit.measure import Measured, Phases
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
-from ssp_eval.data.audit import CoverageEntry, SightEntry
+from ssp_eval.data.audit import CoverageEntry, LabelSize, SightEntry
 from ssp_eval.observations.agreement import Agreement
-from ssp_eval.recordings.sight import Moment, object_sight, zone_sight
+from ssp_eval.recordings.sight import Moment, object_height_px, object_sight, zone_sight
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 
+_SAME_S = 1e-6
 # The conflict region among what is seen.
 _ZONE = ""
 
@@ -58,6 +60,42 @@ def examine_coverage(one: Subject) -> tuple[CoverageEntry, list[Finding]]:
         why = "the camera's geometry is " + ("somebody's guess" if guessed else "not recorded")
     detail = f"{why}, and nobody wrote down what he saw"
     return CoverageEntry(source="none"), [Finding("coverage_unknown", detail, math.inf)]
+
+
+def label_sizes(one: Subject) -> tuple[list[LabelSize], str]:
+    """Project the critical object into the newest frame at each label's time.
+
+    The critical object is the one of the event: who initiates it, or whom the VUT meets.
+
+    Returns:
+        A size of each label, and whose it is, or why none is known.
+    """
+    recording, measured = one.whole, one.measured
+    labels, who, optics = recording.labels, recording.provenance.participants, recording.optics
+    if labels is None:
+        return [], ""
+    sizes = [LabelSize(t_s=x.t_s, phase=x.phase, height_px=None) for x in labels.labels]
+    if optics is None or recording.provenance.camera == "assumed":
+        guessed = "is somebody's guess" if optics is not None else "is not recorded"
+        return sizes, f"not known: the camera's geometry {guessed}"
+    if measured is None or who is None:
+        return sizes, "not known: there are no states"
+    critical = measured.initiator if measured.initiator != who.vut else measured.affected
+    if critical is None:
+        return sizes, "not known: no critical object was found"
+    moments = recording.moments()
+    times = [moment.t_s for moment in moments]
+    found = []
+    for size in sizes:
+        index = bisect_right(times, size.t_s + _SAME_S) - 1
+        states = moments[index].states if index >= 0 else {}
+        if critical in states and who.vut in states:
+            view = optics.view(states[who.vut].pose)
+            others = [s for key, s in states.items() if key not in (who.vut, critical)]
+            height_px = object_height_px(view, states[critical], others)
+            size = size.model_copy(update={"height_px": height_px})
+        found.append(size)
+    return found, f"box of {critical}, projected into the recorded picture"
 
 
 def _projected(

@@ -220,6 +220,25 @@ class ObservationsEntry(Strict):
     rows: list[AgreementEntry]
 
 
+# Of the height of the critical object in the picture, px.
+HARDLY_VISIBLE_PX = 12.0
+
+
+class LabelSize(Strict):
+    """How large the critical object is in the newest frame at a label's time."""
+
+    t_s: Finite = Field(description="clip time of the label")
+    phase: PhaseWord
+    height_px: NonNegative | None = Field(
+        description="of what the recorded picture shows of its box; 0: nothing, null: not known"
+    )
+
+    @property
+    def hardly_visible(self) -> bool:
+        """Whether it is known to be under HARDLY_VISIBLE_PX."""
+        return self.height_px is not None and self.height_px < HARDLY_VISIBLE_PX
+
+
 class LabelCount(Strict):
     """Labels that lay beside the recording (METHOD 4.5). They decide nothing here, so that they may
     be reviewed afterwards; whoever scores with them counts them anew."""
@@ -227,6 +246,13 @@ class LabelCount(Strict):
     plan: Literal["phase", "clock"]
     per_phase: dict[PhaseWord, Annotated[int, Field(ge=0)]]
     outside_crop: Annotated[int, Field(ge=0)] = 0
+    sizes: list[LabelSize] = Field([], description="one of each label, in their order")
+    sizes_from: str = Field("", description="whose box was projected, or why none was")
+
+    @property
+    def hardly_visible_s(self) -> list[float]:
+        """Clip times of the labels at which the critical object is hardly visible."""
+        return [one.t_s for one in self.sizes if one.hardly_visible]
 
 
 class SightEntry(Strict):

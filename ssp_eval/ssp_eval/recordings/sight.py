@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ssp_core.geometry import FloatArray, Pose2
 from ssp_core.motion.state import ObjectState
-from ssp_core.world.camera import Intrinsics, Mounting, View, mounted_view, project
+from ssp_core.world.camera import Intrinsics, Mounting, View, mounted_view, project, shown_box
 
 # Heights at which points are taken, as shares of the box's height: feet, middle, head.
 _HEIGHTS = (0.1, 0.5, 0.9)
@@ -120,6 +120,18 @@ def object_share(view: View, state: ObjectState, others: Sequence[ObjectState]) 
         # The points span the middle four fifths of the height.
         return 0.0
     return float((inside & ~blocked(view.position_m, points, others)).mean())
+
+
+def object_height_px(view: View, state: ObjectState, others: Sequence[ObjectState]) -> float:
+    """Return the height in px of what the image shows of a box.
+
+    Returns:
+        0 where it lies outside the image, or others hide all of it.
+    """
+    box = shown_box(view, state)
+    if box is None or clear_share(view.position_m, state, others) == 0.0:
+        return 0.0
+    return box[3] - box[1]
 
 
 def zone_share(

@@ -27,6 +27,7 @@ from ssp_eval.statistics.constants import (
     constants_in,
     constants_of_cells,
 )
+from ssp_eval.statistics.label_table import label_table
 from ssp_eval.statistics.notices import everywhere, notice_table, notices
 from ssp_eval.statistics.responses import named_audits, response_table
 from ssp_eval.statistics.rows import CellRow, one_scale, rows_from_cells, rows_from_csv, scale
@@ -280,7 +281,10 @@ def report(
         if tables is not None:
             wanted = _Wanted(tables, formats, reference, options)
             audits = named_audits((out_dir, *repeats), (cell.facts for cell in data))
-            analysis = _analyse(rows, data, wanted, tables, response_table(audits), constants)
+            known = [label_table(data, audits)]
+            if (responses := response_table(audits)) is not None:
+                known.append(responses)
+            analysis = _analyse(rows, data, wanted, tables, known, constants)
         elif len(data) <= MOST_ANALYSED:
             analysis = _statistics(rows, data, options, constants)
         # A page is made of one cell after the other; it needs its memory more than a second read.
@@ -353,7 +357,7 @@ def _analyse(
     data: Sequence[CellData],
     wanted: _Wanted,
     statistics: Path,
-    responses: Table | None = None,
+    of_audits: Sequence[Table] = (),
     constants: Sequence[OfScenario] = (),
 ) -> list[Table]:
     """Computes everything before anything is written."""
@@ -364,8 +368,7 @@ def _analyse(
         plain.append(constant_table(constants))
     if data:
         plain += [failures_by_cell(data), failures_by_model(data)]
-    if responses is not None:
-        plain.append(responses)
+    plain += of_audits
     moved = moved_by(data)
     plain += [] if moved is None else moved_tables(moved)
     shown = with_notices(_statistics(rows, data, wanted.options, constants), everywhere(told))

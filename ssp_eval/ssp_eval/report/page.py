@@ -24,7 +24,7 @@ from ssp_eval.evaluate.results import (
 from ssp_eval.pages import data_uri
 from ssp_eval.report.cell_view import record_views
 from ssp_eval.report.render import DetailFiles, Details, environment, load_lightly, render
-from ssp_eval.statistics.responses import named_audits, response_table
+from ssp_eval.statistics.responses import named_audits
 from ssp_eval.statistics.table import Table
 
 PAGE = "index.html"
@@ -80,10 +80,10 @@ def _write_one(
         on_step(done, len(used))
     target = make_folder(out) / PAGE
     audits = audit_pages(out, (cell.facts for cell in cells))
-    responses = response_table(named_audits([out], (cell.facts for cell in cells)))
+    named = named_audits([out], (cell.facts for cell in cells))
     moved = compared([*answers_in(cells), *repeated])
     details = Details(views, pictures)
-    write_text(target, render(cells, details, audits, analysis, responses, moved))
+    write_text(target, render(cells, details, audits, analysis, named, moved))
     return target
 
 
@@ -97,7 +97,7 @@ def _write_large(
 ) -> Path:
     """Details of one cell after the other, so that memory holds one cell's pictures of words."""
     audits = audit_pages(out, (load_facts(file) for file in files))
-    responses = response_table(named_audits([out], (load_facts(file) for file in files)))
+    named = named_audits([out], (load_facts(file) for file in files))
     details = DetailFiles(out, environment(), audits)
     done = count(1)
     wanted = wanted_cells(file.parent.name for file in files)
@@ -113,7 +113,7 @@ def _write_large(
     cells = in_order(load_lightly(files, write))
     target = make_folder(out) / PAGE
     moved = compared([*changed, *repeated])
-    write_text(target, render(cells, None, audits, analysis, responses, moved))
+    write_text(target, render(cells, None, audits, analysis, named, moved))
     details.remove_others()
     return target
 

@@ -20,6 +20,7 @@ from ssp_core.templates import templates
 from ssp_eval.causes.findings import Moved
 from ssp_eval.causes.forest import forests
 from ssp_eval.causes.tables import ANSWERS, FINDINGS, moved_tables
+from ssp_eval.data.audit import Audit
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
 from ssp_eval.evaluate.models import BEST_CONSTANT, BLIND, condition_of
@@ -39,7 +40,9 @@ from ssp_eval.statistics.constants import (
     constants_of_cells,
     is_below,
 )
+from ssp_eval.statistics.label_table import label_table
 from ssp_eval.statistics.notices import notices
+from ssp_eval.statistics.responses import response_table
 from ssp_eval.statistics.rows import CellRow, compared_labels, rows_from_cells
 from ssp_eval.statistics.statistics_tables import (
     NONE,
@@ -492,7 +495,7 @@ def render(
     details: Details | None,
     audits: Mapping[str, str] = MappingProxyType({}),
     analysis: Sequence[Table] = (),
-    responses: Table | None = None,
+    named: Sequence[Audit] = (),
     moved: Moved | None = None,
 ) -> str:
     """The page as HTML.
@@ -501,11 +504,13 @@ def render(
         cells: in the order in which they are shown; of a large campaign without records and
             questions.
         details: None: they lie in files beside the page, and its cells are browsed.
+        named: the audits that the cells go by.
         moved: what moved the answers; None: nothing was asked with a cause changed.
     """
     cell_rows = rows_from_cells(cells)
     constants = constants_of_cells(cell_rows, cells)
     blind = _of_recordings(constants)
+    responses = response_table(named)
     drawn = _browsed(cells, blind) if details is None else _whole(cells, details, blind)
     return (
         environment()
@@ -518,6 +523,7 @@ def render(
             stages=STAGE_NAMES,
             summary=summary(cells, audits),
             analysis=statistics_parts(analysis),
+            labels=grid(label_table(cells, named)),
             responses=None if responses is None else grid(responses),
             moved=moved_part(moved),
             most=MOST_NOTICES,
