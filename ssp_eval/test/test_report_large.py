@@ -82,7 +82,7 @@ def test_rows_hold_what_the_cells_hold(source: Path, tmp_path: Path) -> None:
     data = rows(page)
     cells = {cell.id: cell for cell in load_cells(out)}
     assert len(data["rows"]) == len(cells) == 110
-    for ident, scenario, domain, model, status, _, control, stages, scores, _, reason in data[
+    for ident, scenario, domain, model, status, _, control, stages, scores, _, reason, best in data[
         "rows"
     ]:
         cell = cells[ident]
@@ -91,6 +91,9 @@ def test_rows_hold_what_the_cells_hold(source: Path, tmp_path: Path) -> None:
         assert data["model"][model] == cell.model
         assert (status, bool(control)) == (cell.facts.status, cell.is_control)
         assert (scores is None, reason == "") == (cell.score is None, status == "ok")
+        # The best blind constant of the recording, also beside a cell without scores.
+        assert best is None or 0.0 < best <= 1.0
+        assert scores is None or best is not None
         if cell.score is not None:
             assert scores[0] == pytest.approx(cell.score.ivcs, abs=1e-6)
             failing = sum(cell.score.details.first_failures.values())

@@ -133,7 +133,7 @@ def test_what_must_be_said_is_said(campaign: Path) -> None:
 def test_controls_and_refused_cells_enter_no_mean(campaign: Path) -> None:
     page = write_report(campaign).read_text()
     means = page.split('<section id="means">')[1].split("</section>")[0]
-    assert "Controls left out: perfect." in means
+    assert "Controls left out: best_constant, perfect." in means
     fields = re.findall(r"<td[^>]*>(.*?)</td>", means)
     assert "constant_velocity" in fields
     assert "perfect" not in fields
