@@ -296,7 +296,7 @@ def test_the_matrix_of_a_campaign_gives_its_tables_again(campaign: Path, tmp_pat
     tables = [path.name for path in (again / "tables").iterdir()]
     needs_records = {
         "intervals_groups", "intervals_cells", "curvature", "sensitivity", "first_failures",
-        "first_failures_model", "notices", "best_constants",
+        "first_failures_model", "notices", "best_constants", "labels",
     }  # fmt: skip
     assert table_names(own) - needs_records == (
         {*table_names(again / "tables"), "statistics"} - needs_records
