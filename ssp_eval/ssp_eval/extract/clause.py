@@ -21,6 +21,13 @@ _UNSEEN = frozenset({"someone", "somebody", "one", "anyone", "child", "car", "pe
 _ANY_MORE = ("no longer", "any more", "anymore", "any longer", "no more", "no further")
 
 
+def _same_noun(one: str, other: str) -> bool:
+    """Whether two nouns may name one road user: the city bus is the bus, no school bus."""
+    return one == other or (
+        one.rpartition(" ")[2] == other.rpartition(" ")[2] and " " not in (one, other)[len(one) > len(other)]
+    )
+
+
 class Clause:
     """What is known at a hit: the clause's subject, who was named, what was planned.
 
@@ -218,7 +225,7 @@ class Clause:
                 return actor  # a child on a bike: the child
             if (noun, actor.name) in _CALLED and hit.form == "the":
                 return actor
-            same = actor.noun.removesuffix("s") == single
+            same = _same_noun(actor.noun.removesuffix("s"), single)
             generic = noun in _GENERIC or actor.noun in _GENERIC
             if noun in ("vehicle", "vehicles") and hit.form == "the" and (
                 actor.name not in PEOPLE and actor.name != "cyclist"
