@@ -10,13 +10,15 @@ from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.world import Actor, Statement, World
 
 # Motions that need company or a side, see decide.py.
-ALONG, CROSSING, CUTTING_IN = "along", "crossing", "cutting_in"
+ALONG, CROSSING, CUTTING_IN, COMING = "along", "crossing", "cutting_in", "coming"
 _OTHER_SIDE = {"left": "right", "right": "left"}
 _ENDANGERS = frozenset({"cross", "intrude", "drift", "step", "leave"})
 _UNSAFE = frozenset({"open", "accelerate", "hide"})
 _AUXILIARIES = frozenset({"may", "will", "not", "ready", "must", "is", "past", "intend"})
 
 
+_SPEED_ACTIONS = frozenset({"stop", "decelerate", "maintain", "straight", "both"})
+_STANDS = frozenset({"wait", "trail"})
 _OTHER_SEX = {"he": "she", "she": "he"}
 _FRAMES = frozenset({"frame", "frames", "image", "picture", "t"})
 _ORDINALS = frozenset({"first", "second", "third", "last", "latest", "newest", "final"})
@@ -215,6 +217,9 @@ class Binder(Clause):
             actor.critical = True
         if self.shows:
             actor.matters = True
+        if self.behind is not None and hit.first - self.behind.stop < 6:
+            actor.hints.append(self._said("front", self.behind))
+        self.behind = None
         for at, place in self.pending:
             self._put(actor, place, self.flags[at])
         for state in self.states:
@@ -257,6 +262,19 @@ class Binder(Clause):
 
     # --- places and movements
 
+    def _queues(self, index: int, flags: Scope) -> bool:
+        """Whether "behind the van" is where the VUT is or stops, so that the van is ahead."""
+        if flags & ~(Scope.REJECTED | Scope.INTENDED):
+            return False
+        hit = self.hits[index]
+        for before in self._back(index, 6):
+            if before.kind == "verb" and hit.first - before.stop < 8:
+                meaning = self.known.verbs[before.value]
+                return meaning.ego in _SPEED_ACTIONS or before.value in _STANDS
+            if before.kind in ("user", "pronoun"):
+                return False
+        return False
+
     def _path(self, index: int, hit: Hit) -> None:
         """In our path, from the right: remembered for what follows."""
         owner = self._owner(index)
@@ -272,6 +290,8 @@ class Binder(Clause):
             return  # blocks the left lane
         behind = after in self.known.sets["articles_and_pronouns"]
         if hit.value == "rear" and (behind or self._after(index).kind == "user"):
+            if self._queues(index, flags):
+                self.behind = hit
             self.reacting = self.reacting or bool(self.planned) or self.subject is EGO
             return  # behind the van
         if hit.form == "lead":
@@ -354,7 +374,11 @@ class Binder(Clause):
             if self.subject is None:
                 self.subject = EGO
         elif self.subject is None and not meaning.ego:
-            self.reacting = self.reacting or hit.value in ("follow", "overtake", "wait")
+            self.reacting = self.reacting or hit.value in ("follow", "overtake", "wait", "trail")
+        if hit.value == "trail" and self.subject in (None, EGO) and hit.form != "ed" and (
+            not flags & ~(Scope.FUTURE | Scope.REJECTED)
+        ):  # fmt: skip
+            self.behind = hit
         self.busy = True
 
     def _adjective(self, index: int, hit: Hit, other: str) -> bool:
@@ -448,9 +472,18 @@ class Binder(Clause):
         if kind == "drift" and side:
             merges = self.words[hit.first].startswith("merg")
             return f"{CUTTING_IN}_from_{side}" if merges else None
+        if people and kind in ("go", "step") and side:
+            return f"{CROSSING}_from_{side}"
+        if kind in ("go", "near") and side and self._comes_straight(hit, goals):
+            return f"{COMING}_from_{side}"
         if kind in ("along", "go") and not side:
             return ALONG
         return None
+
+    def _comes_straight(self, hit: Hit, goals: list[Hit]) -> bool:
+        """Whether somebody comes from the side, as on the cross street, not from a lane."""
+        lane = any("lane" in self.words[goal.first : goal.stop] for goal in goals)
+        return not lane and self.words[hit.first].startswith(("com", "approach", "circul", "emerg"))
 
     # --- actions, conflicts, salience
 

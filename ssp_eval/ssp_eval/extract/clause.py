@@ -64,6 +64,7 @@ class Clause:
         self.named = []
         self.planned: list[Hit] = []
         self.reacting = False
+        self.behind: Hit | None = None
         self.critical = False
         self.shows = self.because = self.void = False
         self.in_path = self.was_in_path

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract.bind import ALONG, CROSSING, CUTTING_IN
+from ssp_eval.extract.bind import ALONG, COMING, CROSSING, CUTTING_IN
 from ssp_eval.extract.world import Actor, Statement, World
 
 Found = tuple[str | tuple[str, ...], tuple[Statement, ...]]
@@ -113,6 +113,8 @@ def _critical(objects: list[Actor]) -> Actor | None:
 def _position(actor: Actor, frames: bool) -> Found | None:
     """The last sentence's place, put together from its parts: ahead + on the right."""
     places = [place for place in actor.places if place.value != "beside"]
+    if not places and actor.hints and not actor.places:
+        return actor.hints[-1].value, (actor.hints[-1],)
     if not places:
         return None
     parts: dict[int, set[str]] = {}
@@ -160,6 +162,9 @@ def _complete(value: str, actor: Actor) -> str | None:
         last = actor.places[-1].value if actor.places else ""
         along = last and not last.startswith("rear") and actor.name not in _NEVER_ALONG
         return "same_direction" if along else None
+    if value.startswith(COMING):
+        enters = any(said.value.startswith(CUTTING_IN) for said in actor.motions)
+        return value.replace(COMING, CUTTING_IN if enters else CROSSING)
     if value == CUTTING_IN:
         sides = {side for side in ("left", "right") if side in place}
         return f"cutting_in_from_{sides.pop()}" if len(sides) == 1 else None

@@ -25,6 +25,7 @@ _NOT_RELEVANT = frozenset({"no", "none", "low", "irrelevant", "not", "background
 _LOW = frozenset({"low", "down", "safe", "appropriate", "into", "moderate"})
 _BEFORE_NAMES = frozenset({"the", "our", "ego", "its", "now", "and", "3", "2", "1", "4"})
 _OPEN = frozenset({"none", "keep", "hold", "same"})  # of speed, or of the lane
+_MODALS = frozenset({"to", "we", "i", "must", "should", "will", "and"})
 _LEADING = frozenset({"lead", "leading", "preceding"})
 _DEFINITE = frozenset({"the", "this", "that", "these", "those", "same", "said"})
 _OTHERS = frozenset({"another", "second", "other", "third"})
@@ -94,6 +95,12 @@ class _Reader:
             entry.kind == "verb" and entry.form == "base" and at and words[at - 1] in _DETERMINERS
         ):
             return at + 1  # its stop, a turn: a noun
+        if entry.value == "slow" and words[at:stop] == ["slow"] and (
+            words[stop] not in MARKS
+            and words[stop] not in self.known.sets["after_the_verb_slow"]
+            and not (at and words[at - 1] in _MODALS)
+        ):  # fmt: skip
+            return self._put("state", "same_direction", "slow", at, stop)  # slow lorry ahead
         # Keep speed low, not moving into ours; a pedestrian crossing from the left.
         low = entry.value in ("keep_speed", "stationary") and words[stop] in _LOW
         crosses = entry.kind == "skip" and words[at : at + 2] == ["pedestrian", "crossing"]

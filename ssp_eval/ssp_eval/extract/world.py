@@ -60,6 +60,7 @@ class Actor:
     places: list[Statement] = field(default_factory=list)
     motions: list[Statement] = field(default_factory=list)
     conflicts: list[Statement] = field(default_factory=list)
+    hints: list[Statement] = field(default_factory=list)  # places that follow from something else
     parked: bool = False
     critical: bool = False
     matters: bool = False
