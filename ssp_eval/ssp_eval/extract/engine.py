@@ -14,12 +14,14 @@ from ssp_eval.extract.decide import decide
 from ssp_eval.extract.match import find, sentences
 from ssp_eval.extract.options import asserted
 from ssp_eval.extract.scope import scopes
+from ssp_eval.extract.speaker import with_own_vehicle
 from ssp_eval.extract.tokens import tokenise
 
 RULES_VERSION = "2"
 _SOURCES = (
     "lexicon.yaml", "scope.yaml", "lexicon.py", "tokens.py", "match.py", "scope.py", "world.py",
     "clause.py", "bind.py", "decide.py", "engine.py", "checks.py", "options.py",
+    "speaker.py",
 )  # fmt: skip
 
 
@@ -43,7 +45,7 @@ def _values(piece: str) -> dict[str, object]:
 
 def _read(text: str) -> Slots:
     tokens = tokenise(text)
-    hits = find(tokens.words)
+    hits = with_own_vehicle(tokens.words, find(tokens.words))
     ranges = sentences(hits)
     flags = scopes(tokens.words, hits, ranges)
     world = Binder(tokens.words, hits, flags).run(ranges)

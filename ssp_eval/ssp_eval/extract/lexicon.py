@@ -16,6 +16,10 @@ import yaml
 FOLDER = Path(__file__).parent
 FILES = ("lexicon.yaml", "scope.yaml")
 NUMBER = "#"
+NUMBER_WORDS = frozenset(
+    {"five", "ten", "fifteen", "twenty", "thirty", "forty", "fifty", "sixty", "seventy", "eighty",
+     "ninety", "hundred"}
+)  # fmt: skip
 MAX_FILLERS = 3
 FORMS = ("base", "s", "ing", "ed")
 _OTHER = {"left": "right", "right": "left"}
@@ -202,6 +206,8 @@ class Lexicon:
         Fillers inside a phrase are passed over, and ``#`` stands for a number.
         """
         state = self._start.step(words[at])
+        if state is None and words[at][0].isdigit():
+            state = self._start.step(NUMBER)
         entry, stop = None, at + 1
         here = at + 1
         skipped = 0
@@ -212,7 +218,7 @@ class Lexicon:
                 break
             word = words[here]
             after = state.step(word)
-            if after is None and word[0].isdigit():
+            if after is None and (word[0].isdigit() or word in NUMBER_WORDS):
                 after = state.step(NUMBER)
             if after is None and word in self.fillers and skipped < MAX_FILLERS:
                 skipped += 1

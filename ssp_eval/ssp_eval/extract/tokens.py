@@ -53,8 +53,25 @@ _FIXED = {
     "approx.": "about",
     "incl.": "with",
     "resp.": "or",
+    **dict.fromkeys(("lt", "lh"), "left"),
+    **dict.fromkeys(("rt", "rh"), "right"),
+    "ln": "lane",
+    "lns": "lanes",
+    "fm": "from",
+    "frm": "from",
+    "n": "and",
     **dict.fromkeys(("i.e", "i.e.", "e.g", "e.g."), ","),
 }
+_SIDES = {"l": "left", "r": "right"}
+_BEFORE_SIDES = frozenset(
+    {"on", "from", "front", "rear", "ahead", "ramp", "alley", "kerb", "curb", "shift", "nudge",
+     "steer", "turn", "move", "swerve", "alongside", "pass", "mirror", "far", "keep", "spot",
+     "behind", "merge", "change", "go", "over", "pavement", "near"}
+)  # fmt: skip
+_AFTER_SIDES = frozenset(
+    {"lane", "lanes", "ln", "kerb", "curb", "side", "shoulder", "edge", "pavement", "turn",
+     "verge", "ramp", "rear", "front", "bay", "hand", "mirror", "sidewalk", "h"}
+)  # fmt: skip
 _OTHERS = frozenset({"he", "she", "it", "they", "that", "who", "which"})
 _OPENERS: tuple[list[str], ...] = ([], [":"], ["."], ["\n"])
 _DROPPED = ""
@@ -135,10 +152,21 @@ def tokenise(text: str) -> Tokens:
             words[index] = _mark(word)
             if words[index] == SENTENCE_END and _numbers_item(words, index):
                 words[index] = BREAK
+    _sides(words)
     if _DROPPED in words:
         found = [match for match, word in zip(found, words, strict=True) if word]
         words = [word for word in words if word]
     return Tokens(words, found)
+
+
+def _sides(words: list[str]) -> None:
+    """Writes out the sides of notes: on L, R lane, front-l."""
+    for index, word in enumerate(words):
+        if word in _SIDES:
+            before = words[index - 1] if index else ""
+            after = words[index + 1] if index + 1 < len(words) else ""
+            if before in _BEFORE_SIDES or after in _AFTER_SIDES:
+                words[index] = _SIDES[word]
 
 
 def _without_struck(text: str) -> str:
