@@ -335,6 +335,10 @@ class Binder(Clause):
         value = hit.value
         if value == "parked":
             actor.parked, value = True, "stationary"
+        if self.words[hit.first] == "faster" and any(
+            place.value.startswith("rear") for place in actor.places
+        ):  # fmt: skip
+            value = "same_direction"  # from behind us it comes nearer
         actor.motions.append(self._said(value, hit))
         self._show(actor)
 
