@@ -26,7 +26,9 @@ _LOW = frozenset({"low", "down", "safe", "appropriate", "into", "moderate"})
 _BEFORE_NAMES = frozenset({"the", "our", "ego", "its", "now", "and", "3", "2", "1", "4"})
 _OPEN = frozenset({"none", "keep", "hold", "same"})  # of speed, or of the lane
 _MODALS = frozenset({"to", "we", "i", "must", "should", "will", "and"})
-_LEADING = frozenset({"lead", "leading", "preceding"})
+_LEADING = frozenset({"lead", "leading", "preceding", "front"})
+_PLACES = {"left": "left", "right": "right", "front": "front", "rear": "rear", "ahead": "front",
+           "behind": "rear", "beside": "beside", "l": "left", "r": "right"}  # fmt: skip
 _DEFINITE = frozenset({"the", "this", "that", "these", "those", "same", "said"})
 _OTHERS = frozenset({"another", "second", "other", "third"})
 _INDEFINITE = (
@@ -91,6 +93,8 @@ class _Reader:
     def _phrase(self, at: int) -> int:
         words = self.words
         entry, stop = self.known.longest(words, at)
+        if words[at] in ("left", "right") and stop <= at + 1 and self._follows_user(at):
+            return self._put("place", words[at], "", at, at + 1)
         if entry is None or (
             entry.kind == "verb" and entry.form == "base" and at and words[at - 1] in _DETERMINERS
         ):
@@ -115,6 +119,17 @@ class _Reader:
         else:
             self._put(entry.kind, entry.value, entry.form, at, stop)
         return stop
+
+    def _follows_user(self, at: int) -> bool:
+        """Whether a bare side says where somebody is: pedestrian, left, waiting; van (right)."""
+        if self.words[at + 1] not in MARKS and self.words[at - 1] not in ("(", ","):
+            return False
+        last = [hit for hit in self.hits[-2:] if hit.kind != "state"]
+        if last and last[-1].kind == "mark" and last[-1].value in (",", "(") and last[-1].stop == at:
+            last = last[:-1]
+        return bool(last) and (last[-1].kind == "user" or last[-1].value == "beside") and (
+            at - last[-1].stop <= 2
+        )
 
     def _user(self, at: int, stop: int, name: str) -> None:
         if self.hits and self.hits[-1].stop == at and self.hits[-1].kind == "user":
@@ -225,6 +240,8 @@ class _Reader:
                 kind = "background" if word in _NOT_RELEVANT else "critical"
                 self._put(kind, "", "value", at, at + 1)
             return at
+        if slot == "position" and words[at] in _PLACES and words[at + 1] in MARKS:
+            return self._put("place", _PLACES[words[at]], "value", at, at + 1)
         if slot not in _LEVELS:
             return at
         while at < self.count and words[at] in ('"', "[", "("):
