@@ -37,6 +37,7 @@ class Binder(Clause):
     def run(self, ranges: list[tuple[int, int]]) -> World:
         """Reads all sentences."""
         self.world.frames = len(set(_frames(self.words))) > 1
+        self.world.sentences = len(ranges)
         for number, (start, stop) in enumerate(ranges):
             self.unit = number
             self.step += 1

@@ -7,7 +7,8 @@ from ssp_eval.extract.world import Actor, Statement, World
 
 Found = tuple[str | tuple[str, ...], tuple[Statement, ...]]
 _PARTNER = {"active": 3, "potential": 2, "resolved": 1}
-MAX_OTHERS = 2
+MAX_OTHERS = 3
+MAX_SENTENCES = 6  # of a text in which nobody is named by the way
 _NEVER_ALONG = frozenset({"pedestrian"})
 
 
@@ -16,9 +17,10 @@ def decide(world: World) -> dict[str, Found]:
     found: dict[str, Found | None] = {}
     objects = _objects(world)
     critical = _critical(objects)
-    if objects and _sure(objects, world):
-        names = tuple(sorted({actor.name for actor in objects}))
-        said = tuple(next(a for a in objects if a.name == name).mentions[0] for name in names)
+    named = objects if _sure(objects, world) else _described(objects, world)
+    if named:
+        names = tuple(sorted({actor.name for actor in named}))
+        said = tuple(next(a for a in named if a.name == name).mentions[0] for name in names)
         found["objects"] = (names, said)
     elif (
         not objects
@@ -36,14 +38,27 @@ def decide(world: World) -> dict[str, Found]:
 
 
 def _unmixed(found: Found | None, critical: Actor, world: World) -> Found | None:
-    """Drops what may be said of another: a sentence names two, or the text is about many."""
+    """Drops what may be said of another, where the text is about many."""
     others = [a for a in world.actors if a is not critical and (a.mentions or a.first)]
-    if found is None or not others:
+    if found is None or not others or world.sentences <= MAX_SENTENCES:
         return found
     sentence = found[1][-1].sentence
     named = sentence > 0 and any(said.sentence == sentence for a in others for said in a.mentions)
     present = [a for a in others if a.mentions and not a.background]
     return None if (named and present) or len(present) >= MAX_OTHERS else found
+
+
+def _described(objects: list[Actor], world: World) -> list[Actor]:
+    """Of a short text all of whom something is said: where, what they do, or what we do for them."""
+    if world.sentences > MAX_SENTENCES:
+        return []
+    others = [a for a in world.actors if a.mentions and a not in objects]
+    described = [a for a in objects if _has(a) or a.reaction or a.critical]
+    return described + [a for a in others if _has(a) and not (a.background or a.parked)]
+
+
+def _has(actor: Actor) -> bool:
+    return bool(actor.places or actor.motions or actor.conflicts)
 
 
 def _strong(actor: Actor) -> bool:

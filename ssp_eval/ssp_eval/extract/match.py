@@ -25,6 +25,7 @@ _NOT_RELEVANT = frozenset({"no", "none", "low", "irrelevant", "not", "background
 _LOW = frozenset({"low", "down", "safe", "appropriate", "into", "moderate"})
 _BEFORE_NAMES = frozenset({"the", "our", "ego", "its", "now", "and", "3", "2", "1", "4"})
 _OPEN = frozenset({"none", "keep", "hold", "same"})  # of speed, or of the lane
+_MOTOR = frozenset({"motorbike", "motorcycle", "moped", "scooter", "dirt"})
 _MODALS = frozenset({"to", "we", "i", "must", "should", "will", "and"})
 _LEADING = frozenset({"lead", "leading", "preceding", "front"})
 _PLACES = {"left": "left", "right": "right", "front": "front", "rear": "rear", "ahead": "front",
@@ -151,7 +152,8 @@ class _Reader:
         for index in range(len(self.hits) - 1, max(len(self.hits) - 3, -1), -1):
             hit = self.hits[index]
             if hit.kind == "user" and at - hit.stop < 4:
-                self.hits[index] = Hit("user", "cyclist", hit.form, hit.first, stop)
+                name = "cyclist" if _MOTOR.isdisjoint(self.words[at:stop]) else "motorcycle"
+                self.hits[index] = Hit("user", name, hit.form, hit.first, stop)
                 return
 
     # --- marks, and the fields of structured answers

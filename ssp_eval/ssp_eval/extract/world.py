@@ -78,6 +78,7 @@ class World:
     commitments: list[Commitment] = field(default_factory=list)
     revised: list[int] = field(default_factory=list)  # plans that take earlier ones back
     nobody: list[Statement] = field(default_factory=list)
+    sentences: int = 0
     frames: bool = False  # it goes through several frames, of which the last counts
 
 
