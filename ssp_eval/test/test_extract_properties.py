@@ -131,7 +131,7 @@ def test_offsets_hold_behind_other_scripts(prefix: str) -> None:
             "A pedestrian poses no risk. Maintain speed and lane.",
             {
                 "objects": ["pedestrian"],
-                "conflict": ["no risk"],
+                "conflict": ["poses no risk"],
                 "lon_action": ["Maintain speed and lane"],
                 "lat_action": ["Maintain speed and lane"],
             },

@@ -17,6 +17,8 @@ _UNSAFE = frozenset({"open", "accelerate", "hide"})
 _AUXILIARIES = frozenset({"may", "will", "not", "ready", "must", "is", "past", "intend"})
 
 
+_PRESENT = frozenset({"is", "has", "have", "are"})
+ENDS_WITHIN = 6  # hits behind a conflict in which it is said to be over
 _SPEED_ACTIONS = frozenset({"stop", "decelerate", "maintain", "straight", "both"})
 _STANDS = frozenset({"wait", "trail"})
 _OTHER_SEX = {"he": "she", "she": "he"}
@@ -547,6 +549,8 @@ class Binder(Clause):
                 value = ""
         else:
             value = "potential" if flags & Scope.POSSIBLE else ""
+        if hit.kind in ("conflict", "risk") and not denied and self._has_ended(index):
+            value = "resolved"
         if not value:
             return
         if self.subject is SCENE and self.near is None and hit.kind == "affects":
@@ -560,6 +564,20 @@ class Binder(Clause):
             self.world.loose.append(said)
         else:
             owner.conflicts.append(said)
+
+    def _has_ended(self, index: int) -> bool:
+        """Whether what is named is over: the conflict with the van ahead has now cleared."""
+        ends = self.known.sets["ended"]
+        for at in range(index + 1, min(index + ENDS_WITHIN, self.stop)):
+            hit = self.hits[at]
+            if hit.kind == "cue" and self.words[hit.first] in _PRESENT and not self.flags[at]:
+                behind = self.words[hit.stop : hit.stop + 3]
+                return "not" not in behind and not ends.isdisjoint(behind)
+            if hit.kind not in ("user", "place", "ego", "state", "risk", "conflict") and (
+                hit.value not in ("parked", "oncoming")
+            ):  # fmt: skip
+                return False
+        return False
 
     def _unless(self) -> bool:
         """Whether something happens unless something is done: without braking."""

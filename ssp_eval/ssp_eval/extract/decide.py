@@ -8,6 +8,7 @@ from ssp_eval.extract.world import Actor, Statement, World
 Found = tuple[str | tuple[str, ...], tuple[Statement, ...]]
 _PARTNER = {"active": 3, "potential": 2, "resolved": 1}
 MAX_OTHERS = 3
+FEW_SENTENCES = 2
 MAX_SENTENCES = 6  # of a text in which nobody is named by the way
 _NEVER_ALONG = frozenset({"pedestrian"})
 
@@ -53,8 +54,10 @@ def _described(objects: list[Actor], world: World) -> list[Actor]:
     if world.sentences > MAX_SENTENCES:
         return []
     others = [a for a in world.actors if a.mentions and a not in objects]
-    described = [a for a in objects if _has(a) or a.reaction or a.critical]
-    return described + [a for a in others if _has(a) and not (a.background or a.parked)]
+    few = world.sentences <= FEW_SENTENCES
+    described = [a for a in objects if few or _has(a) or a.reaction or a.critical]
+    moving = [a for a in others if a.motions or a.conflicts]
+    return described + [a for a in moving if not (a.background or a.parked)]
 
 
 def _has(actor: Actor) -> bool:

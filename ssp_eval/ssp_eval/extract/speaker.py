@@ -8,6 +8,7 @@ from ssp_eval.extract.match import Hit
 _NOUNS = ("vehicle", "car")
 _OPENERS = frozenset({"mark", "cue"})
 _TOLD = frozenset({"must", "will"})
+_SPEEDS = frozenset({"decelerate", "stop", "accelerate", "maintain"})
 _STEPS = 3  # hits behind the noun among which its verb stands
 
 
@@ -63,7 +64,7 @@ def _acts(index: int, hits: list[Hit]) -> bool:
                 return True
             continue
         if hit.kind == "verb":
-            known = lexicon().verbs[hit.value]
-            return bool(known.ego) and hit.form in ("s", "ing", "base")
+            action = lexicon().verbs[hit.value].ego
+            return action in _SPEEDS if hit.form == "ing" else bool(action) and hit.form != "ed"
         return hit.kind == "noun"
     return False
