@@ -27,6 +27,7 @@ from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.processes import die_with_parent
 from ssp_core.terminal import on_stop_signals
 from ssp_eval.demo_plan import DEFAULT_SCENARIOS, SCENARIOS, Step, package_folder, plan_steps
+from ssp_eval.evaluate.results import load_cells
 
 MARKER = ".ssp-demo.json"
 SCHEMA = "ssp.demo/1"
@@ -39,6 +40,7 @@ MADE = frozenset(
     }
 )  # fmt: skip
 _MOST = 99
+_WHOLE = 1.0 - 1e-9
 
 
 @dataclass
@@ -374,12 +376,33 @@ def demo(scenarios: tuple[str, ...], out: Path, as_json: bool) -> int:
         progress.wall_s = time.monotonic() - started
         progress.complete = not gaps
         progress.write()
-    _conclude(progress, gaps, as_json)
-    return 1 if gaps else 0
+    below = imperfect_controls(folder) if all(gap.step.name != "evaluate" for gap in gaps) else []
+    _conclude(progress, gaps, below, as_json)
+    return 1 if gaps or below else 0
 
 
-def _conclude(progress: Progress, gaps: Sequence[Gap], as_json: bool) -> None:
-    """Says what was made, and what is missing."""
+def imperfect_controls(folder: Path) -> list[str]:
+    """Name the cells in which answers made of the labels themselves score below 1.
+
+    Such a cell says that the harness loses what a model says, so no other score can be trusted.
+    Semantics and actions are looked at; a trajectory may leave no response possible.
+
+    Args:
+        folder: of the demonstration.
+    """
+    return [
+        f"{cell.id}: perfect answers have {metric} {value:.3f} instead of 1"
+        for cell in load_cells(folder)
+        if cell.facts.backend == "perfect" and not cell.facts.condition and cell.score is not None
+        for metric in ("sem_acc_eff", "act_acc_eff", "cia_eff")
+        if (value := getattr(cell.score, metric)) is not None and value < _WHOLE
+    ]
+
+
+def _conclude(progress: Progress, gaps: Sequence[Gap], below: Sequence[str], as_json: bool) -> None:
+    """Says what was made, what is missing, and which control isn't what it should be."""
+    for line in below:
+        console.report_error(line)
     missing = {gap.step.name for gap in gaps}
     index, package = progress.folder / "index.html", package_folder(progress.folder)
     for gap in gaps:
@@ -390,6 +413,7 @@ def _conclude(progress: Progress, gaps: Sequence[Gap], as_json: bool) -> None:
             "package": str(package) if "verify" not in missing else None,
             "wall_s": round(progress.wall_s, 1),
             "missing": {gap.step.name: gap.why for gap in gaps},
+            "imperfect": list(below),
         }
         click.echo(json.dumps(summary))
         return

@@ -15,6 +15,7 @@ from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import Verdict
 from ssp_eval.data.labels import load_labels
 from ssp_eval.data.records import load_records
+from ssp_eval.demo import imperfect_controls
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
 from ssp_eval.evaluate.executors import Settings
@@ -30,6 +31,7 @@ from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.run import asking, show
 from ssp_eval.report.page import write_report
 from ssp_eval.score.cell import score_cell
+from ssp_vla_bridge.backends import phrases
 from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
 from support.answering import Answering
 
@@ -63,6 +65,18 @@ def test_perfect_answers_score_1_in_every_metric(make_bag: BagMaker, tmp_path: P
     assert result.score["n"] == result.score["matched"] == 9
     assert result.score["rl_s"] is not None
     assert result.score["denominators"]["semantic"] == 9 * 4 - 2
+
+
+def test_a_demonstration_fails_where_perfect_answers_score_below_1(
+    make_bag: BagMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = make_bag()
+    evaluate(bag, tmp_path / "sound", "perfect")
+    assert imperfect_controls(tmp_path / "sound") == []
+    monkeypatch.setitem(phrases._LON, "decelerate", "I whistle")
+    evaluate(bag, tmp_path / "lost", "perfect")
+    (line,) = imperfect_controls(tmp_path / "lost")
+    assert "perfect answers have act_acc_eff" in line
 
 
 def test_silence_scores_0_or_null(make_bag: BagMaker, tmp_path: Path) -> None:

@@ -24,7 +24,8 @@ _ANY_MORE = ("no longer", "any more", "anymore", "any longer", "no more", "no fu
 def _same_noun(one: str, other: str) -> bool:
     """Whether two nouns may name one road user: the city bus is the bus, no school bus."""
     return one == other or (
-        one.rpartition(" ")[2] == other.rpartition(" ")[2] and " " not in (one, other)[len(one) > len(other)]
+        one.rpartition(" ")[2] == other.rpartition(" ")[2]
+        and " " not in (one, other)[len(one) > len(other)]
     )
 
 

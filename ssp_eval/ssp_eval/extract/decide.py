@@ -50,7 +50,7 @@ def _unmixed(found: Found | None, critical: Actor, world: World) -> Found | None
 
 
 def _described(objects: list[Actor], world: World) -> list[Actor]:
-    """Of a short text all of whom something is said: where, what they do, or what we do for them."""
+    """Of a short text all of whom something is said: where they are, or what they do."""
     if world.sentences > MAX_SENTENCES:
         return []
     others = [a for a in world.actors if a.mentions and a not in objects]

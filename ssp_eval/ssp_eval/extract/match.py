@@ -126,10 +126,17 @@ class _Reader:
         if self.words[at + 1] not in MARKS and self.words[at - 1] not in ("(", ","):
             return False
         last = [hit for hit in self.hits[-2:] if hit.kind != "state"]
-        if last and last[-1].kind == "mark" and last[-1].value in (",", "(") and last[-1].stop == at:
+        if (
+            last
+            and last[-1].kind == "mark"
+            and last[-1].value in (",", "(")
+            and last[-1].stop == at
+        ):
             last = last[:-1]
-        return bool(last) and (last[-1].kind == "user" or last[-1].value == "beside") and (
-            at - last[-1].stop <= 2
+        return (
+            bool(last)
+            and (last[-1].kind == "user" or last[-1].value == "beside")
+            and (at - last[-1].stop <= 2)
         )
 
     def _user(self, at: int, stop: int, name: str) -> None:

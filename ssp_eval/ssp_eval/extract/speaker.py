@@ -1,4 +1,4 @@
-"""Which of the road users is the VUT: "the vehicle" and "the car" of a text that calls itself so."""
+"""Which road user is the VUT: "the vehicle" or "the car" of a text that calls itself so."""
 
 from __future__ import annotations
 
@@ -33,7 +33,11 @@ def with_own_vehicle(words: list[str], hits: list[Hit]) -> list[Hit]:
 
 def _names(hit: Hit, words: list[str]) -> str:
     """The noun of "the vehicle" or "the car", else nothing."""
-    if hit.kind != "user" or hit.stop - hit.first != 1 or words[hit.first - 1 : hit.first] != ["the"]:
+    if (
+        hit.kind != "user"
+        or hit.stop - hit.first != 1
+        or words[hit.first - 1 : hit.first] != ["the"]
+    ):
         return ""
     return words[hit.first] if words[hit.first] in _NOUNS else ""
 
