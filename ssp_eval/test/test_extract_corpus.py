@@ -119,7 +119,7 @@ class GuessingChat(RecordedChat):
     def ask(self, messages: Sequence[Mapping[str, Any]], answer: Mapping[str, Any]) -> bytes:
         asked = json.loads(messages[-1]["content"])
         if self.reads:
-            proposed = json.loads(self.replies[asked["text"]]["reply"])
+            proposed = json.loads(self.replies.get(asked["text"], {"reply": "{}"})["reply"])
         else:
             proposed = {
                 slot: [{}] if slot == "objects" else {}
