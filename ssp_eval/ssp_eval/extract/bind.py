@@ -281,6 +281,13 @@ class Binder(Clause):
     def _path(self, index: int, hit: Hit) -> None:
         """In our path, from the right: remembered for what follows."""
         owner = self._owner(index)
+        before = self._before(index)
+        if before.kind == "mark" and before.value == ",":
+            before = self._before(index - 1)
+        if hit.kind == "from" and before.kind == "user" and hit.first - before.stop < 3 and (
+            owner is not None and not self.flags[index] and "lane" not in self.words[hit.first : hit.stop]
+        ):  # fmt: skip
+            owner.origin = self._said(hit.value, hit)
         if hit.kind == "goal" and self.words[hit.first] in ("in", "inside") and owner is not None:
             self.in_path = self.was_in_path = (owner, hit)
 
@@ -496,6 +503,8 @@ class Binder(Clause):
 
     def _noun(self, index: int, hit: Hit, flags: Scope) -> None:
         theirs = isinstance(self.subject, Actor) and not self.planned and not self._strong()
+        if theirs and hit.value == "maintain" and not flags and self._adjoins(index):
+            self.subject.motions.append(self._said("same_direction", hit))  # lorry, steady 80
         if (theirs and hit.kind == "noun") or self._hindered(index, hit):
             return
         if self.field in ("motion", "position", "objects") and hit.kind == "noun":

@@ -103,6 +103,8 @@ def _objects(world: World) -> list[Actor]:
         )
         and (not actor.parked or _marked(actor))
     ]
+    if not present and any(one.said.value in ("left", "right") for one in world.commitments):
+        return [a for a in world.actors if a.mentions and a.parked and not a.background]
     if not any(_marked(actor) for actor in present):
         return present
     return [a for a in present if _marked(a) or (a.motions and a.places and not a.parked)]
@@ -162,6 +164,8 @@ def _motion(actor: Actor) -> Found | None:
             continue
         values.pop(value, None)
         values[value] = said
+    if not values and actor.origin is not None and not actor.motions:
+        return f"{CROSSING}_from_{actor.origin.value}", (actor.origin,)
     if not values:
         return None
     value, said = list(values.items())[-1]

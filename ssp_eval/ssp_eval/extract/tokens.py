@@ -167,6 +167,8 @@ def _sides(words: list[str]) -> None:
             after = words[index + 1] if index + 1 < len(words) else ""
             if before in _BEFORE_SIDES or after in _AFTER_SIDES:
                 words[index] = _SIDES[word]
+                if after == "h":
+                    words[index + 1] = "hand"
 
 
 def _without_struck(text: str) -> str:

@@ -61,6 +61,7 @@ class Actor:
     motions: list[Statement] = field(default_factory=list)
     conflicts: list[Statement] = field(default_factory=list)
     hints: list[Statement] = field(default_factory=list)  # places that follow from something else
+    origin: Statement | None = None  # the side that it is said to be from, without a verb
     parked: bool = False
     critical: bool = False
     matters: bool = False
