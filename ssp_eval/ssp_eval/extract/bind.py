@@ -17,6 +17,8 @@ _UNSAFE = frozenset({"open", "accelerate", "hide"})
 _AUXILIARIES = frozenset({"may", "will", "not", "ready", "must", "is", "past", "intend"})
 
 
+_OURS = frozenset({"our", "my", "ego", "own", "us", "same"})
+_MAYBE = Scope.POSSIBLE | Scope.FUTURE | Scope.LATER | Scope.IMAGINED | Scope.INTENDED
 _PRESENT = frozenset({"is", "has", "have", "are"})
 ENDS_WITHIN = 6  # hits behind a conflict in which it is said to be over
 _SPEED_ACTIONS = frozenset({"stop", "decelerate", "maintain", "straight", "both"})
@@ -89,7 +91,10 @@ class Binder(Clause):
         elif kind == "braked_in_lane":
             actor = self._owner(index)
             if actor is not None:
-                actor.matters = actor.matters or "our" in self.words[hit.first : hit.stop]
+                ours = not _OURS.isdisjoint(self.words[hit.first : hit.stop])
+                actor.matters = actor.matters or ours
+                if ours and not self.planned and not flags:
+                    actor.hints.append(self._said("front", hit))
             if self.planned and self.near is None:
                 self.plan.in_lane(hit, self.step)
         elif kind in ("conflict", "risk", "affects"):
@@ -290,6 +295,8 @@ class Binder(Clause):
             owner.origin = self._said(hit.value, hit)
         if hit.kind == "goal" and self.words[hit.first] in ("in", "inside") and owner is not None:
             self.in_path = self.was_in_path = (owner, hit)
+            if not self.flags[index] and not _OURS.isdisjoint(self.words[hit.first : hit.stop]):
+                owner.hints.append(self._said("front", hit))
 
     def _place(self, index: int, hit: Hit, flags: Scope) -> None:
         owner = self._owner(index)
@@ -434,7 +441,7 @@ class Binder(Clause):
         meaning = self.known.verbs[hit.value]
         kind = meaning.other
         goals = self._goals(index)
-        if flags & Scope.POSSIBLE and not flags & ~(Scope.POSSIBLE | Scope.FUTURE | Scope.LATER):
+        if flags & Scope.POSSIBLE and not flags & ~_MAYBE:
             into = {goal.value for goal in goals} & {"into_ours", "across"}
             if (kind in _ENDANGERS or into or hit.value in _UNSAFE) and self._may(index):
                 actor.conflicts.append(self._with_cue("potential", index, ("may",)))

@@ -17,7 +17,8 @@ _GENERIC = frozenset({"vehicle", "car", "vehicles", "cars"})
 _CALLED = frozenset({("bike", "motorcycle"), ("cab", "truck"), ("bike", "cyclist")})
 _LEADING_ON = frozenset({"go", "drift", "step", "cross", "leave"})
 _UNSEEN = frozenset({"someone", "somebody", "one", "anyone", "child", "car", "pedestrian",
-                     "person", "he", "it"})  # fmt: skip
+                     "person", "he", "it", "children", "people", "kids", "pedestrians",
+                     "passengers", "passenger", "driver", "rider", "animal", "others"})  # fmt: skip
 _ANY_MORE = ("no longer", "any more", "anymore", "any longer", "no more", "no further")
 
 
