@@ -12,13 +12,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 _YES = frozenset({"true", "yes", "✓", "✔", "☑"})
-_NO = frozenset({"false", "no", "✗", "✘", "☒", "n"})
+_REFUSED = ("rejected", "cancelled", "canceled", "denied", "aborted", "refused", "discarded")
+_NO = frozenset({"false", "no", "✗", "✘", "☒", "n", *_REFUSED})
 _SIDES = {"left": ("lat_action",), "right": ("lat_action",)}  # which alone the rules don't read
 _CLEAR = 0.2  # by which the largest share leads
 _FIELD = re.compile(
     r"(?P<key>[\"']?(?:[^\W\d_]|[^\W\d][\w /-]{0,28}\w)[\"']?)\s*[:=]\s*"
-    r"(?P<value>[\"']?(?:true|false|yes|no|[✓✔☑✗✘☒]|\d+(?:\.\d+)?\s*%?)[\"']?)"
-    r"(?=\s*(?:[,;}\]\n|]|\.(?:\s|$)|$))",
+    r"(?P<value>[\"']?(?:true|false|yes|no|" + "|".join(_REFUSED) + r"|[✓✔☑✗✘☒]|\d+(?:\.\d+)?\s*%?)[\"']?)"
+    r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$))",
     re.IGNORECASE,
 )
 _ITEM = re.compile(
