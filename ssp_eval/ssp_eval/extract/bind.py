@@ -19,6 +19,7 @@ _AUXILIARIES = frozenset({"may", "will", "not", "ready", "must", "is", "past", "
 
 _OURS = frozenset({"our", "my", "ego", "own", "us", "same"})
 _MAYBE = Scope.POSSIBLE | Scope.FUTURE | Scope.LATER | Scope.IMAGINED | Scope.INTENDED
+_PACES = frozenset({"speed", "pace", "tempo"})
 _PRESENT = frozenset({"is", "has", "have", "are"})
 ENDS_WITHIN = 6  # hits behind a conflict in which it is said to be over
 _SPEED_ACTIONS = frozenset({"stop", "decelerate", "maintain", "straight", "both"})
@@ -111,7 +112,7 @@ class Binder(Clause):
             return
         self.busy = self.void = False
         self.clause = index + 1
-        if hit.value in (";", ":", "|", "{") and (
+        if hit.value in (";", ":", "|", "{", ">") and (
             self.field not in ("motion", "position", "conflict")
         ):
             self.subject = None
@@ -343,6 +344,9 @@ class Binder(Clause):
             self.states.append(hit)
             return
         owner = self._owner(index)
+        if owner is None and not _PACES.isdisjoint(self.words[hit.first : hit.stop]):
+            self._noun(index, hit._replace(kind="noun", value="maintain"), flags)
+            return  # same speed, of the VUT
         if owner is None or self.void or (self.subject is EGO and self.near is None):
             return
         if not flags & ~(Scope.REJECTED | Scope.FUTURE | Scope.LATER):

@@ -13,7 +13,9 @@ MAX_FIELD = 6  # words of a field's name
 MAX_VALUE = 4
 _BARE = {"straight": "straight", "maintain": "maintain", "left": "left", "right": "right",
          "keep lane": "straight", "stop": "stop", "decelerate": "decelerate", "keep": "maintain",
-         "accelerate": "accelerate", "keep speed": "maintain", "hold": "maintain"}  # fmt: skip
+         "accelerate": "accelerate", "keep speed": "maintain", "hold": "maintain",
+         "go": "accelerate", "resume": "accelerate", "standstill": "stop", "halt": "stop",
+         "accel": "accelerate", "decel": "decelerate", "coast": "decelerate"}  # fmt: skip
 _ORDINALS = frozenset({"1", "2", "3", "4", "5", "6", "a", "b", "first", "second", "third"})
 _ACTIONS = {"stop": "lon", "decelerate": "lon", "maintain": "lon", "accelerate": "lon",
             "left": "lat", "straight": "lat", "right": "lat"}  # fmt: skip
@@ -26,6 +28,9 @@ _LOW = frozenset({"low", "down", "safe", "appropriate", "into", "moderate"})
 _BEFORE_NAMES = frozenset({"the", "our", "ego", "its", "now", "and", "3", "2", "1", "4"})
 _OPEN = frozenset({"none", "keep", "hold", "same"})  # of speed, or of the lane
 _MOTOR = frozenset({"motorbike", "motorcycle", "moped", "scooter", "dirt"})
+_UNITS = frozenset({"km", "h", "kph", "mph", "kmh", "m", "s"})
+_LENGTHS = frozenset({"m", "o", "s", "metres", "meters", "metre", "meter", "seconds", "clock"})
+_SPEED_LABELS = frozenset({"speed", "velocity"})
 _MODALS = frozenset({"to", "we", "i", "must", "should", "will", "and"})
 _LEADING = frozenset({"lead", "leading", "preceding", "front"})
 _PLACES = {"left": "left", "right": "right", "front": "front", "rear": "rear", "ahead": "front",
@@ -93,6 +98,9 @@ class _Reader:
 
     def _phrase(self, at: int) -> int:
         words = self.words
+        changed = self._change(at)
+        if changed is not None:
+            return changed
         entry, stop = self.known.longest(words, at)
         if words[at] in ("left", "right") and stop <= at + 1 and self._follows_user(at):
             return self._put("place", words[at], "", at, at + 1)
@@ -120,6 +128,30 @@ class _Reader:
         else:
             self._put(entry.kind, entry.value, entry.form, at, stop)
         return stop
+
+    def _change(self, at: int) -> int | None:
+        """Takes a change of speed in numbers: 50 > 35, from 50 to 35."""
+        words = self.words
+        opens = words[at] == "from"
+        at_first = at + opens
+        if not _is_number(words[at_first : at_first + 1]):
+            return None
+        here = at_first + 1
+        while words[here : here + 1] and words[here] in _UNITS:
+            here += 1
+        if words[here : here + 1] != (["to"] if opens else [">"]):
+            return None
+        last = here + 1
+        if not _is_number(words[last : last + 1]):
+            return None
+        while words[last + 1 : last + 2] == [">"] and _is_number(words[last + 2 : last + 3]):
+            last += 2
+        unit = words[last + 1 : last + 3]
+        if unit[:1] and unit[0] in _LENGTHS and unit != ["m", "s"]:
+            return None
+        old, new = float(words[at_first]), float(words[last])
+        action = "accelerate" if new > old else "decelerate" if new < old else "maintain"
+        return self._put("noun", action if new else "stop", "", at, last + 1)
 
     def _follows_user(self, at: int) -> bool:
         """Whether a bare side says where somebody is: pedestrian, left, waiting; van (right)."""
@@ -253,6 +285,11 @@ class _Reader:
             return self._put("place", _PLACES[words[at]], "value", at, at + 1)
         if slot not in _LEVELS:
             return at
+        if _is_number(words[at : at + 1]) and float(words[at]) == 0.0 and slot != "conflict":
+            speed = not _SPEED_LABELS.isdisjoint(words[self.hits[-1].first : at])
+            if slot == "lat_action" or (speed and words[at + 1] in MARKS):
+                said = "straight" if slot == "lat_action" else "stop"
+                return self._put("action", said, "value", at, at + 1)
         while at < self.count and words[at] in ('"', "[", "("):
             at = self._put("mark", words[at], "", at, at + 1)
         stop = at
@@ -295,6 +332,10 @@ class _Reader:
             and last[1].value == ","
             and last[0].stop == at - 1
         )
+
+
+def _is_number(words: list[str]) -> bool:
+    return bool(words) and words[0].replace(".", "", 1).isdecimal()
 
 
 def sentences(hits: list[Hit]) -> list[tuple[int, int]]:
