@@ -91,6 +91,10 @@ class Binder(Clause):
             self._state(index, hit, flags)
         elif kind == "braked_in_lane":
             actor = self._owner(index)
+            sides = {"left", "right"} & set(self.words[hit.first : hit.stop])
+            if sides and not self.planned and actor is not None and self.subject is not EGO:
+                self._place(index, hit._replace(kind="place", value=sides.pop()), flags)
+                return  # a van in the right lane
             if actor is not None:
                 ours = not _OURS.isdisjoint(self.words[hit.first : hit.stop])
                 actor.matters = actor.matters or ours
@@ -489,7 +493,8 @@ class Binder(Clause):
         if kind == "intrude" or (kind in ("drift", "go", "step") and "into_ours" in names):
             word = CROSSING if people else CUTTING_IN
             return f"{word}_from_{side}" if side else word
-        if kind == "drift" and not both:
+        enters = light and self.words[hit.first].startswith("enter")
+        if kind == "drift" and not both and not enters:
             names.discard("across")
         if kind in ("step", "go", "drift") and (both or "across" in names):
             side = side or _OTHER_SIDE.get(end, "")

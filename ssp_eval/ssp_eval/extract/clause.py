@@ -204,7 +204,7 @@ class Clause:
     def _is_a(self, index: int, hit: Hit) -> Actor | None:
         """The vehicle that matters is a truck: the one who was called a vehicle."""
         before, actor = self._before(index), self.subject
-        if hit.form != "a" or before.value != "is" or hit.first - before.stop > 3:
+        if hit.form not in ("a", "the") or before.value != "is" or hit.first - before.stop > 3:
             return None
         if not isinstance(actor, Actor) or actor.noun not in ("vehicle", "car"):
             return None
