@@ -133,7 +133,7 @@ def _critical(objects: list[Actor]) -> Actor | None:
 def _position(actor: Actor, frames: bool) -> Found | None:
     """The last sentence's place, put together from its parts: ahead + on the right."""
     places = [place for place in actor.places if place.value != "beside"]
-    if not places and actor.hints and not actor.places:
+    if not places and actor.hints and not actor.places and not actor.parked:
         return actor.hints[-1].value, (actor.hints[-1],)
     if not places:
         return None
