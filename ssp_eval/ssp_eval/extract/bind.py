@@ -20,10 +20,6 @@ _AUXILIARIES = frozenset({"may", "will", "not", "ready", "must", "is", "past", "
 _OURS = frozenset({"our", "my", "ego", "own", "us", "same"})
 _MAYBE = Scope.POSSIBLE | Scope.FUTURE | Scope.LATER | Scope.IMAGINED | Scope.INTENDED
 _PACES = frozenset({"speed", "pace", "tempo"})
-_PRESENT = frozenset({"is", "has", "have", "are"})
-ENDS_WITHIN = 6  # hits behind a conflict in which it is said to be over
-_SPEED_ACTIONS = frozenset({"stop", "decelerate", "maintain", "straight", "both"})
-_STANDS = frozenset({"wait", "trail"})
 _OTHER_SEX = {"he": "she", "she": "he"}
 _FRAMES = frozenset({"frame", "frames", "image", "picture", "t"})
 _ORDINALS = frozenset({"first", "second", "third", "last", "latest", "newest", "final"})
@@ -275,28 +271,15 @@ class Binder(Clause):
 
     # --- places and movements
 
-    def _queues(self, index: int, flags: Scope) -> bool:
-        """Whether "behind the van" is where the VUT is or stops, so that the van is ahead."""
-        if flags & ~(Scope.REJECTED | Scope.INTENDED):
-            return False
-        hit = self.hits[index]
-        for before in self._back(index, 6):
-            if before.kind == "verb" and hit.first - before.stop < 8:
-                meaning = self.known.verbs[before.value]
-                return meaning.ego in _SPEED_ACTIONS or before.value in _STANDS
-            if before.kind in ("user", "pronoun"):
-                return False
-        return False
-
     def _path(self, index: int, hit: Hit) -> None:
         """In our path, from the right: remembered for what follows."""
         owner = self._owner(index)
         before = self._before(index)
         if before.kind == "mark" and before.value == ",":
             before = self._before(index - 1)
-        if hit.kind == "from" and before.kind == "user" and hit.first - before.stop < 3 and (
-            owner is not None and not self.flags[index] and "lane" not in self.words[hit.first : hit.stop]
-        ):  # fmt: skip
+        bare = before.kind == "user" and hit.first - before.stop < 3 and not self.flags[index]
+        lane = "lane" in self.words[hit.first : hit.stop]
+        if hit.kind == "from" and bare and owner is not None and not lane:
             owner.origin = self._said(hit.value, hit)
         if hit.kind == "goal" and self.words[hit.first] in ("in", "inside") and owner is not None:
             self.in_path = self.was_in_path = (owner, hit)
@@ -400,6 +383,9 @@ class Binder(Clause):
             return
         if self.plan.act(hit, flags, self.step, self._strong()):
             self.planned.append(hit)
+            if self.in_path is not None and self._before(index).value == "must":
+                actor, place = self.in_path
+                actor.conflicts.append(self._said("active", place))
             if self.subject is None:
                 self.subject = EGO
         elif self.subject is None and not meaning.ego:
@@ -510,11 +496,6 @@ class Binder(Clause):
             return ALONG
         return None
 
-    def _comes_straight(self, hit: Hit, goals: list[Hit]) -> bool:
-        """Whether somebody comes from the side, as on the cross street, not from a lane."""
-        lane = any("lane" in self.words[goal.first : goal.stop] for goal in goals)
-        return not lane and self.words[hit.first].startswith(("com", "approach", "circul", "emerg"))
-
     # --- actions, conflicts, salience
 
     def _noun(self, index: int, hit: Hit, flags: Scope) -> None:
@@ -589,24 +570,6 @@ class Binder(Clause):
             self.world.loose.append(said)
         else:
             owner.conflicts.append(said)
-
-    def _has_ended(self, index: int) -> bool:
-        """Whether what is named is over: the conflict with the van ahead has now cleared."""
-        ends = self.known.sets["ended"]
-        for at in range(index + 1, min(index + ENDS_WITHIN, self.stop)):
-            hit = self.hits[at]
-            if hit.kind == "cue" and self.words[hit.first] in _PRESENT and not self.flags[at]:
-                behind = self.words[hit.stop : hit.stop + 3]
-                return "not" not in behind and not ends.isdisjoint(behind)
-            if hit.kind not in ("user", "place", "ego", "state", "risk", "conflict") and (
-                hit.value not in ("parked", "oncoming")
-            ):  # fmt: skip
-                return False
-        return False
-
-    def _unless(self) -> bool:
-        """Whether something happens unless something is done: without braking."""
-        return not self.known.sets["words_of_certainty"].isdisjoint(self._sentence())
 
     def _salience(self, index: int, hit: Hit, flags: Scope) -> None:
         owner = self._owner(index)

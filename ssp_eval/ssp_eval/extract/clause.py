@@ -10,6 +10,10 @@ from ssp_eval.extract.world import Actor, Plan, Statement, World
 EGO = "ego"
 SCENE = "scene"
 REACH = 24  # hits that a look along the sentence covers, so that the whole stays linear
+_SPEED_ACTIONS = frozenset({"stop", "decelerate", "maintain", "straight", "both"})
+_STANDS = frozenset({"wait", "trail"})
+_PRESENT = frozenset({"is", "has", "have", "are"})
+ENDS_WITHIN = 6  # hits behind a conflict in which it is said to be over
 _GOALS = frozenset({"goal", "from", "across", "towards", "place"})
 PEOPLE = frozenset({"pedestrian"})
 RIDERS = frozenset({"pedestrian", "cyclist", "motorcycle"})
@@ -223,7 +227,10 @@ class Clause:
         if hit.form == "another":
             return None
         single = noun.removesuffix("s")
+        labelled = noun.rpartition(" ")[2] in self.known.sets["labels"]
         for actor in reversed(self.world.actors[-24:]):
+            if labelled and actor.noun != noun:
+                continue  # vehicle B isn't the vehicle
             if actor.noun.startswith(f"{noun} ") and actor.name == "cyclist":
                 return actor  # a child on a bike: the child
             if (noun, actor.name) in _CALLED and hit.form == "the":
@@ -256,3 +263,39 @@ class Clause:
         actor = Actor(hit.value, len(self.world.actors), noun, colour, plural)
         self.world.actors.append(actor)
         return actor
+
+    def _queues(self, index: int, flags: Scope) -> bool:
+        """Whether "behind the van" is where the VUT is or stops, so that the van is ahead."""
+        if flags & ~(Scope.REJECTED | Scope.INTENDED):
+            return False
+        hit = self.hits[index]
+        for before in self._back(index, 6):
+            if before.kind == "verb" and hit.first - before.stop < 8:
+                meaning = self.known.verbs[before.value]
+                return meaning.ego in _SPEED_ACTIONS or before.value in _STANDS
+            if before.kind in ("user", "pronoun"):
+                return False
+        return False
+
+    def _has_ended(self, index: int) -> bool:
+        """Whether what is named is over: the conflict with the van ahead has now cleared."""
+        ends = self.known.sets["ended"]
+        for at in range(index + 1, min(index + ENDS_WITHIN, self.stop)):
+            hit = self.hits[at]
+            if hit.kind == "cue" and self.words[hit.first] in _PRESENT and not self.flags[at]:
+                behind = self.words[hit.stop : hit.stop + 3]
+                return "not" not in behind and not ends.isdisjoint(behind)
+            if hit.kind not in ("user", "place", "ego", "state", "risk", "conflict") and (
+                hit.value not in ("parked", "oncoming")
+            ):  # fmt: skip
+                return False
+        return False
+
+    def _comes_straight(self, hit: Hit, goals: list[Hit]) -> bool:
+        """Whether somebody comes from the side, as on the cross street, not from a lane."""
+        lane = any("lane" in self.words[goal.first : goal.stop] for goal in goals)
+        return not lane and self.words[hit.first].startswith(("com", "approach", "circul", "emerg"))
+
+    def _unless(self) -> bool:
+        """Whether something happens unless something is done: without braking."""
+        return not self.known.sets["words_of_certainty"].isdisjoint(self._sentence())

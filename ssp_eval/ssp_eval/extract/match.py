@@ -20,8 +20,24 @@ _ORDINALS = frozenset({"1", "2", "3", "4", "5", "6", "a", "b", "first", "second"
 _ACTIONS = {"stop": "lon", "decelerate": "lon", "maintain": "lon", "accelerate": "lon",
             "left": "lat", "straight": "lat", "right": "lat"}  # fmt: skip
 _DETERMINERS = frozenset(
-    {"its", "the", "a", "an", "this", "that", "their", "his", "no", "any", "right", "left", "at", "from",
-     "into", "of"}
+    {
+        "its",
+        "the",
+        "a",
+        "an",
+        "this",
+        "that",
+        "their",
+        "his",
+        "no",
+        "any",
+        "right",
+        "left",
+        "at",
+        "from",
+        "into",
+        "of",
+    }
 )
 _CROSSED = frozenset({"from", "the", "our", "in", "left", "right", "l", "r", "slowly"})
 _NOT_RELEVANT = frozenset({"no", "none", "low", "irrelevant", "not", "background", "ignore"})

@@ -18,7 +18,9 @@ _SIDES = {"left": ("lat_action",), "right": ("lat_action",)}  # which alone the 
 _CLEAR = 0.2  # by which the largest share leads
 _FIELD = re.compile(
     r"(?P<key>[\"']?(?:[^\W\d_]|[^\W\d][\w /-]{0,28}\w)[\"']?)\s*[:=]\s*"
-    r"(?P<value>[\"']?(?:true|false|yes|no|" + "|".join(_REFUSED) + r"|[✓✔☑✗✘☒]|\d+(?:\.\d+)?\s*%?)[\"']?)"
+    r"(?P<value>[\"']?(?:true|false|yes|no|"
+    + "|".join(_REFUSED)
+    + r"|[✓✔☑✗✘☒]|\d+(?:\.\d+)?\s*%?)[\"']?)"
     r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$))",
     re.IGNORECASE,
 )
