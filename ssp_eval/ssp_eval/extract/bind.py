@@ -15,8 +15,6 @@ _OTHER_SIDE = {"left": "right", "right": "left"}
 _ENDANGERS = frozenset({"cross", "intrude", "drift", "step", "leave"})
 _UNSAFE = frozenset({"open", "accelerate", "hide"})
 _AUXILIARIES = frozenset({"may", "will", "not", "ready", "must", "is", "past", "intend"})
-
-
 _OURS = frozenset({"our", "my", "ego", "own", "us", "same"})
 _MAYBE = Scope.POSSIBLE | Scope.FUTURE | Scope.LATER | Scope.IMAGINED | Scope.INTENDED
 _PACES = frozenset({"speed", "pace", "tempo"})
@@ -500,8 +498,9 @@ class Binder(Clause):
 
     def _noun(self, index: int, hit: Hit, flags: Scope) -> None:
         theirs = isinstance(self.subject, Actor) and not self.planned and not self._strong()
-        if theirs and hit.value == "maintain" and not flags and self._adjoins(index):
-            self.subject.motions.append(self._said("same_direction", hit))  # lorry, steady 80
+        steady = theirs and hit.value == "maintain" and not flags and self._adjoins(index)
+        if steady and isinstance(self.subject, Actor):  # lorry, steady 80
+            self.subject.motions.append(self._said("same_direction", hit))
         if (theirs and hit.kind == "noun") or self._hindered(index, hit):
             return
         if self.field in ("motion", "position", "objects") and hit.kind == "noun":
