@@ -146,7 +146,7 @@ def test_report_and_figures_name_it(
     assert "blind" in (tmp_path / "figures" / "matrix_controls.svg").read_text()
     others = [file for file in (tmp_path / "figures").glob("*.svg") if "controls" not in file.name]
     assert others
-    assert all("blind" not in file.read_text() for file in others)
+    assert all("+blind" not in file.read_text() for file in others)
 
 
 def test_no_condition_is_put_on_top_of_being_blind() -> None:

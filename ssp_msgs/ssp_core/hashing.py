@@ -8,6 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+# Of a file that is hashed.
+BLOCK_BYTES = 1 << 16
+
 
 def sha256_bytes(data: bytes) -> str:
     """``sha256:<hex>`` of the bytes."""
@@ -38,7 +41,7 @@ def sha256_file(path: str | Path, on_block: Callable[[], None] = lambda: None) -
     """
     digest = hashlib.sha256()
     with open(path, "rb") as stream:
-        while block := stream.read(1 << 16):
+        while block := stream.read(BLOCK_BYTES):
             on_block()
             digest.update(block)
     return "sha256:" + digest.hexdigest()

@@ -24,7 +24,7 @@ from ssp_eval.evaluate.cell_file import (
     SEAL,
     sealed,
 )
-from ssp_eval.evaluate.models import BLIND, REASONING
+from ssp_eval.evaluate.models import BLIND, REASONING, REPEAT
 from ssp_eval.evaluate.requests import RAW_FILE, REQUESTS_FILE, asked_again
 from ssp_eval.extract import extractor_hash
 from ssp_eval.observations.files import check_seal
@@ -478,7 +478,11 @@ class Chains:
         condition = str(facts.get("condition", ""))
         if condition == BLIND:
             self.notes.append(f"{entry.path}: a control, the frames of its requests weren't shown")
-        elif condition and "twin" not in hashes and not condition.startswith(REASONING):
+        elif (
+            condition not in ("", REPEAT)
+            and "twin" not in hashes
+            and not condition.startswith(REASONING)
+        ):
             # Blackened frames are in no recording, and shuffled ones stand at other stamps.
             self.notes.append(f"{entry.path}: a control, its frames are {condition}")
             recording = None
