@@ -274,14 +274,17 @@ rclpy.spin(node)
 
 
 def test_its_last_word_waits_for_a_reader_that_hangs_but_not_for_ever(
-    peers: Peers, run_file: Path, manager: subprocess.Popen[str], domain: int
+    peers: Peers, run_file: Path, manager: subprocess.Popen[str], domain: int, tmp_path: Path
 ) -> None:
     bring(peers, run_file, "ARMED")
     command, env = [sys.executable, "-c", READER], session_environment(domain)
-    reader = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True)
+    heard = tmp_path / "heard"
+    with heard.open("w") as out:
+        reader = subprocess.Popen(command, env=env, stdout=out)
     try:
-        assert reader.stdout is not None
-        assert reader.stdout.readline() == "heard\n"
+        # The others go on meanwhile: silence would end the session, and with it the last word.
+        peers.spin_until(lambda: "heard" in heard.read_text(), "the reader to hear the session")
+        assert peers.seen[-1].state == msg.SessionState.STATE_ARMED
         reader.send_signal(signal.SIGSTOP)
         began = time.monotonic()
         manager.send_signal(signal.SIGTERM)
@@ -289,7 +292,7 @@ def test_its_last_word_waits_for_a_reader_that_hangs_but_not_for_ever(
         assert time.monotonic() - began >= LAST_WORD_S
     finally:
         reader.kill()
-        reader.communicate()
+        reader.wait()
 
 
 STRANGE = {
