@@ -205,8 +205,8 @@ def test_the_evaluator_s_node_takes_a_models_file(make_bag: BagMaker, tmp_path: 
     told = [line.removeprefix("cut_in__simulation__") for line in run.stdout.splitlines()]
     assert told == [
         "mine: ok", "mine+black: ok", "mine+shuffled: ok",
-        *(f"mine+{name}: ok" for name in PICTURES), "constant_velocity: ok",
-        "copy_history: ok", "perfect: ok", "silent: ok",
+        *(f"mine+{name}: ok" for name in PICTURES), "mine+repeat: ok",
+        "constant_velocity: ok", "copy_history: ok", "perfect: ok", "silent: ok",
     ]  # fmt: skip
     assert "of these 54 for controls" in run.stderr
     assert "(-p controls:=false leaves them out)" in run.stderr

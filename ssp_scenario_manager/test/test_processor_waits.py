@@ -100,3 +100,9 @@ def test_what_the_kernel_says_of_a_process_is_read() -> None:
         pytest.skip("this kernel doesn't count waits")
     assert (waited_ns(os.getpid()) or 0) >= 0
     assert waited_ns(2**22 + 1) is None
+
+
+def test_what_counts_losses_has_no_time_to_wait_for() -> None:
+    assert (
+        waits(900, node="monitor").too_busy(int(SafetyCode.RECORDER), "monitor", 0.0, 10 * S) == ""
+    )

@@ -81,7 +81,7 @@ class ProcessorWaits:
         Returns:
             The reason; empty where no node of theirs waited for so long that it could be one.
         """
-        if code not in _OF_WAITING:
+        if code not in _OF_WAITING or limit_s <= 0.0:  # what counts losses is no time
             return ""
         since_ns = at_ns - seconds_to_ns(limit_s + WINDOW_S)
         until_ns = at_ns + seconds_to_ns(WINDOW_S)
