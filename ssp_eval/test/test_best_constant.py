@@ -17,9 +17,9 @@ from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.models import BEST_CONSTANT, bridge_spec
 from ssp_eval.extract.engine import extract
 from ssp_eval.figures.scores import Scores
-from ssp_eval.score.constant import Plan, Scene, _records, best_constant
 from ssp_eval.score.engine import score_cells
 from ssp_eval.score.thresholds import DEFAULT
+from ssp_eval.statistics.best_constant import Plan, Scene, _records, best_constant
 from ssp_eval.statistics.constants import BELOW, constants_in
 from ssp_eval.statistics.domains import NO_UNITS, NOT_OWED
 from ssp_eval.statistics.notices import notices

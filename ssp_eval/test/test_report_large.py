@@ -209,7 +209,7 @@ def test_a_reason_can_t_break_the_data(source: Path) -> None:
     lost = {"status": "failed", "reasons": [reason]}
     resealed(source / "cells" / "cut_in__simulation__perfect", lambda facts: facts.update(lost))
     page = write_report(source, most=0).read_text()
-    assert reason in [row[-1] for row in rows(page)["rows"]]
+    assert any(reason in row for row in rows(page)["rows"])
     assert "<" not in page.split('id="rows">')[1].split("</script>")[0]
 
 

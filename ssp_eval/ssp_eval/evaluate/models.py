@@ -38,7 +38,7 @@ CONTROLS: dict[str, dict[str, Any]] = {
     "silent": {},
     "recorded": {},
 }
-# The best blind constant of a scenario (score/constant.py): chosen from labels, asked by nobody.
+# The best blind constant of a scenario (statistics/best_constant.py), chosen from labels.
 BEST_CONSTANT = "best_constant"
 # Whatever such a bridge is called, it is no model; a recording may be of one.
 NEVER_MODELS = frozenset({"perfect", "silent"})

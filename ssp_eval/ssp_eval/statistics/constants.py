@@ -13,8 +13,8 @@ from ssp_eval.data.labels import Labels
 from ssp_eval.evaluate.models import BEST_CONSTANT
 from ssp_eval.evaluate.results import CellData
 from ssp_eval.score.aggregate import EQUAL, Cell, Mean, mean, means
-from ssp_eval.score.constant import Constant, best_constant
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
+from ssp_eval.statistics.best_constant import Constant, best_constant
 from ssp_eval.statistics.rows import GIVEN, OK, CellRow, merged, scale
 from ssp_eval.statistics.table import COUNT, Column, Table, Value, metric_columns
 
