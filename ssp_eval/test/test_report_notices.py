@@ -155,7 +155,10 @@ def test_domains_that_one_renderer_drew_are_told(campaign: Path) -> None:
     for folder in campaign.glob("cells/cut_in__physical__*"):
         # As of a camera on a vehicle.
         resealed(folder, lambda facts: facts["clip"].update(renderer=None))
-    assert "drew the pictures" not in write_report(campaign).read_text()
+        resealed(folder, lambda facts: facts["clip"].update(accepted=["cut_pictures"]))
+    page = " ".join(write_report(campaign).read_text().split())
+    assert "drew the pictures" not in page
+    assert "Accepted as it is at import: cut_pictures in cut_in / physical." in page
 
 
 def test_who_drew_a_recording_is_known_of_ours_and_of_what_names_a_generator(

@@ -64,11 +64,12 @@ class InputError(SspError):
         """One error that names all of these, each with its field, value and remedy.
 
         Args:
-            errors: at least one; their own files aren't named.
+            errors: at least one; each names its own file where that is another one.
         """
         if len(errors) == 1:
             return errors[0].in_file(file)
-        told = [error.in_file(None) for error in errors]
+        here = (None, None if file is None else str(file))
+        told = [error.in_file(None) if error.file in here else error for error in errors]
         lines = "".join(f"\n  {one}" for one in told[:_MOST_TOLD])
         more = len(told) - _MOST_TOLD
         return cls(
@@ -79,8 +80,9 @@ class InputError(SspError):
     def in_file(self, file: str | Path | None) -> InputError:
         """The same error, which stands in that file."""
         return InputError(
-            self.problem, file=file, field=self.field, value=self.value, remedy=self.remedy
-        )
+            self.problem, file=file, line=self.line, field=self.field, value=self.value,
+            remedy=self.remedy,
+        )  # fmt: skip
 
     def _message(self) -> str:
         place = self.file or ""

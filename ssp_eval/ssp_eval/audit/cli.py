@@ -12,7 +12,7 @@ from rich.table import Table
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
-from ssp_eval.audit.judge import check_domains, judge
+from ssp_eval.audit.judge import ACCEPTED, check_domains, judge
 from ssp_eval.audit.page import render
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.data.audit import AUDIT_FILE, HARDLY_VISIBLE_PX, PAGE_FILE, Audit, RecordingEntry
@@ -161,8 +161,10 @@ def show(found: Audit) -> None:
                 f"{', '.join(f'{t_s:.2f}' for t_s in times_s)} s"
             )
         console.note(f"{r.domain}: {r.domain_said_by}")
-        if "clip" in r.disclosures:
-            console.note(f"{r.domain}: {r.disclosures['clip']}")
+        for name in ("clip", ACCEPTED):
+            if name in r.disclosures:
+                about = f"{name}: " if name == ACCEPTED else ""
+                console.note(f"{r.domain}: {about}{r.disclosures[name]}")
         if r.stand_in:
             console.note(f"{r.domain} is a software stand-in, not a vehicle")
         for contradiction in r.contradictions:

@@ -47,6 +47,7 @@ from ssp_scenario_manager.event_spec.log import Record
 from ssp_scenario_manager.event_spec.model import Event
 
 RENDERER = "renderer"
+ACCEPTED = "accepted at import"
 NO_RENDERER = "none is known"
 
 
@@ -116,6 +117,8 @@ def _of_import(facts: Provenance) -> dict[str, str]:
         found["site"] = f"{imported.site.name}, {imported.site.block}"
     if imported.states is not None and imported.states.notes:
         found["states"] = "; ".join(imported.states.notes)
+    if imported.accepted:
+        found[ACCEPTED] = imported.accepted_text
     return found
 
 

@@ -103,6 +103,13 @@ class ImportedSite(Strict):
     right_boundary: Literal["kerb", "sidewalk", "shoulder", "verge", "unresolved"]
 
 
+class AcceptedFinding(Strict):
+    """A finding of an import that a person took as it is (``--accept``)."""
+
+    name: Words
+    text: Words = Field(description="where, what and how much of it")
+
+
 class ImportRecord(Strict):
     """``import.json``."""
 
@@ -121,6 +128,7 @@ class ImportRecord(Strict):
     log: LogDeclaration | None = None
     states: ImportedStates | None = None
     site: ImportedSite | None = None
+    accepted: list[AcceptedFinding] = []
 
     @model_validator(mode="after")
     def _objects_are_apart(self) -> ImportRecord:
@@ -131,6 +139,16 @@ class ImportRecord(Strict):
     @property
     def source_name(self) -> str:
         return str(self.source.get("name"))
+
+    @property
+    def accepted_names(self) -> list[str]:
+        """Names of what was accepted as it is, each once."""
+        return list(dict.fromkeys(one.name for one in self.accepted))
+
+    @property
+    def accepted_text(self) -> str:
+        """What was accepted as it is, for people; empty: nothing."""
+        return "; ".join(f"{one.name}: {one.text}" for one in self.accepted)
 
     @property
     def source_sha256(self) -> str | None:
@@ -375,6 +393,8 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
     crop = " to ".join(_seconds(record.crop.get(key)) for key in ("start_s", "end_s")) + " s"
     kind = record.source.get("kind", "video")
     declared = record.declaration
+    names = ", ".join(record.accepted_names)
+    accepted = f", accepted as it is: {names}" if names else ""
     return Provenance(
         name=bag_folder(bag.path).name,
         bag_sha256=digest,
@@ -382,7 +402,7 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
         domain=record.domain,
         domain_said_by="declared by nobody" if declared is None else declared.text,
         event_version=record.event_version,
-        origin=f"{kind} {record.source_name}, {crop}, made by {record.generator}",
+        origin=f"{kind} {record.source_name}, {crop}, made by {record.generator}{accepted}",
         stand_in=False,
         ego=record.ego.provenance,
         camera=record.camera.provenance,

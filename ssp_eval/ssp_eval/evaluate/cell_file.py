@@ -392,6 +392,7 @@ def _clip_facts(labelled: LabelledClip, out: Path) -> dict[str, Any]:
         "verdict": facts.verdict,
         "ego": facts.ego,
         "camera": facts.camera,
+        "accepted": [] if facts.imported is None else facts.imported.accepted_names,
         "geometry": None if camera is None else asdict(camera),
         "mount_forward_m": None if mount is None else mount.forward_m,
         "mount_left_m": 0.0 if mount is None else mount.left_m,

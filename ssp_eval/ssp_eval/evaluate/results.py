@@ -76,6 +76,8 @@ class ClipFacts(_Part):
     verdict: str | None
     ego: str
     camera: str
+    # Findings of the import that a person took as they are; none in cells of an earlier version.
+    accepted: list[str] = []
     geometry: GeometryFacts | None
     mount_forward_m: Finite | None
     mount_left_m: Finite = 0.0

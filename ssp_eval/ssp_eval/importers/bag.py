@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # scipy has no types
 
-from ssp_core.bag.images import decode_still
+from ssp_core.bag.images import JPEG_END, decode_still
 from ssp_core.bag.images import size_px as size_of_image
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.writer import BagWriter
@@ -24,6 +24,7 @@ from ssp_core.names import VUT_ID
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Intrinsics, Mounting
 from ssp_eval.importers import target
+from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.importers.options import ALL, ImportOptions
 from ssp_eval.importers.ros_bag import (
     TF_STATIC,
@@ -218,7 +219,8 @@ def import_bag(
     check_free(options.clip.out)
     ids = tuple(options.objects)
     options.clip.check_ids(ids)
-    with SourceBag(options.bag) as bag:
+    findings = Findings(options.clip.accepted)
+    with findings.listed(options.bag), SourceBag(options.bag) as bag:
         bag.check_topic(options.camera, IMAGES)
         poses = {
             name: read_poses(bag, topic, options.clock, options.datum)
@@ -237,7 +239,9 @@ def import_bag(
         started(len(clip.kept))
         return make_bag(
             options.clip.out,
-            lambda writer: _write(writer, options, bag, poses, tracks, clip, notes, advance),
+            lambda writer: _write(
+                writer, options, bag, poses, tracks, clip, notes, findings, advance
+            ),
         )
 
 
@@ -360,13 +364,14 @@ def _write(
     tracks: list[Track],
     clip: _Clip,
     notes: list[str],
+    findings: Findings,
     advance: Callable[[int], None],
 ) -> ImportSummary:
     writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
     kind = bag.types[options.camera]
     size_px = (0, 0)
     camera = CameraFacts()
-    count = 0
+    count, cut_ns = 0, list[int]()
     for place, (_, data) in enumerate(bag.raw(options.camera)):
         stamp_ns = clip.kept.get(place)
         if stamp_ns is None:
@@ -379,6 +384,8 @@ def _write(
             elif found_px != size_px:
                 raise ValueError(f"{found_px[0]}x{found_px[1]} px, not {size_px[0]}x"
                                  f"{size_px[1]} as the first")  # fmt: skip
+            if is_cut(image):
+                cut_ns.append(stamp_ns)
             shown = _stored(image)
         except ValueError as error:
             at_s = ns_to_seconds(stamp_ns - clip.first_ns)
@@ -397,6 +404,17 @@ def _write(
         count += 1
         writer.write(IMAGE, target.image(stamp_ns, shown), stamp_ns, stamp_ns, count)
         advance(1)
+    if cut_ns:
+        findings.add(
+            Finding(
+                "cut_pictures",
+                f"{len(cut_ns)} of {count} JPEGs are cut off, the first at "
+                f"{ns_to_seconds(cut_ns[0] - clip.first_ns):.3f} s of the clip",
+                "cut the span out with --start and --end",
+                options.bag,
+                options.camera,
+            )
+        )
     write_states(writer, {track.body.object_id: track.states() for track in tracks})
     digest = bag.sha256()
     motion = measured_motion(options.clip.motion, tracks, options.bag.name, digest, notes)
@@ -408,7 +426,9 @@ def _write(
         | {"camera": options.camera},
         "clock": options.clock,
     }
-    record = attach_record(writer, options.clip.declared, source, clip.crop_s, camera, motion)
+    record = attach_record(
+        writer, options.clip.declared, source, clip.crop_s, camera, motion, findings
+    )
     duration_s = ns_to_seconds(clip.last_ns - clip.first_ns)
     return ImportSummary(
         options.clip.out, count, clip.keep_every, clip.rate_hz, duration_s, size_px, record
@@ -419,6 +439,11 @@ def _size(image: ImageMessage) -> tuple[int, int]:
     if image.layout is not None:
         return image.layout.width_px, image.layout.height_px
     return size_of_image(image.data)
+
+
+def is_cut(image: ImageMessage) -> bool:
+    """Whether a JPEG ends before its picture does."""
+    return image.layout is None and bytes(image.data).rfind(JPEG_END) < 0
 
 
 def _stored(image: ImageMessage) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from ssp_core.options import Number
 from ssp_core.vocabulary import OBJECTS, ObjectClass
 from ssp_core.world.camera import Mounting
 from ssp_eval.importers.bag import BagOptions, import_bag
+from ssp_eval.importers.findings import accept_option
 from ssp_eval.importers.options import (
     MotionOptions,
     declaring,
@@ -71,6 +72,7 @@ from ssp_eval.importers.video import TableOptions, VideoOptions, import_clip
 @click.option("--camera-assumed", is_flag=True, help="The camera's values are a guess.")
 @domain_option("synthetic")
 @declaring
+@accept_option()
 @click.option(
     "--accept-damaged",
     "most_damaged",
@@ -119,7 +121,7 @@ def import_video(
             VideoOptions(video, options, camera, ego_speed, table, most_damaged),
             lambda count: bar.advance(task, count),
         )
-    finish(summary, "ssp import-video", json_)
+    finish(summary, "ssp import-video", options.accepted, json_)
 
 
 def _camera(given: Mapping[str, Any]) -> Callable[[int, int], CameraFacts]:
@@ -143,7 +145,7 @@ def _camera(given: Mapping[str, Any]) -> Callable[[int, int], CameraFacts]:
     )
 
 
-def finish(summary: ImportSummary, who: str, json_: bool) -> None:
+def finish(summary: ImportSummary, who: str, accepted: Sequence[str], json_: bool) -> None:
     """Enters the source into log L and reports: the end of both importers."""
     log_source(summary, who)
     if json_:
@@ -153,6 +155,10 @@ def finish(summary: ImportSummary, who: str, json_: bool) -> None:
         note(f"kept one frame in {summary.keep_every}: {summary.rate_hz:g} Hz")
     if damaged := summary.record.source.get("decoder_errors"):
         note(f"the decoder reported {damaged} errors: pictures may be damaged")
+    for one in summary.record.accepted:
+        note(f"accepted as it is, {one.name}: {one.text}")
+    for name in sorted(set(accepted) - set(summary.record.accepted_names)):
+        note(f"--accept {name}: nothing of that name was found")
     states = summary.record.states
     for line in [] if states is None else states.notes:
         note(line)
@@ -214,6 +220,7 @@ def finish(summary: ImportSummary, who: str, json_: bool) -> None:
 )
 @domain_option(None)
 @declaring
+@accept_option()
 @click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
 def import_bag_command(
     bag: Path,
@@ -257,7 +264,7 @@ def import_bag_command(
             lambda total: bar.update(task, total=total),
             lambda count: bar.advance(task, count),
         )
-    finish(summary, "ssp import-bag", json_)
+    finish(summary, "ssp import-bag", options.clip.accepted, json_)
 
 
 def _topic(option: str, text: str, default: str | None) -> tuple[str, ObjectClass]:

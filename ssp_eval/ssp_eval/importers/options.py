@@ -94,6 +94,7 @@ class ImportOptions:
         end_s: as start_s, exclusive for a video; None: all.
         rate_hz: at least this many frames per second are kept, None: at least 10 where the source
             has them.
+        accepted: names of findings that are taken as they are.
     """
 
     out: Path
@@ -102,6 +103,7 @@ class ImportOptions:
     rate_hz: float | None
     motion: MotionOptions
     declared: Declared
+    accepted: tuple[str, ...] = ()
 
     def check_ids(self, ids: tuple[str, ...]) -> None:
         """Raises UsageError where an option names nobody, and InputError where the objects aren't
@@ -135,7 +137,9 @@ def import_options(out: Path, given: Mapping[str, Any]) -> ImportOptions:
     start_s, end_s = given["start"], given["end"]
     if end_s is not None and start_s >= end_s:
         raise click.UsageError(f"--start {start_s:g} must lie before --end {end_s:g}")
-    return ImportOptions(out, start_s, end_s, given["rate"], _motion(given), _declared(given))
+    return ImportOptions(
+        out, start_s, end_s, given["rate"], _motion(given), _declared(given), given["accepted"]
+    )
 
 
 def adding(*options: Option) -> Option:

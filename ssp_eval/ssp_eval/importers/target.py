@@ -40,6 +40,7 @@ from ssp_eval.data.provenance import (
     ImportedStates,
     ImportRecord,
 )
+from ssp_eval.importers.findings import Findings
 from ssp_eval.importers.options import Declared, MotionOptions
 from ssp_eval.importers.road import BoundRoad, bind_road
 from ssp_eval.importers.tracks import Track
@@ -222,6 +223,7 @@ def attach_record(
     crop_s: tuple[float, float],
     camera: CameraFacts,
     motion: Motion | float | None,
+    findings: Findings,
 ) -> ImportRecord:
     """Attaches import.json, the K* and the map.
 
@@ -229,7 +231,12 @@ def attach_record(
         source: name, sha256, kind.
         crop_s: from and to, on the source's clock.
         motion: measured; the VUT's declared constant speed, m/s; or None: unknown.
+        findings: of the whole import.
+
+    Raises:
+        InputError: nobody accepts one of the findings.
     """
+    findings.check()
     ego = ImportedEgo(provenance="unknown", speed_mps=None)
     states = road = None
     if isinstance(motion, Motion):
@@ -250,6 +257,7 @@ def attach_record(
         log=declared.log,
         states=states,
         site=None if road is None else road.site,
+        accepted=findings.accepted,
     )
     data = record.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
     writer.attach(IMPORT_ATTACHMENT, data, "application/json")
@@ -277,6 +285,8 @@ def log_source(summary: ImportSummary, who: str) -> None:
         details["domain"] = f"{record.domain}, {record.declaration.text}"
     if record.log is not None:
         details["declared"] = record.log.model_dump(mode="json")
+    if record.accepted:
+        details["accepted"] = [one.model_dump() for one in record.accepted]
     entry = Record(
         kind="source",
         when=utc_now(),

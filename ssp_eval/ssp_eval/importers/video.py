@@ -22,6 +22,7 @@ from ssp_core.names import VUT_ID
 from ssp_core.video import Video, sound_video
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.importers import target
+from ssp_eval.importers.findings import Findings
 from ssp_eval.importers.options import ImportOptions
 from ssp_eval.importers.table import Table, read_table
 from ssp_eval.importers.target import (
@@ -98,13 +99,14 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
         InputError: source, crop, table or output are not usable; nothing is left behind.
     """
     check_free(options.clip.out)
-    with Video(options.video) as video:
+    findings = Findings(options.clip.accepted)
+    with findings.listed(options.video), Video(options.video) as video:
         step = _keep_every(video, options)
         damaged = _damaged(options)
         table = None if options.table is None else read_table(options.table.file)
         return make_bag(
             options.clip.out,
-            lambda writer: _write(writer, video, options, table, step, damaged, advance),
+            lambda writer: _write(writer, video, options, table, step, damaged, findings, advance),
         )
 
 
@@ -150,6 +152,7 @@ def _write(
     table: Table | None,
     step: int,
     damaged: int,
+    findings: Findings,
     advance: Callable[[int], None],
 ) -> ImportSummary:
     clip, info = options.clip, video.info
@@ -191,7 +194,8 @@ def _write(
     }
     if damaged:
         source["decoder_errors"] = damaged
-    record = attach_record(writer, clip.declared, source, (start_s, end_s), camera, motion)
+    crop_s = start_s, end_s
+    record = attach_record(writer, clip.declared, source, crop_s, camera, motion, findings)
     duration_s = ns_to_seconds(stamps_ns[-1])
     return ImportSummary(
         clip.out, len(stamps_ns), step, info.fps / step, duration_s, size_px, record

@@ -42,7 +42,7 @@ COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, LANGUAGE, MEASURED, RENDERE
     "renderer",
     "cell",
 )
-OUTAGE = "outage"  # fmt: skip
+OUTAGE, ACCEPTED = "outage", "accepted"  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -218,6 +218,10 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     yield from _outside(cells)
     yield from _of_renderers(cells)
     yield from _of_outages(cells)
+    for finding in sorted({name for cell in cells for name in cell.facts.clip.accepted}):
+        names = _recordings(cell for cell in cells if finding in cell.facts.clip.accepted)
+        text = f"Accepted as it is at import: {finding} in {some(names)}."
+        yield Notice(ACCEPTED, text, tuple(names), everywhere=True)
     if names := _recordings(cell for cell in cells if cell.facts.labels_proposed):
         text = (
             "Labels stand as they were proposed from ground truth; no person has reviewed them: "

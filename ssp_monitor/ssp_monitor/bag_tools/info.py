@@ -291,6 +291,7 @@ def _missing(lost: int, dropped: int) -> str:
     return ", ".join(parts)
 
 
+IMPORT_RECORD = "import.json"
 # From here on a time is one of a calendar, before it one since a world began.
 _CALENDAR_NS = 10**9 * NS_PER_S
 # rmw's numbers, which rosbag2 wrote before Jazzy.
@@ -308,12 +309,15 @@ def info_command(path: Path, json_: bool) -> None:
     Messages are not read, so it takes no longer for a large bag.
     """
     found = summarise_bag(path)
-    report = _report(found)
+    report, accepted = _report(found), _accepted(found)
     if json_:
-        click.echo(json.dumps({**survey_json(found), "recording": report}, indent=1))
+        told_of = {"recording": report, "accepted_at_import": accepted}
+        click.echo(json.dumps({**survey_json(found), **told_of}, indent=1))
         return
     for line in survey_lines(found):
         out.print(line, markup=False)
+    for one in accepted:
+        out.print(f"accepted at import, {one['name']}: {one['text']}", markup=False)
     if report is not None:
         whole = report.get("written")
         cut = "" if whole == found.count else f", of which this bag is a part ({whole} messages)"
@@ -322,11 +326,32 @@ def info_command(path: Path, json_: bool) -> None:
             out.print(f"  {line}", markup=False)
 
 
+def _is_closed(found: BagSummary) -> bool:
+    """Whether the bag was finished and all of its files can be read."""
+    if found.path.is_dir() and not (found.path / FILE_NAME).is_file():
+        return False
+    return not any(file.problem for file in found.files)
+
+
+def _accepted(found: BagSummary) -> list[dict[str, str]]:
+    """Return the findings that a person accepted when another's recording was imported."""
+    if not _is_closed(found) or all(a.name != IMPORT_RECORD for a in found.attachments):
+        return []
+    with BagReader(found.path) as bag:
+        record = parse_mapping(
+            bag.attachment(IMPORT_RECORD) or b"{}", f"{found.path}:{IMPORT_RECORD}"
+        )
+    accepted = record.get("accepted")
+    return [
+        {key: str(one.get(key)) for key in ("name", "text")}
+        for one in (accepted if isinstance(accepted, list) else [])
+        if isinstance(one, dict)
+    ]
+
+
 def _report(found: BagSummary) -> dict[str, Any] | None:
     """What the recorder said; a bag that isn't closed has none yet."""
-    if found.path.is_dir() and not (found.path / "metadata.yaml").is_file():
-        return None
-    if any(file.problem for file in found.files):
+    if not _is_closed(found):
         return None
     with BagReader(found.path) as bag:
         return recording_report(bag)

@@ -1,0 +1,123 @@
+"""What an import finds in its source and can't take as it is, unless a person accepts it.
+
+All findings of an import are listed in one message, each with its name. ``--accept NAME`` takes
+the findings of that name as they are; import.json and every later page say so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from ssp_core.errors import InputError
+from ssp_eval.data.provenance import AcceptedFinding
+from ssp_eval.importers.options import Option
+
+# What ``--accept NAME`` takes as it is.
+ACCEPTABLE: Mapping[str, str] = {
+    "cut_pictures": "pictures that are cut off or otherwise damaged",
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing in a source that contradicts it, or that can't be taken as it is.
+
+    Args:
+        name: of its kind, a key of ACCEPTABLE where it is acceptable.
+        problem: what is wrong, as one clause, with the time from which on it is.
+        field: topic, id of the table, or option.
+        line: of the table.
+        acceptable: False: the import can't be made with it.
+    """
+
+    name: str
+    problem: str
+    remedy: str
+    file: Path
+    field: str | None = None
+    line: int | None = None
+    value: object = None
+    acceptable: bool = True
+
+    @property
+    def error(self) -> InputError:
+        """The refusal, which says how a person accepts it."""
+        how = f"; --accept {self.name} takes it as it is" if self.acceptable else ""
+        return InputError(
+            f"{self.problem} [{self.name}]", file=self.file, line=self.line, field=self.field,
+            value=self.value, remedy=self.remedy + how,
+        )  # fmt: skip
+
+    @property
+    def record(self) -> AcceptedFinding:
+        """What import.json says of it once it is accepted."""
+        plain = InputError(self.problem, line=self.line, field=self.field, value=self.value)
+        return AcceptedFinding(name=self.name, text=str(plain)[:500])
+
+
+class Findings:
+    """The findings of one import.
+
+    Args:
+        accepted: names that a person takes as they are.
+    """
+
+    def __init__(self, accepted: Collection[str] = ()) -> None:
+        self._names = frozenset(accepted)
+        self._refused: list[InputError] = []
+        self._accepted: list[AcceptedFinding] = []
+
+    def add(self, finding: Finding) -> None:
+        """Note a finding; the import goes on, so that all of them are listed in one go."""
+        if finding.acceptable and finding.name in self._names:
+            self._accepted.append(finding.record)
+        else:
+            self._refused.append(finding.error)
+
+    @property
+    def accepted(self) -> list[AcceptedFinding]:
+        """The findings that a person took as they are."""
+        return list(self._accepted)
+
+    def check(self) -> None:
+        """Raise InputError where a finding isn't accepted; within ``listed``."""
+        if self._refused:
+            raise self._refused[-1]
+
+    @contextmanager
+    def listed(self, source: Path) -> Iterator[None]:
+        """Name all findings in the error that ends the import.
+
+        Args:
+            source: that is imported.
+
+        Raises:
+            InputError: with all findings, and with another error that ended the import.
+        """
+        try:
+            yield
+            self.check()
+        except InputError as error:
+            errors = [one for one in self._refused if one is not error]
+            if not errors:
+                raise
+            raise InputError.of_all([*errors, error], source) from error
+
+
+def accept_option() -> Option:
+    """``--accept NAME``, which both importers share."""
+    return click.option(
+        "--accept",
+        "accepted",
+        multiple=True,
+        type=click.Choice(sorted(ACCEPTABLE)),
+        metavar="NAME",
+        help="Take the findings of that name as they are; the recording says so. Names: "
+        + "; ".join(f"{name}, {what}" for name, what in sorted(ACCEPTABLE.items()))
+        + ".",
+    )

@@ -1,0 +1,88 @@
+"""Findings of an import: all are listed in one go; what a person accepts is said from then on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from foreign_recordings import JPEG, TrackDay, jpeg, write_bag
+
+from ssp_core.bag.reader import BagReader
+from ssp_core.cli import main
+from ssp_core.errors import InputError
+from ssp_eval.importers.findings import Finding, Findings
+
+OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")  # fmt: skip
+
+
+def finding(name: str, acceptable: bool = True, file: str = "bag") -> Finding:
+    return Finding(name, f"{name} at 1.0 s", "mend it", Path(file), "/cam", acceptable=acceptable)
+
+
+def test_all_findings_and_the_error_that_ends_the_import_stand_in_one_message() -> None:
+    findings = Findings({"a"})
+
+    def found() -> None:
+        findings.add(finding("a"))
+        findings.add(finding("b"))
+        findings.add(finding("c", acceptable=False, file="table.csv"))
+        raise InputError("no frames", file="bag", field="/cam")
+
+    with pytest.raises(InputError) as caught, findings.listed(Path("bag")):
+        found()
+    assert str(caught.value) == (
+        "bag: has 3 errors:\n"
+        "  /cam: b at 1.0 s [b]; mend it; --accept b takes it as it is\n"
+        "  table.csv: /cam: c at 1.0 s [c]; mend it\n"
+        "  /cam: no frames"
+    )
+    assert [one.name for one in findings.accepted] == ["a"]
+
+
+def test_what_cannot_be_accepted_refuses_all_the_same() -> None:
+    findings = Findings({"c"})
+    findings.add(finding("c", acceptable=False))
+    with pytest.raises(InputError, match=r"^bag: /cam: c at 1.0 s \[c\]; mend it$"):
+        findings.check()
+
+
+@pytest.fixture(scope="module")
+def cut_bag(day: TrackDay, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag in which frames 20 to 29 are cut off."""
+    made = 0
+
+    def cut(ns: int, image: Any) -> Any:
+        nonlocal made
+        message = jpeg(ns, image)
+        if 20 <= made < 30:
+            message.data = message.data[: len(message.data) // 2]
+        made += 1
+        return message
+
+    return write_bag(tmp_path_factory.mktemp("cut") / "bag", day.messages(cut, JPEG))
+
+
+def test_what_is_accepted_is_said_by_the_import_and_by_later_pages(
+    cut_bag: Path, tmp_path: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    bags = {name: tmp_path / name for name in ("synthetic", "simulation", "physical")}
+    out = bags["physical"]
+    text = refused("import-bag", cut_bag, *OBJECTS, "--domain", "physical", "--out", out)
+    assert "/cam: 10 of 101 JPEGs are cut off, the first at 2.000 s" in text
+    assert "--accept cut_pictures takes it as it is" in text
+    for domain, made in bags.items():
+        options = ("--domain", domain, "--accept", "cut_pictures", "--out", str(made))
+        assert main(["import-bag", str(cut_bag), *OBJECTS, *options]) == 0
+    assert "accepted as it is, cut_pictures: /cam: 10 of 101" in capsys.readouterr().err
+    with BagReader(out) as reader:
+        record = json.loads(reader.attachment("import.json") or b"")
+    (one,) = record["accepted"]
+    assert one["name"] == "cut_pictures"
+    assert one["text"].startswith("/cam: 10 of 101 JPEGs are cut off")
+    assert main(["bag", "info", str(out)]) == 0
+    assert "accepted at import, cut_pictures: /cam: 10 of 101 JPEGs" in capsys.readouterr().out
+    main(["audit", *map(str, bags.values()), "--event", "cut_in", "--out", str(tmp_path / "audit")])
+    assert "accepted at import: cut_pictures: /cam: 10 of 101 JPEGs" in capsys.readouterr().err
