@@ -108,6 +108,7 @@ def test_import_json_says_what_is_known_and_what_is_not(video: Path, tmp_path: P
         "log": None,
         "states": None,
         "site": None,
+        "accepted": [],
     }  # fmt: skip
 
 
