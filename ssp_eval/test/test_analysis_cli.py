@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -19,10 +18,7 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import BEST_CONSTANT, bridge_spec
 from ssp_eval.evaluate.results import load_cells
-from ssp_eval.score.cell import score_cell
-from ssp_eval.score.thresholds import Thresholds
 from ssp_eval.statistics.rows import rows_from_campaign, rows_from_csv
-from ssp_eval.statistics.sensitivity import GRID, vary_thresholds
 from ssp_eval.statistics.statistics import Options, compute, steps_of
 
 HEAD = "scenario,domain,model,jovr,sem_acc_eff,cia_eff,act_acc_eff,tqsr,atc_eff,risk,active_b"
@@ -77,12 +73,12 @@ def test_component_scores_alone_give_all_tables_and_statistics(cells: Path, tmp_
     names = table_names(out / "tables")
     assert {
         "matrix", "by_domain", "by_model", "by_scenario_domain", "by_scenario_model", "strata",
-        "foundation_models", "ranks_model", "ranks_domain", "comparisons", "sensitivity",
+        "foundation_models", "ranks_model", "ranks_domain", "comparisons",
         "intervals_over_cells", "weights_model_order",
     } <= names  # fmt: skip
-    # Without records there are no intervals over them, and no thresholds to vary.
-    assert not {"intervals_cells", "intervals_groups", "curvature", "stability"} & names
-    for suffix in (".csv", ".notes.txt", ".tex", ".json", ".html"):
+    # Without records there are no intervals over them.
+    assert not {"intervals_cells", "intervals_groups", "stability"} & names
+    for suffix in (".csv", ".notes.txt", ".tex"):
         assert {path.name.removesuffix(suffix) for path in (out / "tables").glob(f"*{suffix}")} == (
             names
         )
@@ -235,14 +231,6 @@ def test_a_campaign_gives_intervals_over_records_and_the_diagnostic(
     assert {one["unit"] for one in cells_of} == {"labels, in blocks of 2"}
     over = table(tmp_path / "intervals_over_cells.csv")
     assert {one["unit"] for one in over} == {"cells", "scenarios"}
-    # The VUT of these recordings drives straight on.
-    shifts = [one for one in table(tmp_path / "curvature.csv") if one["curve_m"]]
-    assert shifts
-    assert all(abs(float(one["curve_m"])) < 1e-6 for one in shifts)
-    assert {(one["planned"], one["reads_as"]) for one in shifts} == {("straight", "straight")}
-    assert {one["model"] for one in shifts} == {"constant_velocity"}
-    varied = {one["parameter"] for one in table(tmp_path / "sensitivity.csv")}
-    assert varied >= GRID.keys()
 
 
 def test_the_length_of_a_block_can_be_chosen(campaign: Path, tmp_path: Path) -> None:
@@ -267,23 +255,6 @@ def test_repeated_campaigns_are_runs_of_the_same_cells(campaign: Path, tmp_path:
     assert model["n"] == "3"
 
 
-def test_thresholds_and_tolerance_are_varied_one_at_a_time_from_the_records(campaign: Path) -> None:
-    """Each variation is what scoring every cell under that threshold gives."""
-    data = [cell for cell in load_cells(campaign) if cell.score is not None]
-    rows = [row for row in rows_from_campaign(campaign) if row.status == "ok"]
-    found = vary_thresholds(list(zip(rows, data, strict=True)), ("model",))
-    assert len(found) == sum(map(len, GRID.values()))
-    for one in found:
-        changed = Thresholds(**{one.parameter: one.value})
-        scores = [score_cell(cell.labels, cell.records, changed).ivcs for cell in data]
-        largest = max(abs(a - (b.ivcs or 0.0)) for a, b in zip(scores, rows, strict=True))
-        assert one.largest == pytest.approx(largest, abs=1e-12)
-        for model, value in one.means.items():
-            own = [s for s, r in zip(scores, rows, strict=True) if r.model == model]
-            assert value == pytest.approx(sum(own) / len(own), abs=1e-12)
-        assert one.defined == getattr(Thresholds(), one.parameter)
-
-
 def test_the_matrix_of_a_campaign_gives_its_tables_again(campaign: Path, tmp_path: Path) -> None:
     """But for what needs records, and notices of recordings: so figures, which are of the rows."""
     own, again = tmp_path / "own", tmp_path / "again"
@@ -295,7 +266,7 @@ def test_the_matrix_of_a_campaign_gives_its_tables_again(campaign: Path, tmp_pat
     assert call("--from-cells", file, "--out", again, *FEW) == 0
     tables = [path.name for path in (again / "tables").iterdir()]
     needs_records = {
-        "intervals_groups", "intervals_cells", "curvature", "sensitivity", "first_failures",
+        "intervals_groups", "intervals_cells", "first_failures",
         "first_failures_model", "notices", "best_constants", "labels",
     }  # fmt: skip
     assert table_names(own) - needs_records == (
@@ -313,14 +284,8 @@ def unnoticed(file: Path) -> Any:
     if file.suffix == ".csv":
         return text
     told = {one["text"] for one in table(file.with_name("notices.csv"))}
-    if file.suffix == ".json":
-        data = json.loads(text)
-        kept = [note for note in data["notes"] if note not in told]
-        return {**data, "notices": [], "notes": kept}
     if file.suffix == ".txt":
         return [note for note in text.strip().split("\n\n") if note not in told]
-    if file.suffix == ".html":
-        return re.sub(r'<p class="notice">.*?</p>\n', "", text)
     return text.split(r"\end{tabular}")[0]
 
 
@@ -348,7 +313,7 @@ def test_the_page_has_its_statistics_and_no_control_in_them(campaign: Path) -> N
     assert call(campaign, *FEW) == 0
     page = (campaign / "index.html").read_text("utf-8")
     section = page.split('<section id="statistics">')[1].split("</section>")[0]
-    for title in ("Intervals", "Sensitivity", "Curvature of the path"):
+    for title in ("Intervals",):
         assert f"<h3>{title}</h3>" in section
     assert "constant_velocity" in section
     assert "perfect" not in section

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssp_eval.causes.answers import Answer, Asked, Cause, asked, cause_of, echo, wanted_cells
+from ssp_eval.causes.answers import Answer, Asked, Cause, asked, cause_of, wanted_cells
 from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict, effects_of
 from ssp_eval.causes.findings import Moved, Word, compared, moved_by
 from ssp_eval.causes.forest import forests
@@ -35,7 +35,7 @@ REASONED = (*CONDITIONS, TURNED, GIVEN_BACK)
 WORDS = {
     "uses_the_object": Word.OBJECT, "decides_first": Word.EXPLAINS_LATER,
     "only_talks": Word.EXPLAINS_LATER, "ignores_it": Word.IGNORES,
-    "copies_its_history": Word.HISTORY, "parrots_the_prompt": Word.PROMPT,
+    "copies_its_history": Word.HISTORY,
     "looks_at_the_weather": Word.PICTURES,
 }  # fmt: skip
 
@@ -212,13 +212,6 @@ def test_of_an_ordinary_campaign_nothing_is_kept() -> None:
         "s__d__m", "s__d__m+black", "s__d__m+twin.mirror.ot1",
     }  # fmt: skip
     assert moved_by(cells_of("m", ANSWERERS["ignores_it"], 1, ("black",))) is None
-
-
-def test_an_echo_is_runs_of_words_that_the_prompt_has() -> None:
-    prompt = "Say what you see and what you do next."
-    assert echo("say what you SEE, and what you do", prompt) == 1.0
-    assert echo("you see and say what", prompt) == 0.0
-    assert echo("a car", prompt) is None
 
 
 def both(answerer: Callable[[str], Answerer]) -> list[CellData]:

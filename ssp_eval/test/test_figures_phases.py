@@ -14,7 +14,7 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.results import load_cells
-from ssp_eval.figures.moments import CellOverlay, overlay_of
+from ssp_eval.figures.moments import CellMoments, cell_moments
 from ssp_eval.figures.phases import MOST_CELLS, phase_frames, write_phase_frames
 from ssp_eval.figures.style import drawing
 from ssp_eval.report.cli import WantedFigures, draw_figures
@@ -32,12 +32,12 @@ def campaign(make_bag: Callable[..., Path], tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def stories(campaign: Path) -> list[CellOverlay]:
-    found = [overlay_of(cell, campaign) for cell in load_cells(campaign)]
+def stories(campaign: Path) -> list[CellMoments]:
+    found = [cell_moments(cell, campaign) for cell in load_cells(campaign)]
     return [story for story in found if story is not None and not story.cell.is_control]
 
 
-def test_phase_frames_have_a_plan_and_the_driven_path_on_them(stories: list[CellOverlay]) -> None:
+def test_phase_frames_have_a_plan_and_the_driven_path_on_them(stories: list[CellMoments]) -> None:
     with drawing():
         figure = phase_frames("cut_in", "constant_velocity", stories)
     shown = {(s.cell.domain, m.label.phase) for s in stories for m in s.moments if m.frames}
@@ -51,7 +51,7 @@ def test_phase_frames_have_a_plan_and_the_driven_path_on_them(stories: list[Cell
 
 
 def test_without_the_camera_s_pose_no_path_is_drawn_and_the_caption_says_so(
-    stories: list[CellOverlay],
+    stories: list[CellMoments],
 ) -> None:
     blind = []
     for story in stories:

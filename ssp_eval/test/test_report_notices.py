@@ -21,7 +21,6 @@ from ssp_eval.report.page import write_report
 from ssp_eval.score.thresholds import Thresholds
 from ssp_eval.statistics.notices import notices
 from ssp_eval.statistics.rows import entering, rows_from_campaign, rows_from_csv
-from ssp_eval.statistics.statistics import Options, compute
 from ssp_eval.statistics.table import write_tables
 from ssp_eval.statistics.tables import matrix_table
 from support.score_rows import row
@@ -144,8 +143,6 @@ def test_cells_of_other_thresholds_are_scored_by_these_and_enter_no_mean(
     assert len(entering(again)) == len(again) == 2
     told = [one.text for one in notices(again) if one.everywhere]
     assert "Scored with other thresholds than METHOD's: all cells." in told
-    found = compute(again, load_cells(tmp_path), Options(100))
-    assert {one.defined for one in found.variations if one.parameter == "match_window_s"} == {0.2}
 
 
 def test_domains_that_one_renderer_drew_are_told(campaign: Path) -> None:

@@ -30,10 +30,9 @@ from ssp_eval.evaluate.model_client import (
 from ssp_eval.evaluate.models import ModelFacts, ModelSpec, bridge_spec
 from ssp_eval.evaluate.results import load_cells, request_lines
 from ssp_eval.figures.projection import overlay, project, top_view
-from ssp_eval.report.cell_view import curve_words, record_views, segments
+from ssp_eval.report.cell_view import segments
 from ssp_eval.report.page import write_report
 from ssp_eval.report.render import matrix, shade
-from ssp_eval.statistics.curvature import Curve
 from ssp_vla_bridge.messages import Request, Response
 from ssp_vla_bridge.trajectory import Trajectory
 from support.answering import Answering
@@ -344,37 +343,6 @@ def test_a_cell_says_how_it_was_asked_read_and_what_is_missing(
     assert "<b>broken" not in page
     assert "30.5 billion parameters, 3.3 active, moe" in records
     assert "openemma, openemma:corrected" in records
-
-
-def test_the_curve_of_the_road_stands_beside_the_lateral_action(campaign: Path) -> None:
-    """The recorded vehicle is put on a circle to the left; the model's answers stay."""
-    file = campaign / "cells" / "cut_in__simulation__constant_velocity" / "requests.jsonl"
-    speed_mps, radius_m = 10.0, 50.0
-    asked = [json.loads(line) for line in file.read_text().splitlines()]
-    for place in (place for request in asked for place in request["history"]):
-        angle = speed_mps * place["t_s"] / radius_m
-        place["x_m"], place["y_m"] = radius_m * math.sin(angle), radius_m * (1 - math.cos(angle))
-        place["yaw_rad"] = angle
-    before = {cell.id: cell.score for cell in load_cells(campaign)}
-    file.write_text("".join(json.dumps(request) + "\n" for request in asked))
-    resealed(file.parent)
-    cells = {cell.id: cell for cell in load_cells(campaign)}
-    turned, straight = (cells[f"cut_in__simulation__{name}"] for name in MODELS)
-    flagged = [view for view in record_views(turned) if view.curve_reads]
-    assert flagged
-    assert {view.curve_reads for view in flagged} == {"left"}
-    assert not any(view.curve_reads for view in record_views(straight))
-    # R (1 − cos (v · 1 s / R)) = 1.00 m, and 1 / R.
-    assert flagged[0].curve.startswith("the recorded path leads 1.00 m to the left within 1 s")
-    assert "+0.0200 1/m" in flagged[0].curve
-    assert record_views(turned)[-1].curve.startswith("not known here")
-    assert {cell.id: cell.score for cell in cells.values()} == before
-    page = write_report(campaign).read_text()
-    assert page.count("curve reads as left") == len(flagged)
-    assert f"At {len(flagged)} of 9 label times the curve of the recorded path" in page
-    assert "0.20 m to the left within 1 s; its curvature isn't known" in curve_words(
-        Curve(1.0, 0.2)
-    )
 
 
 def test_a_control_by_another_name_is_one_still(make_bag: BagMaker, tmp_path: Path) -> None:

@@ -47,8 +47,6 @@ def changed(text: str, index: int) -> ObjectState:
         ("mirror=ot1", "mirror.ot1"),
         ("shift=ot1:-0.5", "shift.ot1.m0500"),
         ("shift=ot1:1.001", "shift.ot1.p1001"),
-        ("brake_lamps=ot1", "brake_lamps.ot1"),
-        ("indicators=ot1", "indicators.ot1"),
         ("control", "control.car"),
         ("control=truck", "control.truck"),
         ("camera=0.5", "camera.0500"),
@@ -78,8 +76,6 @@ def test_all_changes_have_names_of_their_own() -> None:
     found = usual_changes({"ot1": ObjectClass.CAR, "ot2": ObjectClass.PEDESTRIAN})
     assert len({change.name for change in found}) == len(found)
     assert {change.kind for change in found} == set(Kind)
-    lamps = [c.object_id for c in found if c.kind in (Kind.BRAKE_LAMPS, Kind.INDICATORS)]
-    assert lamps == ["ot1", "ot1"]
 
 
 def test_without_leaves_nothing() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Look, RunSpec
 from ssp_core.vocabulary import ObjectClass
-from ssp_ot_controller.camera.redraw import Picture, Redrawing, Shown
+from ssp_ot_controller.camera.redraw import Picture, Redrawing
 from support.runs import cut_in_run
 from support.states import object_state
 
@@ -24,10 +23,10 @@ PLACES = [
 ]  # fmt: skip
 
 
-def taken(*others: ObjectState, shown: Shown | None = None) -> tuple[Redrawing, Picture]:
+def taken(*others: ObjectState) -> tuple[Redrawing, Picture]:
     """The first frame of a world."""
     camera = Redrawing(RUN)
-    scene = camera.see(0, 0, (*others, VUT), shown or Shown())
+    scene = camera.see(0, 0, (*others, VUT))
     assert scene is not None
     return camera, camera.draw(scene, 0)
 
@@ -61,19 +60,6 @@ def test_only_steps_with_a_frame_and_a_vut_have_a_scene() -> None:
     assert camera.see(0, 0, (VUT,)) is not None
     assert camera.see(1, 20_000_000, (VUT,)) is None
     assert camera.see(5, 100_000_000, (object_state("ot1"),)) is None
-
-
-def test_dark_lamps_change_the_lamps_and_nothing_of_the_scene() -> None:
-    braking = object_state("ot1", x_m=62.0, speed_mps=8.0, acceleration_mps2=-3.0)
-    _, bright = taken(braking)
-    _, dark = taken(braking, shown=Shown(dark_brakes=frozenset({"ot1"})))
-    _, off = taken(replace(braking, acceleration_mps2=0.0))
-    assert differing(bright, dark).any()
-    assert not differing(dark, off).any()
-    turning = object_state("ot1", x_m=62.0, yaw_rad=-0.2, speed_mps=8.0)
-    _, blinking = taken(turning)
-    _, still = taken(turning, shown=Shown(dark_indicators=frozenset({"ot1"})))
-    assert 0 < np.count_nonzero(differing(blinking, still)) < 200
 
 
 @pytest.mark.parametrize(

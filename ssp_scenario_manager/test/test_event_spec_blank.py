@@ -1,4 +1,4 @@
-"""``ssp spec new`` and ``--migrate``: files that lack nothing but decisions, and say which."""
+"""``ssp spec new``: files that lack nothing but decisions, and say which."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ import yaml
 from ssp_core.cli import main
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_text, load_event, read_event_file
-from ssp_scenario_manager.event_spec.model import UNRESOLVED
 from ssp_scenario_manager.event_spec.review.session import to_decide
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
-OLDER = Path(__file__).parent / "data" / "older_form.event.yaml"
 ROAD = {
     "road_type": "urban",
     "segment": "straight",
@@ -144,66 +142,3 @@ def test_an_id_that_changed_is_not_told_field_by_field(
     assert len(found) > 80
     assert main(["spec", "check", str(path)]) == 1
     assert capsys.readouterr().out.count("changed since it was reviewed") == 1
-
-
-def test_an_older_file_is_refused_with_the_command_that_moves_it_over(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for verb in (
-        ["spec", "check", str(OLDER)],
-        ["spec", "graph", str(OLDER)],
-        ["spec", "review", str(OLDER), "--who", "A. Author"],
-        ["compile", str(OLDER), "--target", "sumo", "--site", "boulevard", "--out", str(tmp_path)],
-    ):
-        assert main(verb) == 1
-        captured = capsys.readouterr()
-        assert f"`ssp spec check {OLDER} --migrate" in captured.out + captured.err, verb
-
-
-def test_an_older_files_road_is_reviewed_again_and_all_else_keeps_its_review(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "moved.event.yaml"
-    assert main(["spec", "check", str(OLDER), "--migrate", str(path)]) == 1
-    capsys.readouterr()
-    event, _ = load_event(str(path))
-    open_ = {item["field"] for item in failures(path, capsys) if item["check"] != "review"}
-    assert open_ == {
-        "topology.lanes_same_direction",
-        "topology.lanes_opposite",
-        "participants.vut.intent",
-    }
-    unsealed = {field for field, doubt in event.uncertainty.items() if doubt.seal is None}
-    assert unsealed == {f"topology.{name}" for name in event.topology.by_name} | open_
-    assert event.topology.segment.value == "straight"
-    assert event.topology.segment.identity
-    assert event.topology.left_boundary.value == UNRESOLVED
-    assert path.read_text().count("# decide:") == 3
-    assert main(["spec", "check", str(OLDER), "--migrate", str(path)]) == 1
-    assert "exists already" in capsys.readouterr().err
-    value = yaml.safe_load(path.read_text())
-    value["topology"]["lanes_same_direction"]["value"] = 2
-    value["topology"]["lanes_opposite"]["value"] = 2
-    value["participants"]["vut"]["intent"] = "keep_lane"
-    path.write_text(yaml.safe_dump(value))
-    assert accept_everything(path, monkeypatch) == 0
-    assert check_event(read_event_file(str(path))[0]) == []
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "named"),
-    [
-        ("ssp.event/1", "ssp.event/2", "schema"),
-        ("topology:", "topologie:", "topology"),
-        ("role: VUT", "role: EGO", "participants.vut.role"),
-        ("min: 3, max: 4.2", "min: three, max: 4.2", "topology.lane_width"),
-    ],
-)
-def test_what_cannot_be_moved_over_is_named_and_nothing_is_written(
-    old: str, new: str, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "old.event.yaml"
-    file.write_text(OLDER.read_text().replace(old, new, 1))
-    assert main(["spec", "check", str(file), "--migrate", str(tmp_path / "new.event.yaml")]) == 1
-    assert named in capsys.readouterr().err
-    assert not (tmp_path / "new.event.yaml").exists()

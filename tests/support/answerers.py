@@ -16,7 +16,7 @@ from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.requests import request_to_json
 from ssp_eval.evaluate.results import AnswerFacts, CellData, CellFacts, ClipFacts, IgnoredFacts
 from ssp_eval.score.cell import score_cell
-from ssp_vla_bridge.messages import TASK, EgoSample, Request
+from ssp_vla_bridge.messages import EgoSample, Request
 from ssp_vla_bridge.trajectory import Trajectory
 
 CONDITIONS = (
@@ -113,16 +113,11 @@ def looks_at_the_weather(scene: Scene) -> Said:
     return text, said(text, None, lon), path(10.0, 0.0 if scene.is_clear else -2.0)
 
 
-def parrots_the_prompt(scene: Scene) -> Said:
-    """Repeats what it was told to do."""
-    return TASK.instruction, said(TASK.instruction, None, "maintain"), path(10.0)
-
-
 ANSWERERS: dict[str, Answerer] = {
     one.__name__: one
     for one in (
         uses_the_object, decides_first, only_talks, ignores_it, copies_its_history,
-        parrots_the_prompt, looks_at_the_weather,
+        looks_at_the_weather,
     )
 }  # fmt: skip
 

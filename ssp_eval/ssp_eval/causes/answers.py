@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
-from ssp_core.errors import InputError
 from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord
 from ssp_eval.evaluate.models import CONDITIONS, REPEAT
-from ssp_eval.evaluate.requests import asked_again
-from ssp_eval.evaluate.results import CellData, CellFacts
+from ssp_eval.evaluate.results import CellData
 from ssp_eval.score.cell import Judgement
-from ssp_vla_bridge.messages import TASK
-from ssp_vla_bridge.prompts import PROMPTS
 from ssp_vla_bridge.trajectory import Trajectory
 
 TWIN, PICTURES, REASONING = "twin", "pictures", "reasoning"
@@ -24,13 +17,11 @@ FAMILIES = (TWIN, PICTURES, REASONING)
 CONTROL = "control"
 # Kinds of twins, as ``ssp twins --change`` names them; the rest of a condition's name is who is
 # changed and, of these, by how much.
-OBJECT_KINDS = frozenset({"without", "class", "mirror", "shift", "brake_lamps", "indicators"})
+OBJECT_KINDS = frozenset({"without", "class", "mirror", "shift"})
 HISTORY = "history"
 CAMERA = "camera"
 _BY_AMOUNT = frozenset({"shift", CAMERA, HISTORY})
 _STRENGTHS = {"1": ", weak", "2": ", strong"}
-# So many words in a row that the prompt has too are an echo of it; fewer may be chance.
-ECHO_WORDS = 4
 
 
 @dataclass(frozen=True)
@@ -82,8 +73,6 @@ class Cause:
             "class": "another class in its place",
             "mirror": "object on the other side",
             "shift": f"object {amount:g} s {'earlier' if self.amount[:1] == 'm' else 'later'}",
-            "brake_lamps": "brake lamps dark",
-            "indicators": "indicators dark",
             "camera": f"frames from {amount:g} s earlier",
             HISTORY: f"own history at {amount:g} of the speed",
             CONTROL: "a distant, irrelevant object",
@@ -110,20 +99,11 @@ class Answer:
         slots: in the order of SLOT_NAMES, given with evidence; None where the text says nothing.
         trajectory: None unless it is valid (METHOD 5.4).
         driven: longitudinal and lateral action of the trajectory (METHOD 6.6).
-        echo: share of the text's runs of ECHO_WORDS words that the prompt has too; None: it is
-            too short, or nobody looked.
     """
 
     slots: tuple[str | frozenset[str] | None, ...]
     trajectory: Trajectory | None
     driven: tuple[str | None, str | None]
-    echo: float | None = None
-
-    @property
-    def objects(self) -> frozenset[str] | None:
-        """The classes that are named, None where the text says nothing of them."""
-        found = self.slots[0]
-        return found if isinstance(found, frozenset) else None
 
     @property
     def agrees(self) -> bool | None:
@@ -145,10 +125,6 @@ class Asked:
         campaign: folder that it lies in; runs of different campaigns are compared each by itself.
         recording: which one it is, whatever the campaign.
         answers: by label time, s; None: there is none.
-        bag: whose frames were shown as they are; None: it isn't known, or others were.
-        bag_sha256: that this bag must have.
-        frames_ns: stamps of the frames that were shown, rising, by label time.
-        phases: by label time.
     """
 
     campaign: str
@@ -158,10 +134,6 @@ class Asked:
     model: str
     condition: str
     answers: Mapping[float, Answer | None]
-    bag: Path | None = None
-    bag_sha256: str | None = None
-    frames_ns: Mapping[float, tuple[int, ...]] = field(default_factory=dict)
-    phases: Mapping[float, str] = field(default_factory=dict)
 
     @property
     def place(self) -> tuple[str, str, str, str]:
@@ -190,13 +162,10 @@ def asked(cell: CellData) -> Asked | None:
     if cell.score is None or not known:
         return None
     out = cell.folder.parent.parent
-    questions = [value for line in cell.asked if not (value := json.loads(line)).get("missing")]
-    prompts = {} if condition else _prompts(facts.interface, questions)
     answers = {
-        judgement.label_t_s: _answer(judgement, cell.records, prompts)
+        judgement.label_t_s: _answer(judgement, cell.records)
         for judgement in cell.score.details.judgements
     }
-    path, digest = _shown(facts)
     return Asked(
         campaign=str(out),
         recording=facts.hashes.get("bag") or f"{cell.scenario} {cell.domain}",
@@ -205,69 +174,17 @@ def asked(cell: CellData) -> Asked | None:
         model=cell.model.removesuffix(f"+{condition}") if condition else cell.model,
         condition=condition,
         answers=answers,
-        bag=None if path is None else out / path,
-        bag_sha256=digest,
-        frames_ns={
-            float(one["label_t_s"]): tuple(frame["stamp_ns"] for frame in one["frames"])
-            for one in questions
-        },
-        phases={label.t_s: label.phase for label in cell.labels.labels},
     )
 
 
-def _shown(facts: CellFacts) -> tuple[str | None, str | None]:
-    """Path and hash of the bag whose states say what the frames show; None: no bag's do."""
-    if not facts.condition:
-        return facts.clip.path, facts.hashes.get("bag")
-    cause = cause_of(facts.condition)
-    if facts.twin is None or cause is None or cause.kind == CAMERA:
-        return None, None
-    return facts.twin.path, facts.hashes.get("twin")
-
-
-def _answer(
-    judgement: Judgement, records: Sequence[BehaviourRecord], prompts: Mapping[float, str]
-) -> Answer | None:
+def _answer(judgement: Judgement, records: Sequence[BehaviourRecord]) -> Answer | None:
     if judgement.record is None:
         return None
     record, said = records[judgement.record], judgement.slots
     semantic = [said[name].answer for name in SLOT_NAMES[:4]]
     slots = [frozenset(v) if isinstance(v, tuple) else v for v in semantic]
-    prompt = prompts.get(judgement.label_t_s)
     return Answer(
         slots=(*slots, judgement.text_lon, judgement.text_lat),
         trajectory=record.trajectory if judgement.trajectory_valid else None,
         driven=(judgement.trajectory_lon, judgement.trajectory_lat),
-        echo=None if prompt is None else echo(record.text, prompt),
     )
-
-
-def _prompts(interface: str, questions: Iterable[Mapping[str, Any]]) -> dict[float, str]:
-    """By label time the words that a question was asked in, as far as they are known here."""
-    stages, found = PROMPTS.get(interface, ()), {}
-    for value in questions:
-        words = [TASK.instruction]
-        try:
-            request = asked_again(value, None)
-            # What the model itself said in a step before is left out.
-            own = {stage.name: "" for stage in stages}
-            prompts = [stage.build(request, own) for stage in stages]
-            words += [f"{prompt.system} {prompt.text}" for prompt in prompts]
-        except InputError:  # it was asked for what it can't give, and in no words
-            pass
-        found[float(value["label_t_s"])] = " ".join(words)
-    return found
-
-
-def echo(text: str, prompt: str) -> float | None:
-    """Share of a text's runs of ECHO_WORDS words that the prompt has too; None: it is shorter."""
-    own, theirs = _runs(text), _runs(prompt)
-    if not own:
-        return None
-    known: Collection[tuple[str, ...]] = frozenset(theirs)
-    return sum(run in known for run in own) / len(own)
-
-
-def _runs(text: str) -> list[tuple[str, ...]]:
-    words = re.findall(r"\w+", text.casefold())
-    return [tuple(words[k : k + ECHO_WORDS]) for k in range(len(words) - ECHO_WORDS + 1)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from statistics import fmean
 
 from ssp_eval.causes.answers import (
     HISTORY,
@@ -23,12 +22,9 @@ from ssp_eval.causes.effects import (
     effects_of,
     largest,
 )
-from ssp_eval.causes.naming import Naming, namings
 from ssp_eval.evaluate.results import CellData
 from ssp_eval.statistics.table import counted, some
 
-# From so much on a text is an echo of its prompt.
-ECHO = 0.5
 # A turned text that moves the trajectory by less than this share of what the object does isn't the
 # reason of it.
 MINOR = 0.25
@@ -42,7 +38,6 @@ class Word(Enum):
     OBJECT = "uses the object"
     EXPLAINS_LATER = "decides first, explains later"
     HISTORY = "copies its history"
-    PROMPT = "parrots the prompt"
     PICTURES = "uses the pictures, not the object"
     IGNORES = "ignores the object"
     UNSTEADY = "moved by anything"
@@ -84,7 +79,6 @@ class Moved:
     cells: tuple[Asked, ...]
     effects: tuple[Effect, ...]
     findings: tuple[Finding, ...]
-    namings: tuple[Naming, ...]
 
 
 def moved_by(cells: Iterable[CellData]) -> Moved | None:
@@ -114,29 +108,17 @@ def compared(answers: Iterable[Asked]) -> Moved | None:
     return Moved(
         cells,
         tuple(effect for of in by_model.values() for effect in of),
-        tuple(finding(model, of, echo_of(model, cells)) for model, of in by_model.items()),
-        tuple(namings(cells)),
+        tuple(finding(model, of) for model, of in by_model.items()),
     )
 
 
-def echo_of(model: str, cells: Iterable[Asked]) -> float | None:
-    """Mean share of its factual texts that its prompt has too; None: nobody knows."""
-    found = [
-        answer.echo
-        for cell in cells if cell.model == model and not cell.condition
-        for answer in cell.answers.values() if answer is not None and answer.echo is not None
-    ]  # fmt: skip
-    return fmean(found) if found else None
-
-
-def finding(model: str, effects: Sequence[Effect], echo: float | None = None) -> Finding:
+def finding(model: str, effects: Sequence[Effect]) -> Finding:
     """The finding of one model.
 
     What distinguishes one from the others stands in ``docs/twins.md``.
 
     Args:
         effects: of all causes.
-        echo: see echo_of.
     """
     of_object = [e for e in effects if e.cause.of_object]
     of_history = [e for e in effects if e.cause.family == TWIN and e.cause.kind == HISTORY]
@@ -150,7 +132,7 @@ def finding(model: str, effects: Sequence[Effect], echo: float | None = None) ->
     ]  # fmt: skip
     sentences = [text for name, group in told if (text := _sentence(name, group))]
     noise = _noise(effects)
-    word, why = _word(of_object, of_history, of_pictures, by_text, echo, noise)
+    word, why = _word(of_object, of_history, of_pictures, by_text, noise)
     if any(_is(e, Verdict.SEEN) for e in effects):
         n = max(e.recordings for e in effects)
         sentences.append(
@@ -209,14 +191,12 @@ def _word(
     of_history: Sequence[Effect],
     of_pictures: Sequence[Effect],
     by_text: Sequence[Effect],
-    echo: float | None,
     noise: tuple[str, ...],
 ) -> tuple[Word, tuple[str, ...]]:
     if _moved(of_object):
         return _by_the_object(of_object, by_text)
     if _moved(of_history):
         return Word.HISTORY, ()
-    parrots = echo is not None and echo >= ECHO
     if not of_object:
         return Word.OPEN, ("No twin with a changed object was asked about.",)
     if noise:
@@ -229,11 +209,6 @@ def _word(
     if not _unmoved(of_object):
         text = "An effect of the object is neither shown nor excluded: more recordings would tell."
         return Word.OPEN, (text,)
-    if parrots:
-        return Word.PROMPT, (
-            f"{echo:.0%} of its text are runs of words that stand in its prompt, and the object "
-            "doesn't move it.",
-        )
     if _moved(of_pictures):
         return Word.PICTURES, ()
     text = "What it says may come from habit, or from what no twin changed."

@@ -8,13 +8,10 @@ from statistics import fmean
 from ssp_eval.causes.answers import Answer, Asked, cause_of
 from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict
 from ssp_eval.causes.findings import Finding, Moved
-from ssp_eval.causes.naming import Naming
-from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.statistics.table import Column, Table, Value
 
-FINDINGS, SLOTS, PATHS, NAMING, AGREEMENT, ANSWERS = (
-    "moved_findings", "moved_slots", "moved_trajectories", "moved_naming",
-    "moved_agreement", "moved_answers",
+FINDINGS, SLOTS, PATHS, AGREEMENT = (
+    "moved_findings", "moved_slots", "moved_trajectories", "moved_agreement",
 )  # fmt: skip
 _LEFT_OUT = (
     "The unit is the recording: label times of one are averaged, since neighbouring answers are "
@@ -35,7 +32,7 @@ def moved_tables(moved: Moved) -> list[Table]:
     """All of them."""
     return [
         findings_table(moved.findings), slots_table(moved.effects), paths_table(moved.effects),
-        naming_table(moved.namings), agreement_table(moved.cells), answers_table(moved.cells),
+        agreement_table(moved.cells),
     ]  # fmt: skip
 
 
@@ -149,35 +146,6 @@ def _end(effect: Effect) -> tuple[Value, ...]:
     return effect.p_holm, effect.verdict.value, effect.control or "no control", least
 
 
-def naming_table(found: Iterable[Naming]) -> Table:
-    """How often a model names what isn't there, and doesn't name what is."""
-    rows: list[tuple[Value, ...]] = []
-    for one in found:
-        cause = cause_of(one.condition)
-        false, missed = one.hallucinated_interval, one.omitted_interval
-        rows.append(
-            (
-                one.model, "nothing" if cause is None else cause.words, one.condition,
-                one.recordings, one.named, one.hallucinated, false.low, false.high, one.critical,
-                one.omitted, missed.low, missed.high,
-            )
-        )  # fmt: skip
-    columns = (
-        *_KEYS, Column("n", "recordings", "count"), Column("named", "named", "count"),
-        Column("hallucinated", "of these not there"), Column("hallucinated_low", "95 % from"),
-        Column("hallucinated_high", "to"), Column("critical", "visible and critical", "count"),
-        Column("omitted", "of these not named"), Column("omitted_low", "95 % from"),
-        Column("omitted_high", "to"),
-    )  # fmt: skip
-    notes = (
-        "By the recording's true states, class by class. Not there: no frame that the model was "
-        "given shows anything of that class. Visible and critical: an object target of which the "
-        "newest frame shows a quarter or more, in trigger and conflict. Shares are means over "
-        "recordings, with Wilson's interval over them; n/a without true states.",
-    )
-    return Table(NAMING, "Named and not there, there and not named", columns, tuple(rows), notes)
-
-
 def agreement_table(cells: Iterable[Asked]) -> Table:
     """How often text and trajectory say the same actions, factual and under each cause."""
     groups: dict[tuple[str, str], list[Answer | None]] = {}
@@ -209,51 +177,3 @@ def agreement_table(cells: Iterable[Asked]) -> Table:
         "none. No label is used.",
     )
     return Table(AGREEMENT, "Do text and trajectory agree?", columns, tuple(rows), notes)
-
-
-def answers_table(cells: Iterable[Asked]) -> Table:
-    """Each answer with what differs from the factual one, for programs and for looking up."""
-    listed = sorted(cells, key=lambda c: (c.campaign, c.scenario, c.domain, c.model, c.condition))
-    factual = {cell.place: cell for cell in listed if not cell.condition}
-    rows: list[tuple[Value, ...]] = []
-    for cell in listed:
-        own = factual.get(cell.place)
-        for t_s, answer in sorted(cell.answers.items()):
-            before = None if own is None else own.answers.get(t_s)
-            rows.append(_answer_row(cell, t_s, answer, before))
-    columns = (
-        Column("scenario", "scenario", "text"), Column("domain", "domain", "text"),
-        Column("model", "model", "text"), Column("condition", "condition", "text"),
-        Column("label_t_s", "label time (s)", "seconds"),
-        Column("differs", "differs in", "text"),
-        Column("text_actions", "text", "text"), Column("path_actions", "trajectory", "text"),
-        Column("agree", "agree", "text"),
-        Column("objects", "objects named", "text", printed=False),
-        Column("echo", "echo of the prompt", "ratio", printed=False),
-    )  # fmt: skip
-    notes = ("differs in: slots that are others than in the factual answer at that label time.",)
-    return Table(ANSWERS, "Each answer beside the factual one", columns, tuple(rows), notes)
-
-
-def _answer_row(
-    cell: Asked, t_s: float, answer: Answer | None, before: Answer | None
-) -> tuple[Value, ...]:
-    place = (cell.scenario, cell.domain, cell.model, cell.condition, t_s)
-    if answer is None:
-        return (*place, "no answer", "", "", "", "", None)
-    pairs = zip(
-        SLOT_NAMES, answer.slots, answer.slots if before is None else before.slots, strict=True
-    )
-    differing = [name for name, now, then in pairs if now != then]
-    if before is not None and answer.trajectory != before.trajectory:
-        differing.append(TRAJECTORY)
-    lon, lat = answer.slots[-2:]
-    agrees = {None: "", True: "yes", False: "no"}[answer.agrees]
-    return (
-        *place, ", ".join(differing), _actions(lon, lat), _actions(*answer.driven), agrees,
-        ", ".join(sorted(answer.objects or ())), answer.echo,
-    )  # fmt: skip
-
-
-def _actions(lon: object, lat: object) -> str:
-    return "" if lon is None and lat is None else f"{lon or '–'}, {lat or '–'}"

@@ -117,22 +117,3 @@ class EgoPath:
             if at_s + SAME_S < pose.t_s <= at_s + horizon_s + SAME_S
         ]
         return Trajectory(*zip((0.0, 0.0, 0.0), *driven, strict=True)) if driven else None
-
-    def seen_from(self, plan: Trajectory, made_s: float, at_s: float) -> Trajectory | None:
-        """A plan in the ego frame of another time; None where the way between isn't known.
-
-        Args:
-            plan: in the ego frame at made_s.
-            made_s: when it was made.
-            at_s: when it is looked at; its times stay those since made_s.
-        """
-        if made_s == at_s:
-            return plan
-        before, now = self.pose(made_s), self.pose(at_s)
-        if before is None or now is None or before[0] != now[0]:
-            return None
-        places = [
-            now[1].to_local(*before[1].to_parent(x_m, y_m))
-            for x_m, y_m in zip(plan.x_m, plan.y_m, strict=True)
-        ]
-        return Trajectory(plan.t_s, tuple(x for x, _ in places), tuple(y for _, y in places))

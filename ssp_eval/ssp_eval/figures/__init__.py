@@ -1,1 +1,1 @@
-"""Figures for print and overlays on frames (METHOD 7); matplotlib is imported only to draw."""
+"""Figures for print (METHOD 7); matplotlib is imported only to draw."""

@@ -12,7 +12,7 @@ from matplotlib.patches import Polygon
 from ssp_core.files import make_folder
 from ssp_core.vocabulary import DOMAINS, PHASES
 from ssp_eval.evaluate.results import CellData
-from ssp_eval.figures.moments import RIGHT, WRONG, CellOverlay, Moment, overlay_of
+from ssp_eval.figures.moments import RIGHT, WRONG, CellMoments, Moment, cell_moments
 from ssp_eval.figures.scores import words
 from ssp_eval.figures.style import (
     COLUMN_IN,
@@ -37,7 +37,7 @@ _TEXT_IN = 4 * _LINE_IN + 0.09
 _DPI = 300
 
 
-def phase_frames(scenario: str, model: str, stories: Sequence[CellOverlay]) -> Drawing:
+def phase_frames(scenario: str, model: str, stories: Sequence[CellMoments]) -> Drawing:
     """The frames of one scenario and model: a row per domain, a column per phase."""
     by_domain = {story.cell.domain: story for story in stories}
     width_in = (PAGE_IN - _LEFT_IN - 0.05 - _GAP_IN * (len(PHASES) - 1)) / len(PHASES)
@@ -99,17 +99,17 @@ def _wrapped(text: str, width_in: float) -> list[str]:
     return [" ".join(first), " ".join(rest)]
 
 
-def _aspect(story: CellOverlay) -> float:
+def _aspect(story: CellMoments) -> float:
     geometry = story.cell.facts.clip.geometry
     return 9 / 16 if geometry is None else geometry.height_px / geometry.width_px
 
 
-def _first(story: CellOverlay, phase: str) -> Moment | None:
+def _first(story: CellMoments, phase: str) -> Moment | None:
     """The first moment of a phase of which there is a frame."""
     return next((m for m in story.moments if m.label.phase == phase and m.frames), None)
 
 
-def _panel(axes: Axes, story: CellOverlay, moment: Moment, width_in: float, gid: str) -> None:
+def _panel(axes: Axes, story: CellMoments, moment: Moment, width_in: float, gid: str) -> None:
     image = story.picture(moment.frames[-1][1])
     height_px, width_px = image.shape[:2]
     small_px = min(width_px, round(width_in * _DPI))
@@ -175,7 +175,7 @@ def _legend(page: Axes, sheet: Sheet) -> None:
 
 
 def _caption(
-    scenario: str, model: str, by_domain: dict[str, CellOverlay], phases: Sequence[str]
+    scenario: str, model: str, by_domain: dict[str, CellMoments], phases: Sequence[str]
 ) -> str:
     missing = [domain for domain in DOMAINS if domain not in by_domain]
     blind = [domain for domain, story in by_domain.items() if not story.sees_ground]
@@ -221,8 +221,8 @@ def write_phase_frames(
     Raises:
         InputError: a frame isn't as the campaign left it, or the folder can't be written.
     """
-    told = [overlay_of(cell, campaign) for cell in cells if not cell.is_control]
-    groups: dict[tuple[str, str], list[CellOverlay]] = {}
+    told = [cell_moments(cell, campaign) for cell in cells if not cell.is_control]
+    groups: dict[tuple[str, str], list[CellMoments]] = {}
     for story in (one for one in told if one is not None):
         groups.setdefault((story.cell.scenario, story.cell.model), []).append(story)
     count = sum(map(len, groups.values()))

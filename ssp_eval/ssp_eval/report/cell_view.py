@@ -20,7 +20,6 @@ from ssp_eval.evaluate.results import CellData
 from ssp_eval.figures.projection import overlay, top_view
 from ssp_eval.score.cell import Judgement, SlotScore
 from ssp_eval.score.cli import NULL
-from ssp_eval.statistics.curvature import Curve, curves
 from ssp_eval.statistics.statistics_tables import STAGE_NAMES
 
 
@@ -212,9 +211,6 @@ class RecordView:
         stage: its key, ``none`` if none.
         picture: path of that newest frame in the campaign folder, empty where it wasn't kept
             or is another one.
-        curve: how much of the recorded lateral shift follows from the road's curve, in words.
-        curve_reads: the lateral action that the curve alone would be taken for, empty where that
-            is none or not known; it changes no score.
     """
 
     anchor: str
@@ -236,8 +232,6 @@ class RecordView:
     plan: str
     picture: str
     walk: tuple[WalkStep, ...]
-    curve: str
-    curve_reads: str
 
 
 def record_views(cell: CellData) -> list[RecordView]:
@@ -247,7 +241,6 @@ def record_views(cell: CellData) -> list[RecordView]:
     details = cell.score.details
     walks = Walks(cell)
     asked = cell.requests_by_label()
-    by_time = {curve.label_t_s: curve for curve in curves(cell.requests)}
     return [
         _view(
             cell,
@@ -256,7 +249,6 @@ def record_views(cell: CellData) -> list[RecordView]:
             judgement,
             asked.get(label.t_s, {}),
             walks.of(index, judgement),
-            by_time.get(label.t_s, Curve(label.t_s)),
         )
         for index, (label, judgement) in enumerate(
             zip(cell.labels.labels, details.judgements, strict=True)
@@ -271,7 +263,6 @@ def _view(
     judgement: Judgement,
     request: dict[str, Any],
     walk: tuple[WalkStep, ...],
-    curve: Curve,
 ) -> RecordView:
     response = None if cell.score is None else cell.score.details.response_record
     record = None if judgement.record is None else cell.records[judgement.record]
@@ -313,27 +304,7 @@ def _view(
         plan=top_view(trajectory, request.get("history", [])),
         picture=_picture(cell, frames),
         walk=walk,
-        curve=curve_words(curve),
-        curve_reads="" if curve.reads_as in (None, STRAIGHT) else str(curve.reads_as),
     )
-
-
-def curve_words(curve: Curve) -> str:
-    """The curvature diagnostic of the path that the recorded vehicle drove, not of the model's."""
-    if curve.shift_m is None:
-        return "not known here: the recorded path doesn't reach 1 s ahead"
-    moved = f"the recorded path leads {_sideways(curve.shift_m)} within 1 s"
-    if curve.curve_m is None or curve.curvature_per_m is None:
-        return f"{moved}; its curvature isn't known: it doesn't begin 1 s before"
-    return (
-        f"{moved}; {_sideways(curve.curve_m)} follows from its curvature of "
-        f"{curve.curvature_per_m:+z.4f} 1/m"
-    )
-
-
-def _sideways(shift_m: float) -> str:
-    side = "to the left" if shift_m > 0 else "to the right"
-    return f"{abs(shift_m):.2f} m {side}" if round(abs(shift_m), 2) else "0.00 m aside"
 
 
 def _picture(cell: CellData, frames: Sequence[dict[str, Any]]) -> str:

@@ -41,9 +41,9 @@ from ssp_eval.statistics.statistics_tables import (
 from ssp_eval.statistics.table import FORMATS, Table, write_tables
 from ssp_eval.statistics.tables import all_tables, with_notices
 
-# They need the frames of a campaign.
-PHASES, OVERLAYS = "phases", "overlays"
-CHOICES = (*GROUPS, PHASES, OVERLAYS)
+# It needs the frames of a campaign.
+PHASES = "phases"
+CHOICES = (*GROUPS, PHASES)
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def draw_figures(
     campaign: Path | None = None,
     cells: Sequence[CellData] = (),
 ) -> None:
-    """Writes figures and overlays and says what was left out, and why.
+    """Writes figures and says what was left out, and why.
 
     Args:
         campaign: whose frames are drawn on; None: there are none.
@@ -83,15 +83,12 @@ def draw_figures(
 
         if groups or not wanted.only:
             done.append(write_figures(rows, wanted.folder, wanted.reference, groups, advance))
-        if campaign is not None and (not wanted.only or {PHASES, OVERLAYS} & {*wanted.only}):
+        if campaign is not None and (not wanted.only or PHASES in wanted.only):
             # Pictures need OpenCV and PyAV, which figures of a CSV file do without.
-            from ssp_eval.figures.overlays import write_overlays
             from ssp_eval.figures.phases import write_phase_frames
 
             limit = not wanted.only
-            for name, write in ((PHASES, write_phase_frames), (OVERLAYS, write_overlays)):
-                if limit or name in wanted.only:
-                    done.append(write(campaign, wanted.folder, cells, advance, limit))
+            done.append(write_phase_frames(campaign, wanted.folder, cells, advance, limit))
     for name, reason in (one for written in done for one in written.left_out):
         console.note(f"{name}: not drawn: {reason}")
     click.echo(f"{wanted.folder} ({sum(len(written.files) for written in done)} files)")
@@ -103,7 +100,7 @@ MOST_ANALYSED = 500
 
 
 class _Formats(click.ParamType[tuple[str, ...]]):
-    """``csv,json``: names of formats, separated by commas."""
+    """``csv,latex``: names of formats, separated by commas."""
 
     name = "formats"
 
@@ -175,7 +172,7 @@ class _Wanted:
     "--figures",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Draw all figures into DIR: SVG, PDF and PNG with a caption each, and overlays.",
+    help="Draw all figures into DIR: SVG, PDF and PNG with a caption each.",
 )
 @click.option(
     "--only",
@@ -239,10 +236,8 @@ def report(
             raise click.UsageError("--block is of labels, of which --from-cells knows nothing")
         if out is None and (_is_given("resamples") or _is_given("seed")):
             raise click.UsageError("--resamples and --seed need --out DIR: figures draw nothing")
-        if {PHASES, OVERLAYS} & {*only}:
-            raise click.UsageError(
-                f"{PHASES} and {OVERLAYS} need the frames of a campaign, not --from-cells"
-            )
+        if PHASES in only:
+            raise click.UsageError(f"{PHASES} needs the frames of a campaign, not --from-cells")
         if out is None and (drawn is None or tables is not None):
             raise click.UsageError("--from-cells needs --out DIR, or --figures DIR alone")
         _take(out, tables, figures)

@@ -19,7 +19,7 @@ from ssp_core.files import make_folder, write_text
 from ssp_core.templates import templates
 from ssp_eval.causes.findings import Moved
 from ssp_eval.causes.forest import forests
-from ssp_eval.causes.tables import ANSWERS, FINDINGS, moved_tables
+from ssp_eval.causes.tables import FINDINGS, moved_tables
 from ssp_eval.data.audit import Audit
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
@@ -273,9 +273,7 @@ _PARTS = (
     ("Intervals", "intervals_"),
     ("Paired comparisons", "comparisons"),
     ("Sensitivity", "weights_"),
-    ("Sensitivity", "sensitivity"),
     ("Stability over runs", "stability"),
-    ("Curvature of the path", "curvature"),
 )
 
 
@@ -293,7 +291,7 @@ def moved_part(moved: Moved | None) -> dict[str, Any] | None:
     """What the section "What moved the answer" shows; None where nothing was changed."""
     if moved is None:
         return None
-    shown = [one for one in moved_tables(moved) if one.name not in (FINDINGS, ANSWERS)]
+    shown = [one for one in moved_tables(moved) if one.name != FINDINGS]
     return {
         "models": [*zip(moved.findings, forests(moved.effects), strict=True)],
         "tables": [grid(_begun(table)) for table in shown],

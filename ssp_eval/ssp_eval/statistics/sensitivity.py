@@ -1,36 +1,21 @@
-"""How far IVCS and ranks depend on weights and thresholds."""
+"""How far ranks by IVCS depend on its weights."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from ssp_eval.evaluate.results import CellData
-from ssp_eval.score.aggregate import EQUAL, Cell, means
-from ssp_eval.score.columns import encode
-from ssp_eval.score.engine import score_columns
+from ssp_eval.score.aggregate import EQUAL
 from ssp_eval.score.metrics import ivcs_weights
-from ssp_eval.score.thresholds import DEFAULT, Thresholds
 from ssp_eval.statistics.bootstrap import RESAMPLES
 from ssp_eval.statistics.resampling import Numbers, generator
 from ssp_eval.statistics.rows import CellRow
 
 _BLOCK = 1000
-# By how much each weight is multiplied, one at a time; the others share what is left as before.
-WEIGHT_FACTORS = (0.0, 0.5, 1.5, 2.0)
-# Values to try for each threshold and the tolerance, one at a time; those of METHOD 6 lie between.
-GRID: Mapping[str, tuple[float, ...]] = {
-    "match_window_s": (0.05, 0.08, 0.15, 0.20, 0.25),
-    "stop_speed_mps": (0.25, 0.40, 0.60, 0.75, 1.00),
-    "accel_mps2": (0.25, 0.40, 0.60, 0.75, 1.00),
-    "lateral_shift_m": (0.15, 0.20, 0.25, 0.35, 0.40, 0.50),
-    "response_gap_s": (0.40, 0.50, 0.70, 0.80, 1.20),
-    "tolerance": (0.0, 1e-6, 1e-3),
-}
 
 
 @dataclass(frozen=True)
@@ -64,28 +49,6 @@ class WeightSamples:
     tau_low: float | None
     first: dict[str, float]
     pairs: tuple[PairOrder, ...]
-
-
-@dataclass(frozen=True)
-class Variation:
-    """IVCS and ranks with one number changed.
-
-    Args:
-        parameter: a weight's metric, or a field of Thresholds.
-        defined: what METHOD 6 says.
-        tau: Kendall's τ_b to the defined ranks.
-        changed: pairs of subjects whose order turned round, ``a, b`` with a ahead before.
-        largest: largest change of IVCS of a cell; None where only means were looked at.
-    """
-
-    subject: str
-    parameter: str
-    value: float
-    defined: float
-    means: dict[str, float]
-    tau: float | None
-    changed: tuple[tuple[str, str], ...]
-    largest: float | None = None
 
 
 def component_means(rows: Sequence[CellRow], subject: str) -> dict[str, list[float]]:
@@ -164,91 +127,3 @@ def sample_weights(
         {name: float(share) for name, share in zip(names, first / samples, strict=True)},
         tuple(pairs),
     )
-
-
-def vary_weights(rows: Sequence[CellRow], subject: str) -> list[Variation]:
-    """Each weight multiplied by WEIGHT_FACTORS, one at a time, the others scaled to sum to 1."""
-    components = component_means(rows, subject)
-    weights = ivcs_weights()
-    before = _dot(components, weights)
-    found = []
-    for name, defined in weights.items():
-        for factor in WEIGHT_FACTORS:
-            value = defined * factor
-            rest = (1.0 - value) / (1.0 - defined)
-            changed = {n: value if n == name else w * rest for n, w in weights.items()}
-            after = _dot(components, changed)
-            found.append(_variation(subject, name, value, defined, before, after))
-    return found
-
-
-def _dot(components: Mapping[str, list[float]], weights: Mapping[str, float]) -> dict[str, float]:
-    return {
-        name: math.fsum(w * v for w, v in zip(weights.values(), values, strict=True))
-        for name, values in components.items()
-    }
-
-
-def _variation(
-    subject: str,
-    parameter: str,
-    value: float,
-    defined: float,
-    before: Mapping[str, float],
-    after: Mapping[str, float],
-    largest: float | None = None,
-) -> Variation:
-    names = sorted(before)
-    old = signs(np.array([before[name] for name in names]))
-    new = signs(np.array([after[name] for name in names]))
-    pairs = list(combinations(names, 2))
-    turned = tuple(
-        pair if was > 0 else (pair[1], pair[0])
-        for pair, was, now in zip(pairs, old, new, strict=True)
-        if was * now < 0
-    )
-    tau = float(kendall_tau(old, new))
-    return Variation(
-        subject, parameter, value, defined, dict(after), None if math.isnan(tau) else tau, turned,
-        largest,
-    )  # fmt: skip
-
-
-def vary_thresholds(
-    pairs: Sequence[tuple[CellRow, CellData]],
-    subjects: Sequence[str] = ("model", "domain"),
-    on_step: Callable[[], None] = lambda: None,
-    thresholds: Thresholds = DEFAULT,
-) -> list[Variation]:
-    """Every cell scored again with one threshold changed at a time (GRID).
-
-    Args:
-        pairs: the cells that enter means, one run of each.
-    """
-    rows = [row for row, _ in pairs]
-    columns = encode([(cell.labels, cell.records) for _, cell in pairs])
-    defined = score_columns(columns, thresholds).values["ivcs"]
-    before = {subject: _macro(rows, defined, subject) for subject in subjects}
-    found = []
-    for parameter, values in GRID.items():
-        for value in values:
-            changed = replace(thresholds, **{parameter: value})  # type: ignore[arg-type]
-            scores = score_columns(columns, changed).values["ivcs"]
-            largest = float(np.max(np.abs(scores - defined)))
-            for subject in (name for name in subjects if before[name]):
-                after = _macro(rows, scores, subject)
-                at = float(getattr(thresholds, parameter))
-                found.append(
-                    _variation(subject, parameter, value, at, before[subject], after, largest)
-                )
-            on_step()
-    return found
-
-
-def _macro(rows: Sequence[CellRow], scores: Numbers, subject: str) -> dict[str, float]:
-    """Mean IVCS by subject, from the one place that averages."""
-    cells = [
-        Cell(*row.key, {**row.cell().score, "ivcs": float(score)}, row.admitted)
-        for row, score in zip(rows, scores, strict=True)
-    ]
-    return {key[0]: one["ivcs"].value or 0.0 for key, one in means(cells, (subject,)).items()}

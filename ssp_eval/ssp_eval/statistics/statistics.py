@@ -32,19 +32,9 @@ from ssp_eval.statistics.bootstrap import (
 )
 from ssp_eval.statistics.comparisons import Comparison, compare
 from ssp_eval.statistics.constants import Place
-from ssp_eval.statistics.curvature import Beside, beside_actions
 from ssp_eval.statistics.resampling import NO_INTERVAL, Interval, sd, t_interval
 from ssp_eval.statistics.rows import OK, CellRow, entering, one_scale, over_what
-from ssp_eval.statistics.sensitivity import (
-    GRID,
-    Variation,
-    WeightSamples,
-    kendall_tau,
-    sample_weights,
-    signs,
-    vary_thresholds,
-    vary_weights,
-)
+from ssp_eval.statistics.sensitivity import WeightSamples, kendall_tau, sample_weights, signs
 
 
 @dataclass(frozen=True)
@@ -204,25 +194,20 @@ class Statistics:
             scenarios where these differ from cells.
         comparisons: of domains, then of models.
         weights: ranks under random weights, per subject that has at least two names.
-        variations: one number changed at a time; thresholds only where records are known.
         runs: how repetitions differ; None without any.
-        curves: per cell and run the curvature diagnostic beside the lateral action.
     """
 
     records: Bootstrap | None
     over_cells: dict[Group, dict[Group, tuple[Estimate, ...]]]
     comparisons: tuple[Comparison, ...]
     weights: tuple[WeightSamples, ...]
-    variations: tuple[Variation, ...]
     runs: Stability | None
-    curves: dict[tuple[str, ...], tuple[Beside, ...]]
 
 
 def steps_of(rows: Sequence[CellRow], has_records: bool) -> int:
     """How often compute calls on_step."""
     valid = [row for row in one_scale(rows) if row.status == OK and not row.control]
-    from_records = len(valid) + sum(map(len, GRID.values())) if has_records and valid else 0
-    return from_records + len(SUBJECTS)
+    return (len(valid) if has_records else 0) + len(SUBJECTS)
 
 
 def compute(
@@ -245,7 +230,6 @@ def compute(
     pairs = [(row, cell) for row, cell in zip(rows, data, strict=bool(data)) if id(row) in kept]
     comparisons: list[Comparison] = []
     weights: list[WeightSamples] = []
-    variations: list[Variation] = []
     for subject in SUBJECTS:
         on_step()
         if subject in over:
@@ -254,7 +238,6 @@ def compute(
         sampled = sample_weights(chosen, subject, options.seed, options.resamples)
         if sampled is not None:
             weights.append(sampled)
-            variations += vary_weights(chosen, subject)
     records = None
     if pairs:
         with_terms = [
@@ -267,7 +250,6 @@ def compute(
             with_terms, GROUPINGS, options.resamples, options.seed, on_step, options.block,
             thresholds,
         )  # fmt: skip
-        variations += vary_thresholds(_first_runs(pairs), SUBJECTS, on_step, thresholds)
         comparisons = [
             replace(
                 one,
@@ -284,18 +266,8 @@ def compute(
         {by: _over_cells(chosen, by, options) for by in GROUPINGS if over.isdisjoint(by)},
         tuple(comparisons),
         tuple(weights),
-        tuple(variations),
         stability(alike, options.resamples, options.seed),
-        beside_actions(pairs),
     )
-
-
-def _first_runs(pairs: Sequence[tuple[CellRow, CellData]]) -> list[tuple[CellRow, CellData]]:
-    """One run of each cell, the first by name."""
-    found: dict[tuple[str, str, str], tuple[CellRow, CellData]] = {}
-    for row, cell in sorted(pairs, key=lambda one: (*one[0].key, one[0].run)):
-        found.setdefault(row.key, (row, cell))
-    return list(found.values())
 
 
 def _over_cells(

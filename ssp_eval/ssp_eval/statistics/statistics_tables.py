@@ -15,11 +15,10 @@ from ssp_eval.score.metrics import IVCS_FIRST, ivcs_weights
 from ssp_eval.score.thresholds import DEFAULT
 from ssp_eval.statistics.bootstrap import Estimate, Group
 from ssp_eval.statistics.comparisons import FLIPS, Comparison
-from ssp_eval.statistics.curvature import Beside
 from ssp_eval.statistics.domains import DOMAIN_NOTES, FINDING, LABELS_ALONE
 from ssp_eval.statistics.notices import Notice
 from ssp_eval.statistics.resampling import LEVEL, Interval
-from ssp_eval.statistics.sensitivity import Variation, WeightSamples
+from ssp_eval.statistics.sensitivity import WeightSamples
 from ssp_eval.statistics.statistics import Options, Spread, Stability, Statistics
 from ssp_eval.statistics.table import Column, Kind, Table, Value, in_order, to_data
 
@@ -267,12 +266,8 @@ def statistics_tables(found: Statistics, resamples: int) -> list[Table]:
     tables.append(over_cells(found.over_cells, resamples))
     tables.append(comparison_table(found.comparisons))
     tables += [table for one in found.weights for table in _weights(one)]
-    if found.variations:
-        tables.append(_variations(found.variations))
     if found.runs is not None:
         tables.append(runs_table(found.runs))
-    if found.curves:
-        tables.append(_curves(found.curves))
     return tables
 
 
@@ -404,89 +399,6 @@ def _weights(found: WeightSamples) -> list[Table]:
             (drawn, "Where several are equal in front, each of them leads."),
         ),
     ]
-
-
-# What a threshold is, with its unit.
-_THRESHOLDS = {
-    "match_window_s": "matching window of labels and answers, s",
-    "stop_speed_mps": "speed that counts as stopped, m/s",
-    "accel_mps2": "acceleration that counts as such, m/s²",
-    "lateral_shift_m": "lateral shift that counts as such, m",
-    "response_gap_s": "longest gap within a response, s",
-    "tolerance": "tolerance of inclusive comparisons",
-}
-
-
-def _what(parameter: str) -> str:
-    return _THRESHOLDS.get(parameter, f"weight of {parameter} in IVCS")
-
-
-def _variations(variations: Iterable[Variation]) -> Table:
-    rows = [
-        (
-            v.subject, v.parameter, _what(v.parameter), v.defined, v.value, v.tau, v.largest,
-            "; ".join(f"{behind} passes {ahead}" for ahead, behind in v.changed) or None,
-            "; ".join(f"{name} {value:.3f}" for name, value in v.means.items()),
-        )
-        for v in variations
-    ]  # fmt: skip
-    return Table(
-        "sensitivity",
-        "Mean IVCS and ranks with one number of the method changed",
-        (
-            Column("subject", "ranked", "text"),
-            Column("parameter", "parameter", "text", printed=False),
-            Column("what", "number", "text"),
-            Column("defined", "defined", "number"),
-            Column("value", "changed to", "number"),
-            Column("tau", "τ"),
-            Column("largest", "largest change of a cell"),
-            Column("order_changed", "changes of order", "text"),
-            Column("mean_ivcs", "mean IVCS then", "text", printed=False),
-        ),
-        tuple(rows),
-        (
-            "Each line changes one number that the method fixes and leaves all others: how far do "
-            "results depend on it? τ: Kendall's τ_b of the ranks to the defined ones, 1 for the "
-            "same order, −1 for the opposite one.",
-            "Weights that aren't changed keep their ratios, and the sum stays 1. Thresholds: every "
-            "record was scored again; largest change: of the IVCS of one cell.",
-        ),
-    )
-
-
-def _curves(found: Mapping[tuple[str, ...], Iterable[Beside]]) -> Table:
-    rows = [
-        (
-            *key, one.curve.label_t_s, " / ".join(one.allowed), one.planned, one.curve.reads_as,
-            one.curve.shift_m, one.curve.curve_m, one.curve.curvature_per_m,
-        )
-        for key, of_cell in sorted(found.items())
-        for one in of_cell
-    ]  # fmt: skip
-    return Table(
-        "curvature",
-        "Lateral shift of the recorded path that follows from the curve",
-        (
-            *words("scenario", "domain", "model", "run"),
-            Column("label_t_s", "t (s)", "seconds"),
-            Column("allowed", "allowed action", "text"),
-            Column("planned", "planned action", "text"),
-            Column("reads_as", "curve reads as", "text"),
-            Column("shift_m", "shift (m)"),
-            Column("curve_m", "from the curve (m)"),
-            Column("curvature_per_m", "curvature (1/m)", "curvature"),
-        ),
-        tuple(rows),
-        (
-            "In the VUT's own frame, following a curve is a shift to the side, which scoring reads "
-            "as a lateral action. shift: of the recorded path within 1.0 s, left positive. curve "
-            "reads as: the lateral action that the curve alone would be taken for, beside the ones "
-            "that the label allows and the model plans. It changes no score.",
-            "A part of a change of lane turns the heading like a curve does; a path alone can't "
-            "tell them apart.",
-        ),
-    )
 
 
 STATISTICS_FILE = "statistics.json"

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-import math
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
-
-from markupsafe import escape
 
 from ssp_core.files import make_folder, write_text
 from ssp_eval.score.aggregate import Mean, domain_order
 from ssp_eval.score.cli import DISCLAIMER, NULL, format_response
 from ssp_eval.score.metrics import BY_NAME, DIAGNOSTIC, of_role
 
-# text: words; count: a whole number; ratio, seconds, curvature: three, two and five decimals;
+# text: words; count: a whole number; ratio, seconds: three and two decimals;
 # signed: a difference of ratios, with its sign; change: a relative difference, shown in percent;
 # decimal: two decimals; billions: parameters; p: a p-value; number: as many digits as it has.
 Kind = Literal[
@@ -29,7 +25,6 @@ Kind = Literal[
     "ratio",
     "signed",
     "seconds",
-    "curvature",
     "change",
     "decimal",
     "billions",
@@ -39,7 +34,7 @@ Kind = Literal[
 ]
 # Of more names than the first number a sentence holds only as many as the second.
 MOST_NAMED, NAMED = 8, 4
-_DIGITS = {"ratio": 3, "seconds": 2, "decimal": 2, "curvature": 5}
+_DIGITS = {"ratio": 3, "seconds": 2, "decimal": 2}
 
 
 @dataclass(frozen=True)
@@ -233,14 +228,7 @@ _LATEX = {
     "±": r"$\pm$", "[": "{[}", "]": "{]}", "'": "{'}", "`": "{`}", "…": r"\dots{}",
     "·": r"$\cdot$", "→": r"$\to$", "²": r"\textsuperscript{2}", "“": "``", "”": "''", **_GREEK,
 }  # fmt: skip
-# A column of text with something longer than this wraps; it is wider where texts fill many lines,
-# and as wide as the page allows in a table of few columns.
-_LONG, _LINES, _FEW = 24, 4, 3
-_NARROW_CM, _BROAD_CM, _WHOLE_CM = 3.4, 7.0, 9.5
-_CHARACTERS_PER_CM = 6.0
-# Lines of a part of a table, the head not counted.
-_MOST_LINES = 42
-_PACKAGES = r"% needs \usepackage{array,booktabs,graphicx} and \usepackage[T1]{fontenc}"
+_PACKAGES = r"% needs \usepackage{booktabs} and \usepackage[T1]{fontenc}"
 
 
 def latex_text(text: str) -> str:
@@ -250,106 +238,41 @@ def latex_text(text: str) -> str:
 
 
 def to_latex(table: Table) -> str:
-    r"""One or several ``table`` environments with booktabs rules, for ``\input`` into a paper.
+    r"""One ``table`` environment with booktabs rules and its notes, for ``\input`` into a paper.
 
-    What is wider than the text is shrunk to it, and what is longer than a page goes on in another
-    part. Letters beyond Latin and Greek ones need an engine with Unicode fonts.
+    Letters beyond Latin and Greek ones need an engine with Unicode fonts.
     """
     table = table.printed
-    shown = [[str(text) for text in texts(table, row)] for row in table.rows]
-    widths_cm = [
-        None if column.is_number else _width_cm([row[k] for row in shown], len(table.columns))
-        for k, column in enumerate(table.columns)
+    numeric = [column.is_number for column in table.columns]
+
+    def line(fields: Iterable[str]) -> str:
+        return rf"{' & '.join(map(latex_text, fields))} \\"
+
+    rows = [
+        [
+            text.replace("-", "−") if number else text
+            for number, text in zip(numeric, row, strict=True)
+        ]
+        for row in (map(str, texts(table, row)) for row in table.rows)
     ]
-    parts = _parts(shown, widths_cm)
-    lines = [_PACKAGES]
-    for number, part in enumerate(parts, start=1):
-        lines += [r"\clearpage"] if number > 1 else []
-        lines += _part(table, widths_cm, part, (number, len(parts)))
-    return "\n".join([*lines, ""])
-
-
-def _width_cm(column: Sequence[str], columns: int) -> float | None:
-    """Width in which a column of texts wraps; None where it needn't."""
-    longest = max(map(len, column), default=0)
-    if longest <= _LONG:
-        return None
-    if columns <= _FEW:
-        return _WHOLE_CM
-    return _NARROW_CM if longest <= _LINES * _NARROW_CM * _CHARACTERS_PER_CM else _BROAD_CM
-
-
-def _parts(
-    shown: Sequence[Sequence[str]], widths_cm: Sequence[float | None]
-) -> list[tuple[Sequence[str], ...]]:
-    """The rows in parts that fit on a page each; one empty part where there are no rows."""
-    parts: list[list[Sequence[str]]] = [[]]
-    used = 0
-    for row in shown:
-        needed = max(
-            math.ceil(len(text) / (width_cm * _CHARACTERS_PER_CM)) if width_cm else 1
-            for text, width_cm in zip(row, widths_cm, strict=True)
-        )
-        if parts[-1] and used + needed > _MOST_LINES:
-            parts.append([])
-            used = 0
-        parts[-1].append(row)
-        used += max(needed, 1)
-    return [tuple(part) for part in parts]
-
-
-def _part(
-    table: Table,
-    widths_cm: Sequence[float | None],
-    rows: Sequence[Sequence[str]],
-    place: tuple[int, int],
-) -> list[str]:
-    number, count = place
-    alignment = "".join(map(_alignment, table.columns, widths_cm))
-    title = table.title if count == 1 else f"{table.title} ({number} of {count})"
-    label = "" if number > 1 else rf"\label{{tab:{table.name.replace('_', '-')}}}"
     lines = [
+        _PACKAGES,
         r"\begin{table}[htbp]",
         r"\centering\small",
-        rf"\caption{{{latex_text(title)}}}{label}",
-        rf"\sbox0{{\begin{{tabular}}{{{alignment}}}",
+        rf"\caption{{{latex_text(table.title)}}}\label{{tab:{table.name.replace('_', '-')}}}",
+        rf"\begin{{tabular}}{{{''.join('r' if number else 'l' for number in numeric)}}}",
         r"\toprule",
-        rf"{' & '.join(latex_text(column.title) for column in table.columns)} \\",
+        line(column.title for column in table.columns),
         r"\midrule",
-    ]
-    for row in rows:
-        fields = zip(table.columns, widths_cm, row, strict=True)
-        lines.append(rf"{' & '.join(_field(*field) for field in fields)} \\")
-    lines += [
+        *map(line, rows),
         r"\bottomrule",
-        r"\end{tabular}}",
-        r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi",
+        r"\end{tabular}",
     ]
-    if number == count:
-        notes = r"\par ".join(
-            rf"\textbf{{{latex_text(note)}}}" if note in table.notices else latex_text(note)
-            for note in table.all_notes
-        )
-        lines.append(
-            rf"\par\smallskip\begin{{minipage}}{{\linewidth}}\footnotesize\raggedright {notes}"
-            r"\end{minipage}"
-        )
-    return [*lines, r"\end{table}"]
-
-
-def _alignment(column: Column, width_cm: float | None) -> str:
-    if width_cm is not None:
-        return rf">{{\raggedright\arraybackslash}}p{{{width_cm:g}cm}}"
-    return "r" if column.is_number else "l"
-
-
-def _field(column: Column, width_cm: float | None, text: str) -> str:
-    if column.is_number:
-        return latex_text(text.replace("-", "−"))
-    if width_cm is None:
-        return latex_text(text)
-    # Names without spaces may be broken where their parts meet.
-    return latex_text(text).replace(r"\_", r"\_\allowbreak{}").replace("/", r"/\allowbreak{}")
+    for note in table.all_notes:
+        text = latex_text(note)
+        bold = rf"\textbf{{{text}}}" if note in table.notices else text
+        lines.append(rf"\par\smallskip\footnotesize {bold}")
+    return "\n".join([*lines, r"\end{table}", ""])
 
 
 TABLE_FORMAT = "ssp.table/2"
@@ -454,43 +377,12 @@ def to_data(table: Table) -> dict[str, Any]:
     }
 
 
-def to_json(table: Table) -> str:
-    """See to_data."""
-    return json.dumps(to_data(table), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def to_html(table: Table) -> str:
-    """A fragment: a figure with the table and its notes, no style of its own."""
-    return "".join(_html_parts(table.printed))
-
-
-def _html_parts(table: Table) -> Iterator[str]:
-    styles = [' class="num"' if column.is_number else "" for column in table.columns]
-    heads = zip(styles, table.columns, strict=True)
-    yield f'<figure class="table" id="table-{escape(table.name)}">\n'
-    yield f"<figcaption>{escape(table.title)}</figcaption>\n"
-    yield '<div class="scroll"><table>\n<thead><tr>'
-    yield "".join(f"<th{style}>{escape(column.title)}</th>" for style, column in heads)
-    yield "</tr></thead>\n<tbody>\n"
-    for row in table.rows:
-        written = zip(styles, texts(table, row), strict=True)
-        cells = "".join(f"<td{style}>{escape(text)}</td>" for style, text in written)
-        yield f"<tr>{cells}</tr>\n"
-    yield "</tbody></table></div>\n"
-    for note in table.all_notes:
-        look = "notice" if note in table.notices else "sub"
-        yield f'<p class="{look}">{escape(note)}</p>\n'
-    yield "</figure>\n"
-
-
 Files = tuple[tuple[str, Callable[[Table], str]], ...]
 # By format its files, each with what its name ends in.
 FORMATS: Mapping[str, Files] = MappingProxyType(
     {
         "csv": ((".csv", to_csv), (".notes.txt", to_notes)),
         "latex": ((".tex", to_latex),),
-        "json": ((".json", to_json),),
-        "html": ((".html", to_html),),
     }
 )
 
@@ -501,7 +393,7 @@ def write_tables(
     formats: Sequence[str],
     on_table: Callable[[], None] = lambda: None,
 ) -> list[Path]:
-    """Writes each table in each format, as ``<name>.csv``, ``.tex``, ``.json``, ``.html``.
+    """Writes each table in each format, as ``<name>.csv`` or ``<name>.tex``.
 
     What must be read beside a CSV file stands in ``<name>.notes.txt``.
 

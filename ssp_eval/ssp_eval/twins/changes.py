@@ -30,19 +30,14 @@ class Kind(Enum):
     CLASS = "class"  # another class in its place, with that class's typical extents
     MIRROR = "mirror"  # on the other side of the VUT
     SHIFT = "shift"  # the object moves so much later (+) or earlier (-)
-    BRAKE_LAMPS = "brake_lamps"  # they stay dark
-    INDICATORS = "indicators"  # they stay dark
     CONTROL = "control"  # a distant object that has nothing to do with the event is there
     CAMERA = "camera"  # the frames are taken from where the VUT was so much earlier
     HISTORY = "history"  # the VUT's own history tells of another speed
 
 
 # The cause is one object, and the frames differ in what that object does to them.
-OF_OBJECT = frozenset(
-    {Kind.WITHOUT, Kind.CLASS, Kind.MIRROR, Kind.SHIFT, Kind.BRAKE_LAMPS, Kind.INDICATORS,
-     Kind.CONTROL}
-)  # fmt: skip
-# The object's own states differ, and not just its lamps.
+OF_OBJECT = frozenset({Kind.WITHOUT, Kind.CLASS, Kind.MIRROR, Kind.SHIFT, Kind.CONTROL})
+# The object's own states differ.
 MOVED = frozenset({Kind.WITHOUT, Kind.CLASS, Kind.MIRROR, Kind.SHIFT})
 CONTROL_ID = "twin_control"
 _CONTROL_AHEAD_M = 40.0  # of the VUT's last place
@@ -54,8 +49,6 @@ _FORMS = {
     Kind.CLASS: "class=ID:CLASS",
     Kind.MIRROR: "mirror=ID",
     Kind.SHIFT: "shift=ID:SECONDS",
-    Kind.BRAKE_LAMPS: "brake_lamps=ID",
-    Kind.INDICATORS: "indicators=ID",
     Kind.CONTROL: "control",
     Kind.CAMERA: "camera=SECONDS",
     Kind.HISTORY: "history=SHARE",
@@ -99,8 +92,6 @@ class Change:
             Kind.CLASS: f"a {what} in the place of {who}",
             Kind.MIRROR: f"{who} on the other side of the VUT",
             Kind.SHIFT: f"{who} {abs(self.value):g} s {'later' if self.value > 0 else 'earlier'}",
-            Kind.BRAKE_LAMPS: f"brake lamps of {who} dark",
-            Kind.INDICATORS: f"indicators of {who} dark",
             Kind.CONTROL: f"a distant {what} beside the road, which is irrelevant",
             Kind.CAMERA: f"frames from where the VUT was {self.value:g} s earlier, history kept",
             Kind.HISTORY: f"history at {self.value:g} of the speed, frames kept",
@@ -180,8 +171,6 @@ def usual_changes(targets: dict[str, ObjectClass]) -> list[Change]:
             Change(Kind.SHIFT, key, -0.5),
             Change(Kind.SHIFT, key, 0.5),
         ]
-        if now not in (ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST):
-            found += [Change(Kind.BRAKE_LAMPS, key), Change(Kind.INDICATORS, key)]
     control = Change(Kind.CONTROL, CONTROL_ID, object_class=ObjectClass.CAR)
     return [*found, control, Change(Kind.CAMERA, value=0.5), Change(Kind.HISTORY, value=0.5)]
 

@@ -57,8 +57,6 @@ def twins(recording: Path, wanted: tuple[str, ...], as_json: bool, force: bool) 
     class=ID:CLASS     another class in its place
     mirror=ID          on the other side of the VUT
     shift=ID:SECONDS   so much later, or earlier where negative
-    brake_lamps=ID     its brake lamps stay dark
-    indicators=ID      its indicators stay dark
     control[=CLASS]    an irrelevant object far beside the road is added
     camera=SECONDS     frames from where the VUT was so much earlier; its history as it was
     history=SHARE      the VUT's history at this share of its speed; frames as they were

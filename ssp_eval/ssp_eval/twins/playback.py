@@ -24,7 +24,7 @@ from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_eval.data.provenance import Provenance, read_provenance
 from ssp_eval.twins.changes import MOVED, Change, Kind, Series, changed_state, control_object
-from ssp_ot_controller.camera.redraw import AS_IT_IS, Picture, Redrawing, Shown
+from ssp_ot_controller.camera.redraw import Picture, Redrawing
 from ssp_ot_controller.camera.renderer.scene import Scene
 
 __all__ = ["IMAGE", "TICK", "Factual", "Picture", "World", "decoded", "draw", "read_factual"]
@@ -165,15 +165,11 @@ class World:
 
     def see(self, tick: WorldTick) -> Scene | None:
         """Takes the next step, as the camera does; its scene where it has a frame, or None."""
-        shown, change = AS_IT_IS, self.change
-        if change is not None and change.kind is Kind.BRAKE_LAMPS:
-            shown = Shown(dark_brakes=frozenset({change.object_id}))
-        elif change is not None and change.kind is Kind.INDICATORS:
-            shown = Shown(dark_indicators=frozenset({change.object_id}))
-        elif change is not None and change.kind is Kind.CAMERA:
+        change, camera_at = self.change, None
+        if change is not None and change.kind is Kind.CAMERA:
             then = self._factual.vut.at(tick.stamp_ns - seconds_to_ns(change.value))
-            shown = Shown(camera_at=replace(then, stamp_ns=tick.stamp_ns))
-        return self.camera.see(tick.step, tick.stamp_ns, self.truth(tick), shown)
+            camera_at = replace(then, stamp_ns=tick.stamp_ns)
+        return self.camera.see(tick.step, tick.stamp_ns, self.truth(tick), camera_at)
 
 
 def draw(factual: Factual, worlds: Sequence[World]) -> Iterator[tuple[int, list[Picture]]]:

@@ -7,7 +7,7 @@ what was before. What is given the same gives the same bytes (docs/camera.md).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -25,23 +25,6 @@ from ssp_ot_controller.camera.renderer.stage import shadow_on_ground, stage_for
 _NEAR_M = 0.05
 # A pixel's samples lie up to half of one from its middle, and edges are softened over one.
 _BESIDE_PX = 2
-
-
-@dataclass(frozen=True)
-class Shown:
-    """What a picture shows otherwise than the states say.
-
-    Args:
-        dark_brakes, dark_indicators: ids of those whose lamps don't shine.
-        camera_at: where the VUT carries the camera; None: where it is.
-    """
-
-    dark_brakes: frozenset[str] = frozenset()
-    dark_indicators: frozenset[str] = frozenset()
-    camera_at: ObjectState | None = None
-
-
-AS_IT_IS = Shown()
 
 
 @dataclass(frozen=True)
@@ -73,23 +56,29 @@ class Redrawing:
         self._odometer, self._indicators = Odometer(), Indicators(run.road)
 
     def see(
-        self, step: int, stamp_ns: int, states: Sequence[ObjectState], shown: Shown = AS_IT_IS
+        self,
+        step: int,
+        stamp_ns: int,
+        states: Sequence[ObjectState],
+        camera_at: ObjectState | None = None,
     ) -> Scene | None:
-        """Takes the states of the next step; the scene if the step has a frame."""
+        """Takes the states of the next step; the scene if the step has a frame.
+
+        Args:
+            camera_at: where the VUT carries the camera; None: where it is.
+        """
         known = tuple(state for state in states if state.is_finite)
         self._odometer.update(known)
         vut = next((state for state in known if state.object_id == self._run.vut.id), None)
         if step % self._every or vut is None:
             return None
-        sides = self._indicators.update(known, stamp_ns)
         return Scene(
             self._run.road,
-            vut if shown.camera_at is None else shown.camera_at,
-            tuple(_darkened(state) if state.object_id in shown.dark_brakes else state
-                  for state in known),
+            vut if camera_at is None else camera_at,
+            known,
             self._odometer.snapshot(),
-            {key: side for key, side in sides.items() if key not in shown.dark_indicators},
-        )  # fmt: skip
+            self._indicators.update(known, stamp_ns),
+        )
 
     def draw(self, scene: Scene, step: int) -> Picture:
         """The frame of a scene."""
@@ -125,10 +114,6 @@ class Redrawing:
         """
         look = self._run.look
         return look.light == "day" and look.rain == 0.0 and self._camera.exposure_time_s == 0.0
-
-
-def _darkened(state: ObjectState) -> ObjectState:
-    return replace(state, acceleration_mps2=max(0.0, state.acceleration_mps2))
 
 
 def _body(scene: Scene, object_id: str, bodies: Sequence[Body]) -> Body | None:

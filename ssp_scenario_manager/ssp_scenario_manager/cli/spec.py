@@ -16,7 +16,6 @@ from ssp_core.files import make_folder, write_json, write_text
 from ssp_scenario_manager.event_spec.checks.base import Failure, summed_up
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.extract.blank import blank_event
-from ssp_scenario_manager.event_spec.extract.blank import migrate as migrate_event
 from ssp_scenario_manager.event_spec.fields import show
 from ssp_scenario_manager.event_spec.graph import differences, interaction_graph
 from ssp_scenario_manager.event_spec.load import (
@@ -24,7 +23,6 @@ from ssp_scenario_manager.event_spec.load import (
     event_version,
     load_event,
     read_event_file,
-    refuse_old,
 )
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.event_spec.picture import picture
@@ -58,19 +56,12 @@ def spec() -> None:
 @spec.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
-@click.option("--migrate", type=click.Path(dir_okay=False, path_type=Path), metavar="NEW",
-              help="Write an ssp.event/1 file in today's form to NEW, and check that.")  # fmt: skip
-def check(files: tuple[str, ...], as_json: bool, migrate: Path | None) -> int:
+def check(files: tuple[str, ...], as_json: bool) -> int:
     """Hold K* files, or shipped events by name, against all checks (METHOD 1).
 
     Failures are reported together: those of the form, or else those of C1-C5 and of the review
     state with its seals; what one action mends is said once (--json has each by itself).
     """
-    if migrate is not None:
-        if len(files) != 1:
-            raise click.UsageError("--migrate takes one FILE")
-        _migrate(files[0], migrate)
-        files = (str(migrate),)
     reports = [_report(name) for name in files]
     if as_json:
         click.echo(json.dumps(reports, indent=1, sort_keys=True))
@@ -80,23 +71,11 @@ def check(files: tuple[str, ...], as_json: bool, migrate: Path | None) -> int:
     return 0 if all(report["ok"] for report in reports) else 1
 
 
-def _migrate(name: str, target: Path) -> None:
-    """Writes an older file in today's form, with what a person must decide marked."""
-    value, path = read_event_file(name)
-    if target.exists():
-        raise InputError("exists already", file=target, remedy="another NEW")
-    found = migrate_event(value, path)
-    marks = {field: f"decide: {why}" for field, why in found.decisions.items()}
-    write_text(target, event_text(found.event, marks))
-    note(f"{target}: {len(found.decisions)} fields are marked `decide`")
-
-
 def _report(name: str) -> dict[str, Any]:
     """What is to be said about one file; one that can't be read has an error."""
     report: dict[str, Any] = {"file": name, "ok": False, "version": None, "error": None}
     try:
         value, path = read_event_file(name)
-        refuse_old(value, path)
     except InputError as error:
         return report | {"error": str(error), "failures": []}
     failures = check_event(value)

@@ -24,7 +24,7 @@ from ssp_scenario_manager.event_spec.checks.check import Undecided, check_event
 from ssp_scenario_manager.event_spec.extract.candidate import Origin
 from ssp_scenario_manager.event_spec.extract.clip import WIDE_SPACING_S, Crop
 from ssp_scenario_manager.event_spec.extract.extraction import Extracted, Order, extract
-from ssp_scenario_manager.event_spec.load import load_event, refuse_old, write_event
+from ssp_scenario_manager.event_spec.load import load_event, write_event
 from ssp_scenario_manager.event_spec.log import check_not_refused, log_path, read_log, utc_now
 from ssp_scenario_manager.event_spec.model import SCHEMA
 from ssp_scenario_manager.event_spec.review.decisions import shown
@@ -259,7 +259,6 @@ def review_command(
         raise click.UsageError("--reason belongs to --accept-all")
     log = log or log_path(file)
     found = read_mapping(file)
-    refuse_old(found, file)
     schema = found.get("schema")
     if schema in REVIEWERS:
         if video or everything or accept_all:

@@ -20,7 +20,7 @@ from ssp_scenario_manager.compile.task import EventLink, PlaceLink, Target, Task
 from ssp_scenario_manager.compile.validate import Validated, read_validation
 from ssp_scenario_manager.event_spec.checks.base import Failure
 from ssp_scenario_manager.event_spec.checks.check import check_event
-from ssp_scenario_manager.event_spec.load import event_version, read_event_file, refuse_old
+from ssp_scenario_manager.event_spec.load import event_version, read_event_file
 from ssp_scenario_manager.event_spec.log import (
     EntryKind,
     Record,
@@ -232,7 +232,6 @@ def checked_event(name_or_path: str) -> tuple[Event, str, Path]:
         InputError: there is no such event.
     """
     value, path = read_event_file(name_or_path)
-    refuse_old(value, path)
     failures = check_event(value)
     if failures:
         raise EventRefused(path, failures)

@@ -35,7 +35,6 @@ _SETS = (
     ("interaction", "longitudinal_responses"),
     ("interaction", "lateral_responses"),
 )
-OLD_SCHEMA = "ssp.event/1"
 
 
 def read_event_file(name_or_path: str) -> tuple[dict[str, Any], Path]:
@@ -66,26 +65,8 @@ def load_event(name_or_path: str) -> tuple[Event, str]:
             field, and how many more there are.
     """
     value, path = read_event_file(name_or_path)
-    refuse_old(value, path)
     event = parse_model(Event, value, path)
     return event, event_version(event)
-
-
-def refuse_old(value: Mapping[str, Any], path: Path) -> None:
-    """Raises where a file is of the form that had no identity fields.
-
-    Raises:
-        InputError: it is; the remedy is the command that moves it over.
-    """
-    if value.get("schema") == OLD_SCHEMA:
-        raise InputError(
-            "is of an older form, whose part T says neither what the source shows nor what "
-            "must be equal in all domains",
-            file=path,
-            field="schema",
-            value=OLD_SCHEMA,
-            remedy=f"`ssp spec check {path} --migrate NEW.event.yaml` writes the new form",
-        )
 
 
 def canonical(event: Event) -> dict[str, Any]:
