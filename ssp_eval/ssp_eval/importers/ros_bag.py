@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.rosbag2 import ReaderError
+from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
+from rosbags.typesys.store import Typestore
 
 from ssp_core.bag.mcap_file import DAMAGE
-from ssp_core.bag.types import typestore
+from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import TypeDefinition, store_from
 from ssp_core.cdr.messages import leading_stamp_ns, stamp_ns
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_core.files import Closing
+from ssp_core.files import Closing, read_mapping
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import yaw_of
 from ssp_core.hashing import sha256_file, sha256_json
@@ -154,11 +157,84 @@ POSE_TYPES = (ODOMETRY, POSE, POSE_COVARIANCE, FIX)
 TF_STATIC = "/tf_static"
 # Geodetic positions name the antenna as their frame; what they are in is the datum's.
 DATUM_FRAME = "datum"
-_FAILURES = (AnyReaderError, ReaderError, SerdeError, sqlite3.Error, OSError, RuntimeError, *DAMAGE)
+_FAILURES = (ReaderError, SerdeError, sqlite3.Error, OSError, RuntimeError, *DAMAGE)
+_REPAIRABLE = "a damaged MCAP file is mended by `ssp bag recover`"
+
+
+class _Storage(Protocol):
+    """What is asked of a bag, whatever stores it; several readings may go on side by side."""
+
+    types: dict[str, str]
+
+    def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        """Yield time of receipt in ns and serialised message, in the order of receipt."""
+        ...
+
+    def store(self, topic: str) -> Typestore:
+        """Give the types of a topic; raises InputError where they can't be read."""
+        ...
+
+
+class _Mcap:
+    """An MCAP file, or a folder of them, with or without chunks and index."""
+
+    def __init__(self, path: Path) -> None:
+        self._reader = BagReader(path)
+        self.types = {topic: info.msgtype for topic, info in self._reader.topics.items()}
+
+    def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        for message in self._reader.messages([topic]):
+            yield message.log_time_ns, message.data
+
+    def store(self, topic: str) -> Typestore:
+        return self._reader.store(topic)
+
+
+_FORMATS = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.IDL: "ros2idl"}
+
+
+class _Rosbags:
+    """A bag of SQLite, or one that rosbag2 compressed."""
+
+    def __init__(self, path: Path, stack: ExitStack) -> None:
+        self._path = path
+        self._reader = stack.enter_context(Reader(path))
+        self.types = {c.topic: c.msgtype for c in self._reader.connections}
+
+    def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        wanted = [c for c in self._reader.connections if c.topic == topic]
+        for _, received_ns, data in self._reader.messages(wanted) if wanted else ():
+            yield received_ns, bytes(data)
+
+    def store(self, topic: str) -> Typestore:
+        for one in self._reader.connections:
+            if one.topic == topic:
+                written = one.msgdef
+                encoding = _FORMATS.get(written.format, "ros2msg")
+                try:
+                    return store_from(TypeDefinition(one.msgtype, encoding, written.data))
+                except InputError as error:
+                    raise error.in_file(self._path) from None
+        raise KeyError(topic)
+
+
+def _is_plain_mcap(path: Path) -> bool:
+    """True for what BagReader reads; it says best what is wrong with a folder without metadata."""
+    if not path.is_dir():
+        return path.suffix == ".mcap"
+    if not (path / FILE_NAME).is_file():
+        return True
+    stated = read_mapping(path / FILE_NAME).get(ROOT_KEY)
+    if not isinstance(stated, dict):
+        return True
+    mode = str(stated.get("compression_mode") or "none").lower()
+    return stated.get("storage_identifier") == "mcap" and mode in ("none", "storage")
 
 
 class SourceBag(Closing):
     """A bag directory, a .mcap or a .db3 file of any program, open; a context manager.
+
+    Only what is asked for has to be readable.
 
     Raises:
         InputError: it isn't there, is no ROS 2 bag, or is damaged.
@@ -172,10 +248,11 @@ class SourceBag(Closing):
         if not path.exists():
             raise InputError("is not there", file=path, remedy="name a bag directory or file")
         self._stack = ExitStack()
+        self._storage: _Storage
         with self._failures():
-            self._reader = AnyReader([path], default_typestore=typestore())
-            self._stack.enter_context(self._reader)
-            self.types = {c.topic: c.msgtype for c in self._reader.connections}
+            plain = _is_plain_mcap(path)
+            self._storage = _Mcap(path) if plain else _Rosbags(path, self._stack)
+        self.types = self._storage.types
 
     @contextmanager
     def _failures(self, topic: str | None = None) -> Iterator[None]:
@@ -186,8 +263,18 @@ class SourceBag(Closing):
         except _FAILURES as error:
             raise InputError(
                 f"can't be read as a ROS 2 bag: {error}", file=self.path, field=topic,
-                remedy="a damaged MCAP file is mended by `ssp bag recover`",
+                remedy=_REPAIRABLE,
             ) from error  # fmt: skip
+
+    def unread(self, wanted: Collection[str]) -> list[str]:
+        """Say which topics beside those that are wanted couldn't be read."""
+        found = []
+        for topic in sorted(set(self.types).difference(wanted)):
+            try:
+                self._storage.store(topic)
+            except InputError as error:
+                found.append(f"{topic}: can't be read and isn't needed: it {error.problem}")
+        return found
 
     def check_topic(self, topic: str, types: tuple[str, ...]) -> str:
         """The type of a topic; raises InputError where there is none, or of none of these."""
@@ -204,18 +291,37 @@ class SourceBag(Closing):
         return found
 
     def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """(time of receipt in ns, serialised message) in the order of receipt."""
+        """Yield time of receipt in ns and serialised message, in the order of receipt."""
         with self._failures(topic):
-            wanted = [c for c in self._reader.connections if c.topic == topic]
-            for _, received_ns, data in self._reader.messages(wanted) if wanted else ():
-                yield received_ns, bytes(data)
+            yield from self._storage.raw(topic)
 
     def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """(time of receipt in ns, message) in the order of receipt."""
+        """Yield time of receipt in ns and message, in the order of receipt.
+
+        Raises:
+            InputError: the topic's type can't be read, or a message is none of it.
+        """
         for received_ns, data in self.raw(topic):
-            with self._failures(topic):
-                message = self._reader.deserialize(data, self.types[topic])
-            yield received_ns, message
+            yield received_ns, self._decoded(topic, received_ns, data)
+
+    def _decoded(self, topic: str, received_ns: int, data: bytes) -> Any:
+        store, kind = self._storage.store(topic), self.types[topic]
+        try:
+            return store.deserialize_cdr(data, kind)
+        except (SerdeError, *DAMAGE) as error:
+            raise InputError(
+                f"holds a message at {received_ns} ns that is no {kind}: {error}",
+                file=self.path, field=topic,
+            ) from error  # fmt: skip
+
+    def valid_at(self, topic: str, at_ns: int) -> Any:
+        """Give the newest message that was received by a time, else the first one; None: none."""
+        found = None
+        for received_ns, data in self.raw(topic):
+            if found is not None and received_ns > at_ns:
+                break
+            found = data
+        return None if found is None else self._decoded(topic, at_ns, found)
 
     def times(self, topic: str) -> Times:
         """Stamps and times of receipt, nothing decoded."""

@@ -345,9 +345,9 @@ def test_what_is_no_bag_is_one_message(tmp_path: Path, refused: Callable[..., st
     (tmp_path / "old.bag").write_text("#ROSBAG V2.0")
     (tmp_path / "empty").mkdir()
     for name, match in (
-        ("text.mcap", "text.mcap: can't be read as a ROS 2 bag"),
+        ("text.mcap", "text.mcap: is no MCAP file"),
         ("old.bag", "old.bag: is a bag of ROS 1"),
-        ("empty", "empty: can't be read as a ROS 2 bag"),
+        ("empty", "empty: has no metadata.yaml, so it is no closed bag"),
         ("none", "none: is not there"),
     ):
         assert match in refused("import-bag", tmp_path / name, *OBJECTS, "--domain", "physical")

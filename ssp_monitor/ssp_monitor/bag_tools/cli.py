@@ -37,6 +37,9 @@ def check_command(ctx: click.Context, path: Path, json_: bool) -> None:
     else:
         for problem in report.problems:
             out.print(problem, markup=False)
+        for topic, why in report.undecoded.items():
+            out.print(f"{topic}: {report.messages.get(topic, 0)} messages not decoded: {why}",
+                      markup=False)  # fmt: skip
         verdict = "sound" if report.ok else f"problems: {len(report.problems)}"
         out.print(f"{path}: {verdict}, {report.count} messages decoded", markup=False)
     if not report.ok:

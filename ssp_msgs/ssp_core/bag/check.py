@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mcap.opcode import Opcode
@@ -38,12 +38,15 @@ class CheckReport:
     """Result of a check.
 
     Args:
-        messages: read and decoded, by topic.
+        messages: read, by topic.
         problems: everything found, as sentences; none when the bag is sound.
+        undecoded: why messages were not decoded, by topic: their encoding or the definition of
+            their type isn't understood, which is no damage.
     """
 
     messages: dict[str, int]
     problems: tuple[str, ...]
+    undecoded: dict[str, str] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
@@ -51,7 +54,8 @@ class CheckReport:
 
     @property
     def count(self) -> int:
-        return sum(self.messages.values())
+        """Messages that were decoded."""
+        return sum(n for topic, n in self.messages.items() if topic not in self.undecoded)
 
 
 def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> CheckReport:
@@ -68,11 +72,13 @@ def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> Ch
     problems: list[str] = []
     stored = _Pass()
     messages: Counter[str] = Counter()
+    undecoded: dict[str, str] = {}
     try:
         with BagReader(path) as reader:
             for number, file in enumerate(reader.files):
                 stored.file(file, later=number > 0)
-            messages = _decode_all(reader, problems, advance)
+            undecoded = {topic: str(why) for topic, why in reader.unreadable().items()}
+            messages = _decode_all(reader, undecoded, problems, advance)
             index_counts = {name: info.count for name, info in reader.topics.items()}
             attachments = list(reader.attachments)
         reached = stored.messages - stored.repeated
@@ -95,7 +101,7 @@ def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> Ch
                 )
     except InputError as error:
         problems.append(str(error))
-    return CheckReport(dict(messages), tuple(problems))
+    return CheckReport(dict(messages), tuple(problems), undecoded)
 
 
 class _Pass:
@@ -166,12 +172,17 @@ class _Pass:
 
 
 def _decode_all(
-    reader: BagReader, problems: list[str], advance: Callable[[int], None]
+    reader: BagReader,
+    undecoded: Container[str],
+    problems: list[str],
+    advance: Callable[[int], None],
 ) -> Counter[str]:
     messages: Counter[str] = Counter()
     failed: Counter[str] = Counter()
     for message in reader.messages():
         messages[message.topic] += 1
+        if message.topic in undecoded:
+            continue
         try:
             reader.decode(message)
         except InputError as error:

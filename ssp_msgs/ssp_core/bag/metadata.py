@@ -134,6 +134,7 @@ class TopicFacts:
     offered_qos: str
     type_hash: str
     count: int
+    message_encoding: str = "cdr"
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +183,7 @@ def bag_information(facts: BagFacts) -> dict[str, Any]:
                 "topic_metadata": {
                     "name": topic.name,
                     "type": topic.msgtype,
-                    "serialization_format": "cdr",
+                    "serialization_format": topic.message_encoding,
                     "offered_qos_profiles": parse_offered_qos(topic.offered_qos),
                     "type_description_hash": topic.type_hash,
                 },

@@ -98,17 +98,16 @@ class TopicInfo:
     type_hash: str = ""
 
 
-def type_definition(schema: Schema, channel: Channel) -> TypeDefinition:
-    """The definition that a file gives for a channel's type.
+# The number of a type that a channel doesn't have, as those of plain JSON.
+NO_SCHEMA = 0
+_NONE = Schema(NO_SCHEMA, b"", "", "")
 
-    Raises:
-        ValueError: the definition is not UTF-8.
-    """
-    return TypeDefinition(
-        schema.name,
-        schema.encoding,
-        schema.data.decode("utf-8"),
-        channel.metadata.get("topic_type_hash", ""),
+
+def type_definition(schema: Schema, channel: Channel) -> TypeDefinition:
+    """The definition that a file gives for a channel's type."""
+    type_hash = channel.metadata.get("topic_type_hash", "")
+    return TypeDefinition.of_bytes(
+        schema.name, schema.encoding, schema.data, type_hash, channel.message_encoding
     )
 
 
@@ -159,6 +158,7 @@ class BagReader(Closing):
         self.path = Path(path)
         self.topics: dict[str, TopicInfo] = {}
         self._definitions: dict[str, TypeDefinition] = {}
+        self._ambiguous: dict[str, InputError] = {}
         self.files = bag_files(self.path)
         self._parts = [Part(file, later=k > 0) for k, file in enumerate(self.files)]
         for part in self._parts:
@@ -167,32 +167,21 @@ class BagReader(Closing):
     def _add_topics(self, part: Part) -> None:
         for channel in part.channels.values():
             schema = part.summary.schemas.get(channel.schema_id)
+            if schema is None and channel.schema_id == NO_SCHEMA:
+                schema = _NONE
             if schema is None:
                 raise InputError(
                     "has a channel without a type", file=part.path, field=channel.topic
                 )
-            try:
-                written = type_definition(schema, channel)
-            except ValueError as error:
-                raise InputError(
-                    "has a definition that is not UTF-8", file=part.path, field=schema.name
-                ) from error
+            written = type_definition(schema, channel)
             before = self.topics.get(channel.topic)
-            if before is not None and before.msgtype != written.msgtype:
-                raise InputError(
-                    f"has messages of two types, {before.msgtype} and {written.msgtype}",
-                    file=part.path,
-                    field=channel.topic,
-                )
             known = self._definitions.setdefault(channel.topic, written)
-            if (known.encoding, known.text) != (written.encoding, written.text):
-                raise InputError(
-                    f"has messages of two definitions of {written.msgtype}",
-                    file=part.path,
-                    field=channel.topic,
+            if (difference := _difference(known, written)) is not None:
+                self._ambiguous[channel.topic] = InputError(
+                    f"has messages of {difference}", file=part.path, field=channel.topic
                 )
             self.topics[channel.topic] = TopicInfo(
-                msgtype=written.msgtype,
+                msgtype=known.msgtype,
                 count=(before.count if before else 0) + part.counts[channel.id],
                 offered_qos=channel.metadata.get("offered_qos_profiles", ""),
                 type_hash=written.type_hash,
@@ -243,8 +232,24 @@ class BagReader(Closing):
         return merged(run for part in self._parts for run in part.runs(wanted, start_ns, stop_ns))
 
     def definition(self, topic: str) -> TypeDefinition:
-        """What the bag says about the type of one of its topics; KeyError for another topic."""
+        """What the bag says about the type of one of its topics; KeyError for another topic.
+
+        Raises:
+            InputError: the topic has messages of two types.
+        """
+        if topic in self._ambiguous:
+            raise self._ambiguous[topic]
         return self._definitions[topic]
+
+    def unreadable(self) -> dict[str, InputError]:
+        """Why messages can't be decoded, by topic: nothing else of the bag suffers from it."""
+        found = {}
+        for topic in self.topics:
+            try:
+                self.store(topic)
+            except InputError as error:
+                found[topic] = error
+        return found
 
     def store(self, topic: str) -> Typestore:
         """The types of one topic as the bag defines them; KeyError for another topic.
@@ -252,8 +257,9 @@ class BagReader(Closing):
         Raises:
             InputError: the definition can't be used.
         """
+        written = self.definition(topic)
         try:
-            return store_from(self._definitions[topic])
+            return store_from(written)
         except InputError as error:
             raise error.in_file(self.path) from None
 
@@ -266,7 +272,7 @@ class BagReader(Closing):
             InputError: the bytes don't fit the type, or its definition can't be used.
             KeyError: the topic is not in this bag.
         """
-        written = self._definitions[message.topic]
+        written = self.definition(message.topic)
         store = self.store(message.topic)
         try:
             return store.deserialize_cdr(message.data, written.msgtype)
@@ -292,6 +298,20 @@ class BagReader(Closing):
 
     def close(self) -> None:
         """Ends the reading; no file stays open between two reads, so there is nothing to free."""
+
+
+def _difference(one: TypeDefinition, other: TypeDefinition) -> str | None:
+    """Say how the types differ that two channels of one topic have; None: they say the same."""
+    if (one.msgtype, one.message_encoding) != (other.msgtype, other.message_encoding):
+        return f"two types, {one.msgtype} and {other.msgtype}"
+    if (one.encoding, one.text) == (other.encoding, other.text):
+        return None
+    try:
+        if store_from(one).fielddefs == store_from(other).fielddefs:
+            return None  # But for comments or ends of lines.
+    except InputError:
+        pass
+    return f"two definitions of {one.msgtype}"
 
 
 _ARRAYS = absolute(OBJECT_STATES)

@@ -45,7 +45,10 @@ def is_indexed(summary: Summary) -> bool:
         all(index.message_index_offsets for index in summary.chunk_indexes)
         and bool(statistics.channel_message_counts or not statistics.message_count)
         and channels.keys() >= used
-        and all(channel.schema_id in summary.schemas for channel in channels.values())
+        and all(
+            channel.schema_id in summary.schemas or not channel.schema_id
+            for channel in channels.values()
+        )
     )
 
 

@@ -310,6 +310,7 @@ def _read(msgtype: str) -> tuple[Constdefs, Fielddefs]:
 
 
 PACKAGE = "ssp_msgs"
+CDR = "cdr"
 MSG_ENCODING = "ros2msg"
 IDL_ENCODING = "ros2idl"
 _SEPARATOR = "=" * 80 + "\n"
@@ -336,16 +337,32 @@ class TypeDefinition:
     """What a bag says about one message type.
 
     Args:
-        msgtype: full name, ``package/msg/Name``.
-        encoding: ``ros2msg`` or ``ros2idl``.
-        text: the definition followed by those of all types that it uses.
+        msgtype: full name, ``package/msg/Name``; empty: the bag names none.
+        encoding: ``ros2msg`` or ``ros2idl``; others are kept as they are, and not understood.
+        text: the definition followed by those of all types that it uses. Bytes that are no UTF-8
+            stand in it as surrogates.
         type_hash: ``RIHS01_<hex>`` as ROS 2 computes it, empty when it is not known.
+        message_encoding: of its messages; only CDR is decoded.
     """
 
     msgtype: str
     encoding: str
     text: str
     type_hash: str = ""
+    message_encoding: str = CDR
+
+    @staticmethod
+    def of_bytes(
+        msgtype: str, encoding: str, data: bytes, type_hash: str, message_encoding: str
+    ) -> TypeDefinition:
+        """Give the definition that a file holds, whatever its bytes are."""
+        text = data.decode("utf-8", "surrogateescape")
+        return TypeDefinition(msgtype, encoding, text, type_hash, message_encoding)
+
+    @property
+    def data(self) -> bytes:
+        """The definition as it stands in a file."""
+        return self.text.encode("utf-8", "surrogateescape")
 
 
 def _folders() -> list[Traversable]:
@@ -448,12 +465,23 @@ def store_from(written: TypeDefinition) -> Typestore:
 @lru_cache(maxsize=_KEPT_STORES)
 def _parsed(written: TypeDefinition) -> Typestore | InputError:
     store = BoundedStore()
+    if written.message_encoding != CDR:
+        return InputError(
+            "has messages in an encoding that isn't decoded",
+            field=written.msgtype or None,
+            value=written.message_encoding,
+            remedy=f"{CDR} is decoded",
+        )
+    if not written.text.strip() and written.msgtype in typestore().fielddefs:
+        # rosbag2 leaves out a definition that it doesn't find: what ROS itself defines is known.
+        written = definition(written.msgtype)
+    text = written.text.replace("\r\n", "\n")
     try:
-        check_text(written.text, idl=written.encoding == IDL_ENCODING)
+        check_text(text, idl=written.encoding == IDL_ENCODING)
         if written.encoding == MSG_ENCODING:
-            types = get_types_from_msg(written.text, written.msgtype)
+            types = get_types_from_msg(text, written.msgtype)
         elif written.encoding == IDL_ENCODING:
-            types = get_types_from_idl(written.text)
+            types = _types_from_idl(text)
         else:
             return InputError(
                 "has a definition in an unknown encoding",
@@ -466,10 +494,25 @@ def _parsed(written: TypeDefinition) -> Typestore | InputError:
         store.get_msgdef(written.msgtype)
     except _UNUSABLE as error:
         # rosbags' messages repeat the whole definition.
-        text = str(error)
-        for whole in (f"MSG: {written.msgtype}\n{written.text}", written.text):
-            text = text.replace(repr(whole), "")
-        text = " ".join(text.split()) or type(error).__name__
-        problem = f"has a definition that can't be used: {text[:_SHOWN]}"
+        why = str(error)
+        for whole in (f"MSG: {written.msgtype}\n{text}", text):
+            why = why.replace(repr(whole), "")
+        why = " ".join(why.split()) or type(error).__name__
+        problem = f"has a definition that can't be used: {why[:_SHOWN]}"
         return InputError(problem, field=written.msgtype)
     return store
+
+
+# What the C preprocessor of an IDL compiler takes; a bag's definition brings what it includes.
+_DIRECTIVE = re.compile(r"^[ \t]*#[^\n]*$", re.MULTILINE)
+
+
+def _types_from_idl(text: str) -> Typesdict:
+    """Parse a definition of one file, or of several behind ``IDL: package/msg/Name`` lines."""
+    found: Typesdict = {}
+    for section in text.split(_SEPARATOR):
+        body = section.partition("\n")[2] if section.startswith("IDL: ") else section
+        body = _DIRECTIVE.sub("", body)
+        if body.strip():
+            found.update(get_types_from_idl(body))
+    return found

@@ -144,13 +144,13 @@ class BagWriter(Closing):
         if topic in self._topics:
             raise ValueError(f"topic {topic} was added before")
         known = self._schemas.get(written)
+        if not written.msgtype:
+            known = Schema(0, b"", "", "")  # MCAP's way to say that a topic has no type
         if known is None and len(self._schemas) == _MAX_IDS:
             raise InputError("is one type too many", file=self.file, field=topic)
-        schema = known or Schema(
-            len(self._schemas) + 1, written.text.encode(), written.encoding, msgtype
-        )
+        schema = known or Schema(len(self._schemas) + 1, written.data, written.encoding, msgtype)
         metadata = {"offered_qos_profiles": offered_qos, "topic_type_hash": written.type_hash}
-        channel = self._channel(topic, metadata, schema)
+        channel = self._channel(topic, metadata, schema, written.message_encoding)
         if known is None:
             self._schemas[written] = schema
             self._output.add_schema(schema)
@@ -158,11 +158,13 @@ class BagWriter(Closing):
         kept = LatchedTopic(offered_qos) if latched else None
         self._topics[topic] = WrittenTopic(channel, schema, kept)
 
-    def _channel(self, topic: str, metadata: dict[str, str], schema: Schema) -> Channel:
+    def _channel(
+        self, topic: str, metadata: dict[str, str], schema: Schema, encoding: str
+    ) -> Channel:
         if self._channels == _MAX_IDS:
             raise InputError("is one topic too many", file=self.file, field=topic)
         self._channels += 1
-        return Channel(self._channels, topic, "cdr", metadata, schema.id)
+        return Channel(self._channels, topic, encoding, metadata, schema.id)
 
     def write(
         self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0
@@ -252,7 +254,8 @@ class BagWriter(Closing):
             if topic.latched is not None and topic.latched.kept:
                 if topic.repeats is None:
                     metadata = topic.channel.metadata | REPEATED
-                    topic.repeats = self._channel(name, metadata, topic.schema)
+                    encoding = topic.channel.message_encoding
+                    topic.repeats = self._channel(name, metadata, topic.schema, encoding)
                 repeats = topic.repeats
                 output.add_channel(repeats)
                 for cdr, publish_time_ns, sequence in topic.latched.kept:
@@ -330,6 +333,7 @@ class BagWriter(Closing):
                 topic.channel.metadata["offered_qos_profiles"],
                 topic.channel.metadata["topic_type_hash"],
                 counts.get(name, 0),
+                topic.channel.message_encoding,
             )
             for name, topic in self._topics.items()
         )

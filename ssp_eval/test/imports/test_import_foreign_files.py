@@ -1,0 +1,142 @@
+"""Files of other writers: without chunks, in any order, with types that nothing understands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+from foreign_recordings import (
+    INFO,
+    TF,
+    TYPES,
+    TrackDay,
+    camera_info,
+    number_of,
+    transform,
+    write_bag,
+)
+from mcap.writer import Writer
+
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage
+from ssp_core.cdr.messages import peek_stamp_ns
+from ssp_core.cli import main
+
+OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
+CAMERA = ("--camera-info", "/info")
+IMAGE = "/ssp/vut/front_camera/image/compressed"
+OPTICAL = (-0.5, 0.5, -0.5, 0.5)
+Kind = tuple[str, str, bytes, str]
+
+
+def rewritten(bag: Path, target: Path, beside: Kind | None = None, **options: Any) -> Path:
+    """The same messages as another program writes them, with a topic of a strange kind."""
+    with BagReader(bag) as reader, target.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start(profile="ros2")
+        channels = {}
+        for topic in reader.topics:
+            written = reader.definition(topic)
+            schema = writer.register_schema(written.msgtype, written.encoding, written.data)
+            channels[topic] = writer.register_channel(topic, "cdr", schema)
+        if beside is not None:
+            name, encoding, text, message_encoding = beside
+            strange = writer.register_schema(name, encoding, text)
+            channel = writer.register_channel("/vendor", message_encoding, strange)
+            writer.add_message(channel, reader.start_ns or 0, b"{}", 0, 1)
+        for m in reader.messages():
+            writer.add_message(
+                channels[m.topic], m.log_time_ns, m.data, m.publish_time_ns, m.sequence
+            )
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it bare
+    return target
+
+
+def run(bag: Path, out: Path, *options: object) -> int:
+    common = ("--domain", "physical", "--end", "4", "--out", out)
+    return main(["import-bag", str(bag), *OBJECTS, *map(str, (*options, *common))])
+
+
+def recorded(out: Path) -> list[BagMessage]:
+    with BagReader(out) as reader:
+        return list(reader.messages())
+
+
+@pytest.fixture(scope="module")
+def source(day: TrackDay, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The track day with a camera's place, and a CameraInfo 2 s after the first frame."""
+    ns = day.zero_ns
+    place = TYPES.types[TF](
+        transforms=[transform("base_link", "camera_optical", (1, 0, 1), OPTICAL)]
+    )
+    more = [("/info", INFO, ns + 2 * 10**9, camera_info(ns, 32.0)), ("/tf_static", TF, ns, place)]
+    return write_bag(tmp_path_factory.mktemp("foreign") / "day", [*day.messages(), *more])
+
+
+@pytest.mark.parametrize("options", [CAMERA, (*CAMERA, "--mount", "1,0,1,0"), ()])
+def test_a_file_without_chunks_gives_the_same_bytes(
+    source: Path, tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    chunked = rewritten(source, tmp_path / "chunked.mcap")
+    plain = rewritten(source, tmp_path / "plain.mcap", use_chunking=False)
+    assert run(chunked, tmp_path / "one", *options) == 0
+    assert run(plain, tmp_path / "other", *options) == 0
+    found = recorded(tmp_path / "other")
+    assert found == recorded(tmp_path / "one")
+    with BagReader(tmp_path / "other") as reader:
+        frames = [(peek_stamp_ns(m.data), reader.decode(m)) for m in reader.messages([IMAGE])]
+    assert len(frames) == 41
+    for k, (stamp_ns, frame) in enumerate(frames):
+        assert number_of(cv2.imdecode(frame.data, cv2.IMREAD_COLOR)) == k
+        assert stamp_ns == frames[0][0] + k * 10**8
+
+
+def test_messages_out_of_order_in_a_file_without_chunks_are_put_in_order(
+    source: Path, tmp_path: Path
+) -> None:
+    plain = tmp_path / "plain.mcap"
+    with BagReader(source) as reader, plain.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(profile="ros2")
+        for topic in reversed(reader.topics):  # topic by topic
+            written = reader.definition(topic)
+            schema = writer.register_schema(written.msgtype, written.encoding, written.data)
+            channel = writer.register_channel(topic, "cdr", schema)
+            for m in reader.messages([topic]):
+                writer.add_message(channel, m.log_time_ns, m.data, m.publish_time_ns, m.sequence)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it bare
+    assert run(source, tmp_path / "one", *CAMERA) == 0
+    assert run(plain, tmp_path / "other", *CAMERA) == 0
+    assert recorded(tmp_path / "other") == recorded(tmp_path / "one")
+
+
+STRANGE: dict[str, Kind] = {
+    "JSON": ("vendor.Lateral", "jsonschema", b"{}", "json"),
+    "protobuf": ("vendor.Lateral", "protobuf", b"\n\xff", "protobuf"),
+    "nonsense": ("vendor_msgs/msg/Lateral", "ros2msg", b"= =", "cdr"),
+}
+
+
+@pytest.mark.parametrize("kind", STRANGE)
+def test_a_topic_that_is_not_wanted_and_cannot_be_read_is_listed(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    strange = rewritten(source, tmp_path / "strange.mcap", STRANGE[kind])
+    assert run(strange, tmp_path / "out", *CAMERA) == 0
+    assert "/vendor: can't be read and isn't needed" in capsys.readouterr().err
+    assert run(source, tmp_path / "same", *CAMERA) == 0
+    assert recorded(tmp_path / "out") == recorded(tmp_path / "same")
+
+
+def test_a_topic_that_is_asked_for_and_cannot_be_read_is_refused_without_a_wrong_remedy(
+    source: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    nonsense: Kind = ("nav_msgs/msg/Odometry", "ros2msg", b"= =", "cdr")
+    strange = rewritten(source, tmp_path / "strange.mcap", nonsense)
+    wanted = ("--vut", "/vendor", *OBJECTS[2:], "--domain", "physical", "--out", tmp_path / "out")
+    said = refused("import-bag", strange, *wanted)
+    assert "nav_msgs/msg/Odometry: has a definition that can't be used" in said
+    assert "recover" not in said
