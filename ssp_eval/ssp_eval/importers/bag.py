@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.bag.images import JPEG_END, decode_still
-from ssp_core.bag.images import size_px as size_of_image
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.writer import BagWriter
-from ssp_core.cdr.images import COMPRESSED_TYPE, JPEG_START, RAW_TYPE, ImageMessage, read_image
+from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.geodesy import Datum
@@ -23,7 +21,8 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Mounting
 from ssp_eval.importers import target
 from ssp_eval.importers.camera import CameraSource
-from ssp_eval.importers.findings import Finding, Findings
+from ssp_eval.importers.findings import Findings
+from ssp_eval.importers.frames import FrameIntake
 from ssp_eval.importers.options import ALL, ImportOptions
 from ssp_eval.importers.ros_bag import (
     TF_STATIC,
@@ -40,7 +39,6 @@ from ssp_eval.importers.target import (
     ImportSummary,
     attach_record,
     check_free,
-    jpeg,
     keep_every,
     make_bag,
     measured_motion,
@@ -295,54 +293,35 @@ def _write(
 ) -> ImportSummary:
     writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
     kind = bag.types[options.camera]
-    size_px = (0, 0)
     camera = CameraFacts()
-    count, cut_ns = 0, list[int]()
+    intake = FrameIntake(
+        options.bag, options.camera, clip.first_ns,
+        accepts_cut="cut_pictures" in options.clip.accepted,
+        has_lens=options.camera_info is not None,
+    )  # fmt: skip
+    notes = [*notes, *clip.notes]
+    count = written = 0
     for place, (_, data) in enumerate(bag.raw(options.camera)):
         stamp_ns = clip.kept.get(place)
         if stamp_ns is None:
             continue
-        try:
-            image = read_image(kind, data)
-            found_px = _size(image)
-            if count == 0:
-                size_px = found_px
-            elif found_px != size_px:
-                raise ValueError(f"{found_px[0]}x{found_px[1]} px, not {size_px[0]}x"
-                                 f"{size_px[1]} as the first")  # fmt: skip
-            if is_cut(image):
-                cut_ns.append(stamp_ns)
-            shown = _stored(image)
-        except ValueError as error:
-            at_s = ns_to_seconds(stamp_ns - clip.first_ns)
-            raise InputError(
-                f"holds a frame at {at_s:.3f} s of the clip that can't be used: {error}",
-                file=options.bag, field=options.camera,
-                remedy="cut the span out with --start and --end",
-            ) from error  # fmt: skip
-        if count == 0:
-            camera, more = source_camera.facts(image.frame_id, size_px, findings)
-            notes = [*notes, *clip.notes, *more]
-            camera.write(writer, stamp_ns)
         count += 1
-        writer.write(IMAGE, target.image(stamp_ns, shown), stamp_ns, stamp_ns, count)
+        shown = intake.take(stamp_ns, kind, data)
+        if shown is not None:
+            if not written and intake.describes_lens:
+                camera, more = source_camera.facts(intake.frame_id, intake.size_px, findings)
+                notes += more
+                camera.write(writer, stamp_ns)
+            written += 1
+            writer.write(IMAGE, target.image(stamp_ns, shown), stamp_ns, stamp_ns, count)
         advance(1)
     if count < len(clip.kept):
         raise InputError(
             f"gave {count} frames, {len(clip.kept)} were planned", file=options.bag,
             field=options.camera, remedy="let nothing write to the bag during the import",
         )  # fmt: skip
-    if cut_ns:
-        findings.add(
-            Finding(
-                "cut_pictures",
-                f"{len(cut_ns)} of {count} JPEGs are cut off, the first at "
-                f"{ns_to_seconds(cut_ns[0] - clip.first_ns):.3f} s of the clip",
-                "cut the span out with --start and --end",
-                options.bag,
-                options.camera,
-            )
-        )
+    notes += [f"camera: {one}" for one in intake.close(findings)]
+    notes += [f"camera: {one}" for one in intake.repeats.notes(tracks[0], clip.first_ns)]
     write_states(writer, {track.body.object_id: track.states() for track in tracks})
     digest = bag.sha256()
     motion = measured_motion(options.clip.motion, tracks, options.bag.name, digest, notes)
@@ -359,23 +338,5 @@ def _write(
     )
     duration_s = ns_to_seconds(clip.last_ns - clip.first_ns)
     return ImportSummary(
-        options.clip.out, count, clip.keep_every, clip.rate_hz, duration_s, size_px, record
+        options.clip.out, count, clip.keep_every, clip.rate_hz, duration_s, intake.size_px, record
     )
-
-
-def _size(image: ImageMessage) -> tuple[int, int]:
-    if image.layout is not None:
-        return image.layout.width_px, image.layout.height_px
-    return size_of_image(image.data)
-
-
-def is_cut(image: ImageMessage) -> bool:
-    """Whether a JPEG ends before its picture does."""
-    return image.layout is None and bytes(image.data).rfind(JPEG_END) < 0
-
-
-def _stored(image: ImageMessage) -> bytes:
-    """The frame as JPEG: the recorded bytes where they are one."""
-    if image.layout is None and image.data[:2] == JPEG_START:
-        return bytes(image.data)
-    return jpeg(decode_still(image))

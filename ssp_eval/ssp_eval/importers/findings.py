@@ -20,7 +20,7 @@ from ssp_eval.importers.options import Option
 # What ``--accept NAME`` takes as it is.
 ACCEPTABLE: Mapping[str, str] = {
     "camera_matrix": "a CameraInfo that no camera of these frames has",
-    "cut_pictures": "pictures that are cut off or otherwise damaged",
+    "cut_pictures": "JPEGs that are cut off or damaged, as far as they go",
 }
 
 

@@ -8,12 +8,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ssp_core.bag.jpeg import UPRIGHT, read_header, whole_picture
 from ssp_core.cdr.images import JPEG_START, ImageMessage, RawLayout
 
 # More than any camera; a header of ten bytes can claim four thousand million.
 MAX_PIXELS = 1 << 26
-JPEG_END = b"\xff\xd9"
 PNG_START = b"\x89PNG\r\n\x1a\n"
+# Where a PNG says how many bits a value has; its kind of colour comes next, 0 is grey.
+_PNG_BITS = 24
+# EXIF's orientations above it exchange width and height.
+_LAST_UNTURNED = 4
 JPEG_QUALITY = 95
 
 _CHANNELS = {"mono8": 1, "8UC1": 1, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
@@ -24,9 +28,13 @@ _TO_BGR = {
     "rgba8": cv2.COLOR_RGBA2BGR,
     "bgra8": cv2.COLOR_BGRA2BGR,
 }
-# Start of frame, all kinds but the tables and the arithmetic extension that lie between them.
-_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_BARE = frozenset({0x01, *range(0xD0, 0xD9)})
+# Values of 8 bits as a Bayer mosaic; demosaicked to colour.
+_BAYER = {
+    "bayer_rggb8": cv2.COLOR_BayerRGGB2BGR,
+    "bayer_bggr8": cv2.COLOR_BayerBGGR2BGR,
+    "bayer_gbrg8": cv2.COLOR_BayerGBRG2BGR,
+    "bayer_grbg8": cv2.COLOR_BayerGRBG2BGR,
+}
 
 Bgr = NDArray[np.uint8]
 
@@ -46,34 +54,69 @@ def size_px(data: memoryview) -> tuple[int, int]:
     """
     try:
         if data[:8] == PNG_START:
-            width, height = struct.unpack_from(">II", data, 16)
+            width, height, _, _ = struct.unpack_from(">IIBB", data, 16)
             return width, height
         if data[:2] == JPEG_START:
-            return _jpeg_size(data)
+            header = read_header(data)
+            return header.width_px, header.height_px
     except (struct.error, IndexError):
         raise ValueError(f"a picture cut off after {len(data)} bytes") from None
     raise ValueError(f"{len(data)} bytes that are neither JPEG nor PNG")
 
 
-def _jpeg_size(data: memoryview) -> tuple[int, int]:
-    at = 2
-    while True:
-        if data[at] != 0xFF:
-            raise ValueError("a JPEG without a size")
-        kind = data[at + 1]
-        if kind == 0xFF:  # a fill byte
-            at += 1
-        elif kind in _BARE:
-            at += 2
-        elif kind in _SIZES:
-            height, width = struct.unpack_from(">HH", data, at + 5)
-            return width, height
-        else:
-            at += 2 + struct.unpack_from(">H", data, at + 2)[0]
+def shown_size_px(image: ImageMessage) -> tuple[int, int]:
+    """Width and height of an image as it is shown: turned as EXIF says.
+
+    Raises:
+        ValueError: it is neither JPEG nor PNG nor raw, or says no size.
+    """
+    if image.layout is not None:
+        return image.layout.width_px, image.layout.height_px
+    width, height = size_px(image.data)
+    return (height, width) if orientation_of(image) > _LAST_UNTURNED else (width, height)
+
+
+def orientation_of(image: ImageMessage) -> int:
+    """The orientation that EXIF states, 1 to 8; 1, upright, where it states none.
+
+    Raises:
+        ValueError: a JPEG whose header can't be read.
+    """
+    if image.layout is not None or image.data[:2] != JPEG_START:
+        return UPRIGHT
+    return read_header(image.data).orientation
+
+
+def is_mosaic(image: ImageMessage) -> bool:
+    """Whether an image holds a Bayer mosaic, raw or compressed as grey.
+
+    Raises:
+        ValueError: a JPEG whose header can't be read.
+    """
+    encoding = image.format.partition(";")[0].strip()
+    if encoding not in _BAYER or image.layout is not None:
+        return encoding in _BAYER
+    if image.data[:2] == JPEG_START:
+        return read_header(image.data).channels == 1
+    return image.data[:8] == PNG_START and image.data[_PNG_BITS + 1] == 0
+
+
+def check_depth(image: ImageMessage) -> None:
+    """Check that a compressed picture has 8 bits a value: nothing states the range of more.
+
+    Raises:
+        ValueError: it has more, or it is neither JPEG nor PNG.
+    """
+    size_px(image.data)
+    is_jpeg = image.data[:2] == JPEG_START
+    bits = read_header(image.data).bits if is_jpeg else image.data[_PNG_BITS]
+    if bits > 8:
+        raise ValueError(f"a picture of {bits} bits a value, of which no range is stated; 8 are "
+                         "read here")  # fmt: skip
 
 
 def decode_still(image: ImageMessage) -> Bgr:
-    """The picture of a compressed or raw image, BGR.
+    """The picture of a compressed or raw image, BGR, upright.
 
     Raises:
         ValueError: it is damaged, cut off, too large, or in a format that isn't read here.
@@ -83,22 +126,35 @@ def decode_still(image: ImageMessage) -> Bgr:
     width, height = size_px(image.data)
     if width * height > MAX_PIXELS:
         raise ValueError(f"a picture of {width} x {height} px, more than is read here")
-    # A JPEG that is cut off decodes all the same, with a grey rest.
-    if image.data[:2] == JPEG_START and JPEG_END not in bytes(image.data[-4096:]):
-        raise ValueError(f"a JPEG cut off after {len(image.data)} bytes")
+    check_depth(image)
+    data = image.data
+    if data[:2] == JPEG_START:
+        whole_picture(data)
+    is_grey = is_mosaic(image)
     try:
-        picture = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_COLOR)
+        how = cv2.IMREAD_GRAYSCALE if is_grey else cv2.IMREAD_COLOR
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
     except cv2.error:
         picture = None
     if picture is None:
-        raise ValueError(f"{len(image.data)} bytes that can't be decoded")
+        raise ValueError(f"{len(data)} bytes that can't be decoded")
+    if is_grey:
+        picture = _demosaicked(np.asarray(picture), image.format.partition(";")[0].strip())
     return np.asarray(picture, np.uint8)
 
 
+def _demosaicked(mosaic: NDArray[np.uint8], encoding: str) -> Bgr:
+    """The colours of a Bayer mosaic."""
+    if min(mosaic.shape[:2]) < 4:
+        raise ValueError(f"a Bayer mosaic of {mosaic.shape[1]} x {mosaic.shape[0]} px")
+    return np.asarray(cv2.cvtColor(mosaic, _BAYER[encoding]), np.uint8)
+
+
 def _raw(encoding: str, layout: RawLayout, data: memoryview) -> Bgr:
-    channels = _CHANNELS.get(encoding)
+    channels = 1 if encoding in _BAYER else _CHANNELS.get(encoding)
     if channels is None:
-        raise ValueError(f"pixels as {encoding!r}; {', '.join(_CHANNELS)} are read here")
+        known = ", ".join((*_CHANNELS, *_BAYER))
+        raise ValueError(f"pixels as {encoding!r}; {known} are read here")
     row_bytes = layout.width_px * channels
     pixels = layout.width_px * layout.height_px
     if not 0 < pixels <= MAX_PIXELS or layout.step_bytes < row_bytes:
@@ -110,6 +166,8 @@ def _raw(encoding: str, layout: RawLayout, data: memoryview) -> Bgr:
     rows = np.frombuffer(data, np.uint8, layout.height_px * layout.step_bytes)
     rows = rows.reshape(layout.height_px, layout.step_bytes)[:, :row_bytes]
     picture = rows.reshape(layout.height_px, layout.width_px, channels)
+    if encoding in _BAYER:
+        return _demosaicked(picture[:, :, 0], encoding)
     code = _TO_BGR.get(encoding)
     return np.asarray(picture if code is None else cv2.cvtColor(picture, code), np.uint8)
 
