@@ -20,7 +20,7 @@ from ssp_core.bag.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_core.world.transforms import TF_TYPE
+from ssp_core.world.transforms import TF_TYPE, Transform, decode_transforms, encode_transforms
 from ssp_monitor.recorder.recorder import OFFERED
 from ssp_monitor.recorder.topics import Profile
 from ssp_monitor.replay.plan import (
@@ -253,6 +253,43 @@ def bag(tmp_path):
                 writer.write("/kept", b"kept%02d" % k, ns, ns)
             writer.write("/others", b"other%02d" % k, ns, ns)
     return path
+
+
+@pytest.mark.parametrize(
+    "qos",
+    [
+        "",
+        offered_qos(1, transient_local=True),
+        "- {durability: transient_local, history: 3, depth: 0}",
+    ],
+)
+def test_each_message_of_static_transforms_has_those_of_all_publishers(tmp_path, qos):
+    """A subscriber that joins late gets one message, whichever the last publisher's was."""
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/tf_static", TF_TYPE, qos)
+        writer.add_topic("/text", "std_msgs/msg/String")
+        for k, child in enumerate(("mast", "camera", "lidar")):
+            one = Transform("base_link", child, 0, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+            writer.write("/tf_static", encode_transforms([one]), k, k)
+        for k in range(4):
+            writer.write("/text", b"", k * 10**9, k * 10**9)
+
+    def children(messages):
+        found = [m for m in messages if m.topic == "/tf_static"]
+        return [[one.child for one in decode_transforms(m.data)] for m in found]
+
+    with BagReader(tmp_path / "bag") as reader:
+        plan = make_plan(reader.topics, ReplayOptions(), lambda *_: None)
+        (line,) = [line for line in plan.lines if line.recorded == "/tf_static"]
+        assert line.offer == PublisherQos(reliable=True, latched=True, depth=1)
+        whole = MessageSource(reader, plan.lines, ReplayOptions())
+        for _ in range(2):  # in each lap
+            assert whole.kept() == []
+            sent = children(whole.messages())
+            assert sent == [["mast"], ["mast", "camera"], ["mast", "camera", "lidar"]]
+        later = MessageSource(reader, plan.lines, ReplayOptions(start_s=1.0))
+        assert children(later.kept()) == [["mast", "camera", "lidar"]]
+        assert children(later.messages()) == []
 
 
 def test_a_tape_has_the_stretch_and_what_was_kept_before_it(bag):

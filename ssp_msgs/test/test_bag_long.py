@@ -8,11 +8,12 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from ssp_core.bag.check import check_bag
+from ssp_core.bag.latched import KEPT_BYTES, MOST_KEPT, UNTOLD_DEPTH
 from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
-from ssp_core.bag.split import KEPT_BYTES, MOST_KEPT, UNTOLD_DEPTH, Split
+from ssp_core.bag.split import Split
 from ssp_core.bag.writer import BagWriter
 from support.bags import text
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ssp_core import names
+from ssp_core.bag.latched import is_static
 from ssp_core.bag.metadata import parse_offered_qos
 from ssp_core.bag.reader import TopicInfo
 from ssp_core.errors import InputError
@@ -143,7 +144,7 @@ def _whole(value: Any) -> int:
     return value if isinstance(value, int) and not isinstance(value, bool) and value > 0 else 1
 
 
-def offer_of(topic: str, offered_qos: str) -> PublisherQos:
+def offer_of(topic: str, offered_qos: str, msgtype: str = "") -> PublisherQos:
     """The offer for a topic.
 
     Of several recorded publishers the strongest offer is taken, which every subscriber that heard
@@ -152,7 +153,10 @@ def offer_of(topic: str, offered_qos: str) -> PublisherQos:
     Args:
         topic: absolute name; decides where the bag says nothing of use.
         offered_qos: YAML of the channel, or empty.
+        msgtype: static transforms are sent as tf2 sends them, each message with all of them.
     """
+    if is_static(topic, msgtype):
+        return PublisherQos(latched=True, depth=1)
     try:
         profiles = parse_offered_qos(offered_qos)
     except ValueError:
@@ -164,7 +168,7 @@ def offer_of(topic: str, offered_qos: str) -> PublisherQos:
     latched = any(profile.get("durability") in _TRANSIENT_LOCAL for profile in profiles)
     if not latched:
         return PublisherQos(reliable=reliable)
-    # Each publisher kept its own: of /tf_static all of them are the whole.
+    # Each publisher kept its own.
     depth = min(sum(_whole(profile.get("depth")) for profile in profiles), MOST_LATCHED)
     return PublisherQos(reliable=reliable, latched=True, depth=depth)
 
@@ -281,7 +285,7 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing:
         elif (why := _obstacle(topic, info, missing)) is not None:
             left_out.append(OmittedTopic(name, info.count, why))
         else:
-            offer = offer_of(name, info.offered_qos)
+            offer = offer_of(name, info.offered_qos, info.msgtype)
             lines.append(PlannedTopic(name, topic, info.msgtype, offer, info.count))
     _check(lines, left_out)
     clock_recorded = any(line.topic == names.CLOCK for line in lines)

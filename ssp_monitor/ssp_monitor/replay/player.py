@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
+from ssp_core.bag.latched import Kept, StaticTransforms, is_static
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
@@ -39,6 +40,7 @@ class MessageSource:
             raise InputError("holds no message", file=reader.path)
         self._reader = reader
         self._lines = lines
+        self._static: dict[str, StaticTransforms] = {}
         self.bag_start_ns = first_ns
         self.start_ns = first_ns + seconds_to_ns(start_s)
         self.end_ns = last_ns if end_s is None else min(last_ns, first_ns + seconds_to_ns(end_s))
@@ -55,6 +57,11 @@ class MessageSource:
     def kept(self) -> list[BagMessage]:
         """What latched publishers kept from before the start: the newest messages of each, as many
         as it offered, in order of time."""
+        self._static = {
+            line.recorded: StaticTransforms()
+            for line in self._lines
+            if is_static(line.recorded, line.msgtype)
+        }
         if self.start_ns <= self.bag_start_ns:
             return []
         kept = {
@@ -65,14 +72,23 @@ class MessageSource:
         for message in (
             self._reader.messages(frozenset(kept), self.bag_start_ns, self.start_ns) if kept else ()
         ):
-            kept[message.topic].append(message)
+            kept[message.topic].append(self._with_others(message))
         found = [message for messages in kept.values() for message in messages]
         return sorted(found, key=lambda message: message.log_time_ns)
 
     def messages(self) -> ReadAhead:
-        """The stretch from its beginning."""
+        """The stretch from its beginning; ``kept`` goes before it."""
         topics = frozenset(line.recorded for line in self._lines)
-        return ReadAhead(self._reader.messages(topics, self.start_ns, self.end_ns + 1))
+        stretch = self._reader.messages(topics, self.start_ns, self.end_ns + 1)
+        return ReadAhead(map(self._with_others, stretch))
+
+    def _with_others(self, message: BagMessage) -> BagMessage:
+        """The message; of static transforms with those of all publishers, as tf2 sends them."""
+        static = self._static.get(message.topic)
+        if static is None:
+            return message
+        data = static.take(Kept(message.data, message.publish_time_ns, message.sequence))
+        return message._replace(data=data)
 
 
 class ReadAhead(Iterator[BagMessage]):

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ssp_core.bag.frames import keyframe_before
+from ssp_core.bag.latched import Kept, late_joiner
 from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.metadata import is_latched, usable_qos
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.split import Kept, LatchedTopic
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import VIDEO_TYPE
@@ -57,10 +57,11 @@ def cut_bag(
 
     Types, quality of service, times, sequence numbers and attachments are kept. Of latched topics
     the messages that were valid when the span begins are written too, at its beginning and with
-    the publish time they had. Of video the frames from the keyframe before the span on are kept,
-    at their own times, so that its first picture can be decoded. Of a session the last word on its
-    state stands at the end of the span, and verdict.json goes with the bag: a part keeps the
-    verdict of the whole. The target is whole or not there.
+    the publish time they had; static transforms are merged, whatever their QoS says. Of video the
+    frames from the keyframe before the span on are kept, at their own times, so that its first
+    picture can be decoded. Of a session the last word on its state stands at the end of the span,
+    and verdict.json goes with the bag: a part keeps the verdict of the whole. The target is whole
+    or not there.
 
     Args:
         source: bag directory or .mcap file.
@@ -146,10 +147,11 @@ class _Cut:
 
     def _latched(self, start_ns: int) -> Iterator[BagMessage]:
         """The messages that a late joiner would get at that time, topic by topic."""
+        topics = self._bag.topics
         kept = {
-            topic: LatchedTopic(offered)
+            topic: one
             for topic in self._topics
-            if is_latched(offered := self._bag.topics[topic].offered_qos)
+            if (one := late_joiner(topic, topics[topic].msgtype, topics[topic].offered_qos))
         }
         begin_ns = self._bag.start_ns
         if not kept or begin_ns is None or begin_ns >= start_ns:

@@ -16,6 +16,7 @@ from mcap.records import Channel, Message, Schema
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
+from ssp_core.bag.latched import MOST_KEPT, Kept, StaticTransforms, is_static
 from ssp_core.bag.mcap_file import (
     CHUNK_HEAD_BYTES,
     HEAD,
@@ -38,7 +39,7 @@ from ssp_core.bag.mcap_file import (
 )
 from ssp_core.bag.metadata import is_latched, usable_qos
 from ssp_core.bag.reader import bag_files, mcap_files, type_definition
-from ssp_core.bag.split import MOST_KEPT, REPEATED_KEY
+from ssp_core.bag.split import REPEATED_KEY
 from ssp_core.bag.types import TypeDefinition
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
@@ -141,6 +142,7 @@ class _NewBag:
     places: int = 0
     _types: dict[str, TypeDefinition] = field(default_factory=dict)
     _latched: dict[str, deque[tuple[int, int, int, int]]] = field(default_factory=dict)
+    _static: dict[str, StaticTransforms] = field(default_factory=dict)
 
     def note(self, text: str) -> None:
         """Keeps what is wrong in one place; of very many the first."""
@@ -158,9 +160,14 @@ class _NewBag:
         if channel.message_encoding != "cdr":
             raise ValueError(f"{topic} is encoded as {channel.message_encoding!r}, not cdr")
         self._announce(channel, schema)
-        if (kept := self._latched.get(topic)) is not None:
+        repeated = REPEATED_KEY in channel.metadata
+        if (static := self._static.get(topic)) is not None:
+            if repeated and static.says(data):
+                return
+            static.keep(Kept(data, message.publish_time, message.sequence))
+        elif (kept := self._latched.get(topic)) is not None:
             key = (message.publish_time, message.sequence, len(data), crc32(data))
-            if REPEATED_KEY in channel.metadata and key in kept:
+            if repeated and key in kept:
                 return
             kept.append(key)
         self.writer.write(topic, data, message.log_time, message.publish_time, message.sequence)
@@ -174,7 +181,9 @@ class _NewBag:
             latched = is_latched(offered) or REPEATED_KEY in channel.metadata
             self.writer.add_topic(topic, schema.name, offered, written=written, latched=latched)
             self._types[topic] = written
-            if latched:
+            if is_static(topic, schema.name):
+                self._static[topic] = StaticTransforms()
+            elif latched:
                 self._latched[topic] = deque(maxlen=MOST_KEPT)
         elif known.msgtype != written.msgtype:
             raise ValueError(f"{topic} has messages of two types")

@@ -1,21 +1,14 @@
-"""When a bag goes on in a new file, and which messages that file begins with."""
+"""When a bag goes on in a new file."""
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from ssp_core.bag.metadata import parse_offered_qos, stated_depth
 from ssp_core.errors import InputError
 
 MIN_BYTES = 1024  # as rosbag2
 SET_BACK_BYTES = 1 << 20
-# Of a latched topic: what a claimed depth may make us remember, and what is kept without one.
-MOST_KEPT = 1000
-UNTOLD_DEPTH = 100
-KEPT_BYTES = 16 << 20
-# Metadata of the channels of repeated messages, see LatchedTopic.
+# Metadata of the channels of repeated messages, see latched.LatchedTopic.
 REPEATED_KEY = "ssp_repeated"
 REPEATED = {REPEATED_KEY: "true"}
 
@@ -63,44 +56,3 @@ class Split:
         if span_ns < 0 and file_bytes < SET_BACK_BYTES:
             return False
         return self.max_s is not None and abs(span_ns) >= self.max_s * 1e9
-
-
-class Kept(NamedTuple):
-    """A latched message that later files repeat."""
-
-    cdr: bytes
-    publish_time_ns: int
-    sequence: int
-
-
-class LatchedTopic:
-    """The newest messages of a latched topic, as many as its publishers offer to late joiners.
-
-    A later file begins with them: with the publish time that they had and the log time at which
-    that file begins, so that the order by log time holds. They stand in a channel of their own,
-    of the same topic, which carries ``ssp_repeated: "true"`` in its metadata: a reader of the
-    whole bag skips these channels in all files but the first, a reader of one file takes them.
-
-    Where the publishers don't say how many they offer, which is what a graph tells of another
-    process's publishers, there are UNTOLD_DEPTH: one message per publisher may be valid, and more
-    publishers may have come later. In any case they are bounded by KEPT_BYTES, beyond which only
-    one for each publisher is kept.
-
-    Args:
-        offered_qos: the topic's publishers, as YAML.
-    """
-
-    def __init__(self, offered_qos: str) -> None:
-        self._most = stated_depth(offered_qos, MOST_KEPT) or UNTOLD_DEPTH
-        self._least = min(max(1, len(parse_offered_qos(offered_qos))), self._most)
-        self._bytes = 0
-        self.kept: deque[Kept] = deque()
-
-    def keep(self, message: Kept) -> None:
-        """Adds the newest message and lets those go that are too many or too large."""
-        self.kept.append(message)
-        self._bytes += len(message.cdr)
-        while len(self.kept) > self._most or (
-            self._bytes > KEPT_BYTES and len(self.kept) > self._least
-        ):
-            self._bytes -= len(self.kept.popleft().cdr)

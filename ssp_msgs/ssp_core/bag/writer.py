@@ -13,6 +13,7 @@ from pathlib import Path
 from mcap.records import Channel, Schema
 
 from ssp_core import __version__
+from ssp_core.bag.latched import Kept, LateJoiner, late_joiner
 from ssp_core.bag.mcap_output import CHUNK_BYTES, DiskSync, McapOutput
 from ssp_core.bag.metadata import (
     FILE_NAME,
@@ -23,7 +24,7 @@ from ssp_core.bag.metadata import (
     parse_offered_qos,
     serialized_metadata,
 )
-from ssp_core.bag.split import REPEATED, Kept, LatchedTopic, Split
+from ssp_core.bag.split import REPEATED, Split
 from ssp_core.bag.types import BagMessage, TypeDefinition, definition
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import Closing, write_text
@@ -42,7 +43,7 @@ class WrittenTopic:
 
     channel: Channel
     schema: Schema
-    latched: LatchedTopic | None
+    latched: LateJoiner | None
     repeats: Channel | None = None
 
 
@@ -132,7 +133,8 @@ class BagWriter(Closing):
             offered_qos: YAML from ``offered_qos``, or empty.
             written: the definition to put into the file; by default the one that this project
                 knows for the type.
-            latched: its newest messages stay valid, so each new file begins with them.
+            latched: its newest messages stay valid, so each new file begins with them; static
+                transforms always do.
 
         Raises:
             InputError: the type is not known and no definition was given, or there are more
@@ -155,7 +157,7 @@ class BagWriter(Closing):
             self._schemas[written] = schema
             self._output.add_schema(schema)
         self._output.add_channel(channel)
-        kept = LatchedTopic(offered_qos) if latched else None
+        kept = late_joiner(topic, msgtype, offered_qos, latched=latched)
         self._topics[topic] = WrittenTopic(channel, schema, kept)
 
     def _channel(
@@ -251,14 +253,14 @@ class BagWriter(Closing):
             output.add_schema(schema)
         for name, topic in self._topics.items():
             output.add_channel(topic.channel)
-            if topic.latched is not None and topic.latched.kept:
+            if topic.latched is not None and (kept := list(topic.latched.kept)):
                 if topic.repeats is None:
                     metadata = topic.channel.metadata | REPEATED
                     encoding = topic.channel.message_encoding
                     topic.repeats = self._channel(name, metadata, topic.schema, encoding)
                 repeats = topic.repeats
                 output.add_channel(repeats)
-                for cdr, publish_time_ns, sequence in topic.latched.kept:
+                for cdr, publish_time_ns, sequence in kept:
                     output.chunk.add(repeats.id, sequence, begin_ns, publish_time_ns, cdr)
                     if output.chunk.size >= CHUNK_BYTES:
                         output.flush()
