@@ -18,6 +18,7 @@ import click
 from ssp_core.bag.frames import Frames, Picture, VideoFile, image_topics
 from ssp_core.bag.images import decode_still, encode, even_sized, suffix_of
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.stamps import LEAP_S, settle_stamps
 from ssp_core.cdr.images import ImageMessage
 from ssp_core.console import note, out, progress
 from ssp_core.errors import HostError, InputError
@@ -104,8 +105,10 @@ def write_video(
     span: Span,
     losses: Losses,
     advance: Callable[[int], None],
-) -> tuple[list[Path], int]:
+) -> tuple[list[Path], int, int]:
     """Writes ``<stem>.mp4``, and ``<stem>.2.mp4`` and so on where the size of the frames changes.
+
+    A frame whose stamp leaps is shown at its time of receipt.
 
     Args:
         bag: open for reading.
@@ -113,11 +116,18 @@ def write_video(
         advance: called with the number of frames written.
 
     Returns:
-        The files, and the number of frames in them.
+        The files, the number of frames in them, and how many stamps leapt.
     """
     files: list[Path] = []
     video: VideoFile | None = None
     count = 0
+    frames = Frames(bag, topic, Losses())
+    stamps, received = [], []
+    for message, still in frames.messages(*span):
+        stamps.append(still.stamp_ns)
+        received.append(message.log_time_ns)
+    settled = settle_stamps(stamps, received)
+    shown_ns = dict(zip(zip(stamps, received, strict=True), settled.times_ns.tolist(), strict=True))
     try:
         for picture in Frames(bag, topic, losses).pictures(*span):
             try:
@@ -132,13 +142,14 @@ def write_video(
                 number = f".{len(files) + 1}" if files else ""
                 files.append(stem.with_name(f"{stem.name}{number}.mp4"))
                 video = VideoFile(files[-1], *size_px)
-            video.add(Picture(picture.stamp_ns, picture.log_time_ns, image))
+            at_ns = shown_ns[picture.stamp_ns, picture.log_time_ns]
+            video.add(Picture(at_ns, picture.log_time_ns, image))
             count += 1
             advance(1)
     finally:
         if video is not None:
             video.close()
-    return files, count
+    return files, count, settled.count
 
 
 _UNUSUAL = re.compile(r"[^A-Za-z0-9_-]")
@@ -250,11 +261,16 @@ class Export:
                 written.append(Written(topic, f"{name}/", count, "frames"))
             if self.video:
                 losses = Losses()  # the same ones once more
-                files, count = write_video(
+                files, count, leapt = write_video(
                     self.bag, topic, folder / name, self.span, losses, self.advance
                 )
                 listed = ", ".join(file.name for file in files) or "-"
                 written.append(Written(topic, listed, count, "frames"))
+                if leapt:
+                    notes.append(
+                        f"{topic}: {leapt} of {count} frames are shown at their times of receipt: "
+                        f"their stamps leap by more than {LEAP_S:g} s"
+                    )
                 if len(files) > 1:
                     notes.append(f"{topic}: the frames change their size; one file for each")
             if losses.count:

@@ -331,7 +331,8 @@ def _image(
 
 # Of an MP4; fine enough for any camera, and what players reckon with.
 _TICKS_PER_S = 90_000
-_CRF = "18"
+# In a quarter of the time that x264's default preset takes, files are half as large again.
+_X264 = {"crf": "18", "preset": "superfast"}
 
 
 class VideoFile:
@@ -345,7 +346,7 @@ class VideoFile:
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self.size_px = (width_px, height_px)
         self._container = av.open(str(path), "w", format="mp4")
-        self._stream = self._container.add_stream("libx264", options={"crf": _CRF})
+        self._stream = self._container.add_stream("libx264", options=_X264)
         self._stream.width, self._stream.height = self.size_px
         self._stream.pix_fmt = "yuv420p"
         codec = self._stream.codec_context
@@ -358,8 +359,8 @@ class VideoFile:
     def add(self, picture: Picture) -> None:
         """Appends a frame of this size.
 
-        Where a stamp does not rise, since the camera's clock was set or it has none, the time that
-        passed for the recorder counts.
+        Where a stamp does not rise, since the camera has none, the time that passed for the
+        recorder counts.
         """
         frame = av.VideoFrame.from_ndarray(picture.image, format="bgr24").reformat(
             format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
