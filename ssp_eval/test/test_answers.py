@@ -1,4 +1,4 @@
-"""What counts as a model's answer (METHOD 5.4b): the cases of corpus/answers.jsonl, in one process.
+"""What counts as a model's answer (METHOD 5.4b): the cases of two files in corpus/, in one process.
 
 A case is what a server says; the bridge reads it, the adapter and the rules make the record.
 """
@@ -21,7 +21,8 @@ from ssp_vla_bridge.trajectory import interpolate
 
 CASES = [
     json.loads(line)
-    for line in (Path(__file__).parent / "corpus" / "answers.jsonl").read_text().splitlines()
+    for name in ("answers.jsonl", "answer_kinds.jsonl")
+    for line in (Path(__file__).parent / "corpus" / name).read_text().splitlines()
 ]
 TOLERANCE_M = 0.05
 NEUTRAL = "Dry asphalt, grey sky."

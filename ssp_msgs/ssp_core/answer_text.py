@@ -12,50 +12,71 @@ from enum import StrEnum
 
 _REASONING = (
     "think|thinking|thought|thoughts|reasoning|reason|analysis|scratchpad|reflection|cot"
-    "|chain_of_thought|inner_monologue"
+    "|chain_of_thought"
+)
+_IN_TAG = (
+    rf"(?:\w{{1,12}}:)?(?:{_REASONING}|\w{{1,12}}_(?:think|thoughts?|monologue))"
+    "(?:_process|_steps)?"
 )
 # A mark of reasoning in the spellings of models: <think>, [THINK], <seed:think>, ◁think▷,
-# <|begin_of_thought|>, <|START_THINKING|>. Each may carry attributes. Square brackets also head
-# sections ("[Reasoning]"), so that only words that head none are marks in them.
+# <|begin_of_thought|>, <|START_THINKING|>. Each may carry attributes, and servers may escape its
+# brackets. Square brackets also head sections ("[Reasoning]"), so that only words that head none
+# are marks in them.
 _MARK = re.compile(
-    rf"(?P<begin><(?:\w{{1,12}}:)?(?:{_REASONING})(?:\s[^<>]{{0,80}})?>|\[think(?:ing)?\]"
-    rf"|<\|(?:begin_of_|start_|begin_)?(?:{_REASONING})(?:_start|_begin)?\|>|◁think▷|<unused94>)"
-    rf"|(?P<end></(?:\w{{1,12}}:)?(?:{_REASONING})\s*>|\[/think(?:ing)?\]"
+    rf"(?P<begin>(?:<|&lt;){_IN_TAG}(?:\s[^<>]{{0,80}})?(?:>|&gt;)|\[think(?:ing)?\]"
+    rf"|<\|(?:begin_of_|start_|begin_)?(?:{_REASONING})(?:_start|_begin)?\|>|◁think▷|<unused94>"
+    # Granite and Apriel; gpt-oss where its marks were taken out, but not its channels' names.
+    r"|^[ \t]*(?P<heading>here(?: is|'s|’s) my thought process:)"
+    r"|^[ \t]*here are my reasoning steps:"
+    r"|(?-i:\Aanalysis(?=[A-Z])|assistant(?:analysis|commentary)(?=[ A-Z])))"
+    rf"|(?P<end>(?:</|&lt;/){_IN_TAG}\s*(?:>|&gt;)|\[/think(?:ing)?\]"
     rf"|<\|/?end_(?:of_)?(?:{_REASONING})\|>|<\|(?:{_REASONING})_end\|>|<\|/(?:{_REASONING})\|>"
-    r"|◁/think▷|<unused95>)"
+    r"|◁/think▷|<unused95>|\[begin final response\]|<\|content\|>|(?-i:assistantfinal))"
+    r"|^[ \t]*(?P<response>here(?: is|'s|’s) my response:)"
     # Channels: what stands in any other one than the final one is no answer.
-    r"|(?P<channel>(?:<\|start\|>\s*assistant\s*)?<\|?channel\|?>\s*(?P<name>\w+)[^<]{0,80}"
-    r"(?:<\|message\|>|<channel\|>|\n))",
-    re.IGNORECASE,
+    r"|(?P<channel>(?:<\|start\|>\s*assistant\s*)?<\|channel\|?>\s*(?P<name>\w+)[^<\n]{0,80}"
+    r"(?:<\|message\|>|(?=<channel\|>)|\n))",
+    re.IGNORECASE | re.MULTILINE,
 )
 _FINAL_CHANNELS = frozenset({"final", "answer", "response"})
 # The end of a channel that isn't the last one.
 _CHANNEL_END = re.compile(r"<\|end\|>|<channel\|>|(?=<\|start\|>)", re.IGNORECASE)
 
-# Marks with which a server's template ends a turn.
+# A model's own role, and what templates put between a role and its turn.
+_SELF = r"(?:assistant|model|chatbot|ai|gpt)"
+_OTHERS = r"(?:user|human|system|tool|observation|developer|function|instruction)"
+# Marks with which a server's template ends a turn, or opens another one.
 _END = re.compile(
-    r"<\|(?:im_end|eot_id|eom_id|end|end_of_turn|endoftext|end_of_text|return|eos|eot|user|human"
-    r"|system|tool|observation)\|>"
-    r"|<\|(?:im_start|start_header_id|start)\|>\s*(?!assistant\b)\w*"
-    r"|<(?:end_of_turn|eos|/s|eot)>|<start_of_turn>\s*(?:user|system|tool)\b"
-    r"|<｜end▁of▁sentence｜>|<｜User｜>|\[/?INST\]|<\|(?:START|END)_OF_TURN_TOKEN\|>"
-    # A second turn of the model's own.
-    r"|<\|im_start\|>\s*assistant\b|<\|start_header_id\|>\s*assistant\b|<start_of_turn>\s*model\b"
-    r"|<\|assistant\|>|<｜Assistant｜>",
+    r"<\|(?:im_end|eot_id|eom_id|end|end_of_turn|endofturn|endoftext|end_of_text|return|eos|eot|eom"
+    r"|stop|role_end|end_of_sentence|end_of_turn_token|start_of_turn_token)\|>"
+    rf"|<\|(?:im_|hy_)?(?:{_OTHERS}|{_SELF})(?:_token)?\|>"
+    rf"|<\|(?:im_start|start_header_id|header_start|start_of_role|start|begin|turn)\|?>"
+    rf"\s*(?:(?:{_OTHERS}|{_SELF})\b)?"
+    rf"|<(?:end_of_turn|end_of_utterance|eos|/s|eot|turn\|)>|<start_of_turn>\s*\w*"
+    rf"|<role>\s*(?:{_OTHERS}|{_SELF})\s*</role>|\[\|(?:endofturn|{_OTHERS}|{_SELF})\|\]"
+    rf"|<(?:extra_id_1|special_1[0-2])>\s*(?:{_OTHERS}|{_SELF})?|\[e~\[|\]~b\]\w*"
+    r"|<\|end▁of▁sentence\|>|\[/?inst\]|\[end final response\]",
     re.IGNORECASE,
 )
-# A line that opens a turn: the speaker's name, a colon, perhaps in bold or as a heading.
+# A line that opens a turn: the speaker's name and a colon, perhaps in bold or as a heading, or the
+# name alone, which is left of a template whose marks were taken out.
+_NAMED = r"(?:user|human|system|assistant|tool|instruction)"
 _SPEAKER = re.compile(
-    r"^[ \t]*(?:#{1,6}[ \t]*)?(?:\*\*|__)?"
-    r"(user|human|system|assistant|tool|instruction)(?:\*\*|__)?[ \t]*:(?:\*\*|__)?",
+    rf"^[ \t]*(?:#{{1,6}}[ \t]*)?(?:\*\*|__)?{_NAMED}(?:\*\*|__)?[ \t]*:(?:\*\*|__)?"
+    rf"|^#{{1,6}}[ \t]*{_NAMED}[ \t]*$"
+    r"|(?-i:^(?:user|system|assistant)[ \t]*$|(?<=\n\n)(?:User|Human|Assistant)[ \t]*$"
+    r"|(?<=[.!?\])}`*])(?:user|assistant)\n\n)",
     re.IGNORECASE | re.MULTILINE,
 )
 _OPENS_OWN = re.compile(
-    r"\s*(?:<s>|<bos>|<\|begin_of_text\|>|<\|im_start\|>\s*assistant\s*|<\|assistant\|>"
-    r"|<\|start_header_id\|>\s*assistant\s*<\|end_header_id\|>|<start_of_turn>\s*model\s*"
-    r"|<｜Assistant｜>|\[/INST\]"
+    rf"\s*(?:<s>|<bos>|<\|begin_of_text\|>|<\|(?:im_|hy_)?{_SELF}(?:_token)?\|>"
+    rf"(?:\s*{_SELF}?\s*<\|im_middle\|>)?|<\|start_of_turn_token\|>"
+    rf"|<\|(?:im_start|start_header_id|header_start|start_of_role|start|begin|turn)\|?>\s*{_SELF}\b"
+    rf"\s*(?:<\|(?:im_sep|end_header_id|header_end|end_of_role|message)\|>)?"
+    rf"|<start_of_turn>\s*model\s*|<role>\s*{_SELF}\s*</role>|\[\|{_SELF}\|\]|\]~b\]{_SELF}\b"
+    rf"|<(?:extra_id_1|special_1[0-2])>\s*{_SELF}\b|\[/inst\]"
     r"|(?:#{1,6}[ \t]*)?(?:\*\*|__)?(?:assistant|response)(?:\*\*|__)?[ \t]*:(?:\*\*|__)?[ \t]*"
-    r"|#{1,6}[ \t]*(?:assistant|response)[ \t]*(?=\n))",
+    r"|(?:#{1,6}[ \t]*(?:assistant|response)|(?-i:assistant))[ \t]*(?=\n))",
     re.IGNORECASE,
 )
 # Digits, brackets and signs of full width, which some models write; one character each, so that
@@ -85,9 +106,11 @@ def split_answer(output: str) -> AnswerText:
 
     Reasoning goes first: marks without an end take all that follows, an end mark without a
     beginning takes all before it. The answer then ends at the first end-of-turn mark, or at the
-    line that opens another turn. An output without any mark is its own answer, unchanged.
+    line that opens another turn. Characters of full width are read as the plain ones. An output
+    without any mark is its own answer.
     """
     notes = []
+    output = plain_width(output)
     text, reasoning = _without_reasoning(output)
     if text != output:
         notes.append("reasoning was left out")
@@ -108,11 +131,12 @@ def split_answer(output: str) -> AnswerText:
 def _without_reasoning(output: str) -> tuple[str, str]:
     kept: list[str] = []
     reasoning: list[str] = []
-    at, inside = 0, False
+    at, inside, headed = 0, False, False
     channel_end = None
     for mark in _MARK.finditer(output):
-        if mark.start() < at:
+        if mark.start() < at or (mark["response"] and not (inside and headed)):
             continue
+        headed = bool(mark["heading"]) or (headed and inside)
         before = output[at : mark.start()]
         at = mark.end()
         if inside and channel_end is not None:
@@ -156,30 +180,38 @@ class Ending(StrEnum):
     UNKNOWN = "unknown"
 
 
-_ENDINGS: dict[Ending, frozenset[str]] = {
+# What a server says in so many words; of other reasons the parts of their names tell.
+_ENDING_WORDS: dict[Ending, frozenset[str]] = {
     Ending.WHOLE: frozenset(
-        {"stop", "eos", "eos_token", "end_turn", "end", "stop_sequence", "stop_token", "complete"}
-        | {"completed", "done", "finish", "finished", "success", "stopped", "end_of_turn"}
+        {"", "null", "none", "stop", "eos", "eot", "eog", "eos_token", "eog_token", "stop_token"}
+        | {"end_turn", "end_of_turn", "end", "stop_sequence", "stop_string", "complete", "done"}
+        | {"completed", "finish", "finished", "success", "stopped", "eos_found", "stopped_eos"}
+        | {"stop_string_found", "stop_criteria_met", "stopped_word"}
     ),
-    Ending.LIMIT: frozenset(
-        {"length", "max_tokens", "model_length", "max_length", "max_new_tokens", "token_limit"}
-        | {"max_output_tokens", "max_completion_tokens", "context_length", "limit", "incomplete"}
-        | {"max_tokens_reached", "model_context_window_exceeded", "context_window", "truncated"}
-        | {"context_length_exceeded"}
-    ),
+    Ending.LIMIT: frozenset({"error_limit", "incomplete"}),
     Ending.BROKEN: frozenset(
-        {"error", "abort", "aborted", "cancel", "cancelled", "canceled", "failed", "failure"}
-        | {"timeout", "timed_out", "interrupted", "interrupt", "network_error", "server_error"}
-        | {"internal_error", "other_error", "disconnected", "malformed_response"}
-        | {"insufficient_system_resource"}
-    ),
-    Ending.FILTERED: frozenset(
-        {"content_filter", "content_filtered", "safety", "recitation", "blocklist", "refusal"}
-        | {"prohibited_content", "spii", "image_safety", "sensitive", "moderation", "filtered"}
-        | {"content_policy", "guardrail_intervened"}
+        {"time_limit", "rate_limit", "rate_limit_exceeded", "not_finished", "unfinished"}
+        | {"insufficient_system_resource", "user_stopped", "stopped_by_user", "in_progress"}
     ),
 }  # fmt: skip
-_ENDING_OF = {word: ending for ending, words in _ENDINGS.items() for word in words}
+_ENDING_OF = {word: ending for ending, words in _ENDING_WORDS.items() for word in words}
+_ENDING_PARTS: dict[Ending, frozenset[str]] = {
+    Ending.FILTERED: frozenset(
+        {"filter", "filtered", "safety", "unsafe", "recitation", "blocklist", "blocked", "refusal"}
+        | {"prohibited", "spii", "sensitive", "moderation", "policy", "toxic", "guardrail", "armor"}
+        | {"refused", "moderated", "guardrails"}
+    ),
+    Ending.BROKEN: frozenset(
+        {"error", "errored", "abort", "aborted", "cancel", "cancelled", "canceled", "failed"}
+        | {"failure", "timeout", "timed", "interrupted", "interrupt", "disconnected", "disconnect"}
+        | {"shutdown", "unloaded", "unload", "killed", "crashed", "preempted", "exception"}
+        | {"malformed", "overloaded", "unavailable", "unclosed", "oom", "expired"}
+    ),
+    Ending.LIMIT: frozenset(
+        {"length", "limit", "max", "maximum", "budget", "truncated", "truncation", "context"}
+        | {"exceeded"}
+    ),
+}  # fmt: skip
 
 
 def ending(finish_reason: str | None) -> Ending:
@@ -187,8 +219,10 @@ def ending(finish_reason: str | None) -> Ending:
 
     A server that says nothing ended the answer by itself.
     """
-    if finish_reason is None or not finish_reason.strip():
-        return Ending.WHOLE
-    word = re.sub(r"[\s\-.]+", "_", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", finish_reason.strip()))
-    word = word.lower().removeprefix("finish_reason_").removeprefix("stop_reason_")
-    return _ENDING_OF.get(word, Ending.UNKNOWN)
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", finish_reason or "")
+    word = re.sub(r"[\W_]+", "_", spaced).strip("_").lower()
+    word = word.removeprefix("finish_reason_").removeprefix("stop_reason_")
+    if word in _ENDING_OF:
+        return _ENDING_OF[word]
+    parts = frozenset(word.split("_"))
+    return next((end for end, some in _ENDING_PARTS.items() if parts & some), Ending.UNKNOWN)

@@ -353,7 +353,7 @@ def read_completion(body: bytes) -> Completion:
     message = choice.get("message") if isinstance(choice, dict) else None
     if not isinstance(message, dict):
         raise NoCompletion("its choice holds no message")
-    finish = _word(choice.get("finish_reason"))
+    finish = _finish_reason(choice)
     beside = choice.get("error") or message.get("error")
     if beside:
         raise BrokenOff(f"its choice says: {_error_text(beside)}")
@@ -365,8 +365,8 @@ def read_completion(body: bytes) -> Completion:
     refusal = content.refusal
     if ending(finish) is Ending.FILTERED:
         refusal = refusal or f"filtered by the server (finish_reason {finish})"
-    apart = message.get("reasoning_content") or message.get("reasoning")
-    reasoning = [_sound(apart)] if isinstance(apart, str) else []
+    apart = [message.get(key) for key in ("reasoning_content", "reasoning", "thinking")]
+    reasoning = [_sound(one) for one in apart if isinstance(one, str) and one][:1]
     return Completion(
         text=content.text,
         parts=content.parts,
@@ -378,6 +378,21 @@ def read_completion(body: bytes) -> Completion:
         system_fingerprint=_word(value.get("system_fingerprint")),
         usage=_usage(value.get("usage")),
     )
+
+
+# Where servers say why an answer ended; the first one that says something counts.
+_REASONS = ("finish_reason", "finishReason", "done_reason", "stop_reason")
+
+
+def _finish_reason(choice: Mapping[str, Any]) -> str | None:
+    """Find why an answer ended, which some servers say with further details."""
+    for key in _REASONS:
+        said = choice.get(key)
+        if isinstance(said, dict):
+            said = said.get("type", said.get("reason"))
+        if said is not None and not (key == "stop_reason" and isinstance(said, int)):
+            return _word(said if isinstance(said, str) else str(said))
+    return None
 
 
 @dataclass(frozen=True)
@@ -392,7 +407,8 @@ class _Content:
 
 
 _OF_REASONING = frozenset(
-    {"thinking", "reasoning", "reasoning_text", "redacted_thinking", "thought"}
+    {"thinking", "reasoning", "reasoning_text", "redacted_thinking", "thought", "thoughts", "think"}
+    | {"reasoning_content", "analysis"}
 )
 _OF_TEXT = frozenset({"text", "output_text"})
 
@@ -408,21 +424,24 @@ def _content(message: Mapping[str, Any]) -> _Content:
     refused = refusal if isinstance(refusal, str) and refusal else None
     if content is None or isinstance(content, str):
         return _Content(content, refusal=_sound(refused) if refused else None)
+    if isinstance(content, dict):
+        content = [content]
     if not isinstance(content, list):
         raise NoCompletion("its content is no text")
     texts: list[str] = []
     reasoning: list[str] = []
     others: list[str] = []
-    for part in content:
-        kind = part.get("type") if isinstance(part, dict) else None
+    for given in content:
+        part = {"text": given} if isinstance(given, str) else given
+        kind = _kind(part)
         if kind == "refusal" and isinstance(part.get("refusal"), str):
             refused = refused or part["refusal"] or None
         elif kind in _OF_TEXT and isinstance(part.get("text"), str):
             texts.append(part["text"])
-        elif kind in _OF_REASONING:
+        elif kind.partition(".")[0] in _OF_REASONING:
             reasoning.append(_sound(_text_within(part)))
         else:
-            others.append(_word(kind) or "without a type")
+            others.append(_sound(kind[:_WORD]) or "without a type")
     if others and not texts:
         raise NoCompletion("its content holds a part that is no text")
     return _Content(
@@ -434,9 +453,19 @@ def _content(message: Mapping[str, Any]) -> _Content:
     )
 
 
+def _kind(part: Any) -> str:
+    """The kind of a part of a content; one that holds a text and says no kind is a text."""
+    if not isinstance(part, dict):
+        return ""
+    if part.get("thought") is True:
+        return "thought"
+    kind = part.get("type", "text" if isinstance(part.get("text"), str) else "")
+    return kind if isinstance(kind, str) else ""
+
+
 def _text_within(part: Mapping[str, Any]) -> str:
     """The text of a part of reasoning, plain or again in parts."""
-    for key in ("thinking", "text", "reasoning", "summary", "content"):
+    for key in (*sorted(_OF_REASONING), "text", "summary", "content"):
         value = part.get(key)
         if isinstance(value, str):
             return value

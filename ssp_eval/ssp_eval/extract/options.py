@@ -11,29 +11,78 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-_YES = frozenset({"true", "yes", "✓", "✔", "☑"})
+_YES = frozenset({"true", "yes", "✓", "✔", "☑", "✅", "on", "t", "y"})
 _REFUSED = ("rejected", "cancelled", "canceled", "denied", "aborted", "refused", "discarded")
-_NO = frozenset({"false", "no", "✗", "✘", "☒", "n", *_REFUSED})
+_NO = frozenset({"false", "no", "✗", "✘", "☒", "❌", "n", "off", "f", "none", "null", *_REFUSED})
+# Words that deny a manoeuvre; of nobody's presence the rules read them.
+_NO_ACTION = frozenset({"none", "null", "off"})
+_FEW_WORDS = 3
+_ACTIONS = frozenset({"lon_action", "lat_action"})
 _SIDES = {"left": ("lat_action",), "right": ("lat_action",)}  # which alone the rules don't read
 _CLEAR = 0.2  # by which the largest share leads
+_NAME = r"(?:[^\W\d_]|[^\W\d][\w /-]{0,28}\w)"
+_SHARE = r"\d+(?:\.\d+)?\s*%?"
+_WORD_VALUE = (
+    r"(?:(?:true|false|yes|no|on|off|none|null|" + "|".join(_REFUSED) + r")\b|[✓✔☑✅✗✘☒❌]"
+    r"|(?-i:[TFYN])\b)"
+)
+_FIELD_END = r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$))"
+_QUOTES = r"[\"'*_]{0,2}"
 _FIELD = re.compile(
-    r"(?P<key>[\"']?(?:[^\W\d_]|[^\W\d][\w /-]{0,28}\w)[\"']?)\s*[:=]\s*"
-    r"(?P<value>[\"']?(?:true|false|yes|no|"
-    + "|".join(_REFUSED)
-    + r"|[✓✔☑✗✘☒]|\d+(?:\.\d+)?\s*%?)[\"']?)"
-    r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$))",
+    rf"(?P<key>{_QUOTES}{_NAME}{_QUOTES})(?:\s*[:=]{_QUOTES}\s*"
+    rf"(?P<value>{_QUOTES}(?:{_WORD_VALUE}|{_SHARE}){_QUOTES})"
+    rf"|(?:\s*(?:→|[=-]>)|[ \t]+[-–—](?=\s))\s*(?P<word>{_QUOTES}{_WORD_VALUE}{_QUOTES}))"
+    rf"{_FIELD_END}"
+    # <brake>false</brake>, | brake | no |, P(brake) = 0.8
+    rf"|<(?P<tag>\w{{2,30}})>\s*(?P<in_tag>{_WORD_VALUE}|{_SHARE})\s*</(?P=tag)>"
+    rf"|(?<=\|)[ \t*]*(?P<cell>{_NAME})[ \t*]*\|"
+    rf"[ \t*]*(?P<in_cell>{_WORD_VALUE}|{_SHARE})[ \t*]*(?=\|)"
+    rf"|\bp(?:rob(?:ability)?)?\((?P<of>{_NAME})\)\s*[:=]\s*(?P<share>{_SHARE}){_FIELD_END}"
+    # {"action": "brake", "score": 0.8}
+    r"|\{\s*[\"'](?:action|label|name|option|class|man(?:o?eu|eu)ver|manoeuvre|plan)[\"']\s*:\s*"
+    rf"[\"'](?P<label>{_NAME})[\"']\s*,\s*[\"'](?:score|prob\w*|confidence|p|weight|likelihood)[\"']"
+    rf"\s*:\s*(?P<score>{_SHARE})\s*\}}"
+    # brake (80 %)
+    rf"|(?P<before>{_NAME})\s*[(\[](?P<beside>{_SHARE})[)\]]",
     re.IGNORECASE,
 )
+_PARTS = (
+    ("key", "value"), ("key", "word"), ("tag", "in_tag"), ("cell", "in_cell"), ("of", "share"),
+    ("label", "score"), ("before", "beside"),
+)  # fmt: skip
+# Of the last two forms one alone is a remark: "I brake (80 %)".
+_NEVER_ALONE = frozenset({"label", "before"})
 _ITEM = re.compile(
-    r"(?:(?<=\s)|(?<=^))(?P<open>\(?)(?P<mark>[A-Ha-h]|[1-9])(?P<close>[).:])\s+(?=\S)",
-    re.MULTILINE,
+    r"(?:(?<=\s)|(?<=^))(?P<called>(?:option|choice|action|candidate)\s+)?(?P<open>\(?)"
+    r"(?P<mark>[A-Ha-h]|[1-9])(?P<close>[).:])\s+(?=\S)",
+    re.MULTILINE | re.IGNORECASE,
 )
 _PICK = re.compile(
-    r"\b(?:answer|choice|option|selection|selected|decision|chosen|choose|pick|select|go with"
+    r"(?:\b(?:answer|choice|option|selection|selected|decision|chosen|choose|pick|select|go with"
     r"|best)\b"
-    r"(?:\s+(?:is|would be|option|answer|number))*\s*[:=]?\s*(?:is\s+)?[(\[\"'*]{0,3}"
-    r"(?P<mark>[A-Ha-h]|[1-9])\b(?![.]\d)(?P<rest>[)\]\"'*.]*)",
+    r"(?:\s+(?:is|would be|option|answer|number))*\s*(?:[:=]|→|[=-]>)?\s*(?:is\s+)?(?:option\s+)?"
+    r"|\\boxed\{(?:\\text\{)?|<answer>\s*|^(?=\W*\w\W*$)"
+    r"|\b(?:therefore|thus|hence|so),?\s+(?:option\s+)?(?=\w[.)\s]*$))"
+    r"[(\[\"'*{]{0,3}(?P<mark>[A-Ha-h]|[1-9])\b(?![.]\d)(?P<rest>[)\]\"'*.]*)"
+    # "choose a lower speed" picks no option A.
+    r"(?:(?-i:(?<![a-h]))|(?=\W*$|[)\]\"'.,;:}<]))",
+    re.IGNORECASE | re.MULTILINE,
+)
+# A list that is called one of options: none of it is chosen there.
+_CALLED_LIST = re.compile(
+    r"\b(?:(?:possible|available|candidate|allowed)[ _](?:actions?|man(?:o?eu|eu)vers?|manoeuvres?)"
+    r"|options|choices|alternatives|candidates|action[ _]space)[\"']?\s*[:=]\s*"
+    r"\[[^\[\],]*,[^\[\]]*\]",
     re.IGNORECASE,
+)
+# Alternatives as the heading of the chosen one: "accelerate / brake: brake".
+_SLASHES = re.compile(rf"^\W{{0,4}}(?P<list>{_NAME}(?:\s*/\s*{_NAME})+)\s*:(?=\s*\w)", re.MULTILINE)
+# Labels alone, one for each action: "KEEP | STRAIGHT".
+_LABEL = r"[A-Za-z][A-Za-z_]{2,24}(?: [A-Za-z_]{2,20})?"
+_BARE = re.compile(
+    rf"^(?:[^\n:]{{0,30}}:)?[ \t*\"'\[(]*(?P<list>{_LABEL}(?:[ \t]*[|/;+&\n][ \t]*{_LABEL}){{1,3}})"
+    r"[ \t*\"'\])]*\.?$",
+    re.MULTILINE,
 )
 _CALLED = re.compile(r"\b(?:options|choices|alternatives|candidates)\b\W*$", re.IGNORECASE)
 _STEPS = re.compile(
@@ -43,16 +92,37 @@ _STEPS = re.compile(
 _SENTENCE_END = re.compile(r"\n|[.!?](?=\s|$)")
 _MOST_WORDS = 6  # of an option that isn't called one
 
+_MAY_HOLD_FIELD = re.compile(
+    rf"(?:[:=>|→]|[-–—]\s)[\s\"'*_]{{0,4}}(?:{_WORD_VALUE}|{_SHARE}[\"'*]*(?:[\s,;}}\])|<]|$))"
+    rf"|[(\[]{_SHARE}[)\]]",
+    re.IGNORECASE,
+)
+# Behind a field that says no more than its name.
+_BEHIND_FIELD = re.compile(r"\s*(?:$|[\n}\]|;<]|,\s*(?:[\"'\n]|$)|\.\s*(?:\n|$))")
+
 Values = Callable[[str], dict[str, object]]
 
 
 @dataclass(frozen=True)
 class _Field:
-    key: str
     value: str
-    start: int
-    end: int
+    span: tuple[int, int]
+    key_span: tuple[int, int]
     slots: frozenset[str]
+    never_alone: bool
+
+    @property
+    def start(self) -> int:
+        return self.span[0]
+
+    @property
+    def end(self) -> int:
+        return self.span[1]
+
+    def named(self, text: str) -> str:
+        """Its name as a sentence, with blanks for the rest."""
+        start, end = self.key_span
+        return " " * (start - self.start) + text[start:end] + "." + " " * (self.end - end - 1)
 
 
 def asserted(text: str, values_of: Values) -> str:
@@ -61,27 +131,54 @@ def asserted(text: str, values_of: Values) -> str:
     Args:
         values_of: what the rules read in a piece of text: values by slot.
     """
-    blanks = [*_denied_fields(text, values_of), *_other_options(text, values_of)]
-    for start, end in blanks:
-        text = text[:start] + " " * (end - start) + text[end:]
+    edits = [
+        *_fields(text, values_of),
+        *((start, " " * (end - start)) for start, end in _other_options(text, values_of)),
+        *_bare_labels(text, values_of),
+    ]
+    for start, given in edits:
+        text = text[:start] + given + text[start + len(given) :]
     return text
 
 
-def _denied_fields(text: str, values_of: Values) -> Iterator[tuple[int, int]]:
-    """The fields whose name isn't asserted, and the values of those that are."""
-    if ":" not in text and "=" not in text:
+def _fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
+    """Blanks for the fields whose name isn't asserted, and for the values of those that are."""
+    if _MAY_HOLD_FIELD.search(text) is None:
         return
     fields = []
     for match in _FIELD.finditer(text):
-        key = match["key"].strip("\"'").replace("_", " ")
-        slots = frozenset(_SIDES.get(key.lower()) or values_of(key.lower()))
+        name, value = next((n, v) for n, v in _PARTS if match[v] is not None)
+        key = match[name].strip("\"'*_").replace("_", " ").lower()
+        said = match[value].strip("\"'*_ ").lower()
+        slots = frozenset(_SIDES.get(key) or values_of(key))
+        if said in _NO_ACTION and (len(key.split()) > _FEW_WORDS or slots - _ACTIONS):
+            continue
         if slots:
-            value = match["value"].strip("\"' ").lower()
-            fields.append(_Field(key, value, match.start(), match.end(), slots))
+            alone = name in _NEVER_ALONE
+            fields.append(_Field(said, match.span(), match.span(name), slots, alone))
     for group in _groups(text, fields):
         for one, holds in zip(group, _holding(group), strict=True):
             if holds is False:
-                yield one.start, one.end
+                yield one.start, " " * (one.end - one.start)
+            elif holds and _says_name_alone(one, text, values_of):
+                yield one.start, one.named(text)
+
+
+def _says_name_alone(one: _Field, text: str, values_of: Values) -> bool:
+    """Tell whether a field says no more than its name, which the rules don't read in it."""
+    if "objects" in one.slots or _BEHIND_FIELD.match(text, one.end) is None:
+        return False
+    return not one.slots <= values_of(text[one.start : one.end]).keys()
+
+
+def _bare_labels(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
+    """Commas for what parts labels of different actions, which stand alone on their lines."""
+    for match in _BARE.finditer(text):
+        labels = re.split(r"[|/;+&\n]", match["list"])
+        read = [values_of(label.strip().replace("_", " ").lower()) for label in labels]
+        slots = sorted(slot for one in read for slot in one)
+        if all(len(one) == 1 for one in read) and slots == ["lat_action", "lon_action"]:
+            yield match.start("list"), re.sub(r"[|/;+&\n]", ",", match["list"])
 
 
 def _groups(text: str, fields: Sequence[_Field]) -> Iterator[list[_Field]]:
@@ -101,7 +198,9 @@ def _holding(group: Sequence[_Field]) -> list[bool | None]:
     """Tell whether each field of a group asserts its name; None where its value can't say."""
     found: list[bool | None] = []
     for one in group:
-        if one.value in _YES | _NO:
+        if one.never_alone and len(group) == 1:
+            found.append(None)
+        elif one.value in _YES | _NO:
             found.append(one.value in _YES)
         elif "objects" in one.slots:
             found.append(float(one.value.rstrip("% ")) > 0)
@@ -131,6 +230,12 @@ class _Option:
 
 
 def _other_options(text: str, values_of: Values) -> Iterator[tuple[int, int]]:
+    for match in _CALLED_LIST.finditer(text) if "[" in text else ():
+        yield match.span()
+    for match in _SLASHES.finditer(text) if "/" in text else ():
+        read = [tuple(values_of(name.strip().lower()).items()) for name in match["list"].split("/")]
+        if all(read) and len({one[0][0] for one in read}) == 1 and len(set(read)) == len(read):
+            yield match.span("list")
     for options in _lists(text):
         behind = text[options[-1].begin :]
         picks = list(_PICK.finditer(behind))
@@ -138,13 +243,19 @@ def _other_options(text: str, values_of: Values) -> Iterator[tuple[int, int]]:
         picked = next(
             (m["mark"].upper() for m in reversed(picks) if m["mark"].upper() in marks), ""
         )
+        if not picked:  # the line before may choose, too
+            line = text[: options[0].start].rstrip().rpartition("\n")[2]
+            before = _PICK.search(line)
+            picked = before["mark"].upper() if before and before["mark"].upper() in marks else ""
         if not picked and not _are_options(text, options, values_of):
             continue
         end = options[-1].end
         if picks:
             end = min(end, options[-1].begin + picks[0].start())
         for one in options:
-            if one.mark.upper() != picked:
+            if one.mark.upper() == picked:
+                yield one.start, one.begin
+            else:
                 yield one.start, min(one.end, end) if one is options[-1] else one.end
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ssp_core.answer_text import Ending, ending, plain_width, split_answer
+from ssp_core.answer_text import Ending, ending, split_answer
 from ssp_vla_bridge.messages import Response
 from ssp_vla_bridge.trajectory import Trajectory
 
@@ -65,14 +65,14 @@ def answer_part(response: Response) -> tuple[Response, tuple[str, ...]]:
     stages = response.decoding.get("stages")
     spans = _spans(stages, len(response.text))
     if not spans:
-        part = split_answer(plain_width(response.text))
+        part = split_answer(response.text)
         return replace(response, text=part.text), part.notes
     pieces: list[str] = []
     moved: list[Any] = []
     notes: list[str] = []
     end, length = 0, 0
     for stage, (start, stop) in zip(stages or (), spans, strict=True):
-        part = split_answer(plain_width(response.text[start:stop]))
+        part = split_answer(response.text[start:stop])
         pieces += [response.text[end:start], part.text]
         length += start - end
         moved.append({**stage, "start": length, "end": length + len(part.text)})

@@ -34,6 +34,10 @@ _PAST = re.compile(
     r"(?:speed|velocit|curvature|trajector|position|motion|value|pair|point|waypoint|state|data)"
 )
 _FUTURE = ("future", "predict", "next", "final", "answer", "output", "plan", "forecast")
+# What a list of points is not, where its label says no more.
+_QUANTITY = re.compile(
+    r"\b(?:velocit\w+|speeds?|accelerations?|controls?|steering|throttle|curvatures?|headings?|yaws?)\b"
+)
 # So many rows of the history in their order are its echo, fewer may be chance.
 _LEAST_ECHO = 3
 _EQUAL = 1e-9
@@ -99,6 +103,7 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
     if text_is_cut:
         lists = _with_cut_end(text, lists, form.rows)
     lists = [part for one in lists for part in _parts(one, form.rows, history, notes)]
+    lists = [_as_closed(one, form.rows) for one in lists]
     answers: list[_Candidate] = []
     end, others = 0, 0
     for one in lists:
@@ -143,6 +148,10 @@ def _own(answers: list[_Candidate], form: Form, notes: list[str]) -> list[_Candi
     labelled = [one for one in answers if one.label.owner is Owner.OWN]
     if labelled:
         return labelled[-1:]
+    named = [one for one in answers if _QUANTITY.search(one.label.text)]
+    if named:
+        notes.append("a list that its label calls no plan was left out")
+        answers = [one for one in answers if one not in named]
     bare = [one for one in answers if one.one.cut or one.one.fault or _is_asked_for(one, form)]
     if bare:
         notes.append(f"no list stands behind {form.label!r}")
@@ -171,6 +180,14 @@ def _with_cut_end(text: str, lists: Sequence[NumberList], count: int) -> Sequenc
     return (*lists[:-1], replace(last, cut=True, fault=CUT))
 
 
+def _as_closed(one: NumberList, count: int) -> NumberList:
+    """A cut list as a whole one, where all rows that were asked for are closed."""
+    asked = count + 1 if one.rows and _is_origin(one.rows[0]) else count
+    if one.fault != CUT or len(one.rows) < max(1, asked):
+        return one
+    return replace(one, fault="", cut=False, marks=one.marks | {"an outer bracket isn't closed"})
+
+
 def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) -> list[NumberList]:
     """A list that is longer than asked for, parted where that can be told."""
     if one.fault and one.fault != CUT:
@@ -180,7 +197,8 @@ def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) 
     lead = _leading_echo(rows, known, count)
     if lead:
         notes.append("a list begins with the history, which was left out")
-        one = replace(one, rows=rows[lead:], loose=tuple(i - lead for i in one.loose if i > lead))
+        loose = tuple(i - lead for i in one.loose if i > lead)
+        one = replace(one, rows=rows[lead:], times_s=one.times_s[lead:], loose=loose)
         rows = one.rows
     if len(rows) <= count:
         return [one]
@@ -191,6 +209,7 @@ def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) 
             replace(
                 one,
                 rows=rows[start : start + size],
+                times_s=one.times_s[start : start + size],
                 loose=(),
                 fault=one.fault if start + size == len(rows) else "",
                 cut=one.cut and start + size == len(rows),
@@ -201,7 +220,7 @@ def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) 
     twice = half * 2 == len(rows) and half <= count and _equal(rows[:half], rows[half:])
     if twice and (half == count or not _constant(rows)):
         notes.append("the list is given twice in one")
-        return [replace(one, rows=rows[half:], loose=())]
+        return [replace(one, rows=rows[half:], times_s=one.times_s[half:], loose=())]
     return [one]
 
 
@@ -215,6 +234,8 @@ def _leading_echo(rows: Rows, history: Rows, count: int) -> int:
     if certain and len(rows) > whole and _equal(rows[:whole], history):
         return whole
     lead = len(rows) - count
+    if lead == 1 and _is_origin(rows[0]):  # the present position, which is no echo
+        return 0
     if 0 < lead < whole and _equal(rows[:lead], history[-lead:]) and not _constant(history):
         return lead
     return 0

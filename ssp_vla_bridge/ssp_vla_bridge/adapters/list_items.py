@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 _CLOSES = {"]": "[", ")": "(", "}": "{"}
 # A line's numbering or bullet, and what may stand between it and the row.
 _ITEM = re.compile(
-    r"(?P<indent>[ \t]*)(?:\(?(?P<number>\d{1,3})[.):]|(?P<bullet>[-*•–+·]))[ \t]+"
-    r"(?P<label>[^\n]{0,60})"
+    r"(?P<indent>[ \t]*)(?:\(?(?P<number>\d{1,3})[.):]|(?P<bullet>[-*•–+·])"
+    r"|(?:\*\*)?(?P<word>step|waypoint|point|wp|p|t|frame|pair|row)[ _#]*(?P<count>\d{1,3})"
+    r"(?:\*\*)?[ \t]*[.):=\-–](?:\*\*)?)[ \t]+"
+    r"(?P<label>[^\n]{0,60})",
+    re.IGNORECASE,
 )
 _LABEL = re.compile(r"[\w\s.:=+*`\"'@()\-–>→,/]{0,60}\Z")
 _COMMENT = re.compile(r"(?:#|//|--|—|–|<!--)[^\n]*|/\*.*?\*/|\([^()]*\)", re.DOTALL)
@@ -30,7 +33,7 @@ class Item:
 
     Args:
         number: None for a bullet.
-        bullet: empty for a number.
+        bullet: empty for a bare number; the word of one such as "Step 1:".
     """
 
     indent: str
@@ -59,8 +62,13 @@ def item_of(text: str, start: int) -> Item | None:
     match = _ITEM.match(text, line, start)
     if match is None or _LABEL.match(text, match.start("label"), start) is None:
         return None
-    number = match["number"]
-    return Item(match["indent"], int(number) if number else None, match["bullet"] or "")
+    return _item(match)
+
+
+def _item(match: re.Match[str]) -> Item:
+    number = match["number"] or match["count"]
+    mark = match["bullet"] or (match["word"] or "").lower()
+    return Item(match["indent"], int(number) if number else None, mark)
 
 
 def continues(
@@ -88,7 +96,7 @@ def continues(
             indent = line[: len(line) - len(line.lstrip())]
             if line.strip() and len(indent) <= len(item.indent):
                 return None
-        elif (match["indent"], match["bullet"] or "") == (item.indent, item.bullet):
+        elif replace(_item(match), number=None) == replace(item, number=None):
             unread = True
     return unread
 
@@ -100,8 +108,9 @@ def another_item(after: str, item: Item | None) -> bool:
     for line in after.split("\n")[1:]:
         match = _ITEM.match(line)
         if match is not None:
-            number = int(match["number"]) if match["number"] else None
-            same = (match["indent"], match["bullet"] or "") == (item.indent, item.bullet)
+            after_it = _item(match)
+            same = replace(after_it, number=None) == replace(item, number=None)
+            number = after_it.number
             return same and (number is None or number == (item.number or 0) + 1)
         if line.strip() and not line.startswith((" ", "\t")):
             return False

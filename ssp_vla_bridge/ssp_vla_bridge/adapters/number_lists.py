@@ -97,6 +97,18 @@ def may_begin_row(inside: str) -> bool:
     return kinds <= {"number", "comma"} or kinds == {"number", "comma", "word"}
 
 
+# A field of an object that is a text: ``"note": "brakes on"``.
+_TEXT_FIELD = re.compile(
+    r"[\"'][\w ]{1,40}[\"']\s*:\s*(?:\"[^\"\n]*\"|'[^'\n]*'|true|false|null)\s*(?:,|$)"
+)
+
+
+def _plain_name(word: str) -> str:
+    """A column's name without a number or a unit: ``x_m``, ``time_s``, ``v1``."""
+    plain = re.sub(r"_(?:m|s|mps|meters?|metres?|sec|seconds)$", "", word.lower())
+    return plain.rstrip("0123456789_")
+
+
 def _unusual_row(
     start: int, end: int, inside: str, brackets: str, marks: tuple[str, ...]
 ) -> Row | None:
@@ -104,6 +116,8 @@ def _unusual_row(
     names: list[str] = []
     units: list[str] = []
     found = set(marks)
+    if brackets == "{}":
+        inside = _TEXT_FIELD.sub("", inside).rstrip(" \n\t,")
     # "[0, 5)" is an interval.
     name, parted, spaced, bad = "", True, True, brackets not in _BRACKETS
     for token in _INSIDE.finditer(inside):
@@ -120,8 +134,8 @@ def _unusual_row(
             name, parted = "", False
         elif kind == "word" and word.lower() in _UNITS and name == "" and numbers and not parted:
             units.append(word.lower())
-        elif kind == "word" and word.lower().rstrip("0123456789_") in _NAMES:
-            name = word.lower().rstrip("0123456789_")
+        elif kind == "word" and _plain_name(word) in _NAMES:
+            name = _plain_name(word)
             found.add("names in rows")
         elif kind == "unit":
             units.append(word)
@@ -132,7 +146,7 @@ def _unusual_row(
             bad = True
         spaced = kind == "space" or (spaced and kind == "ignored")
     bad = bad or name != ""
-    if not numbers or (len(numbers) == 1 and not bad):
+    if not numbers or (len(numbers) == 1 and not bad and not {"x", "y"} & set(names)):
         return None
     return Row(
         start,
@@ -152,6 +166,7 @@ UNREAD = "one of its rows can't be read"
 _BETWEEN = re.compile(
     r"(?P<space>\s+)|(?P<comma>[,;])|(?P<ellipsis>[.]{2,}|…|⋯)"
     r"|(?P<group>\([a-zA-Z/ ]{0,12}\)|[\[(][0-9. ]{1,8}s?[\])]"
+    r"|\([a-z ]{0,6}[=:≈]? ?\+?[0-9.]{1,6} ?(?:ms|s|sec|secs|seconds)?\)"
     r"|[\[(][a-zA-Z]{1,12}_?[0-9]{0,2}, ?[a-zA-Z]{1,12}_?[0-9]{0,2}[\])])"
     r"|(?P<open>[\[({])|(?P<close>[\])}])"
     rf"|(?P<number>{SIGN}{PLAIN})|(?P<word>[^\W\d]\w*)"
@@ -332,11 +347,16 @@ def _ending(
         return [NumberList((), opener, len(text), CUT, cut=True)]
     gap = _gap(text, end, opener if row_begun else len(text))
     never_closed = gaps[0].opened >= 0 and not gap.closed
-    cut = not gap.prose and (row_begun or gap.comma or never_closed)
+    cut = not gap.prose and (row_begun or (gap.comma and not gap.closed) or never_closed)
     lists = _finish(rows, gaps, gap, items, cut)
     if row_begun and (gap.prose or not lists):
         lists.append(NumberList((), opener, len(text), CUT, cut=True))
     return lists
+
+
+def _is_label(word: str) -> bool:
+    """Tell whether a word may stand before a row without being prose, also with a number."""
+    return word.lower().rstrip("0123456789").rstrip("_") in _LABELS
 
 
 def _gap(text: str, start: int, end: int, from_the_right: bool = False) -> _Gap:
@@ -351,7 +371,7 @@ def _gap(text: str, start: int, end: int, from_the_right: bool = False) -> _Gap:
     tokens = list(_BETWEEN.finditer(between))
     for token in reversed(tokens) if from_the_right else tokens:
         kind = token.lastgroup
-        if kind == "other" or (kind == "word" and token.group().lower() not in _LABELS):
+        if kind == "other" or (kind == "word" and not _is_label(token.group())):
             gap.prose = True
             if from_the_right:
                 break

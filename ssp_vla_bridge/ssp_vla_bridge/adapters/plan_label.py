@@ -27,7 +27,8 @@ _PLAN = re.compile(rf"\b{PLAN_WORDS}\b|\b(?:future|next|planned|target) (?:point
 _OWN = re.compile(r"\b(?:my|own|ego|i|i'll|we|our|vut|myself)\b|\bego[_-]")
 _REFUSED = re.compile(
     r"\b(?:wrong|reject(?:ed|s)?|discard(?:ed)?|incorrect|alternatives?|examples?|e\.g|for instance"
-    r"|hypothetical(?:ly)?|counter-?example|dismiss(?:ed)?|unwanted|invalid|not (?:the|my|a|what)"
+    r"|hypothetical(?:ly)?|fallback|back-?up|contingency|counter-?example|dismiss(?:ed)?|unwanted"
+    r"|invalid|not (?:the|my|a|what)"
     r"|never|instead of|rather than|ruled out|abandoned|unsafe|forbidden)\b"
 )
 _CONDITION = re.compile(r"\b(?:if|unless|in case|would|were|otherwise|suppose|supposing)\b")
@@ -43,17 +44,43 @@ _SPECIFIC = (
 )
 _GENERIC = (
     r"(?:agents?|actors?|objects?|obstacles?|road[ _]users?|participants?|neighbou?rs?|leaders?"
-    r"|opponents?|others?|traffic|lead|targets?)"
+    rf"|opponents?|others?|traffic|lead|targets?(?! (?:{PLAN_WORDS}|points?|positions?)\b))"
 )
 _VEHICLE = r"vehicles?"
 _QUALIFIED = (
     r"(?:other|another|lead(?:ing)?|front|preceding|parked|oncoming|adjacent|surrounding|nearby"
-    r"|stopped|merging|crossing|each|every|second|third|opposing|following|rear)"
+    r"|target|stopped|merging|crossing|each|every|second|third|opposing|following|rear)"
 )
-_USER = rf"(?:{_SPECIFIC}|{_GENERIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_VEHICLE}[ _]?\d+|{_VEHICLE})"
+_USER = rf"(?:{_SPECIFIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_GENERIC}|{_VEHICLE}[ _]?\d+|{_VEHICLE})"
 _ARTICLE = r"(?:the|a|an|this|that|these|those|all|any|each|every|two|three|both|some|no)?\s*"
 _ADJECTIVES = r"(?:(?!(?:and|or|to|of|for|by)\b)[\w-]+\s+){0,2}?"
 _NUMBER = r"(?:[ _#-]?\d+)?"
+_ANY_USER = re.compile(rf"\b(?:{_SPECIFIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_VEHICLE}[ _]?\d+)\b")
+# Somebody of whom the text spoke before: "Its predicted path".
+_PRONOUN = re.compile(rf"\b(?:its|their|his|her)\b (?:\w+ ){{0,2}}(?:{PLAN_WORDS}|positions?)\b")
+# The road, unless a plan along it is named first: "Lane centre line: …".
+_ROAD = re.compile(
+    r"\b(?:cent(?:er|re)[ _-]?lines?|(?:lane|road)[ _-](?:boundar\w+|edges?|lines?|markings?)"
+    r"|polylines?)\b"
+)
+# A remark beside a label, which is a clause of its own: "Trajectory (the van is 3 s ahead)".
+_ASIDE = re.compile(
+    r"\([^()]*\b(?:is|are|was|has|have|will|since|because|as|so that|while|when)\b[^()]*\)"
+)
+# Keys beside a list's own one that say how it is meant.
+_SIBLING = re.compile(
+    r"[\"'](?P<key>times?(?:_?stamps?)?(?:_m?s)?|dt(?:_m?s)?|delta_t|(?:time_?step|interval"
+    r"|time_interval|step|sampling_time)_m?s|time_?step|time_interval|frequency_hz|hz|rate_hz"
+    r"|(?:coordinate_)?(?:units?|frame|system)|axes|order|format)[\"']\s*:\s*"
+    r"(?P<value>[\"'][^\"'\n]{0,80}[\"']|\[[^\[\]{}]{0,200}\]|\d*\.?\d+)",
+    re.IGNORECASE,
+)
+# A line that says how all coordinates are meant.
+_CONVENTION = re.compile(
+    r"^\W*(?:(?:all|the|ego|my) )?(?:(?:coordinate )?(?:system|frame)(?! rate)|coordinates?|axes"
+    r"|units?|convention|time ?steps?|step size|sampling)\b[^\n]*$",
+    re.IGNORECASE | re.MULTILINE,
+)
 # What follows, avoids or yields is not the one whose motion is told.
 _OF_OTHERS = re.compile(
     r"\b(?:yield\w*(?: to)?|giv\w+ way to|follow\w*|avoid\w*|behind|around|past|pass\w*|overtak\w*"
@@ -122,7 +149,8 @@ def label_of(text: str, end_before: int, start: int, end: int) -> Label:
     if key is not None:
         words = " ".join([*_parents(text, max(0, start - 4 * _LOOKED_AT), start), key[1]])
         label = words.replace("_", " ").lower()
-        return Label(label, before + behind, _owner(label, is_key=True))
+        heading = f"{before} ({key[1].rpartition('_')[2]}){behind}{_siblings(text, start, end)}"
+        return Label(label, heading, _owner(label, is_key=True))
     lines = before.split("\n")
     if begin > 0 and begin > end_before:
         lines[0] = lines[0].partition(" ")[2]
@@ -133,8 +161,12 @@ def label_of(text: str, end_before: int, start: int, end: int) -> Label:
         sentence = _SENTENCE_END.split(line.rstrip())[-1].lower()
         if not sentence.strip(" .:*`"):
             sentence = line.lower()
-        heading = "\n".join(lines[i:]) + behind
-        return Label(sentence, heading, _owner(sentence))
+        said = "\n".join([*_CONVENTION.findall("\n".join(lines[:i])), *lines[i:]])
+        owner = _owner(sentence)
+        if _PRONOUN.search(sentence) and owner is not Owner.OTHER:
+            earlier = "\n".join(lines[: i + 1]).lower().removesuffix(sentence)
+            owner = Owner.OTHER if _speaks_of_user(earlier) else Owner.UNSAID
+        return Label(sentence, said + behind, owner)
     return Label("", before + behind, Owner.UNSAID)
 
 
@@ -142,6 +174,30 @@ def _behind(text: str, end: int) -> str:
     """What stands in round brackets right behind a list."""
     match = re.compile(r"[\])}\s]{0,4}?[\])}]?[ \t]*(\([^()\n]{1,60}\))").match(text, end)
     return f" {match[1]}" if match and not re.search(r"\d\s*,", match[1]) else ""
+
+
+def _siblings(text: str, start: int, end: int) -> str:
+    """What keys beside a list's own one state of times, units and axes, in words."""
+    begin = max(text.rfind("{", max(0, start - _LOOKED_AT), start), 0)
+    stop = text.find("}", end, end + _LOOKED_AT)
+    found = ""
+    for part in (text[begin:start], text[end : len(text) if stop < 0 else stop]):
+        for match in _SIBLING.finditer(part):
+            key, value = match["key"].lower(), match["value"].strip("[]\"' ")
+            unit = "ms" if key.endswith("_ms") else "hz" if key.endswith("hz") else "s"
+            if re.match(r"dt|delta|interval|step|sampling|time_?(?:step|interval)", key):
+                key = "every"
+            timed = key.startswith("time") or key == "every" or unit == "hz"
+            found += f"; {'' if unit == 'hz' else key} {value} {unit if timed else ''}"
+            found += f" ({value})" if key.endswith(("unit", "units")) else ""
+    return found
+
+
+def _speaks_of_user(text: str) -> bool:
+    """Tell whether the last one that a text speaks of is a road user, not the own vehicle."""
+    users = [match.end() for match in _ANY_USER.finditer(text)]
+    own = [match.end() for match in _OWN.finditer(text)]
+    return bool(users) and users[-1] > max(own, default=-1)
 
 
 def _says_more(line: str) -> bool:
@@ -170,8 +226,12 @@ def _parents(text: str, begin: int, start: int) -> list[str]:
 def _owner(words: str, is_key: bool = False) -> Owner:
     """Whose a list is by its label or the sentence before it, in lower case."""
     said = words.replace("’", "'").replace("*", " ").replace("`", " ").strip()
+    said = _ASIDE.sub(" ", said)
     own = _OWN.search(said) is not None
     if _REFUSED.search(said) or _CONDITION.search(said) or _BOXES.search(said):
+        return Owner.OTHER
+    road = _ROAD.search(said)
+    if road is not None and _PLAN.search(said, 0, road.start()) is None:
         return Owner.OTHER
     if not own:
         rest = _OF_OTHERS.sub(" ", said)

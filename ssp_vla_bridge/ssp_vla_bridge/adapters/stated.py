@@ -24,7 +24,10 @@ _NAMES = {
     "curvature": "curvature", "curv": "curvature", "kappa": "curvature", "κ": "curvature",
     "curvatures": "curvature", "k": "curvature", "c": "curvature", "t": "time", "time": "time",
     "z": "drop", "yaw": "drop", "heading": "drop", "theta": "drop", "height": "drop",
-    "x": "x", "y": "y", "u": "picture",
+    "x": "x", "y": "y", "u": "picture", "row": "picture", "col": "picture", "column": "picture",
+    "latitude": "map", "longitude": "map", "lat": "map", "lon": "map", "easting": "map",
+    "northing": "map", "distance": "polar", "range": "polar", "angle": "polar", "bearing": "polar",
+    "azimuth": "polar", "r": "polar", "s": "polar", "d": "polar",
 }  # fmt: skip
 _DIRECTION = "|".join(sorted(_DIRECTIONS, key=len, reverse=True))
 _AXIS = re.compile(
@@ -58,7 +61,7 @@ _ALL = sorted(
     reverse=True,
 )
 _UNIT = re.compile(
-    r"(?:[(\[,;/]\s*|\bin\s+|\bunits?\W{1,5}(?:are|is)?\s*)("
+    r"(?:[(\[,;]\s*|(?<!\d)/\s*|\bin\s+|\bunits?\W{1,5}(?:are|is)?\s*)("
     + "|".join(map(re.escape, _ALL))
     + r")(?![\w/^])"
 )
@@ -71,9 +74,19 @@ _STEP = re.compile(
     re.IGNORECASE,
 )
 _TIMES = re.compile(
-    r"(?:\bt\s*=|\btimes?\s*[:=]?|\bat)\s*(\d*\.?\d+(?:\s*(?:s|sec|seconds)?\s*(?:,|and|/)+\s*\d*\.?\d+)+)"
-    r"\s*(?:s|secs?|seconds?)\b",
+    r"(?:\bt\s*=|\btimes?(?:_?stamps?)?(?:_m?s)?\s*[:=]?|\bat)\s*[\[(]?(\d*\.?\d+(?:\s*(?:s|sec|seconds)?\s*(?:,|and|/)+\s*\d*\.?\d+)+)"
+    r"[\])]?\s*(?:s|secs?|seconds?)\b",
     re.IGNORECASE,
+)
+# Another frame than the vehicle's.
+_OTHER_FRAME = re.compile(
+    r"\b(?:global|world|map|utm|enu|geographic|gps|image|camera|frenet|polar)[ -]"
+    r"(?:frame|coordinates?|coordinate system|axes|space|plane)\b"
+)
+# Which side of a lateral axis is positive.
+_POSITIVE_SIDE = re.compile(
+    r"(?:positive|\+)\W*(?:(?:is|to|the|towards?|values?|means?|are|=)\W*)*(left|right)"
+    r"|\b(left|right)(?:wards?)?\W*(?:(?:is|are|being|=)\W*)?(?:positive|\+)"
 )
 _BACKWARDS = re.compile(
     r"\b(?:latest|last|newest|farthest|furthest|final) (?:point |one |row |time )?first\b"
@@ -149,6 +162,8 @@ def convert(one: NumberList, heading: str, meaning: Meaning, accepted: frozenset
 
 def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[str, ...] | str:
     """What each column is; or why that can't be told."""
+    if "forward" in meaning.columns and (frame := _OTHER_FRAME.search(said)) is not None:
+        return f"the list is in {frame.group()}"
     axes = {axis: _DIRECTIONS[word] for axis, word in _AXIS.findall(said)}
     if not axes:
         axes = {axis: _DIRECTIONS[word] for word, axis in _AXIS_BEHIND.findall(said)}
@@ -174,8 +189,10 @@ def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[
     points = "forward" in meaning.columns
     own = dict(zip(("x", "y"), meaning.columns, strict=True)) if points else {}
     side = "left" if "left" in meaning.columns else "right"
+    if (positive := _POSITIVE_SIDE.search(said)) is not None:
+        side = positive[1] or positive[2]
     found = [side if one == "lateral" else own.get(one, one) for one in found]
-    if found.count("forward") > 1 or "map" in found or "picture" in found or "backward" in found:
+    if found.count("forward") > 1 or not {"map", "picture", "polar", "backward"}.isdisjoint(found):
         return f"the list names the columns {', '.join(names)}"
     return tuple(found)
 
@@ -193,7 +210,8 @@ def _arranged(
             picked.append((columns.index(mirrored), -1.0))
         else:
             return (), (), False
-    if set(columns) - {"time", "drop", "left", "right", *meaning.columns}:
+    beside = {"speed", "curvature"} if "forward" in meaning.columns else set()
+    if set(columns) - {"time", "drop", "left", "right", *beside, *meaning.columns}:
         return (), (), False
     (i, a), (j, b) = picked
     times = tuple(row[columns.index("time")] for row in rows) if "time" in columns else ()
@@ -211,6 +229,8 @@ def _factors(
 ) -> tuple[tuple[float, float], str] | str:
     """What the two columns are multiplied by, and the units' names; or why there is no telling."""
     stated = {*one.units, *_UNIT.findall(said)} - {"s"}
+    if "forward" in meaning.columns and len({_LENGTHS_M.get(unit) for unit in one.units}) > 1:
+        return f"the rows are in {' and '.join(sorted(one.units))}"
     stated -= accepted & one.units
     points = "forward" in meaning.columns
     if points:
