@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.stamps import LEAP_S, settle_stamps
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
@@ -21,7 +22,7 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Mounting
 from ssp_eval.importers import target
 from ssp_eval.importers.camera import CameraSource
-from ssp_eval.importers.findings import Findings
+from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.importers.frames import FrameIntake
 from ssp_eval.importers.options import ALL, ImportOptions
 from ssp_eval.importers.ros_bag import (
@@ -29,6 +30,7 @@ from ssp_eval.importers.ros_bag import (
     Clock,
     Poses,
     SourceBag,
+    Span,
     Times,
     check_clocks,
     read_poses,
@@ -39,9 +41,9 @@ from ssp_eval.importers.target import (
     ImportSummary,
     attach_record,
     check_free,
-    keep_every,
     make_bag,
     measured_motion,
+    thin,
     write_states,
 )
 from ssp_eval.importers.tracks import Track, make_track
@@ -50,6 +52,8 @@ from ssp_eval.recordings.states import STATE_AGE_S
 INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 IMAGES = (COMPRESSED_TYPE, RAW_TYPE)
+# A camera of which more stamps leap than this share has no clock to go by.
+MOST_LEAPS = 0.01
 # Frames this long before the first pose of the VUT, or after its last one, are kept.
 _BESIDE_NS = 100_000_000
 _NS = NDArray[np.int64]
@@ -82,10 +86,12 @@ class _Clip:
     """Which frames of the camera's topic are kept.
 
     Args:
-        kept: their stamps by their places among the topic's messages.
+        inside: places of the clip's frames among the topic's messages.
+        kept: stamps of those that are kept, by their places.
         crop_s: from and to, from the topic's first frame on.
     """
 
+    inside: NDArray[np.int64]
     kept: Mapping[int, int]
     keep_every: int
     rate_hz: float
@@ -119,16 +125,19 @@ def import_bag(
     findings = Findings(options.clip.accepted)
     with findings.listed(options.bag), SourceBag(options.bag) as bag:
         bag.check_topic(options.camera, IMAGES)
+        shown = bag.times(options.camera)
+        shown, leapt = _settled(options, shown)
+        span = _span(options, shown)
         poses = {
-            name: read_poses(bag, topic, options.clock, options.datum)
+            name: read_poses(bag, topic, span, options.datum)
             for name, (topic, _) in options.objects.items()
         }
-        shown = bag.times(options.camera)
         notes = check_clocks(
-            options.bag, options.clock, [*(p.times for p in poses.values()), shown]
+            options.bag, options.clock, [*(p.times for p in poses.values()), span.within(shown)]
         )
         _check_frames(options, poses)
-        clip = _clip(options, shown.on(options.clock), poses[VUT_ID])
+        clip = _clip(options, shown.on(options.clock), poses[VUT_ID], span)
+        notes += _leaps(options, clip, leapt, shown.on(options.clock), findings)
         tracks = [_track(options, name, poses[name], clip) for name in ids]
         for pose, track in zip(poses.values(), tracks, strict=True):
             notes += [*pose.notes, *_said(options, pose, track), *track.notes]
@@ -189,17 +198,50 @@ def _check_frames(options: BagOptions, poses: Mapping[str, Poses]) -> None:
         )
 
 
-def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses) -> _Clip:
-    """The frames within the crop and the VUT's states, thinned to the rate."""
+def _settled(options: BagOptions, shown: Times) -> tuple[Times, NDArray[np.bool_]]:
+    """The frames' times, and which of them took their time of receipt since their stamp leaps."""
+    if options.clock == "receive":
+        return shown, np.zeros(len(shown.stamps_ns), dtype=bool)
+    settled = settle_stamps(shown.stamps_ns, shown.received_ns)
+    return replace(shown, stamps_ns=settled.times_ns), settled.leapt
+
+
+def _leaps(
+    options: BagOptions, clip: _Clip, leapt: NDArray[np.bool_], stamps_ns: _NS, findings: Findings
+) -> list[str]:
+    """Find stamps that leap in the clip, or say it where they are few."""
+    places = clip.inside[leapt[clip.inside]]
+    if not len(places):
+        return []
+    text = (
+        f"{len(places)} of {len(clip.inside)} stamps leave their usual distance to the time of "
+        f"receipt by more than {LEAP_S:g} s, the first at "
+        f"{ns_to_seconds(int(stamps_ns[places[0]]) - clip.first_ns):.3f} s of the clip"
+    )
+    if len(places) > MOST_LEAPS * len(clip.inside):
+        findings.add(
+            Finding(
+                "leaping_stamps", text,
+                "set the camera's clock, or take the times of receipt with --clock receive",
+                options.bag, options.camera,
+            )
+        )  # fmt: skip
+    return [f"camera: {text}; these frames take the time of receipt"]
+
+
+def _span(options: BagOptions, shown: Times) -> Span:
+    """The crop.
+
+    Raises:
+        InputError: it holds no frame.
+    """
+    stamps_ns = shown.on(options.clock)
     zero_ns = int(stamps_ns[0])
-    notes = []
     start_s, end_s = options.clip.start_s, options.clip.end_s
     low_ns = zero_ns + seconds_to_ns(start_s)
     high_ns = int(stamps_ns[-1])
     if end_s is not None:
         high_ns = min(high_ns, zero_ns + seconds_to_ns(end_s))
-    states_ns = vut.samples.stamps_ns
-    first_ns, last_ns = int(states_ns.min()), int(states_ns.max())
     if low_ns > int(stamps_ns[-1]) or high_ns <= low_ns:
         length_s = ns_to_seconds(int(stamps_ns[-1]) - zero_ns)
         raise InputError(
@@ -207,13 +249,19 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses) -> _Clip:
             file=options.bag, field=options.camera,
             remedy=f"its frames span {length_s:.3f} s; --start and --end count from the first",
         )  # fmt: skip
-    if first_ns > high_ns or last_ns < low_ns:
-        raise InputError(
-            f"has poses from {ns_to_seconds(first_ns - zero_ns):.3f} to "
-            f"{ns_to_seconds(last_ns - zero_ns):.3f} s after the first frame, none within the clip",
-            file=options.bag, field=vut.times.topic,
-            remedy="frames and poses must be of one time; check the clocks, or use --clock receive",
-        )  # fmt: skip
+    inside = np.flatnonzero((stamps_ns >= low_ns) & (stamps_ns <= high_ns))
+    of_frames = None
+    if len(inside):
+        received_ns = shown.received_ns[inside]
+        of_frames = int(received_ns.min()), int(received_ns.max())
+    return Span(options.clock, zero_ns, (low_ns, high_ns), of_frames)
+
+
+def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses, span: Span) -> _Clip:
+    """The frames within the crop and the VUT's states, thinned to the rate."""
+    zero_ns, (low_ns, high_ns) = span.zero_ns, span.stamps_ns
+    first_ns, last_ns = vut.reach_ns
+    notes = []
     # A frame just before the first pose is of the same time as it.
     first_ns, last_ns = first_ns - _BESIDE_NS, last_ns + _BESIDE_NS
     for moved_ns, what in ((first_ns - low_ns, "begin"), (high_ns - last_ns, "end")):
@@ -234,11 +282,11 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses) -> _Clip:
             remedy="at least 2 are needed; move --start and --end",
         )  # fmt: skip
     times = stamps_ns[inside]
-    fps = (len(times) - 1) * NS_PER_S / float(times[-1] - times[0])
     try:
-        step = keep_every(fps, options.clip.rate_hz)
+        thinned = thin(times, options.clip.rate_hz)
     except ValueError as error:
         raise InputError(str(error), file=options.bag, field="--rate") from error
+    notes += [f"camera: {one}" for one in thinned.notes]
     gaps = np.diff(times) / NS_PER_S
     if gaps.max() > STATE_AGE_S:
         at_s = ns_to_seconds(int(times[int(np.argmax(gaps))]) - int(times[0]))
@@ -246,9 +294,11 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses) -> _Clip:
             f"camera: {int((gaps > STATE_AGE_S).sum())} gaps of more than {STATE_AGE_S:g} s, the "
             f"longest {gaps.max():.2f} s from {at_s:.2f} s of the clip on"
         )
-    kept = {int(i): int(stamps_ns[i]) for i in inside[::step]}
+    kept = {int(i): int(stamps_ns[i]) for i in inside[thinned.places]}
     crop_s = tuple(ns_to_seconds(ns - zero_ns) for ns in (int(times[0]), int(times[-1])))
-    return _Clip(kept, step, fps / step, (crop_s[0], crop_s[1]), tuple(notes))
+    return _Clip(
+        inside, kept, thinned.keep_every, thinned.rate_hz, (crop_s[0], crop_s[1]), tuple(notes)
+    )
 
 
 def _track(options: BagOptions, name: str, poses: Poses, clip: _Clip) -> Track:

@@ -20,6 +20,7 @@ from ssp_eval.importers.options import Option
 # What ``--accept NAME`` takes as it is.
 ACCEPTABLE: Mapping[str, str] = {
     "camera_matrix": "a CameraInfo that no camera of these frames has",
+    "leaping_stamps": "frames whose stamps leap, at their times of receipt",
     "cut_pictures": "JPEGs that are cut off or damaged, as far as they go",
 }
 

@@ -20,8 +20,8 @@ from ssp_core.bag.mcap_file import DAMAGE
 from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import TypeDefinition, store_from
-from ssp_core.cdr.messages import leading_stamp_ns, stamp_ns
-from ssp_core.clock import NS_PER_S
+from ssp_core.cdr.messages import leading_stamp_ns
+from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.files import Closing, read_mapping
 from ssp_core.geodesy import Datum
@@ -231,6 +231,15 @@ def _is_plain_mcap(path: Path) -> bool:
     return stated.get("storage_identifier") == "mcap" and mode in ("none", "storage")
 
 
+def _stamp_ns(bag: SourceBag, topic: str, received_ns: int, data: bytes) -> int:
+    """The stamp of a message that begins with a header."""
+    found = leading_stamp_ns(data)
+    if found is None:
+        raise InputError(f"holds a message at {received_ns} ns without a valid stamp",
+                         file=bag.path, field=topic)  # fmt: skip
+    return found
+
+
 class SourceBag(Closing):
     """A bag directory, a .mcap or a .db3 file of any program, open; a context manager.
 
@@ -302,9 +311,14 @@ class SourceBag(Closing):
             InputError: the topic's type can't be read, or a message is none of it.
         """
         for received_ns, data in self.raw(topic):
-            yield received_ns, self._decoded(topic, received_ns, data)
+            yield received_ns, self.decode(topic, received_ns, data)
 
-    def _decoded(self, topic: str, received_ns: int, data: bytes) -> Any:
+    def decode(self, topic: str, received_ns: int, data: bytes) -> Any:
+        """Decode a message of a topic.
+
+        Raises:
+            InputError: the topic's type can't be read, or the message is none of it.
+        """
         store, kind = self._storage.store(topic), self.types[topic]
         try:
             return store.deserialize_cdr(data, kind)
@@ -321,17 +335,13 @@ class SourceBag(Closing):
             if found is not None and received_ns > at_ns:
                 break
             found = data
-        return None if found is None else self._decoded(topic, at_ns, found)
+        return None if found is None else self.decode(topic, at_ns, found)
 
     def times(self, topic: str) -> Times:
         """Stamps and times of receipt, nothing decoded."""
         pairs = []
         for received_ns, data in self.raw(topic):
-            stamp = leading_stamp_ns(data)
-            if stamp is None:
-                raise InputError(f"holds a message at {received_ns} ns without a valid stamp",
-                                 file=self.path, field=topic)  # fmt: skip
-            pairs.append((stamp, received_ns))
+            pairs.append((_stamp_ns(self, topic, received_ns, data), received_ns))
         if not pairs:
             raise InputError("holds no message", file=self.path, field=topic,
                              remedy="name a topic with messages")  # fmt: skip
@@ -351,28 +361,63 @@ class SourceBag(Closing):
 
 
 @dataclass(frozen=True)
+class Span:
+    """The crop of an import: what lies outside isn't judged.
+
+    Args:
+        zero_ns: the camera's first frame, on the clock of the import.
+        stamps_ns: of the crop, on that clock.
+        received_ns: when the first and the last frame in it were received; None: no frame is.
+    """
+
+    clock: Clock
+    zero_ns: int
+    stamps_ns: tuple[int, int]
+    received_ns: tuple[int, int] | None
+
+    def holds(self, stamp_ns: int, received_ns: int) -> bool:
+        """Whether a message belongs to the crop, by its time or by its receipt."""
+        time_ns = stamp_ns if self.clock == "header" else received_ns
+        if self.stamps_ns[0] <= time_ns <= self.stamps_ns[1]:
+            return True
+        of_frames = self.received_ns
+        return of_frames is not None and of_frames[0] <= received_ns <= of_frames[1]
+
+    def within(self, times: Times) -> Times:
+        """The times of the messages that belong to the crop."""
+        pairs = zip(times.stamps_ns.tolist(), times.received_ns.tolist(), strict=True)
+        inside = np.array([self.holds(*pair) for pair in pairs], dtype=bool)
+        return Times(times.topic, times.stamps_ns[inside], times.received_ns[inside])
+
+
+@dataclass(frozen=True)
 class Poses:
     """The poses of one topic.
 
     Args:
+        samples: in the crop.
+        times: of the samples.
+        reach_ns: time of the first and the last message, in the crop or not.
         child_frame_id: that they are of, and that speeds are in; empty: not said.
     """
 
     samples: Samples
     times: Times
+    reach_ns: tuple[int, int]
     frame_id: str
     child_frame_id: str
     notes: tuple[str, ...]
 
 
-def read_poses(bag: SourceBag, topic: str, clock: Clock, datum: Datum | None) -> Poses:
-    """The poses that a topic holds.
+def read_poses(bag: SourceBag, topic: str, span: Span, datum: Datum | None) -> Poses:
+    """The poses that a topic holds in a crop.
 
     Speeds of an Odometry are in its child frame (REP 105, nav_msgs); one whose child frame is its
     own frame gives them in that, and they are turned into the heading.
 
     Raises:
-        InputError: no topic of poses, frames that change, or an orientation that is none.
+        InputError: no topic of poses, none in the crop, frames that change, or an orientation that
+            is none.
     """
     kind = bag.check_topic(topic, POSE_TYPES)
     if kind == FIX and datum is None:
@@ -384,19 +429,36 @@ def read_poses(bag: SourceBag, topic: str, clock: Clock, datum: Datum | None) ->
     rows: list[tuple[float, ...]] = []
     frames: set[tuple[str, str]] = set()
     read = _READERS[kind]
-    for received_ns, message in bag.decoded(topic):
-        times.append((stamp_ns(message.header.stamp), received_ns))
+    outside: list[int] = []
+    for count, (received_ns, data) in enumerate(bag.raw(topic), 1):
+        stamp = _stamp_ns(bag, topic, received_ns, data)
+        at_ns = stamp if span.clock == "header" else received_ns
+        if not span.holds(stamp, received_ns):
+            outside.append(at_ns)
+            continue
+        message = bag.decode(topic, received_ns, data)
+        times.append((stamp, received_ns))
         frames.add((str(message.header.frame_id), str(getattr(message, "child_frame_id", ""))))
         try:
             rows.append(read(message))
         except ValueError as error:
             raise InputError(
-                f"message {len(rows) + 1}: {error}", file=bag.path, field=topic,
-                remedy="cut the span out of the bag, or name another topic",
+                f"message {count}: {error}, {ns_to_seconds(at_ns - span.zero_ns):.3f} s after the "
+                "first frame",
+                file=bag.path, field=topic,
+                remedy="leave the span out with --start and --end, or name another topic",
             ) from error  # fmt: skip
-    if not rows:
+    if not rows and not outside:
         raise InputError("holds no message", file=bag.path, field=topic,
                          remedy="name a topic with messages")  # fmt: skip
+    if not rows:
+        first_s, last_s = (ns_to_seconds(ns - span.zero_ns) for ns in (min(outside), max(outside)))
+        raise InputError(
+            f"has poses from {first_s:.3f} to {last_s:.3f} s after the first frame, none within "
+            "the clip",
+            file=bag.path, field=topic,
+            remedy="frames and poses must be of one time; check the clocks, or use --clock receive",
+        )  # fmt: skip
     if len(frames) > 1:
         shown = ", ".join(sorted(f"{a or '(none)'} of {b or '(none)'}" for a, b in frames)[:4])
         raise InputError(f"changes its frames: {shown}", file=bag.path, field=topic,
@@ -421,8 +483,10 @@ def read_poses(bag: SourceBag, topic: str, clock: Clock, datum: Datum | None) ->
             notes.append(f"{topic}: speeds are in {frame_id}, and were turned into the heading")
         elif not child:
             notes.append(f"{topic}: names no child frame; speeds are taken as along the heading")
-    samples = Samples(base.on(clock), columns, Source(bag.path, topic))
-    return Poses(samples, base, frame_id, child, tuple(notes))
+    on_clock = base.on(span.clock)
+    samples = Samples(on_clock, columns, Source(bag.path, topic))
+    reach_ns = [*outside, int(on_clock.min()), int(on_clock.max())]
+    return Poses(samples, base, (min(reach_ns), max(reach_ns)), frame_id, child, tuple(notes))
 
 
 def _pose(pose: Any) -> tuple[float, float, float]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssp_core import names
 from ssp_core.bag.images import Bgr, encode_jpeg
@@ -302,6 +303,8 @@ def log_source(summary: ImportSummary, who: str) -> None:
 JPEG_QUALITY = 90
 # Fewer frames a second than this are never kept where a source has more.
 DEFAULT_RATE_HZ = 10.0
+# Two kept frames lie at most this many periods of that rate apart.
+_GAP = 1.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,6 +369,57 @@ def keep_every(fps: float, rate_hz: float | None) -> int:
     if rate_hz > fps * 1.001:
         raise ValueError(f"has {fps:g} frames per second, fewer than {rate_hz:g}")
     return max(1, math.floor(fps / rate_hz + 1e-3))
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """The frames that are kept of a clip.
+
+    Args:
+        places: of the kept frames among all.
+        keep_every: one in so many, where the rate is steady.
+        rate_hz: mean rate of the kept frames.
+        notes: what is to be said of them.
+    """
+
+    places: NDArray[np.int64]
+    keep_every: int
+    rate_hz: float
+    notes: tuple[str, ...]
+
+
+def thin(times_ns: NDArray[np.int64], rate_hz: float | None) -> Thinned:
+    """Keep every n-th frame, and more where the rate is lower than on the average.
+
+    Args:
+        times_ns: of all frames of the clip, rising, at least two.
+        rate_hz: as in keep_every.
+
+    Raises:
+        ValueError: as keep_every.
+    """
+    fps = (len(times_ns) - 1) * NS_PER_S / float(times_ns[-1] - times_ns[0])
+    step = keep_every(fps, rate_hz)
+    places = np.arange(0, len(times_ns), step)
+    notes: tuple[str, ...] = ()
+    longest_ns = _GAP * NS_PER_S / min(DEFAULT_RATE_HZ if rate_hz is None else rate_hz, fps)
+    found, end = [0], len(times_ns) - 1
+    for until in [*places[1:].tolist(), end]:
+        for place in range(found[-1] + 1, until):
+            if times_ns[place + 1] - times_ns[found[-1]] > longest_ns:
+                found.append(place)
+        if until % step == 0 or times_ns[until] - times_ns[found[-1]] > longest_ns:
+            found.append(until)
+    found = sorted(set(found))
+    if more := len(found) - len(places):
+        notes = (
+            f"its rate varies; {more} frames more than one in {step} are kept, so that none is "
+            f"{longest_ns / NS_PER_S:.2g} s after another where there are some between",
+        )
+    kept = np.array(found, dtype=np.int64)
+    span_ns = float(times_ns[kept[-1]] - times_ns[0])
+    rate = (len(kept) - 1) * NS_PER_S / span_ns if more and span_ns else fps / step
+    return Thinned(kept, step, rate, notes)
 
 
 def jpeg(image: Bgr) -> bytes:
