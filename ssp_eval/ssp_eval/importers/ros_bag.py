@@ -166,6 +166,10 @@ class _Storage(Protocol):
 
     types: dict[str, str]
 
+    def check_definition(self, topic: str) -> None:
+        """Raise InputError where the type of a topic can't be read."""
+        self._storage.store(topic)
+
     def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """Yield time of receipt in ns and serialised message, in the order of receipt."""
         ...
@@ -425,6 +429,7 @@ def read_poses(bag: SourceBag, topic: str, span: Span, datum: Datum | None) -> P
             "holds geodetic positions", file=bag.path, field=topic, value=kind,
             remedy="give the origin of the map's frame with --datum LAT,LON[,ALT]",
         )  # fmt: skip
+    bag.check_definition(topic)
     times: list[tuple[int, int]] = []
     rows: list[tuple[float, ...]] = []
     frames: set[tuple[str, str]] = set()
