@@ -166,10 +166,6 @@ class _Storage(Protocol):
 
     types: dict[str, str]
 
-    def check_definition(self, topic: str) -> None:
-        """Raise InputError where the type of a topic can't be read."""
-        self._storage.store(topic)
-
     def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """Yield time of receipt in ns and serialised message, in the order of receipt."""
         ...
@@ -302,6 +298,10 @@ class SourceBag(Closing):
             raise InputError("has messages of another type", file=self.path, field=topic,
                              value=found, remedy=f"{', '.join(types)} are read")  # fmt: skip
         return found
+
+    def check_definition(self, topic: str) -> None:
+        """Raise InputError where the type of a topic can't be read."""
+        self._storage.store(topic)
 
     def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """Yield time of receipt in ns and serialised message, in the order of receipt."""
