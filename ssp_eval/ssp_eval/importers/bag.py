@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from ssp_core.names import VUT_ID
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Mounting
 from ssp_eval.importers import target
+from ssp_eval.importers.axes import Axes, unstated_axes, with_axes
 from ssp_eval.importers.camera import CameraSource
 from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.importers.frames import FrameIntake
@@ -69,6 +70,9 @@ class BagOptions:
         mounting: declared place of the camera from the VUT's reference point, None: that of
             /tf_static, where there is one.
         datum: origin of the map's frame for geodetic positions, None: there are none.
+        axes: of the poses, by id, where a person states them.
+        twist_in_parent: whether twists are along the axes of the poses' frame, by id, where a
+            person states it.
     """
 
     bag: Path
@@ -79,6 +83,8 @@ class BagOptions:
     mounting: Mounting | None
     clock: Clock
     datum: Datum | None
+    axes: Mapping[str, Axes] = field(default_factory=dict)
+    twist_in_parent: Mapping[str, bool] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -132,13 +138,19 @@ def import_bag(
             name: read_poses(bag, topic, span, options.datum)
             for name, (topic, _) in options.objects.items()
         }
+        for finding in unstated_axes(options.bag, poses, options.axes):
+            findings.add(finding)
+        poses = {
+            name: with_axes(one, options.axes.get(name), options.twist_in_parent.get(name))
+            for name, one in poses.items()
+        }
         notes = check_clocks(
             options.bag, options.clock, [*(p.times for p in poses.values()), span.within(shown)]
         )
         _check_frames(options, poses)
         clip = _clip(options, shown.on(options.clock), poses[VUT_ID], span)
         notes += _leaps(options, clip, leapt, shown.on(options.clock), findings)
-        tracks = [_track(options, name, poses[name], clip) for name in ids]
+        tracks = [_track(options, name, poses[name], clip, findings) for name in ids]
         for pose, track in zip(poses.values(), tracks, strict=True):
             notes += [*pose.notes, *_said(options, pose, track), *track.notes]
             notes += _coverage(track, clip)
@@ -174,7 +186,7 @@ def _camera_source(
                     static += message.transforms
     return CameraSource(
         options.bag, options.camera_info, info, options.mounting, static, vut.child_frame_id,
-        track.body.ahead_m,
+        track.body.ahead_m, options.axes.get(VUT_ID, Axes()).body == "frd",
     )  # fmt: skip
 
 
@@ -301,13 +313,13 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses, span: Span) -> _Clip:
     )
 
 
-def _track(options: BagOptions, name: str, poses: Poses, clip: _Clip) -> Track:
+def _track(options: BagOptions, name: str, poses: Poses, clip: _Clip, findings: Findings) -> Track:
     _, object_class = options.objects[name]
     role = Role.VUT if name == VUT_ID else Role.OT
     body = options.clip.motion.body(name, object_class, "rear_axle", role)
     stamps_ns = poses.samples.stamps_ns
     inside = (stamps_ns >= clip.first_ns) & (stamps_ns <= clip.last_ns)
-    return make_track(poses.samples.taken(np.flatnonzero(inside)), body)
+    return make_track(poses.samples.taken(np.flatnonzero(inside)), body, findings)
 
 
 def _said(options: BagOptions, poses: Poses, track: Track) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,12 @@ from ssp_core.names import VUT_ID
 from ssp_core.options import Number
 from ssp_core.vocabulary import OBJECTS, ObjectClass
 from ssp_core.world.camera import Mounting
+from ssp_eval.importers.axes import Axes
 from ssp_eval.importers.bag import BagOptions, import_bag
-from ssp_eval.importers.findings import accept_option
 from ssp_eval.importers.options import (
+    ALL,
     MotionOptions,
+    accept_option,
     declaring,
     domain_option,
     import_options,
@@ -205,6 +207,21 @@ def finish(summary: ImportSummary, who: str, accepted: Sequence[str], json_: boo
     metavar="ID=LxWxH",
     help="Length, width and height, m [default: typical of the class].",
 )
+@click.option(
+    "--axes",
+    "axes",
+    multiple=True,
+    metavar="ID=WORLD[/BODY]",
+    help="Axes of an object's poses: enu (east, north, up: REP 103), ned (north, east, down), frd "
+    "(forward, right, down); of its child frame: flu or frd [default: enu/flu, ned/frd, frd/frd].",
+)
+@click.option(
+    "--twist",
+    "twists",
+    multiple=True,
+    metavar="ID=child|parent",
+    help="An object's twist is along the axes of its child frame, or of its poses' frame.",
+)
 @moving
 @click.option(
     "--out",
@@ -232,6 +249,8 @@ def import_bag_command(
     mount: str | None,
     clock: Clock,
     datum: str | None,
+    axes: tuple[str, ...],
+    twists: tuple[str, ...],
     json_: bool,
     **given: Any,
 ) -> None:
@@ -256,6 +275,8 @@ def import_bag_command(
         mounting=None if mount is None else _mounting(mount),
         clock=clock,
         datum=None if datum is None else _datum(datum),
+        axes=_axes(axes, named),
+        twist_in_parent=_twists(twists, named),
     )
     with progress("importing", None) as bar:
         task = bar.task_ids[0]
@@ -277,6 +298,37 @@ def _topic(option: str, text: str, default: str | None) -> tuple[str, ObjectClas
             f"{option} {text}: give TOPIC:CLASS; classes are {', '.join(OBJECTS)}"
         )
     return topic, ObjectClass.from_word(word)
+
+
+def _axes(given: tuple[str, ...], ids: Collection[str]) -> dict[str, Axes]:
+    """Axes by id; raises UsageError for another form, or an id that is none."""
+    found = {}
+    for name, text in _named("--axes", given, ids).items():
+        try:
+            found[name] = Axes.of_text(text)
+        except ValueError as error:
+            raise click.UsageError(f"--axes {name}={text}: {error}") from error
+    return found
+
+
+def _twists(given: tuple[str, ...], ids: Collection[str]) -> dict[str, bool]:
+    """Whether twists are in the poses' frame, by id; raises UsageError as ``_axes``."""
+    found = {}
+    for name, text in _named("--twist", given, ids).items():
+        if text not in ("child", "parent"):
+            raise click.UsageError(f"--twist {name}={text}: give child or parent")
+        found[name] = text == "parent"
+    return found
+
+
+def _named(option: str, given: tuple[str, ...], ids: Collection[str]) -> dict[str, str]:
+    """ID=VALUE options by id, `all` for those that aren't named."""
+    stated = pairs(option, given)
+    common = stated.pop(ALL, None)
+    for name in stated:
+        if name not in ids:
+            raise click.UsageError(f"{option} {name}=…: the ids are {', '.join(ids)}")
+    return ({} if common is None else dict.fromkeys(ids, common)) | stated
 
 
 def _mounting(text: str) -> Mounting:

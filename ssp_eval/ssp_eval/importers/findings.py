@@ -11,17 +11,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
-
 from ssp_core.errors import InputError
 from ssp_eval.data.provenance import AcceptedFinding
-from ssp_eval.importers.options import Option
 
 # What ``--accept NAME`` takes as it is.
 ACCEPTABLE: Mapping[str, str] = {
     "camera_matrix": "a CameraInfo that no camera of these frames has",
-    "leaping_stamps": "frames whose stamps leap, at their times of receipt",
+    "clock_step": "a clock that steps while an object moves",
     "cut_pictures": "JPEGs that are cut off or damaged, as far as they go",
+    "heading": "headings that contradict the direction of motion",
+    "leap": "places that leap",
+    "leaping_stamps": "frames whose stamps leap, at their times of receipt",
+    "sideways": "a vehicle that moves across its heading",
+    "speed": "speeds that contradict the positions",
+    "twist_axes": "a twist along other axes than its child frame's",
 }
 
 
@@ -109,17 +112,3 @@ class Findings:
             if not errors:
                 raise
             raise InputError.of_all([*errors, error], source) from error
-
-
-def accept_option() -> Option:
-    """``--accept NAME``, which both importers share."""
-    return click.option(
-        "--accept",
-        "accepted",
-        multiple=True,
-        type=click.Choice(sorted(ACCEPTABLE)),
-        metavar="NAME",
-        help="Take the findings of that name as they are; the recording says so. Names: "
-        + "; ".join(f"{name}, {what}" for name, what in sorted(ACCEPTABLE.items()))
-        + ".",
-    )

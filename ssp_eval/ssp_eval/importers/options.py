@@ -17,6 +17,7 @@ from ssp_core.motion.state import Size
 from ssp_core.options import Domain
 from ssp_core.vocabulary import DomainWord, ObjectClass, Role
 from ssp_eval.data.provenance import SAFE_NAME, DomainDeclaration, LogDeclaration
+from ssp_eval.importers.findings import ACCEPTABLE
 from ssp_eval.importers.tracks import Body, ReferencePoint, Rigid, size_of
 from ssp_scenario_manager.event_spec.load import load_event, read_event_file
 from ssp_scenario_manager.event_spec.model import Event
@@ -383,3 +384,17 @@ def _size(text: str) -> tuple[float, float, float]:
     if not all(0.0 < extent <= 40.0 for extent in (length_m, width_m, height_m)):
         raise click.UsageError(f"--size …={text}: each above 0 and up to 40 m")
     return length_m, width_m, height_m
+
+
+def accept_option() -> Option:
+    """``--accept NAME``, which both importers share."""
+    return click.option(
+        "--accept",
+        "accepted",
+        multiple=True,
+        type=click.Choice(sorted(ACCEPTABLE)),
+        metavar="NAME",
+        help="Take the findings of that name as they are; the recording says so. Names: "
+        + "; ".join(f"{name}, {what}" for name, what in sorted(ACCEPTABLE.items()))
+        + ".",
+    )

@@ -414,10 +414,7 @@ class Poses:
 
 
 def read_poses(bag: SourceBag, topic: str, span: Span, datum: Datum | None) -> Poses:
-    """The poses that a topic holds in a crop.
-
-    Speeds of an Odometry are in its child frame (REP 105, nav_msgs); one whose child frame is its
-    own frame gives them in that, and they are turned into the heading.
+    """The poses that a topic holds in a crop, along the axes of the source (see axes.with_axes).
 
     Raises:
         InputError: no topic of poses, none in the crop, frames that change, or an orientation that
@@ -481,13 +478,6 @@ def read_poses(bag: SourceBag, topic: str, span: Span, datum: Datum | None) -> P
         )
         frame_id, child = DATUM_FRAME, frame_id
         notes.append(f"{topic}: geodetic, in the frame of the datum")
-    elif kind == ODOMETRY:
-        left, yaw = columns.pop("left_mps"), columns["yaw_rad"]
-        if child == frame_id and child:
-            columns["speed_mps"] = columns["speed_mps"] * np.cos(yaw) + left * np.sin(yaw)
-            notes.append(f"{topic}: speeds are in {frame_id}, and were turned into the heading")
-        elif not child:
-            notes.append(f"{topic}: names no child frame; speeds are taken as along the heading")
     on_clock = base.on(span.clock)
     samples = Samples(on_clock, columns, Source(bag.path, topic))
     reach_ns = [*outside, int(on_clock.min()), int(on_clock.max())]

@@ -7,7 +7,7 @@ positions, headings and speeds that agree with each other, on one clock.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -20,20 +20,22 @@ from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray, wrap_angle, wrap_angles
 from ssp_core.motion.encounter import OBSERVABLE_LATERAL_MPS
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState, Size
+from ssp_core.safety.consistency import direction_bound_rad
+from ssp_core.safety.window import SPEED_MPS
 from ssp_core.vocabulary import ObjectClass, Role
+from ssp_eval.importers.contradictions import (
+    Contradiction,
+    Course,
+    contradictions,
+    twist_in_parent_axes,
+)
+from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.recordings.states import STATE_AGE_S
 
 # Derivatives are the slope of a straight line through the samples this near in time.
 SLOPE_HALF_S = 0.15
 # A slope needs as many.
 LEAST_SAMPLES = 3
-# Between two states an object moves by its speed; more than this beyond it is a jump.
-JUMP_M = 1.5
-# Reported speed over distance covered: further from 1 than this is another unit or another motion.
-SPEED_RATIO = 1.25
-# Heading against direction of motion; people may walk sideways, vehicles don't.
-HEADING_RAD = math.radians(20.0)
-WALKER_HEADING_RAD = math.radians(60.0)
 # Slower than this, the direction of motion says nothing.
 MOVING_MPS = 1.0
 _LEAST_WAY_M = 2.0
@@ -64,6 +66,13 @@ class Source:
             problem, file=self.file, line=line, field=self.field, value=value, remedy=remedy
         )
 
+    def finding(
+        self, name: str, problem: str, remedy: str, *, index: int, value: object = None
+    ) -> Finding:
+        """Name what contradicts itself; ``index`` is that of the first sample of it."""
+        line = None if self.lines is None else self.lines[index]
+        return Finding(name, problem, remedy, self.file, self.field, line, value)
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -73,7 +82,7 @@ class Samples:
         stamps_ns: on the source's clock.
         columns: x_m and y_m of the point that is reported; as far as the source has them yaw_rad
             (counter-clockwise from +x), speed_mps and acceleration_mps2 (along the heading,
-            backwards is negative) and yaw_rate_radps.
+            backwards is negative), left_mps (across it) and yaw_rate_radps.
     """
 
     stamps_ns: Stamps
@@ -198,6 +207,7 @@ class Track:
         columns = {name: values.tolist() for name, values in samples.columns.items()}
         for i, stamp_ns in enumerate(samples.stamps_ns.tolist()):
             row = {name: values[i] for name, values in columns.items()}
+            row.pop("left_mps", None)
             yield ObjectState(
                 object_id=body.object_id,
                 object_class=body.object_class,
@@ -234,13 +244,15 @@ def slopes(t_s: FloatArray, values: FloatArray, half_s: float = SLOPE_HALF_S) ->
     return found
 
 
-def make_track(samples: Samples, body: Body) -> Track:
+def make_track(samples: Samples, body: Body, findings: Findings) -> Track:
     """Checks and completes what a source says of one object.
 
+    Args:
+        findings: take where speed, heading or steps contradict the positions; the message names
+            unit or frame where one explains it.
+
     Raises:
-        InputError: stamps go backwards, a value isn't finite, the object jumps, or its speed or
-            heading contradicts its positions; the message names unit or frame where one explains
-            it.
+        InputError: stamps go backwards, a value isn't finite, or there are too few samples.
     """
     notes: list[str] = []
     samples = _rising(samples, body, notes)
@@ -250,14 +262,27 @@ def make_track(samples: Samples, body: Body) -> Track:
             f"holds {len(samples.stamps_ns)} samples within the crop",
             f"at least {LEAST_SAMPLES} are needed; move --start and --end, or name another source",
         )
-    samples = body.transform.applied(samples)
     t_s = (samples.stamps_ns - samples.stamps_ns[0]) / NS_PER_S
-    velocity = slopes(t_s, samples.xy_m)
-    samples = _with_heading(samples, body, velocity, notes)
-    samples, has_speeds = _with_speed(samples, body, t_s, velocity, notes)
-    _check_jumps(samples, t_s, has_speeds)
+    axes = _axes_finding(samples, body, t_s)
+    samples = body.transform.applied(samples)
+    reported_xy_m = samples.xy_m
+    velocity = slopes(t_s, reported_xy_m)
+    samples, has_heading = _with_heading(samples, body, velocity, notes)
+    samples, has_speeds = _with_speed(samples, body, velocity, notes)
     samples = _with_rates(samples, body, t_s, notes).moved_ahead(-body.ahead_m)
-    _say_sideways(samples, body, t_s, notes)
+    course = Course(
+        body.object_class, t_s, samples.xy_m, reported_xy_m,
+        samples["yaw_rad"] if has_heading else None,
+        samples["speed_mps"] if has_speeds else None,
+    )  # fmt: skip
+    found = _findings(samples, body, course, velocity)
+    if axes is not None:
+        # What the wrong axes bring about isn't named beside them.
+        found = [one for one in found if one.name in ("leap", "clock_step")] + [axes]
+    for one in found:
+        findings.add(one)
+    if "sideways" not in [one.name for one in found]:
+        _say_sideways(samples, body, t_s, notes)
     _say_gaps(body, t_s, notes)
     if body.size is None:
         size = body.extent
@@ -309,11 +334,17 @@ def _check_finite(samples: Samples) -> None:
             )
 
 
-def _with_heading(samples: Samples, body: Body, velocity: FloatArray, notes: list[str]) -> Samples:
-    """Headings from the source, or from the motion where it has none."""
+def _with_heading(
+    samples: Samples, body: Body, velocity: FloatArray, notes: list[str]
+) -> tuple[Samples, bool]:
+    """Headings from the source, or from the motion where it has none.
+
+    Returns:
+        The samples, and whether the headings are the source's own.
+    """
     if "yaw_rad" in samples.columns and not body.heading_from_motion:
-        _check_heading(samples, body, velocity)
-        return samples
+        _check_turns(samples)
+        return samples, True
     moved = np.linalg.norm(velocity, axis=1)
     fast = np.flatnonzero(moved >= MOVING_MPS / 2.0)
     if not len(fast):
@@ -329,13 +360,12 @@ def _with_heading(samples: Samples, body: Body, velocity: FloatArray, notes: lis
         f"{body.object_id}: heading derived from its positions, a line through the samples within "
         f"{SLOPE_HALF_S:g} s; below {MOVING_MPS / 2.0:g} m/s the last one is held"
     )
-    return samples.having(yaw_rad=course[held])
+    return samples.having(yaw_rad=course[held]), False
 
 
-def _check_heading(samples: Samples, body: Body, velocity: FloatArray) -> None:
-    """Refuses headings that aren't those of the motion."""
+def _check_turns(samples: Samples) -> None:
+    """Refuses headings that aren't in rad."""
     yaw = samples["yaw_rad"]
-    moving = np.linalg.norm(velocity, axis=1) >= MOVING_MPS
     too_large = np.abs(yaw) > 2.0 * math.pi + 0.01
     if too_large.any():
         i = int(np.argmax(too_large))
@@ -345,43 +375,12 @@ def _check_heading(samples: Samples, body: Body, velocity: FloatArray) -> None:
             index=i,
             value=float(yaw[i]),
         )
-    if not moving.any():
-        return
-    course = np.arctan2(velocity[moving, 1], velocity[moving, 0])
-    if "speed_mps" in samples.columns:
-        course = course + math.pi * (samples["speed_mps"][moving] < 0.0)
-    own = yaw[moving]
-
-    def off_rad(heading: FloatArray) -> float:
-        return float(np.median(np.abs(wrap_angles(heading - course))))
-
-    off = off_rad(own)
-    is_walker = body.object_class is ObjectClass.PEDESTRIAN
-    if off <= (WALKER_HEADING_RAD if is_walker else HEADING_RAD):
-        return
-    guesses = {
-        "they look like degrees": np.radians(own),
-        "they look like compass degrees, clockwise from north": np.radians(90.0 - own),
-        "they look clockwise from +y, as a compass counts": math.pi / 2.0 - own,
-        "they look clockwise, as in a left-handed frame": -own,
-        "they look turned by half a turn: does y or the order of axes agree with x?": own + math.pi,
-    }
-    best = min(guesses, key=lambda text: off_rad(guesses[text]))
-    hint = f" ({best})" if off_rad(guesses[best]) < HEADING_RAD / 2.0 else ""
-    i = int(np.flatnonzero(moving)[0])
-    raise samples.source.error(
-        f"has headings that lie {math.degrees(off):.0f} degrees off its direction of motion{hint}",
-        "headings are in rad, counter-clockwise from +x; where the source has none that hold, "
-        f"--heading {body.object_id}=motion takes them from the motion",
-        index=i,
-        value=float(yaw[i]),
-    )
 
 
 def _with_speed(
-    samples: Samples, body: Body, t_s: FloatArray, velocity: FloatArray, notes: list[str]
+    samples: Samples, body: Body, velocity: FloatArray, notes: list[str]
 ) -> tuple[Samples, bool]:
-    """Speeds from the source where they agree with the positions, or from the positions.
+    """Speeds from the source, or from the positions where it has none.
 
     Returns:
         The samples, and whether the speeds are the source's own.
@@ -391,28 +390,147 @@ def _with_speed(
     why = "the source has none"
     if given is not None and way_m > _LEAST_WAY_M and not np.any(given):
         given, why = None, "those of the source are all zero while its positions move"
-    if given is None:
-        notes.append(
-            f"{body.object_id}: speed derived from its positions, a line through the samples "
-            f"within {SLOPE_HALF_S:g} s ({why})"
+    if given is not None:
+        return samples, True
+    notes.append(
+        f"{body.object_id}: speed derived from its positions, a line through the samples within "
+        f"{SLOPE_HALF_S:g} s ({why})"
+    )
+    along = velocity[:, 0] * np.cos(yaw) + velocity[:, 1] * np.sin(yaw)
+    return samples.having(speed_mps=along), False
+
+
+def _axes_finding(samples: Samples, body: Body, t_s: FloatArray) -> Finding | None:
+    """Names a twist that is along the axes of the poses' frame, and not along the object's."""
+    columns = samples.columns
+    if "left_mps" not in columns or body.heading_from_motion:
+        return None
+    twist = np.column_stack([samples["speed_mps"], samples["left_mps"]])
+    found = twist_in_parent_axes(t_s, samples.xy_m, samples["yaw_rad"], twist)
+    if found is None:
+        return None
+    own_mps, parent_mps, i = found
+    return samples.source.finding(
+        "twist_axes",
+        f"has a twist along the axes of its poses' frame, not of its child frame: it fits the "
+        f"positions within {parent_mps:.2f} m/s there, and within {own_mps:.2f} m/s as it should "
+        "be (REP 105)",
+        f"--twist {body.object_id}=parent turns it into the heading",
+        index=i,
+        value=(round(float(twist[i, 0]), 3), round(float(twist[i, 1]), 3)),
+    )
+
+
+def _findings(samples: Samples, body: Body, course: Course, velocity: FloatArray) -> list[Finding]:
+    """Names where what the source states contradicts its positions."""
+    tell: dict[str, Callable[[Contradiction], tuple[str, str]]] = {
+        "clock_step": lambda one: _tell_clock_step(course, one),
+        "leap": lambda one: _tell_leap(course, one),
+        "heading": lambda one: _tell_heading(body, course, velocity, one),
+        "speed": lambda one: _tell_speed(course, one),
+        "sideways": lambda one: _tell_sideways(body, course, one),
+    }
+    found = []
+    for one in contradictions(course):
+        problem, remedy = tell[one.name](one)
+        if one.stretches > 1:
+            problem += f"; {one.stretches - 1} more such stretches"
+        column = {"leap": "x_m", "heading": "yaw_rad"}.get(one.name, "speed_mps")
+        at = one.last if one.name == "leap" else one.first
+        value: object = float(samples[column][at])
+        if one.name == "leap":
+            value = (round(float(samples["x_m"][at]), 3), round(float(samples["y_m"][at]), 3))
+        found.append(samples.source.finding(one.name, problem, remedy, index=at, value=value))
+    return found
+
+
+def _span(course: Course, one: Contradiction) -> str:
+    first_s, last_s = course.t_s[one.first], course.t_s[one.last]
+    return f"from {first_s:.2f} s to {last_s:.2f} s after its first sample"
+
+
+def _tell_clock_step(course: Course, one: Contradiction) -> tuple[str, str]:
+    step_s = float(course.t_s[one.last] - course.t_s[one.first])
+    why = f": {one.why}" if one.why else ""
+    return (
+        f"moves by {one.way * step_s:.1f} m within {step_s:.2f} s, at {course.t_s[one.first]:.2f} "
+        f"s after its first sample, where it goes at {one.stated:.2f} m/s{why}",
+        "cut the span out with --start and --end; --clock receive takes the times of receipt",
+    )
+
+
+def _tell_leap(course: Course, one: Contradiction) -> tuple[str, str]:
+    step_s = float(course.t_s[one.last] - course.t_s[one.first])
+    return (
+        f"jumps by {one.way:.1f} m within {step_s:.2f} s: one id must be one object",
+        "mend the ids, or cut the span out with --start and --end",
+    )
+
+
+def _tell_heading(
+    body: Body, course: Course, velocity: FloatArray, one: Contradiction
+) -> tuple[str, str]:
+    remedy = (
+        "headings are in rad, counter-clockwise from +x; where the source has none that hold, "
+        f"--heading {body.object_id}=motion takes them from the motion"
+    )
+    off_deg = abs(one.stated)
+    if not one.is_whole:
+        why = f" ({one.why})" if one.why else ""
+        return (
+            f"has headings that lie {off_deg:.0f} degrees off its direction of motion "
+            f"{_span(course, one)}{why}",
+            remedy,
         )
-        along = velocity[:, 0] * np.cos(yaw) + velocity[:, 1] * np.sin(yaw)
-        return samples.having(speed_mps=along), False
-    covered = np.linalg.norm(velocity, axis=1)
-    moving = np.flatnonzero(np.maximum(np.abs(given), covered) >= MOVING_MPS)
-    # What a median of a short way says is noise.
-    if way_m > _LEAST_WAY_M and len(moving) >= LEAST_SAMPLES:
-        ratio = float(np.median(np.abs(given[moving]) / np.maximum(covered[moving], 1e-3)))
-        if not 1.0 / SPEED_RATIO <= ratio <= SPEED_RATIO:
-            i = int(moving[len(moving) // 2])
-            raise samples.source.error(
-                f"has speeds {ratio:.3g} times those of its positions ({covered[i]:.2f} m/s at "
-                f"{t_s[i]:.2f} s after its first sample){_unit_hint(ratio)}",
-                "speeds are in m/s, positions in m, times in s, all of one run",
-                index=i,
-                value=float(given[i]),
-            )
-    return samples, True
+    moving = np.linalg.norm(velocity, axis=1) >= MOVING_MPS
+    if not moving.any() or course.yaw_rad is None:
+        moving = np.ones(len(course.t_s), dtype=bool)
+    own = np.zeros(len(course.t_s)) if course.yaw_rad is None else course.yaw_rad
+    own, towards = own[moving], np.arctan2(velocity[moving, 1], velocity[moving, 0])
+    if course.speed_mps is not None:
+        towards = towards + math.pi * (course.speed_mps[moving] < 0.0)
+
+    def off_rad(heading: FloatArray) -> float:
+        return float(np.median(np.abs(wrap_angles(heading - towards))))
+
+    guesses = {
+        "they look like degrees": np.radians(own),
+        "they look like compass degrees, clockwise from north": np.radians(90.0 - own),
+        "they look clockwise from +y, as a compass counts": math.pi / 2.0 - own,
+        "they look clockwise, as in a left-handed frame": -own,
+        "they look turned by half a turn: does y or the order of axes agree with x?": own + math.pi,
+    }
+    best = min(guesses, key=lambda text: off_rad(guesses[text]))
+    bound = direction_bound_rad(ObjectClass.CAR) / 2.0
+    hint = f" ({best})" if off_rad(guesses[best]) < bound else ""
+    off_deg = math.degrees(off_rad(own))
+    return f"has headings that lie {off_deg:.0f} degrees off its direction of motion{hint}", remedy
+
+
+def _tell_speed(course: Course, one: Contradiction) -> tuple[str, str]:
+    remedy = "speeds are in m/s, positions in m, times in s, all of one run"
+    if not one.is_whole or one.way < SPEED_MPS:
+        why = f" ({one.why})" if one.why else ""
+        return (
+            f"states {one.stated:.2f} m/s {_span(course, one)}, while its positions go at "
+            f"{one.way:.2f} m/s{why}",
+            f"{remedy}; cut the span out with --start and --end",
+        )
+    ratio = abs(one.stated) / one.way
+    return (
+        f"has speeds {ratio:.3g} times those of its positions ({one.way:.2f} m/s at "
+        f"{course.t_s[one.first]:.2f} s after its first sample){_unit_hint(ratio)}",
+        remedy,
+    )
+
+
+def _tell_sideways(body: Body, course: Course, one: Contradiction) -> tuple[str, str]:
+    return (
+        f"moves across its heading by {one.stated:.2f} m/s at {one.way:.2f} m/s, "
+        f"{_span(course, one)}",
+        f"name the point that its poses are of with --reference {body.object_id}=POINT; --heading "
+        f"{body.object_id}=motion takes the heading from the motion",
+    )
 
 
 _UNITS = (
@@ -431,31 +549,6 @@ def _unit_hint(ratio: float) -> str:
         if abs(ratio / factor - 1.0) < 0.1:
             return f": {text}?"
     return ": another run's, or another time base?"
-
-
-def _check_jumps(samples: Samples, t_s: FloatArray, has_speeds: bool) -> None:
-    """Refuses an id that goes over to another object, or to another place.
-
-    Without speeds of the source's own, a step is held against those around it.
-    """
-    steps_s = np.diff(t_s)
-    way_m = np.linalg.norm(np.diff(samples.xy_m, axis=0), axis=1)
-    if has_speeds:
-        speed = np.abs(samples["speed_mps"])
-        usual = np.maximum(speed[1:], speed[:-1])
-    else:
-        around = np.pad(way_m / steps_s, 2, mode="edge")
-        usual = np.median(np.lib.stride_tricks.sliding_window_view(around, 5), axis=1)
-    jump = way_m > usual * steps_s + JUMP_M
-    if jump.any():
-        i = int(np.argmax(jump)) + 1
-        raise samples.source.error(
-            f"jumps by {way_m[i - 1]:.1f} m within {steps_s[i - 1]:.2f} s: one id must be one "
-            "object",
-            "mend the ids, or cut the span out with --start and --end",
-            index=i,
-            value=(round(float(samples["x_m"][i]), 3), round(float(samples["y_m"][i]), 3)),
-        )
 
 
 def _with_rates(samples: Samples, body: Body, t_s: FloatArray, notes: list[str]) -> Samples:

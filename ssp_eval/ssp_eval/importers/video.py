@@ -177,7 +177,7 @@ def _write(
     motion: Motion | float | None = options.ego_speed_mps
     if table is not None and options.table is not None:
         zero_ns = seconds_to_ns(start_s)
-        motion = _measured(options, options.table, table, zero_ns, stamps_ns[-1])
+        motion = _measured(options, options.table, table, zero_ns, stamps_ns[-1], findings)
         _check_motion(motion, change, np.array(stamps_ns) + zero_ns)
         write_states(writer, {t.body.object_id: t.states(zero_ns) for t in motion.tracks})
         writer.attach(TABLE_ATTACHMENT, options.table.file.read_bytes(), "text/csv")
@@ -224,13 +224,19 @@ def _declared_states(speed_mps: float, last_ns: int) -> Sequence[ObjectState]:
 
 
 def _measured(
-    options: VideoOptions, given: TableOptions, table: Table, low_ns: int, last_ns: int
+    options: VideoOptions,
+    given: TableOptions,
+    table: Table,
+    low_ns: int,
+    last_ns: int,
+    findings: Findings,
 ) -> Motion:
     """The tracks of VUT and objects within the clip.
 
     Args:
         low_ns: the first frame's time in the video.
         last_ns: clip time of the last frame.
+        findings: take what contradicts itself in the table.
     """
     names = _names(given, table)
     options.clip.check_ids(tuple(names))
@@ -256,7 +262,7 @@ def _measured(
         role = Role.VUT if object_id == VUT_ID else Role.OT
         body = options.clip.motion.body(object_id, one.object_class, "centre", role, one.size)
         samples = replace(one.samples, stamps_ns=stamps_ns).taken(np.flatnonzero(inside))
-        track = make_track(samples, body)
+        track = make_track(samples, body, findings)
         notes += [*track.notes, *_coverage(track, low_ns, high_ns)]
         tracks.append(track)
     return measured_motion(

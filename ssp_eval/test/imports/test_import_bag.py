@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -263,6 +263,25 @@ def once_back(m: Message) -> Message:
     )
 
 
+def for_a_while(change: Callable[[Message], Message]) -> Callable[[Message], Message]:
+    """A change of the messages from 5.0 to 6.2 s."""
+    since_ns, until_ns = (1_700_000_000 * 10**9 + round(s * 1e9) for s in (5.0, 6.2))
+    return lambda m: change(m) if since_ns <= m[2] < until_ns else m
+
+
+def of_all(topics: Sequence[str], shift_ns: Callable[[int], int]) -> Callable[[Message], Message]:
+    """Another time on several topics, by stamp and by receipt."""
+
+    def change(m: Message) -> Message:
+        if m[0] not in topics:
+            return m
+        by_ns = shift_ns(m[2] - 1_700_000_000 * 10**9)
+        topic, kind, ns, message = restamped(lambda _: by_ns, m[0])(m)
+        return topic, kind, ns + by_ns, message
+
+    return change
+
+
 WRONG_BAGS: list[tuple[str, Callable[[Message], Message | None], str]] = [
     ("km/h", twisted(3.6), "/ot1/odom: has speeds 3.6 times those of its positions"),
     ("degrees", moved(lambda x, y, yaw: (x, y, math.pi / 2 - yaw)),
@@ -270,6 +289,15 @@ WRONG_BAGS: list[tuple[str, Callable[[Message], Message | None], str]] = [
     ("left-handed", moved(lambda x, y, yaw: (x, y, yaw + math.pi)), "turned by half a turn"),
     ("a jump", moved(lambda x, y, yaw: (x + (30.0 if x > 70.0 else 0.0), y, yaw)),
      "/ot1/odom: jumps by 30.2 m within 0.02 s: one id must be one object"),
+    ("no speed for a while", for_a_while(twisted(0.0)),
+     "/ot1/odom: states 0.00 m/s from 5.00 s to 6.18 s after its first sample, while its positions "
+     "go at 9."),
+    ("a heading turned for a while", for_a_while(moved(lambda x, y, yaw: (x, y, yaw + math.pi))),
+     "/ot1/odom: has headings that lie 180 degrees off its direction of motion from 5.00 s to "),
+    ("a clock that steps", of_all(("/vut/odom", "/ot1/odom", "/cam"),
+                                  lambda t: 800_000_000 if t > 5 * 10**9 else 0),
+     "/vut/odom: moves by 0.2 m within 0.82 s, at 4.98 s after its first sample, where it goes at "
+     "10.00 m/s: a step of the clock? [clock_step]"),
     ("no number", moved(lambda x, y, yaw: (math.nan if x > 70.0 else x, y, yaw)),
      "/ot1/odom: has a x_m that is no number"),
     ("two frames", framed("odom"),
@@ -495,6 +523,15 @@ def test_speeds_in_the_poses_frame_are_turned_into_the_heading(
     assert provenance.imported.states is not None
     said = " ".join(provenance.imported.states.notes)
     assert "/vut/odom: speeds are in map, and were turned into the heading" in said
+
+
+def test_a_gap_in_the_poses_is_accepted_and_said(day: TrackDay, tmp_path: Path) -> None:
+    low_ns, high_ns = (1_700_000_000 * 10**9 + round(s * 1e9) for s in (5.0, 5.8))
+    kept = [m for m in day.messages() if m[0] != "/vut/odom" or not low_ns <= m[2] < high_ns]
+    assert run(write_bag(tmp_path / "day", kept), tmp_path / "rec", *DECLARED) == 0
+    with BagReader(tmp_path / "rec") as reader:
+        notes = json.loads(reader.attachment("import.json") or b"")["states"]["notes"]
+    assert "vut: 1 gaps of more than 0.3 s, the longest 0.82 s" in " ".join(notes)
 
 
 def test_samples_that_are_repeated_are_left_out_and_said(day: TrackDay, tmp_path: Path) -> None:

@@ -162,6 +162,9 @@ def test_a_sumo_network_gives_the_same_lanes_as_the_site(
 
 WRONG: list[tuple[str, Callable[[list[dict[str, Any]]], None], str]] = [
     ("km/h", scaled("speed_mps", 3.6), "speeds 3.6 times those of its positions"),
+    ("no speed for a while", lambda rows: [r.update(speed_mps=0.0) for r in rows[75:125]] and None,
+     ":77: id vut: states 0.00 m/s from 3.00 s to 4.96 s after its first sample, while its "
+     "positions go at 10.00 m/s"),
     ("degrees", scaled("yaw_rad", math.degrees(1)), "a heading of more than one turn: degrees?"),
     ("milliseconds", scaled("t_s", 1000.0), "has 1 rows within the clip, from 0.000"),
     ("another run's time", lambda rows: [r.update(t_s=float(r["t_s"]) + 60) for r in rows] and None,
@@ -291,8 +294,8 @@ def test_options_about_states_need_a_table(
     assert "of no use without --states" in message
 
 
-def test_a_motion_across_the_heading_is_said_and_can_be_taken_for_the_heading(
-    day: TrackDay, video: Path, table: Path, tmp_path: Path
+def test_a_motion_across_the_heading_is_refused_and_can_be_taken_for_the_heading(
+    day: TrackDay, video: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Some simulators move a car sideways and keep its heading."""
 
@@ -301,12 +304,15 @@ def test_a_motion_across_the_heading_is_said_and_can_be_taken_for_the_heading(
             row["yaw_rad"] = 0.0
 
     changed(table, straight)
-    assert run(video, table, tmp_path / "kept") == 0
+    assert run(video, table, tmp_path / "refused") == 1
+    said = capsys.readouterr().err
+    assert "id ot1: moves across its heading by 2." in said
+    assert "--heading ot1=motion takes the heading from the motion" in said
+    assert run(video, table, tmp_path / "kept", "--accept", "sideways") == 0
     _, provenance = read(tmp_path / "kept")
     assert provenance.imported is not None
-    assert provenance.imported.states is not None
-    said = " ".join(provenance.imported.states.notes)
-    assert "ot1: moves across its heading by up to 2." in said
+    (one,) = provenance.imported.accepted
+    assert one.name == "sideways"
     assert run(video, table, tmp_path / "taken", "--heading", "ot1=motion") == 0
     event, _ = imported(tmp_path / "taken")
     assert starts(event) == pytest.approx(starts(truth(day)), abs=0.15)

@@ -59,6 +59,11 @@ _REMEMBERED_S = 3.0
 NEAR_SHARE = 0.8
 
 
+def direction_bound_rad(object_class: ObjectClass) -> float:
+    """Give how far the way of an object may lead off its yaw."""
+    return _DIRECTION_RAD.get(object_class, DIRECTION_RAD)
+
+
 @dataclass(frozen=True, slots=True)
 class Bounds:
     """What an object's stated motion is judged by.
@@ -82,7 +87,7 @@ class Bounds:
         """Give the bounds of an object on a site."""
         any_way = object_id in limits.omnidirectional
         return Bounds(
-            None if any_way else _DIRECTION_RAD.get(object_class, DIRECTION_RAD),
+            None if any_way else direction_bound_rad(object_class),
             object_class is not ObjectClass.PEDESTRIAN,
             limits.jump_m,
             limits.position_std_m,

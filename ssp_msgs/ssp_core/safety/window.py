@@ -11,7 +11,7 @@ from ssp_core.geometry import wrap_angle
 WINDOW_S = 0.5
 LEAST_SAMPLES = 3
 # Stated speed against the way travelled; a share is of the larger of both.
-_SPEED_SHARE = 0.25
+SPEED_SHARE = 0.25
 SPEED_MPS = 0.5
 # What is slower states that it stands.
 _NO_SPEED_MPS = 0.05
@@ -67,7 +67,7 @@ def speed_bound_mps(stated_mps: float, way_mps: float, noise_mps: float = 0.0) -
     Args:
         noise_mps: of the way, by what its places are uncertain.
     """
-    return max(_SPEED_SHARE * max(abs(stated_mps), way_mps), SPEED_MPS, noise_mps)
+    return max(SPEED_SHARE * max(abs(stated_mps), way_mps), SPEED_MPS, noise_mps)
 
 
 def kind_of(w: Window, fastest: float, direction_rad: float, *, signed: bool) -> str:
@@ -86,7 +86,7 @@ def kind_of(w: Window, fastest: float, direction_rad: float, *, signed: bool) ->
     forwards = abs(wrap_angle(course - w.yaw_rad)) < math.pi / 2.0
     along = w.way_mps * math.cos(course - w.yaw_rad)
     in_parent = abs(w.speed_mps - w.vx_mps) < 0.5 * abs(w.speed_mps - along)
-    is_other_speed = abs(w.speed_excess_mps) > max(_SPEED_SHARE * w.way_mps, SPEED_MPS)
+    is_other_speed = abs(w.speed_excess_mps) > max(SPEED_SHARE * w.way_mps, SPEED_MPS)
     if in_parent and (is_other_speed or (forwards and w.speed_mps < 0.0)):
         return MAP_AXES
     if is_other_speed:
