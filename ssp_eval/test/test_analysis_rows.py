@@ -364,7 +364,14 @@ def lines_of(*names, key="model"):
 
 @pytest.mark.parametrize("key", ["model", "scenario"])
 @pytest.mark.parametrize(
-    "pair", [("Qwen2-VL", "qwen2 vl"), ("cut_in", "Cut-In"), ("A–1", "a1"), ("Lynx 7B", "lynx_7b")]
+    "pair",
+    [
+        ("Qwen2-VL", "qwen2 vl"),
+        ("cut_in", "Cut-In"),
+        ("A–1", "a1"),
+        ("Lynx 7B", "lynx_7b"),
+        ("A\u200bB", "ab"),
+    ],
 )
 def test_names_that_differ_in_case_dashes_or_spaces_only_are_told(tmp_path, key, pair):
     told: list[str] = []
@@ -378,7 +385,10 @@ def test_names_that_differ_in_case_dashes_or_spaces_only_are_told(tmp_path, key,
     assert {*notice.about} == {*pair}
 
 
-@pytest.mark.parametrize("name", ["mean", "Average", "OVERALL", "avg", "Mean of all models"])
+@pytest.mark.parametrize(
+    "name",
+    ["mean", "Average", "OVERALL", "avg", "Mean of all models", "Gesamt", "Weighted average"],
+)
 @pytest.mark.parametrize("key", ["model", "scenario"])
 def test_a_row_that_is_called_a_mean_is_told(tmp_path, key, name):
     told: list[str] = []
@@ -390,7 +400,16 @@ def test_a_row_that_is_called_a_mean_is_told(tmp_path, key, name):
 
 def test_sound_names_are_told_nothing(tmp_path):
     told: list[str] = []
-    names = ("MeanVC", "overtake", "all_in_one", "model 1", "model 2", "Alpamayo-R1", "OpenEMMA")
+    names = (
+        "MeanVC",
+        "overtake",
+        "all_in_one",
+        "model 1",
+        "model 2",
+        "Alpamayo-R1",
+        "OpenEMMA",
+        "grand",
+    )
     rows_from_csv(write(tmp_path, *lines_of(*names)), told.append)
     rows_from_csv(write(tmp_path, *lines_of(*names, key="scenario")), told.append)
     assert told == []

@@ -33,7 +33,10 @@ if TYPE_CHECKING:  # the library is imported with the first question; it takes i
 
 NO_KEY = "none"  # what servers get that want no key
 _AGAIN = frozenset({408, 409, 425, 429})
-_NOT_TAKEN = frozenset({"unreachable", "425", "429", "503"})
+_NOT_TAKEN = frozenset(
+    {"unreachable", "408", "409", "425", "429", "502", "503", "504", "529"}
+    | {str(code) for code in range(520, 525)}  # of a gateway that finds no server behind it
+)
 _SHOWN = 300  # characters of what a server says
 _LOOKED_AT = 4096
 
@@ -66,8 +69,8 @@ class Trouble:
 
     Args:
         kind: by which a remedy is found: ``unreachable``, ``lost``, ``too_large``, ``unsendable``,
-            ``key``; what an error's message names, ``images`` or ``length``; else the status as
-            text.
+            ``key``; what an error's message names, ``images``, ``length`` or ``filter``; else the
+            status as text.
         safe: nothing was answered, so that asking again costs nothing.
         lost: an answer may have been made.
         late: no whole answer came within the time that it had.
@@ -96,12 +99,16 @@ class NoAnswer(PeerError):
     Args:
         not_taken: the service was away or too busy to take the request; later it may.
         late: no whole answer came in time; another time it may.
+        filtered: a filter of the service refused the request or the answer; that is final.
     """
 
-    def __init__(self, message: str, not_taken: bool = False, late: bool = False) -> None:
+    def __init__(
+        self, message: str, not_taken: bool = False, late: bool = False, filtered: bool = False
+    ) -> None:
         super().__init__(message)
         self.not_taken = not_taken
         self.late = late
+        self.filtered = filtered
 
 
 class Chat(Protocol):
@@ -210,8 +217,12 @@ class OpenAIChat:
             left_s = None if end_s is None else end_s - time.monotonic()
             wait_s = pause_s(policy, trouble, tries, left_s)
             if wait_s is None:
-                not_taken = trouble.kind in _NOT_TAKEN
-                raise NoAnswer(self._message(trouble, tries), not_taken, trouble.late)
+                raise NoAnswer(
+                    self._message(trouble, tries),
+                    trouble.kind in _NOT_TAKEN,
+                    trouble.late,
+                    trouble.kind == _FILTER,
+                )
             self._note(f"{self._shown_url}: {trouble.reason}; trying again in {wait_s:g} s")
             self._sleep(wait_s)
 
@@ -233,10 +244,11 @@ class OpenAIChat:
             shown = said if len(said) <= _SHOWN else said[: _SHOWN - 3] + "..."
             if 300 <= code < 400:
                 shown = "it sends on to another address, which is not followed"
+            topic = _topic(code, said, came.body)
             return Trouble(
-                (_topic(said) if code in _SAY_WHY else "") or str(code),
+                topic or str(code),
                 f"the server says {code}" + (f": {shown}" if shown else ""),
-                safe=code in _AGAIN or code >= 500,
+                safe=(code in _AGAIN or code >= 500) and topic != _FILTER,
                 wait_s=self._http.retry_after_s(came.headers),
             )
         if gives_away(came.body, self._key):
@@ -249,16 +261,36 @@ class OpenAIChat:
         return f"{self._shown_url}: {trouble.reason}{made}" + (f"; {remedy}" if remedy else "")
 
 
-_SAY_WHY = frozenset({400, 413, 422, 500, 501})
+_SAY_WHY = frozenset({400, 403, 413, 422, 500, 501})
+_FILTER = "filter"
+# A filter of the service, by the codes and words of services.
+_FILTERED = re.compile(
+    r"content_filter|content_policy|content management policy|responsibleaipolicyviolation"
+    r"|data_?inspection_?failed|inappropriate content|safety system|usage polic|prohibited_content"
+    r"|moderation|flagged (?:as|by|for)",
+    re.IGNORECASE,
+)
 _TOPICS = (
-    ("length", re.compile(r"context (?:length|window|size)|maximum context|too many tokens"
-                          r"|(?:prompt|input|request) (?:is |was )?too (?:long|large)", re.I)),
-    ("images", re.compile(r"\b(?:images?|image_url|vision|multi-?modal|pictures?)\b", re.I)),
+    ("length", re.compile(
+        r"context (?:length|window|size)|context_length|maximum context|exceed_context"
+        r"|too many (?:\w+ )?tokens|max(?:imum)? (?:model|sequence|input|prompt) length"
+        r"|max_(?:new|completion)?_?tokens\W{0,3} (?:is too large|must be)|completion tokens"
+        r"|max_model_len|token count exceeds"
+        r"|(?:prompt|input|request) (?:is |was )?too (?:long|large)", re.I)),
+    ("images", re.compile(
+        r"\b(?:images?|image_url|vision|multi-?modal|pictures?|mmproj)\b"
+        r"|content\W{1,4}(?:must be|should be|expected) a? ?(?:valid )?str", re.I)),
 )  # fmt: skip
 
 
-def _topic(said: str) -> str:
+def _topic(code: int, said: str, body: bytes) -> str:
     """What an error's message names as its cause; empty where that is nothing known here."""
+    if code not in _SAY_WHY:
+        return ""
+    if code != 500 and _FILTERED.search(body[:_LOOKED_AT].decode("utf-8", "replace")):
+        return _FILTER
+    if code == 403:
+        return ""
     return next((name for name, words in _TOPICS if words.search(said)), "")
 
 
@@ -343,8 +375,10 @@ def read_completion(body: bytes) -> Completion:
     if not isinstance(value, dict):
         raise NoCompletion("it is no JSON object")
     choices = value.get("choices")
-    if value.get("error"):
-        raise BrokenOff(f"it says: {_error_text(value['error'])}")
+    if (said := _error_in(value)) is not None:
+        if _is_filtered(said):
+            return Completion(None, refusal=f"filtered by the server: {_error_text(said)}")
+        raise BrokenOff(f"it says: {_error_text(said)}")
     if not isinstance(choices, list) or not choices:
         raise NoCompletion("it holds no choices")
     if len(choices) > 1:
@@ -355,6 +389,8 @@ def read_completion(body: bytes) -> Completion:
         raise NoCompletion("its choice holds no message")
     finish = _finish_reason(choice)
     beside = choice.get("error") or message.get("error")
+    if beside and _is_filtered(beside):
+        return Completion(None, refusal=f"filtered by the server: {_error_text(beside)}")
     if beside:
         raise BrokenOff(f"its choice says: {_error_text(beside)}")
     if ending(finish) is Ending.BROKEN:
@@ -378,6 +414,18 @@ def read_completion(body: bytes) -> Completion:
         system_fingerprint=_word(value.get("system_fingerprint")),
         usage=_usage(value.get("usage")),
     )
+
+
+def _error_in(value: Mapping[str, Any]) -> Any:
+    """Find the error of a reply with status 200, as servers name it; None: there is none."""
+    if value.get("error"):
+        return value["error"]
+    said = [value[key] for key in ("errors", "detail", "message") if value.get(key)]
+    return said[0] if said and not value.get("choices") and not isinstance(said[0], dict) else None
+
+
+def _is_filtered(error: Any) -> bool:
+    return _FILTERED.search(str(error)[:_LOOKED_AT]) is not None
 
 
 # Where servers say why an answer ended; the first one that says something counts.

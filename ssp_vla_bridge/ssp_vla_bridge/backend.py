@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+from ssp_core.answer_text import Ending, ending
 from ssp_core.credentials import check_key, is_http_address
 from ssp_core.errors import InputError, PeerError, SspError
 from ssp_vla_bridge.messages import Answer, ErrorCode, Request, Response, request_problems
@@ -278,6 +279,7 @@ def respond(backend: Backend, model: str, request: Request) -> BackendResult:
         return BackendResult(failure(blank, ErrorCode.BAD_REQUEST, "; ".join(problems)))
     try:
         answer = backend.answer(request)
+        _check_ended(answer.decoding)
         response = replace(
             blank,
             model_id=backend.model_id,
@@ -292,6 +294,24 @@ def respond(backend: Backend, model: str, request: Request) -> BackendResult:
         message = f"{type(error).__name__}: {error}"
         return BackendResult(failure(blank, ErrorCode.BACKEND, message), traceback.format_exc())
     return BackendResult(response)
+
+
+def _check_ended(decoding: Mapping[str, Any]) -> None:
+    """Refuse an answer of which its service says that it was broken off or filtered.
+
+    Raises:
+        BrokenOffError: it was broken off.
+        DeclinedError: a filter held it back.
+    """
+    stages = decoding.get("stages")
+    for part in (decoding, *(stages if isinstance(stages, list) else ())):
+        reason = part.get("finish_reason") if isinstance(part, Mapping) else None
+        if not isinstance(reason, str):
+            continue
+        if ending(reason) is Ending.BROKEN:
+            raise BrokenOffError(f"the service broke the answer off (finish_reason {reason})")
+        if ending(reason) is Ending.FILTERED:
+            raise DeclinedError(f"filtered by the service (finish_reason {reason})")
 
 
 def failure(response: Response, code: ErrorCode, message: str) -> Response:

@@ -6,6 +6,7 @@ import contextlib
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -88,6 +89,23 @@ def test_respond_carries_id_stamp_and_decoding(make_request):
     assert (response.model, response.model_id, response.text) == ("echo", "echo/1", "abc")
     assert response.decoding == {"temperature": 0}
     assert response.error_code == ErrorCode.NONE
+
+
+@pytest.mark.parametrize(
+    ("decoding", "code"),
+    [
+        ({"finish_reason": "abort"}, ErrorCode.BROKEN_OFF),
+        ({"stages": [{"name": "motion", "finish_reason": "error"}]}, ErrorCode.BROKEN_OFF),
+        ({"finish_reason": "SAFETY"}, ErrorCode.DECLINED),
+        ({"finish_reason": "length"}, ErrorCode.NONE),
+        ({"finish_reason": None, "stages": "none"}, ErrorCode.NONE),
+        ({"finish_reason": 7}, ErrorCode.NONE),
+    ],
+)
+def test_an_answer_that_its_service_broke_off_is_none(make_request, decoding, code):
+    backend = SimpleNamespace(model_id="m/1", answer=lambda _: Answer("I brake.", (), decoding))
+    response = respond(backend, "m", make_request()).response
+    assert (response.error_code, response.text) == (code, "" if code else "I brake.")
 
 
 def test_an_exception_becomes_one_line_and_a_traceback(make_request):

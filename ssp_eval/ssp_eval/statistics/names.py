@@ -10,14 +10,16 @@ from ssp_eval.evaluate.models import ANSWERERS, BEST_CONSTANT, CONTROLS, is_cont
 from ssp_eval.statistics.table import some
 
 # All that may stand between the parts of a name: spaces, underscores, dashes of any length.
-_BETWEEN = re.compile(r"[\s_\-‐-―−]+")
+_BETWEEN = re.compile(r"[\s_\-‐-―−\u00ad\u200b-\u200d\ufeff]+")
 _NO_LETTER = re.compile(r"[\W_]+")
 # A name of such words alone is that of a mean; one of the first kind must be among them.
 _MEAN_WORDS = frozenset(
-    {"mean", "means", "average", "averages", "avg", "overall", "macro", "total", "all"}
+    {"mean", "means", "average", "averages", "avg", "overall", "macro", "total", "all", "ø"}
+    | {"aggregate", "aggregated", "mittel", "mittelwert", "durchschnitt", "gesamt"}
 )
 _BESIDE = frozenset(
     {"of", "over", "the", "models", "scenarios", "domains", "cells", "events", "score", "scores"}
+    | {"weighted", "unweighted", "micro", "grand", "std", "sd", "ci", "row", "rows"}
 )
 _KINDS = (("scenario", "scenarios"), ("model", "models"))
 

@@ -107,7 +107,7 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
     answers: list[_Candidate] = []
     end, others = 0, 0
     for one in lists:
-        label = label_of(text, end, one.start, one.end)
+        label = label_of(text, end, one.start, one.end, bare=not form.label)
         end = one.end
         of_past = _is_of_past(label.text)
         if of_past and one.rows and (form.label or not history):

@@ -9,13 +9,20 @@ from dataclasses import dataclass, replace
 _CLOSES = {"]": "[", ")": "(", "}": "{"}
 # A line's numbering or bullet, and what may stand between it and the row.
 _ITEM = re.compile(
-    r"(?P<indent>[ \t]*)(?:\(?(?P<number>\d{1,3})[.):]|(?P<bullet>[-*•–+·])"
+    r"(?P<indent>[ \t]*)(?:\(?(?P<number>\d{1,3})(?:[.):]|[ \t]+[-–—])|(?P<bullet>[-*•–+·])"
     r"|(?:\*\*)?(?P<word>step|waypoint|point|wp|p|t|frame|pair|row)[ _#]*(?P<count>\d{1,3})"
     r"(?:\*\*)?[ \t]*[.):=\-–](?:\*\*)?)[ \t]+"
     r"(?P<label>[^\n]{0,60})",
     re.IGNORECASE,
 )
 _LABEL = re.compile(r"[\w\s.:=+*`\"'@()\-–>→,/]{0,60}\Z")
+_NUMBER_FIELD = r"\s*[\"'][\w ]{1,30}[\"']\s*:\s*-?\d*\.?\d+\s*"
+_NEXT_OBJECT = re.compile(
+    rf"\s*(?:,{_NUMBER_FIELD})*\}}\s*,\s*\{{(?:{_NUMBER_FIELD},)*\s*[\"'][\w ]{{1,30}}[\"']\s*:\s*"
+)
+_TIME_FIELD = re.compile(
+    r"[\"'](?:t|time|timestamp)(?:_(?P<unit>m?s))?[\"']\s*:\s*(?P<named>\d*\.?\d+)"
+)
 _COMMENT = re.compile(r"(?:#|//|--|—|–|<!--)[^\n]*|/\*.*?\*/|\([^()]*\)", re.DOTALL)
 _ELEMENTS = re.compile(r"[,;][^,;]*[^\W_][^,;]*[,;]")
 _TIME = (
@@ -117,6 +124,25 @@ def another_item(after: str, item: Item | None) -> bool:
     return False
 
 
+def lacks_first(before: str, items: Sequence[Item | None]) -> bool:
+    """Tell whether an item without a row stands before the first one of a numbered list.
+
+    Args:
+        before: the text before the first row.
+    """
+    numbers = [item.number for item in items[:2] if item is not None and item.number]
+    if len(numbers) < 2 or numbers[0] == 1 or numbers[1] != numbers[0] + 1:
+        return False
+    lines = [line for line in before.split("\n")[:-1] if line.strip()]
+    match = _ITEM.match(lines[-1]) if lines else None
+    return match is not None and _item(match).number == numbers[0] - 1
+
+
+def next_object(between: str) -> bool:
+    """Tell whether a row stands in the next object of a list: ``}, {"t": 1.0, "position": ``."""
+    return _NEXT_OBJECT.fullmatch(between) is not None
+
+
 def holds_element(between: str) -> bool:
     """Tell whether an element that is no row stands between two rows, not just a remark."""
     return _ELEMENTS.search(_COMMENT.sub("", between)) is not None
@@ -128,6 +154,9 @@ def stated_times_s(gaps: Sequence[str]) -> tuple[float, ...]:
     Args:
         gaps: the text before the first row, between the rows, and behind the last one.
     """
+    fields = [[*_TIME_FIELD.finditer(gap[-120:])][-1:] for gap in gaps[:-1]]
+    if all(fields):
+        return tuple(_scaled(found[0]["named"], found[0]["unit"]) for found in fields)
     for some, at in ((gaps[:-1], _BEFORE), (gaps[1:], _BEHIND)):
         found = [at.search(gap[-60:]) if at is _BEFORE else at.match(gap) for gap in some]
         if all(found):
@@ -137,5 +166,8 @@ def stated_times_s(gaps: Sequence[str]) -> tuple[float, ...]:
 
 def _seconds(match: re.Match[str]) -> float:
     value = match["named"] or match["timed"] or match["decimal"]
-    unit = match["unit"] or match["of"] or "s"
-    return float(value) * (0.001 if unit.lower() == "ms" else 1.0)
+    return _scaled(value, match["unit"] or match["of"])
+
+
+def _scaled(value: str, unit: str | None) -> float:
+    return float(value) * (0.001 if unit and unit.lower() == "ms" else 1.0)

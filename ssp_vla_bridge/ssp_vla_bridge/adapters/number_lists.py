@@ -15,6 +15,8 @@ from ssp_vla_bridge.adapters.list_items import (
     continues,
     holds_element,
     item_of,
+    lacks_first,
+    next_object,
     stated_times_s,
 )
 
@@ -257,6 +259,8 @@ def scan_lists(text: str) -> tuple[NumberList, ...]:
             # "(12 m, 3 s) [3.2, 0.1]": another bracket without a comma is another thing.
             parted = gap.prose or gap.closed or gap.opened >= 0
             parted = parted or bool(rows and not gap.comma and rows[-1].brackets != row.brackets)
+            if rows and next_object(gap.text):
+                parted = False
             follows = continues(text, end, row.start, items[-1] if items else None, item)
             if follows is not None and gap.opened < 0 and not gap.closed:
                 parted, gap.unread = False, follows
@@ -287,7 +291,7 @@ def _finish(
         fault = f"row {bad + 1} isn't like the others"
     if not good:
         fault = "its rows aren't numbers"
-    if any(gap.unread for gap in gaps[1:]):
+    if any(gap.unread for gap in gaps[1:]) or lacks_first(gaps[0].text, items):
         fault = UNREAD
     if any(gap.ellipsis for gap in gaps[1:]) or (after.ellipsis and not after.prose):
         fault = ELIDED

@@ -24,8 +24,15 @@ _SENTENCE_END = re.compile(r"[.!?](?=\s)|\n")
 
 PLAN_WORDS = r"(?:trajector(?:y|ies)|way[ -]?points?|paths?|plans?|routes?|final answer)"
 _PLAN = re.compile(rf"\b{PLAN_WORDS}\b|\b(?:future|next|planned|target) (?:points|positions)\b")
-_OWN = re.compile(r"\b(?:my|own|ego|i|i'll|we|our|vut|myself)\b|\bego[_-]")
+_OWN = re.compile(
+    r"\b(?:my|own|ego|i|i'll|we|our|vut|myself)\b|\bego[_-]"
+    r"|\b(?:autonomous|self-?driving|automated|driverless|host|subject)[ _-]"
+    r"(?:car|vehicle|driving)\b"
+)
+# Whose list it is that the prompt asks for without a label.
+_PLAIN_USER = re.compile(r"\b(?:the|this) (?:car|vehicle)\b(?:'s)?")
 _REFUSED = re.compile(
+    rf"\b(?:bad|poor|infeasible|colliding|dangerous|risky|worse|outdated)[ _]+{PLAN_WORDS}|"
     r"\b(?:wrong|reject(?:ed|s)?|discard(?:ed)?|incorrect|alternatives?|examples?|e\.g|for instance"
     r"|hypothetical(?:ly)?|fallback|back-?up|contingency|counter-?example|dismiss(?:ed)?|unwanted"
     r"|invalid|not (?:the|my|a|what)"
@@ -134,10 +141,11 @@ class Label:
     owner: Owner
 
 
-def label_of(text: str, end_before: int, start: int, end: int) -> Label:
+def label_of(text: str, end_before: int, start: int, end: int, bare: bool = False) -> Label:
     """Read the label of a list.
 
     Args:
+        bare: the prompt asks for a list without a label, so that "the vehicle" is the own one.
         end_before: offset behind the list before.
         start: offset of the list.
         end: offset behind its last row.
@@ -161,8 +169,10 @@ def label_of(text: str, end_before: int, start: int, end: int) -> Label:
         sentence = _SENTENCE_END.split(line.rstrip())[-1].lower()
         if not sentence.strip(" .:*`"):
             sentence = line.lower()
-        said = "\n".join([*_CONVENTION.findall("\n".join(lines[:i])), *lines[i:]])
-        owner = _owner(sentence)
+        own = line[max(0, line.lower().rfind(sentence)) :]
+        earlier = "\n".join([*lines[:i], *_SENTENCE_END.split(line[: len(line) - len(own)])])
+        said = "\n".join([*_CONVENTION.findall(earlier), own, *lines[i + 1 :]])
+        owner = _owner(_PLAIN_USER.sub(" ", sentence) if bare else sentence)
         if _PRONOUN.search(sentence) and owner is not Owner.OTHER:
             earlier = "\n".join(lines[: i + 1]).lower().removesuffix(sentence)
             owner = Owner.OTHER if _speaks_of_user(earlier) else Owner.UNSAID
@@ -189,6 +199,7 @@ def _siblings(text: str, start: int, end: int) -> str:
                 key = "every"
             timed = key.startswith("time") or key == "every" or unit == "hz"
             found += f"; {'' if unit == 'hz' else key} {value} {unit if timed else ''}"
+            found += f"; {value} frame" if key.endswith(("frame", "system")) else ""
             found += f" ({value})" if key.endswith(("unit", "units")) else ""
     return found
 

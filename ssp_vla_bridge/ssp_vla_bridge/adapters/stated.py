@@ -70,7 +70,9 @@ _STEP = re.compile(
     r"(?: of|:|=)?)\s*(\d*\.?\d+)\s*(ms|s|secs?|seconds?)\b"
     r"|(\d*\.?\d+)[ -]*(ms|s|secs?|seconds?)[ -]+"
     r"(?:steps?|apart|intervals?|spacing|spaced|increments?)\b"
-    r"|\b(\d*\.?\d+)\s*hz\b",
+    r"|\b(\d*\.?\d+)\s*hz\b"
+    r"|\b(?:points?|rows?|pairs?|one|steps?),? (?:per|every|each) "
+    r"(?P<half>half[- ](?:a )?)?second\b",
     re.IGNORECASE,
 )
 _TIMES = re.compile(
@@ -261,7 +263,9 @@ def _heading_times_s(said: str, count: int) -> tuple[float, ...]:
     step = _STEP.search(said)
     if step is None:
         return ()
-    if step[5]:
+    if not any(step.groups()[:5]):
+        step_s = 0.5 if step["half"] else 1.0
+    elif step[5]:
         rate_hz = float(step[5])
         step_s = 1.0 / rate_hz if rate_hz > 0 else math.nan
     else:

@@ -353,6 +353,8 @@ def _kind_of(error: PeerError) -> type[PeerError]:
     """What to raise in the place of an error of the chat."""
     if isinstance(error, BrokenOffError | DeclinedError):
         return type(error)
+    if isinstance(error, NoAnswer) and error.filtered:
+        return DeclinedError
     if isinstance(error, NoAnswer) and error.not_taken:
         return NotTakenError
     return NoTimeError if isinstance(error, NoAnswer) and error.late else PeerError
@@ -452,6 +454,7 @@ def _remedies(variable: str) -> dict[str, str]:
         "400": "a decoding option that the server refuses is left out by null",
         "images": "give a model that takes pictures, or fewer, or images: none, which asks without",
         "length": "give fewer frames, an image_width, or a smaller max_tokens",
+        "filter": "a filter of the server refused it, which is final",
         "413": "give fewer frames or an image_width",
         "429": "the server is busy or a quota is used up",
     }

@@ -124,6 +124,8 @@ SERVICES = {
     "sends a list": raw(b"[]"),
     "sends no UTF-8": raw(b'{"choices": "\xff"}'),
     "sends an error with 200": raw({"error": {"message": "no slot"}}),
+    "sends an error of its own kind": raw({"object": "error", "message": "no slot", "code": 400}),
+    "filters with 200": raw({"error": {"code": "content_filter", "message": "held back"}}),
     "sends no choices": with_choices([]),
     "sends no message": with_choices([{"text": "x"}]),
     "sends null": reply(lambda s: s.completion(None)),
@@ -139,11 +141,19 @@ SERVICES = {
     "knows no seed": error_status(400, "no seed"),
     "takes no pictures": error_status(400, "image input is not supported"),
     "has a short memory": error_status(400, "This model's maximum context length is 4096"),
+    "has a short model": error_status(
+        400, "The prompt (length 9) is longer than the maximum model length of 8. Images count."
+    ),
+    "takes plain text": error_status(400, "'messages.0.content' must be a string"),
+    "filters the question": error_status(
+        400, "The prompt triggered the content management policy."
+    ),
     "wants a key": error_status(401),
     "forbids": error_status(403),
     "wants smaller frames": raw(HTML, 413),
     "stays busy": error_status(429),
     "wants an hour": error_status(429, Retry_After="3600"),
+    "is a gateway": error_status(502),
     "stays broken": error_status(500),
     "sends a huge error": raw(b"e" * 5 * MIB, 500),
     "bombs an error": reply(lambda _: bomb(64), 500, Content_Encoding="gzip"),
@@ -170,6 +180,10 @@ EXPECTED = {
     "refuses in a part": ErrorCode.DECLINED,
     "filters": ErrorCode.DECLINED,
     "sends an error with 200": ErrorCode.BROKEN_OFF,
+    "sends an error of its own kind": ErrorCode.BROKEN_OFF,
+    "filters with 200": ErrorCode.DECLINED,
+    "filters the question": ErrorCode.DECLINED,
+    "is a gateway": ErrorCode.OVERLOAD,
 }
 
 
