@@ -26,13 +26,15 @@ _MARK = re.compile(
     rf"(?P<begin>(?:<|&lt;){_IN_TAG}(?:\s[^<>]{{0,80}})?(?:>|&gt;)|\[think(?:ing)?\]"
     rf"|<\|(?:begin_of_|start_|begin_)?(?:{_REASONING})(?:_start|_begin)?\|>|◁think▷|<unused94>"
     # Granite and Apriel; gpt-oss where its marks were taken out, but not its channels' names.
-    r"|^[ \t]*(?P<heading>here(?: is|'s|’s) my thought process:)"
+    r"|(?P<heading>^[ \t]*here(?: is|'s|’s) my thought process:|\A\s*/think\n"
+    r"|<\|im_start\|>\s*(?:assistant/)?think\b|<details\s+type=\"reasoning\"[^<>]{0,80}>)"
     r"|^[ \t]*here are my reasoning steps:"
     r"|(?-i:\Aanalysis(?=[A-Z])|assistant(?:analysis|commentary)(?=[ A-Z])))"
     rf"|(?P<end>(?:</|&lt;/){_IN_TAG}\s*(?:>|&gt;)|\[/think(?:ing)?\]"
     rf"|<\|/?end_(?:of_)?(?:{_REASONING})\|>|<\|(?:{_REASONING})_end\|>|<\|/(?:{_REASONING})\|>"
     r"|◁/think▷|<unused95>|\[begin final response\]|<\|content\|>|(?-i:assistantfinal))"
-    r"|^[ \t]*(?P<response>here(?: is|'s|’s) my response:)"
+    r"|(?P<response>^[ \t]*here(?: is|'s|’s) my response:|</details>"
+    r"|<\|im_end\|>\s*<\|im_start\|>assistant\b)"
     # Channels: what stands in any other one than the final one is no answer.
     r"|(?P<channel>(?:<\|start\|>\s*assistant\s*)?<\|channel\|?>\s*(?P<name>\w+)[^<\n]{0,80}"
     r"(?:<\|message\|>|(?=<channel\|>)|\n))",

@@ -27,9 +27,11 @@ _WORD_VALUE = (
     r"|(?-i:[TFYN])\b)"
 )
 _FIELD_END = r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$))"
+# {"pedestrian": {"present": false}}
+_NESTED = r"(?:\{\s*[\"'](?:present|detected|visible|exists|active|selected|needed)[\"']\s*:\s*)"
 _QUOTES = r"[\"'*_]{0,2}"
 _FIELD = re.compile(
-    rf"(?P<key>{_QUOTES}{_NAME}{_QUOTES})(?:\s*[:=]{_QUOTES}\s*"
+    rf"(?P<key>{_QUOTES}{_NAME}{_QUOTES})(?:\s*[:=]{_QUOTES}\s*{_NESTED}?"
     rf"(?P<value>{_QUOTES}(?:{_WORD_VALUE}|{_SHARE}){_QUOTES})"
     rf"|(?:\s*(?:→|[=-]>)|[ \t]+[-–—](?=\s))\s*(?P<word>{_QUOTES}{_WORD_VALUE}{_QUOTES}))"
     rf"{_FIELD_END}"
@@ -52,20 +54,23 @@ _PARTS = (
 )  # fmt: skip
 # Of the last two forms one alone is a remark: "I brake (80 %)".
 _NEVER_ALONE = frozenset({"label", "before"})
+_ROMAN = ("i", "ii", "iii", "iv", "v", "vi", "vii", "viii")
+_MARKS = r"(?:viii|vii|vi|iv|v|iii|ii|i|[A-Ha-h]|[1-9])"
 _ITEM = re.compile(
-    r"(?:(?<=\s)|(?<=^))(?P<called>(?:option|choice|action|candidate)\s+)?(?P<open>\(?)"
-    r"(?P<mark>[A-Ha-h]|[1-9])(?P<close>[).:])\s+(?=\S)",
+    r"(?:(?<=\s)|(?<=^))(?:(?:option|choice|action|candidate)\s+)?\(?"
+    rf"(?P<mark>{_MARKS})(?P<close>[).:])\s+(?=\S)",
     re.MULTILINE | re.IGNORECASE,
 )
 _PICK = re.compile(
     r"(?:\b(?:answer|choice|option|selection|selected|decision|chosen|choose|pick|select|go with"
     r"|best)\b"
-    r"(?:\s+(?:is|would be|option|answer|number))*\s*(?:[:=]|→|[=-]>)?\s*(?:is\s+)?(?:option\s+)?"
+    r"(?:\s+(?:is|would be|option|answer|number|action|plan))*\s*(?:[:=]|→|[=-]>)?"
+    r"\s*(?:is\s+)?(?:option\s+)?"
     r"|\\boxed\{(?:\\text\{)?|<answer>\s*|^(?=\W*\w\W*$)"
     r"|\b(?:therefore|thus|hence|so),?\s+(?:option\s+)?(?=\w[.)\s]*$))"
-    r"[(\[\"'*{]{0,3}(?P<mark>[A-Ha-h]|[1-9])\b(?![.]\d)(?P<rest>[)\]\"'*.]*)"
+    rf"[(\[\"'*{{]{{0,3}}(?P<mark>{_MARKS})\b(?![.]\d)(?P<rest>[)\]\"'*.]*)"
     # "choose a lower speed" picks no option A.
-    r"(?:(?-i:(?<![a-h]))|(?=\W*$|[)\]\"'.,;:}<]))",
+    r"(?:(?-i:(?<![a-hiv]))|(?=\W*$|[)\]\"'.,;:}<]))",
     re.IGNORECASE | re.MULTILINE,
 )
 # A list that is called one of options: none of it is chosen there.
@@ -98,7 +103,7 @@ _MAY_HOLD_FIELD = re.compile(
     re.IGNORECASE,
 )
 # Behind a field that says no more than its name.
-_BEHIND_FIELD = re.compile(r"\s*(?:$|[\n}\]|;<]|,\s*(?:[\"'\n]|$)|\.\s*(?:\n|$))")
+_BEHIND_FIELD = re.compile(r"\s*(?:$|[\n}\]|;<]|,\s*(?:[\"'\n]|$|[\w ]{1,24}[:=])|\.\s*(?:\n|$))")
 
 Values = Callable[[str], dict[str, object]]
 
@@ -264,18 +269,27 @@ def _lists(text: str) -> Iterator[list[_Option]]:
     run: list[re.Match[str]] = []
     matches = list(_ITEM.finditer(text))
     for match in [*matches, None]:
-        follows = (
-            match is not None
-            and bool(run)
-            and ord(match["mark"]) == ord(run[-1]["mark"]) + 1
-            and match["close"] == run[-1]["close"]
-        )
+        follows = match is not None and bool(run) and _is_next(run[-1], match)
         if run and not follows:
             if len(run) > 1:
                 yield _options(text, run)
             run = []
-        if match is not None and (follows or match["mark"] in "Aa1"):
+        if match is not None and (follows or _place(match["mark"])[1] == 1):
             run.append(match)
+
+
+def _is_next(before: re.Match[str], match: re.Match[str]) -> bool:
+    kind, place = _place(before["mark"])
+    return _place(match["mark"]) == (kind, place + 1) and match["close"] == before["close"]
+
+
+def _place(mark: str) -> tuple[str, int]:
+    """Kind of a mark, and its place in the order of that kind, from 1."""
+    if mark.isdigit():
+        return "number", int(mark)
+    if mark.lower() in _ROMAN:
+        return "roman", _ROMAN.index(mark.lower()) + 1
+    return "letter", ord(mark.lower()) - ord("a") + 1
 
 
 def _options(text: str, run: Sequence[re.Match[str]]) -> list[_Option]:
