@@ -6,7 +6,7 @@ import math
 import os
 import statistics
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -40,16 +40,27 @@ _STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
 
 @dataclass(frozen=True, slots=True)
 class VideoInfo:
-    """What the container says: size in px, mean frames per second, number of frames."""
+    """What the container says: size in px, mean frames per second, number of frames.
+
+    Args:
+        width_px: of the picture as it is shown, with square pixels.
+        stored_px: width and height in the file, where pixels aren't square; None: they are.
+        offset_s: time of the first frame on the container's time line.
+    """
 
     width_px: int
     height_px: int
     fps: float
     frames: int
+    stored_px: tuple[int, int] | None = None
+    offset_s: float = 0.0
 
 
 class VideoFrame(NamedTuple):
-    """One decoded frame, BGR; number from 0 and time both count from the file's beginning."""
+    """One decoded frame, BGR, upright and with square pixels.
+
+    The number counts from 0; the time is that of the container, of which a first frame may be late.
+    """
 
     number: int
     time_s: float
@@ -60,7 +71,7 @@ class Video(Closing):
     """An open video file; a context manager.
 
     Raises:
-        InputError: it isn't there or is no video that can be decoded.
+        InputError: it isn't there, is no video that can be decoded, or has several tracks.
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,17 +88,40 @@ class Video(Closing):
                 file=path,
                 remedy="common formats such as MP4 (H.264) or AVI will do",
             )
+        try:
+            offset_s = _first_time_s(path)
+        except InputError:
+            self._capture.release()
+            raise
+        stored_px = (
+            int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
+            int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
+        )
+        shown_px = _square(stored_px, self._pixel_aspect())
         self.info = VideoInfo(
-            width_px=int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
-            height_px=int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
+            *shown_px,
             fps=fps,
             frames=max(0, int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))),
+            stored_px=None if shown_px == stored_px else stored_px,
+            offset_s=offset_s,
         )
 
-    def frames(self, start_s: float, end_s: float | None, keep_every: int) -> Iterator[VideoFrame]:
-        """Every n-th frame of a span, counted from its first one.
+    def _pixel_aspect(self) -> float:
+        """Width of a shown pixel over its height; 1 where the file doesn't say."""
+        width = self._capture.get(cv2.CAP_PROP_SAR_NUM)
+        height = self._capture.get(cv2.CAP_PROP_SAR_DEN)
+        if not (width > 0 and height > 0):
+            return 1.0
+        is_turned = self._capture.get(cv2.CAP_PROP_ORIENTATION_META) % 180 == 90
+        return height / width if is_turned else width / height
+
+    def frames(
+        self, start_s: float, end_s: float | None, keep: int | Container[int] = 1
+    ) -> Iterator[VideoFrame]:
+        """Frames of a span.
 
         Args:
+            keep: every n-th one, counted from the first; or the places of some in the span.
             start_s: the first frame is the first one not before this time.
             end_s: frames from this time on are left out, None: no end.
 
@@ -98,7 +132,7 @@ class Video(Closing):
         number, previous_s, first = -1, -math.inf, None
         while self._capture.grab():
             number += 1
-            time_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
+            time_s = self.info.offset_s + self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
             if time_s <= previous_s:
                 raise InputError(
                     f"frame {number} is not later than the one before it ({time_s:.6f} s)",
@@ -112,22 +146,78 @@ class Video(Closing):
             if end_s is not None and time_s >= end_s - slack_s:
                 return
             first = number if first is None else first
-            if (number - first) % keep_every == 0:
+            place = number - first
+            if place % keep == 0 if isinstance(keep, int) else place in keep:
                 decoded, image = self._capture.retrieve()
                 if not decoded:
                     raise InputError(f"frame {number} can't be decoded", file=self.path)
+                if self.info.stored_px is not None:
+                    size_px = self.info.width_px, self.info.height_px
+                    image = cv2.resize(image, size_px, interpolation=cv2.INTER_CUBIC)
                 yield VideoFrame(number, time_s, np.asarray(image, dtype=np.uint8))
 
     def close(self) -> None:
         self._capture.release()
 
 
+# Pixels whose sides differ by less are square: encoders round.
+_SQUARE = 0.005
+# Their time line begins anywhere; the first stamp of all is its zero.
+_STREAMED = ("mpegts", "mpeg", "rtsp", "flv")
+
+
+def _square(stored_px: tuple[int, int], aspect: float) -> tuple[int, int]:
+    """The size of a picture with square pixels, none of which is lost."""
+    width_px, height_px = stored_px
+    if abs(aspect - 1.0) < _SQUARE or not 0.1 < aspect < 10.0:
+        return stored_px
+    if aspect > 1.0:
+        return round(width_px * aspect), height_px
+    return width_px, round(height_px / aspect)
+
+
+def _first_time_s(path: Path) -> float:
+    """The time of a video's first frame on the container's time line.
+
+    Raises:
+        InputError: it has several video tracks.
+    """
+    try:
+        with av.open(str(path)) as container:
+            cover = av.stream.Disposition.attached_pic
+            tracks = [one for one in container.streams.video if not one.disposition & cover]
+            if len(tracks) > 1:
+                default = av.stream.Disposition.default
+                listed = ", ".join(
+                    f"{one.index} of {one.width}x{one.height} px"
+                    + (" (default)" if one.disposition & default else "")
+                    for one in tracks
+                )
+                raise InputError(
+                    f"has {len(tracks)} video tracks: {listed}", file=path,
+                    remedy=f"make a file of the one that is meant: ffmpeg -i {path.name} "
+                    "-map 0:NUMBER -c copy one.mp4",
+                )  # fmt: skip
+            if not tracks or tracks[0].start_time is None or tracks[0].time_base is None:
+                return 0.0
+            zero_s = 0.0
+            if container.format.name in _STREAMED and container.start_time is not None:
+                zero_s = container.start_time / 1e6
+            return max(0.0, float(tracks[0].start_time * tracks[0].time_base) - zero_s)
+    except (av.error.FFmpegError, ValueError, OverflowError):
+        return 0.0  # whoever decodes it says what is wrong
+
+
 @dataclass(frozen=True, slots=True)
 class Soundness:
-    """What strict decoding found: frames, and errors of packets or frames among them."""
+    """What strict decoding found: times of frames, and errors of packets or frames among them."""
 
-    frames: int
+    times_s: tuple[float, ...]
     damaged: int
+
+    @property
+    def frames(self) -> int:
+        return len(self.times_s)
 
 
 def sound_video(path: Path, end_s: float | None = None) -> Soundness:
@@ -193,14 +283,16 @@ def sound_video(path: Path, end_s: float | None = None) -> Soundness:
     ):
         if found_s is None or told_s is None:
             continue
-        if abs(found_s - told_s) > max(slack_s, _SLACK * max(found_s, told_s)):
+        # Some count from the first frame, some from the beginning of the time line.
+        off_s = min(abs(found_s - told_s), abs(found_s + times_s[0] - told_s))
+        if off_s > max(slack_s, _SLACK * max(found_s, told_s)):
             raise _no_axis(path, f"it says {told_s:.3f} s, and {what} last {found_s:.3f} s")
     told = _avi_rate(path)
     if told is not None and abs(told / rate - 1.0) > _SLACK:
         raise _no_axis(path, f"it says {told:g} and {rate:g} frames per second")
     if why := _against_moov(path, slack_s):
         raise _no_axis(path, why)
-    return Soundness(len(times_s), damaged)
+    return Soundness(tuple(times_s), damaged)
 
 
 def _against_times(times_s: Sequence[float], rate: float, slack_s: float) -> str:

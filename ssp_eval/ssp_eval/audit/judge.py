@@ -117,6 +117,8 @@ def _of_import(facts: Provenance) -> dict[str, str]:
         found["site"] = f"{imported.site.name}, {imported.site.block}"
     if imported.states is not None and imported.states.notes:
         found["states"] = "; ".join(imported.states.notes)
+    if imported.notes:
+        found["frames"] = "; ".join(imported.notes)
     if imported.accepted:
         found[ACCEPTED] = imported.accepted_text
     return found

@@ -129,6 +129,7 @@ class ImportRecord(Strict):
     states: ImportedStates | None = None
     site: ImportedSite | None = None
     accepted: list[AcceptedFinding] = []
+    notes: list[Words] = Field([], description="on file and frames, beside those on the states")
 
     @model_validator(mode="after")
     def _objects_are_apart(self) -> ImportRecord:

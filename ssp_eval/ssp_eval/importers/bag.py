@@ -24,7 +24,7 @@ from ssp_eval.importers import target
 from ssp_eval.importers.axes import Axes, unstated_axes, with_axes
 from ssp_eval.importers.camera import CameraSource
 from ssp_eval.importers.findings import Finding, Findings
-from ssp_eval.importers.frames import FrameIntake
+from ssp_eval.importers.frames import FrameIntake, speeds_of
 from ssp_eval.importers.options import ALL, ImportOptions
 from ssp_eval.importers.ros_bag import (
     TF_STATIC,
@@ -383,7 +383,7 @@ def _write(
             field=options.camera, remedy="let nothing write to the bag during the import",
         )  # fmt: skip
     notes += [f"camera: {one}" for one in intake.close(findings)]
-    notes += [f"camera: {one}" for one in intake.repeats.notes(tracks[0], clip.first_ns)]
+    notes += [f"camera: {one}" for one in intake.repeats.notes(speeds_of(tracks[0]), clip.first_ns)]
     write_states(writer, {track.body.object_id: track.states() for track in tracks})
     digest = bag.sha256()
     motion = measured_motion(options.clip.motion, tracks, options.bag.name, digest, notes)

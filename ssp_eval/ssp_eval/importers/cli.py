@@ -161,6 +161,8 @@ def finish(summary: ImportSummary, who: str, accepted: Sequence[str], json_: boo
         note(f"accepted as it is, {one.name}: {one.text}")
     for name in sorted(set(accepted) - set(summary.record.accepted_names)):
         note(f"--accept {name}: nothing of that name was found")
+    for line in summary.record.notes:
+        note(line)
     states = summary.record.states
     for line in [] if states is None else states.notes:
         note(line)

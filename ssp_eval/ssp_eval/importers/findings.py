@@ -18,6 +18,7 @@ from ssp_eval.data.provenance import AcceptedFinding
 ACCEPTABLE: Mapping[str, str] = {
     "camera_matrix": "a CameraInfo that no camera of these frames has",
     "clock_step": "a clock that steps while an object moves",
+    "damaged_video": "a video of which the decoder reports errors",
     "cut_pictures": "JPEGs that are cut off or damaged, as far as they go",
     "heading": "headings that contradict the direction of motion",
     "leap": "places that leap",

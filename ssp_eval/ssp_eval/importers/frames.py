@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from ssp_core.bag.images import (
 from ssp_core.bag.jpeg import UPRIGHT, JpegChecker
 from ssp_core.cdr.images import JPEG_START, ImageMessage, read_image
 from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.geometry import FloatArray
 from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.importers.target import jpeg
 from ssp_eval.importers.tracks import MOVING_MPS, Track
@@ -46,12 +47,12 @@ class Repeats:
             self._runs.append(self._stamps_ns)
         self._stamps_ns = []
 
-    def notes(self, vut: Track, zero_ns: int) -> list[str]:
+    def notes(self, speed_mps: Callable[[Sequence[int]], FloatArray], zero_ns: int) -> list[str]:
         """Name the pictures that are repeated while the VUT drives.
 
         Args:
-            zero_ns: the first frame's time on the clock of the VUT's states; stamps that were
-                taken are on this clock too.
+            speed_mps: gives the VUT's speeds at stamps, which are on the clock of those taken.
+            zero_ns: the first frame's time on that clock.
         """
         self._end()
         return [
@@ -59,14 +60,19 @@ class Repeats:
             f"{ns_to_seconds(stamps[-1] - zero_ns):.3f} s of the clip, while the VUT drives: did "
             "the camera stop?"
             for run in self._runs
-            for stamps in _driving(run, vut)
+            for stamps in _driving(run, np.abs(speed_mps(run)))
         ]
 
 
-def _driving(stamps_ns: Sequence[int], vut: Track) -> Iterator[list[int]]:
+def speeds_of(track: Track) -> Callable[[Sequence[int]], FloatArray]:
+    """The speeds of an object at any stamps on its clock."""
+    samples = track.samples
+    return lambda stamps_ns: np.interp(stamps_ns, samples.stamps_ns, samples["speed_mps"])
+
+
+def _driving(stamps_ns: Sequence[int], speed_mps: FloatArray) -> Iterator[list[int]]:
     """The parts of a run, longer than FROZEN_S, in which the VUT drives."""
-    speed = np.interp(stamps_ns, vut.samples.stamps_ns, np.abs(vut.samples["speed_mps"]))
-    drives = np.concatenate([[False], speed > MOVING_MPS, [False]])
+    drives = np.concatenate([[False], speed_mps > MOVING_MPS, [False]])
     edges = np.flatnonzero(np.diff(drives.astype(int)))
     for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         part = list(stamps_ns[first:end])

@@ -225,6 +225,7 @@ def attach_record(
     camera: CameraFacts,
     motion: Motion | float | None,
     findings: Findings,
+    notes: Sequence[str] = (),
 ) -> ImportRecord:
     """Attaches import.json, the K* and the map.
 
@@ -233,6 +234,7 @@ def attach_record(
         crop_s: from and to, on the source's clock.
         motion: measured; the VUT's declared constant speed, m/s; or None: unknown.
         findings: of the whole import.
+        notes: on file and frames, beside those on the states.
 
     Raises:
         InputError: nobody accepts one of the findings.
@@ -259,6 +261,7 @@ def attach_record(
         states=states,
         site=None if road is None else road.site,
         accepted=findings.accepted,
+        notes=list(notes),
     )
     data = record.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
     writer.attach(IMPORT_ATTACHMENT, data, "application/json")
@@ -388,17 +391,19 @@ class Thinned:
     notes: tuple[str, ...]
 
 
-def thin(times_ns: NDArray[np.int64], rate_hz: float | None) -> Thinned:
+def thin(times_ns: NDArray[np.int64], rate_hz: float | None, fps: float | None = None) -> Thinned:
     """Keep every n-th frame, and more where the rate is lower than on the average.
 
     Args:
         times_ns: of all frames of the clip, rising, at least two.
         rate_hz: as in keep_every.
+        fps: that the source states; None: of the times.
 
     Raises:
         ValueError: as keep_every.
     """
-    fps = (len(times_ns) - 1) * NS_PER_S / float(times_ns[-1] - times_ns[0])
+    if fps is None:
+        fps = (len(times_ns) - 1) * NS_PER_S / float(times_ns[-1] - times_ns[0])
     step = keep_every(fps, rate_hz)
     places = np.arange(0, len(times_ns), step)
     notes: tuple[str, ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,10 +20,11 @@ from ssp_core.geometry import FloatArray
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import VUT_ID
-from ssp_core.video import Video, sound_video
+from ssp_core.video import Soundness, Video, sound_video
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.importers import target
-from ssp_eval.importers.findings import Findings
+from ssp_eval.importers.findings import Finding, Findings
+from ssp_eval.importers.frames import Repeats, speeds_of
 from ssp_eval.importers.options import ImportOptions
 from ssp_eval.importers.table import Table, read_table
 from ssp_eval.importers.target import (
@@ -30,12 +32,14 @@ from ssp_eval.importers.target import (
     CameraFacts,
     ImportSummary,
     Motion,
+    Thinned,
     attach_record,
     check_free,
     jpeg,
     keep_every,
     make_bag,
     measured_motion,
+    thin,
     write_states,
 )
 from ssp_eval.importers.tracks import LEAST_SAMPLES, Track, make_track
@@ -44,6 +48,8 @@ STATE_STEP_NS = 20_000_000
 TABLE_ATTACHMENT = "states.csv"
 # The table's VUT may begin this much after the first frame and end this much before the last one.
 UNCOVERED_S = 0.5
+# An earlier first frame isn't worth a word.
+_OFFSET_SAID_S = 0.001
 _STANDING_MPS = 0.1
 _DRIVING_MPS = 2.0
 # So many pairs of frames of either kind are needed to say anything.
@@ -101,30 +107,48 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
     check_free(options.clip.out)
     findings = Findings(options.clip.accepted)
     with findings.listed(options.video), Video(options.video) as video:
-        step = _keep_every(video, options)
-        damaged = _damaged(options)
+        every = _keep_every(video, options)
+        sound = _sound(options, findings)
+        kept = _kept(video, options, every, sound)
         table = None if options.table is None else read_table(options.table.file)
         return make_bag(
             options.clip.out,
-            lambda writer: _write(writer, video, options, table, step, damaged, findings, advance),
+            lambda writer: _write(
+                writer, video, options, table, kept, sound.damaged, findings, advance
+            ),
         )
 
 
-def _damaged(options: VideoOptions) -> int:
-    """Errors of the decoder in the part that is imported."""
+def _kept(video: Video, options: VideoOptions, every: int, sound: Soundness) -> Thinned:
+    """The frames of the crop that are kept."""
+    clip, fps = options.clip, video.info.fps
+    slack_s = 0.01 / fps
+    end_s = math.inf if clip.end_s is None else clip.end_s
+    times_s = [t for t in sound.times_s if clip.start_s - slack_s <= t < end_s - slack_s]
+    if len(times_s) < 2:
+        return Thinned(np.zeros(1, dtype=np.int64), every, fps / every, ())
+    return thin(np.array([seconds_to_ns(t) for t in times_s]), clip.rate_hz, fps)
+
+
+def _sound(options: VideoOptions, findings: Findings) -> Soundness:
+    """What strict decoding finds in the part that is imported."""
     found = sound_video(options.video, options.clip.end_s)
     if found.damaged > options.most_damaged:
-        raise InputError(
-            f"is damaged: the decoder reports {found.damaged} errors beside {found.frames} frames",
-            file=options.video, field="--accept-damaged", value=options.most_damaged,
-            remedy=f"get the file again from its source; --accept-damaged {found.damaged} takes it "
-            "as it is, and the bag says so",
+        findings.add(
+            Finding(
+                "damaged_video",
+                f"is damaged: the decoder reports {found.damaged} errors beside {found.frames} "
+                "frames",
+                f"get the file again from its source; --accept-damaged {found.damaged} takes so "
+                "many errors",
+                options.video, "--accept-damaged", value=options.most_damaged,
+            )
         )  # fmt: skip
-    return found.damaged
+    return found
 
 
 def _keep_every(video: Video, options: VideoOptions) -> int:
-    length_s = video.info.frames / video.info.fps
+    length_s = video.info.offset_s + video.info.frames / video.info.fps
     clip = options.clip
     last_s = clip.start_s if clip.end_s is None else clip.end_s
     if video.info.frames and last_s > length_s + 1.0 / video.info.fps:
@@ -150,7 +174,7 @@ def _write(
     video: Video,
     options: VideoOptions,
     table: Table | None,
-    step: int,
+    kept: Thinned,
     damaged: int,
     findings: Findings,
     advance: Callable[[int], None],
@@ -160,12 +184,16 @@ def _write(
     camera = options.camera(*size_px)
     writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
     start_s, stamps_ns, change = 0.0, list[int](), _FrameChange()
-    for frame in video.frames(clip.start_s, clip.end_s, step):
+    repeats, last = Repeats(), None
+    places = frozenset(kept.places.tolist())
+    for frame in video.frames(clip.start_s, clip.end_s, places):
         if not stamps_ns:
             start_s = frame.time_s
             camera.write(writer, 0)
         stamp_ns = seconds_to_ns(frame.time_s - start_s)
         stamps_ns.append(stamp_ns)
+        repeats.take(stamp_ns, is_same=last is not None and np.array_equal(last, frame.image))
+        last = frame.image
         if table is not None:
             change.take(frame.image)
         data = target.image(stamp_ns, jpeg(frame.image))
@@ -175,14 +203,24 @@ def _write(
     if not stamps_ns or video.reached_s < end_s - 0.5 / info.fps:
         raise _outside(options, video.reached_s)
     motion: Motion | float | None = options.ego_speed_mps
+    notes = [*_of_file(video), *(f"camera: {one}" for one in kept.notes)]
     if table is not None and options.table is not None:
         zero_ns = seconds_to_ns(start_s)
         motion = _measured(options, options.table, table, zero_ns, stamps_ns[-1], findings)
         _check_motion(motion, change, np.array(stamps_ns) + zero_ns)
+        speeds = speeds_of(motion.tracks[0])
+        notes += [
+            f"camera: {one}"
+            for one in repeats.notes(lambda at: speeds([ns + zero_ns for ns in at]), 0)
+        ]
         write_states(writer, {t.body.object_id: t.states(zero_ns) for t in motion.tracks})
         writer.attach(TABLE_ATTACHMENT, options.table.file.read_bytes(), "text/csv")
     elif options.ego_speed_mps is not None:
-        write_states(writer, {VUT_ID: _declared_states(options.ego_speed_mps, stamps_ns[-1])})
+        speed_mps = options.ego_speed_mps
+        notes += [
+            f"camera: {one}" for one in repeats.notes(lambda at: np.full(len(at), speed_mps), 0)
+        ]
+        write_states(writer, {VUT_ID: _declared_states(speed_mps, stamps_ns[-1])})
     source: dict[str, object] = {
         "name": options.video.name,
         "sha256": sha256_file(options.video),
@@ -195,11 +233,27 @@ def _write(
     if damaged:
         source["decoder_errors"] = damaged
     crop_s = start_s, end_s
-    record = attach_record(writer, clip.declared, source, crop_s, camera, motion, findings)
+    record = attach_record(writer, clip.declared, source, crop_s, camera, motion, findings, notes)
     duration_s = ns_to_seconds(stamps_ns[-1])
     return ImportSummary(
-        clip.out, len(stamps_ns), step, info.fps / step, duration_s, size_px, record
+        clip.out, len(stamps_ns), kept.keep_every, kept.rate_hz, duration_s, size_px, record
     )
+
+
+def _of_file(video: Video) -> list[str]:
+    """What is to be said of a video's pixels and times."""
+    info, notes = video.info, []
+    if info.stored_px is not None:
+        notes.append(
+            f"camera: pixels aren't square; pictures of {info.stored_px[0]}x{info.stored_px[1]} px "
+            f"were stretched to {info.width_px}x{info.height_px}"
+        )
+    if info.offset_s >= _OFFSET_SAID_S:
+        notes.append(
+            f"camera: the video's first frame is at {info.offset_s:.3f} s of the file; times of "
+            "tables and of --start and --end are those of the file"
+        )
+    return notes
 
 
 def _declared_states(speed_mps: float, last_ns: int) -> Sequence[ObjectState]:

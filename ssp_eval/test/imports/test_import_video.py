@@ -109,6 +109,7 @@ def test_import_json_says_what_is_known_and_what_is_not(video: Path, tmp_path: P
         "states": None,
         "site": None,
         "accepted": [],
+        "notes": [],
     }  # fmt: skip
 
 
