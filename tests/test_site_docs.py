@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -10,9 +11,11 @@ import yaml
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from ssp_core.errors import InputError
+from ssp_core.files import parse_model
 from ssp_core.geometry import point_in_polygon
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
-from ssp_core.run_file.values import SiteDatum
+from ssp_core.run_file.values import ObjectId, SiteDatum
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.maps.site import (
     Polygon,
@@ -57,6 +60,22 @@ def test_every_field_stands_in_its_table_with_its_default(title: str) -> None:
     assert list(rows) == list(fields)
     for name, field in fields.items():
         assert rows[name] in shown(field), name
+
+
+def test_every_limit_has_a_plausible_range_which_its_table_gives() -> None:
+    (part,) = re.findall(r"^### Limits$(.*?)(?=^###|\Z)", TEXT, re.M | re.S)
+    rows = dict(re.findall(r"^\| `(\w+)` \| [^|]+ \| ([^|]+) \|", part, re.M))
+    for name, field in Limits.model_fields.items():
+        if rows[name] == "–":  # ids of objects
+            assert field.annotation == list[ObjectId]
+            continue
+        low, high = (float(w.replace("π", str(math.pi))) for w in rows[name].split(" to "))
+        for bound, beyond in ((low, low - 1e-4), (high, high * 1.001), (None, 1e9)):
+            given = {"speed_mps": 10.0, "acceleration_mps2": 5.0}
+            if bound is not None:
+                assert getattr(Limits(**given | {name: bound}), name) == bound
+            with pytest.raises(InputError, match=f"{name}: Input should be"):
+                parse_model(Limits, given | {name: beyond}, "site")
 
 
 def test_the_example_is_a_site_that_an_event_is_compiled_for(tmp_path: Path) -> None:

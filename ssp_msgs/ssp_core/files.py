@@ -20,9 +20,9 @@ from typing import Any, Self, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
-from yaml.composer import Composer
 
 from ssp_core.errors import HostError, InputError
+from ssp_core.yaml_core import CoreLoader, number_remedy
 
 
 def parse_strict(text: str | bytes) -> Any:
@@ -74,65 +74,10 @@ class Closing(ABC):
 
 MAX_TEXT_BYTES = 8 << 20
 _BLOCK_BYTES = 1 << 16
-# Python shows whole numbers of at most 4300 digits.
-_MOST_DIGITS = 4000
-_TOO_LARGE = 10**_MOST_DIGITS
 # An escape for half of a surrogate pair, in JSON or in YAML.
 _SURROGATE = re.compile(r"\\[uU]0*[dD][89a-fA-F]")
 
 Model = TypeVar("Model", bound=BaseModel)
-
-
-class _NoAliasLoader(Composer, yaml.CSafeLoader):
-    """A safe loader that refuses aliases (a few lines of them can expand to gigabytes).
-
-    libyaml reads the text, five times as fast as PyYAML's own parser; nodes are made in Python,
-    where a text that is nested too deeply ends in a RecursionError.
-    """
-
-    def __init__(self, text: str) -> None:
-        yaml.CSafeLoader.__init__(self, text)
-        Composer.__init__(self)
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.events.AliasEvent):
-            event: Any = self.peek_event()
-            raise yaml.MarkedYAMLError(
-                problem="aliases (*name) are not accepted", problem_mark=event.start_mark
-            )
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        if not isinstance(node, yaml.MappingNode):
-            raise yaml.MarkedYAMLError(
-                problem="a mapping was announced here", problem_mark=node.start_mark
-            )
-        seen: set[Any] = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if not isinstance(key, str):
-                raise yaml.MarkedYAMLError(
-                    problem=f"key {key!r} is not a string", problem_mark=key_node.start_mark
-                )
-            if key in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"key {key!r} stands twice", problem_mark=key_node.start_mark
-                )
-            seen.add(key)
-        return super().construct_mapping(node, deep)
-
-    def construct_whole(self, node: Any) -> int:
-        """A whole number; in hexadecimal or by sixties one can be too long to be shown."""
-        value = super().construct_yaml_int(node)
-        if abs(value) >= _TOO_LARGE:
-            raise yaml.MarkedYAMLError(
-                problem=f"a whole number has more than {_MOST_DIGITS} digits",
-                problem_mark=node.start_mark,
-            )
-        return int(value)
-
-
-_NoAliasLoader.add_constructor("tag:yaml.org,2002:int", _NoAliasLoader.construct_whole)
 
 
 def refuse_named_pipe(path: str | Path) -> None:
@@ -192,14 +137,14 @@ _PARSE_ERRORS = (
 
 
 def _parse(text: str) -> Any:
-    """JSON by JSON's rules (YAML 1.1 reads 1e5 and surrogate pairs otherwise), all else as YAML.
+    """JSON by JSON's rules (YAML reads surrogate pairs otherwise), all else as YAML 1.2.
 
     What isn't JSON goes to the YAML loader, which also says in which line something is wrong.
     """
     if text.lstrip().startswith("{"):
         with suppress(ValueError):
             return parse_strict(text)
-    return yaml.load(text, Loader=_NoAliasLoader)
+    return yaml.load(text, Loader=CoreLoader)
 
 
 def check_characters(value: Any, text: str) -> None:
@@ -310,7 +255,11 @@ def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
         first, *others = _failures(error, value)
         more = f" ({len(others)} more)" if others else ""
         raise InputError(
-            first.problem + more, file=file, field=first.field, value=first.value
+            first.problem + more,
+            file=file,
+            field=first.field,
+            value=first.value,
+            remedy=first.remedy,
         ) from error
 
 
@@ -322,6 +271,9 @@ def parse_whole_model(model: type[Model], value: Any, file: str | Path) -> Model
         raise InputError.of_all(_failures(error, value), file) from error
 
 
+_NO_NUMBER = ("float_type", "float_parsing", "int_type", "int_parsing", "int_from_float")
+
+
 def _failures(error: ValidationError, value: Any) -> list[InputError]:
     """What is wrong, each with its field and value."""
     found = []
@@ -330,7 +282,8 @@ def _failures(error: ValidationError, value: Any) -> list[InputError]:
         field = field_path(failure["loc"], value, missing=is_missing)
         given = None if is_missing else failure.get("input")
         problem = failure["msg"].removeprefix("Value error, ")
-        found.append(InputError(problem, field=field, value=given))
+        remedy = number_remedy(given) if failure["type"] in _NO_NUMBER else None
+        found.append(InputError(problem, field=field, value=given, remedy=remedy))
     return found
 
 

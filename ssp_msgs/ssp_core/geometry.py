@@ -181,8 +181,10 @@ def outline_problem(points: Sequence[Point]) -> tuple[str, str] | None:
     if not np.isfinite(a).all():
         return "has a corner that is no number", "give finite coordinates"
     b = np.roll(a, -1, axis=0)
+    if np.hypot(*(a[0] - a[-1])) <= TOUCHING_M:
+        return "ends at its first corner", "it closes by itself: leave the last corner out"
     if len(set(points)) < n:
-        return "has a point twice", "list each corner once; it closes by itself"
+        return "has a point twice", "list each corner once"
     low, high = np.minimum(a, b) - TOUCHING_M, np.maximum(a, b) + TOUCHING_M
     meet = (low[:, None] <= high).all(axis=-1) & (low <= high[:, None]).all(axis=-1)
     touching: tuple[str, str] | None = None

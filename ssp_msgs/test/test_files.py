@@ -31,6 +31,7 @@ from ssp_core.files import (
     write_bytes,
     write_json,
 )
+from ssp_core.run_file.values import Finite, Strict
 
 FILE_PER_TEST = settings(
     max_examples=100,
@@ -84,6 +85,70 @@ def test_a_mapping_is_read(tmp_path: Path) -> None:
     assert read_mapping(path) == {"a": 1, "b": ["x", 2.5, None, True], "c": {"d": "ü"}}
 
 
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *(("110", 110), ("+5", 5), ("-0.5", -0.5), ("1.1e+2", 110.0), ("1e5", 1e5), (".5", 0.5)),
+        *(("0", 0), ("0.50", 0.5), ("5.", 5.0), ("0x1F", 31), ("0o17", 15), ("1e05", 1e5)),
+        *(("true", True), ("FALSE", False), ("~", None), ("", None), (".inf", float("inf"))),
+        # What YAML 1.1 takes for 72, -8, 104.5, -32.1, 90, 1000, 5, True, False:
+        *(("0110", "0110"), ("-010", "-010"), ("0104.5", "0104.5"), ("-0:32.1", "-0:32.1")),
+        *(("1:30", "1:30"), ("1_000", "1_000"), ("0b101", "0b101"), ("on", "on"), ("no", "no")),
+    ],
+)
+def test_a_plain_scalar_is_what_yaml_1_2_says(tmp_path: Path, text: str, value: object) -> None:
+    read = read_mapping(put(tmp_path, f"a: {text}\n"))["a"]
+    assert (read, type(read)) == (value, type(value))
+
+
+class Numbers(Strict):
+    x_m: Finite = 0.0
+    n: Annotated[int, Field(ge=0)] = 0
+    points: list[tuple[Finite, Finite]] = []
+    by_name: dict[int, float | None] = {}
+
+
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [
+        ("0110", "it has a leading zero: write 110"),
+        ("-010", "it has a leading zero: write -10"),
+        ("00.5", "it has a leading zero: write 0.5"),
+        ("-0:32.1", "write a decimal number, without a colon"),
+        ("1_000", "write 1000"),
+        ("3.5 m", "write a number"),
+        ("on", "write a number"),
+        ("no", "write a number"),
+        ("true", "write a number; true and false are none"),
+        ("'7'", "it stands as text: write 7 without quotes"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("line", "field"),
+    [
+        ("x_m: {}", "x_m"),
+        ("n: {}", "n"),
+        ("points: [[0, 1], [2, {}]]", "points[1][1]"),
+        ("by_name: {{'3': {}}}", "by_name.3"),
+    ],
+)
+def test_what_is_no_number_is_refused_by_place_and_text(
+    tmp_path: Path, text: str, remedy: str, line: str, field: str
+) -> None:
+    path = put(tmp_path, line.format(text) + "\n")
+    with pytest.raises(InputError) as caught:
+        load_model(Numbers, path)
+    error = caught.value
+    assert (error.file, error.field, error.remedy) == (str(path), field, remedy)
+    assert str(error.value).lower() == text.strip("'")
+
+
+def test_numbers_are_numbers(tmp_path: Path) -> None:
+    path = put(tmp_path, "x_m: 1.1e+2\nn: 3.0\npoints: [[0, -0.5]]\nby_name: {'3': 0x10}\n")
+    read = load_model(Numbers, path)
+    assert (read.x_m, read.n, read.points, read.by_name) == (110.0, 3, [(0.0, -0.5)], {3: 16.0})
+
+
 def test_missing_file_folder_and_impossible_name(tmp_path: Path) -> None:
     for path in (tmp_path / "none.yaml", tmp_path, tmp_path / "a\0b"):
         error = failure(path)
@@ -121,7 +186,10 @@ def test_not_utf8_names_the_byte(tmp_path: Path) -> None:
         ("<<: {a: 1}\n", 1, ""),
         ("a: !!map [1, 2]\n", 1, "mapping"),
         ("a: 1\nb: 0x" + "f" * 5000, 2, "digits"),
-        ("a: 1\nb: 1" + ":59" * 5000, 2, "digits"),
+        ("a: 1\nb: 1" + "5" * 5000, 2, "digits"),
+        ("a: !!int 0150", 1, "leading zero: write 150"),
+        ("a: !!float 1:30", 1, "without a colon"),
+        ("a: !!bool on", 1, "no boolean"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(

@@ -78,5 +78,5 @@ def cut_in_run() -> dict[str, Any]:
     made["triggers"][0]["condition"]["below_m"] = 12.0
     made["triggers"][0]["manoeuvre"]["cruise_mps"] = 6.0
     # Tests move objects at will: what is no jump, and no frozen position, is wide here.
-    made["limits"] |= {"jump_m": 1e6, "frozen_s": 1e6}
+    made["limits"] |= {"jump_m": 100.0, "frozen_s": 60.0}
     return made

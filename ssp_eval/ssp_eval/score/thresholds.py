@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints, overload
 
 import click
-from pydantic import Field, create_model, field_validator
+from pydantic import Field, create_model
 
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
@@ -114,13 +114,6 @@ thresholds_option = click.option(
 
 class _File(Strict):
     schema_: Literal["ssp.thresholds/1"] = Field(alias="schema")
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _is_no_boolean(cls, value: object) -> object:
-        if isinstance(value, bool):
-            raise ValueError("is a boolean and no number")
-        return value
 
 
 _GIVEN: dict[str, Any] = {

@@ -39,33 +39,39 @@ STOP_REACTION_S = 1.0
 START_YAW_RAD = 0.35
 
 
-class Limits(Strict):
-    """Limits of the site; passing one is a safety event."""
+# What a limit may be: beyond, it is a slip of the hand or switches the limit off.
+LimitS = Annotated[Finite, Field(ge=0.001, le=60)]
+LimitM = Annotated[Finite, Field(ge=0.01, le=100)]
+LimitRad = Annotated[Finite, Field(ge=0.01, le=math.pi)]
 
-    speed_mps: Positive
-    acceleration_mps2: Positive
-    stop_deceleration_mps2: Positive = 4.0
-    separation_m: NonNegative = 0.5
-    state_age_s: Positive = 0.3
-    heartbeat_s: Positive = 0.5
-    ack_s: Positive = 0.5
-    error_longitudinal_m: Positive = 2.0
-    error_lateral_m: Positive = 0.8
-    error_yaw_rad: Positive = 0.35
-    duration_s: Positive = 60.0
-    position_std_m: Positive = Field(0.5, description="localisation's own stated uncertainty")
-    jump_m: Positive = Field(1.0, description="between a position and where the last one led")
-    frozen_s: Positive = Field(0.3, description="a moving object whose position stands")
-    clock_offset_s: Positive = 0.05
-    link_delay_s: Positive = Field(0.5, description="there and back")
-    start_region_m: Positive = Field(1.5, description="from an object's start when it is armed")
-    start_yaw_rad: Positive = Field(
+
+class Limits(Strict):
+    """Limits of the site, each within a plausible range; passing one is a safety event."""
+
+    speed_mps: Annotated[Finite, Field(ge=0.1, le=100)]
+    acceleration_mps2: Annotated[Finite, Field(ge=0.1, le=100)]
+    stop_deceleration_mps2: Annotated[Finite, Field(ge=0.1, le=20)] = 4.0
+    separation_m: Annotated[Finite, Field(ge=0, le=100)] = 0.5
+    state_age_s: LimitS = 0.3
+    heartbeat_s: LimitS = 0.5
+    ack_s: LimitS = 0.5
+    error_longitudinal_m: LimitM = 2.0
+    error_lateral_m: LimitM = 0.8
+    error_yaw_rad: LimitRad = 0.35
+    duration_s: Annotated[Finite, Field(ge=0.1, le=86400)] = 60.0
+    position_std_m: LimitM = Field(0.5, description="localisation's own stated uncertainty")
+    jump_m: LimitM = Field(1.0, description="between a position and where the last one led")
+    frozen_s: LimitS = Field(0.3, description="a moving object whose position stands")
+    clock_offset_s: LimitS = 0.05
+    link_delay_s: LimitS = Field(0.5, description="there and back")
+    start_region_m: LimitM = Field(1.5, description="from an object's start when it is armed")
+    start_yaw_rad: LimitRad = Field(
         START_YAW_RAD, description="from an object's heading at its start when it is armed"
     )
-    trigger_age_s: Positive | None = Field(
+    trigger_age_s: LimitS | None = Field(
         None, description="no trigger is judged on an older state of the VUT; null: two periods"
     )
-    stop_reaction_s: Positive = Field(
+    stop_reaction_s: LimitS = Field(
         STOP_REACTION_S, description="from an abort until an object that drives becomes slower"
     )
 

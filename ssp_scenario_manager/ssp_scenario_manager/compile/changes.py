@@ -13,10 +13,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
+from ssp_core.files import parse_value as parse_yaml
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.compile.task import as_live
 from ssp_scenario_manager.event_spec.fields import get, has, join, leaves, put, split
@@ -131,8 +130,8 @@ def parse_value(run: RunSpec, field: str, text: str, file: str | Path | None = N
     """
     value_at(run, field, file)
     try:
-        value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        value = parse_yaml(text, file or "run")
+    except InputError as error:
         raise InputError("is no YAML value", field=field, value=text) from error
     try:
         return value_at(with_value(run, field, value, file), field, file)

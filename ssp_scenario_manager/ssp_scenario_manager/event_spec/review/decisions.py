@@ -9,8 +9,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-import yaml
-
+from ssp_core.errors import InputError
+from ssp_core.files import parse_value
 from ssp_scenario_manager.event_spec.checks.base import Failure
 from ssp_scenario_manager.event_spec.checks.check import check_event, frames_of, is_unresolved
 from ssp_scenario_manager.event_spec.fields import ROAD_FIELD, get, owner, put, show, within
@@ -273,7 +273,6 @@ def _cell(text: str, old: dict[str, Any]) -> dict[str, Any]:
 
 def _yaml(text: str) -> Any:
     try:
-        value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise Unreadable(f"this is no YAML: {str(error).partition(chr(10))[0]}") from error
-    return value
+        return parse_value(text, "typed")
+    except InputError as error:
+        raise Unreadable(f"this is no YAML: {error.problem}") from error
