@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,14 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_eval.recordings.source_clip import board_of, bound_event, measure_clip
-from ssp_ot_controller.camera.storyboards import INTERACTIONS, LANE_M, LaneCounts, storyboard
+from ssp_ot_controller.camera.clip import write_clip
+from ssp_ot_controller.camera.storyboards import (
+    INTERACTIONS,
+    LANE_M,
+    LaneCounts,
+    Storyboard,
+    storyboard,
+)
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.graph import differences
 from ssp_scenario_manager.event_spec.load import load_event
@@ -50,6 +58,38 @@ def test_the_command_writes_clip_truth_k_star_and_log(
     assert main(["spec", "clip", "vru_crossing", "--out", str(tmp_path)]) == 1
     assert "exists already" in capsys.readouterr().err
     assert sha256_file(video) == event.source.sha256
+
+
+def test_interrupted_it_leaves_nothing_and_the_next_call_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = write_clip
+
+    def interrupted(board: Storyboard, video: Path, advance: Callable[[], None]) -> None:
+        left = [None] * 3
+
+        def step() -> None:
+            left.pop()
+            if not left:
+                raise KeyboardInterrupt
+
+        drawn(board, video, step)
+
+    out = tmp_path / "clips"
+    command = ["spec", "clip", "cut_in", "--out", str(out)]
+    monkeypatch.setattr("ssp_ot_controller.camera.clip.write_clip", interrupted)
+    assert main(command) == 130
+    assert not out.exists()
+    monkeypatch.setattr(
+        "ssp_ot_controller.camera.clip.write_clip", lambda _, video, __: video.write_bytes(b"clip")
+    )
+    assert main(command) == 0
+    held = ["cut_in.event.yaml", "cut_in.log.jsonl", "cut_in.mp4"]
+    assert sorted(file.name for file in out.iterdir()) == held
+    monkeypatch.setattr("ssp_ot_controller.camera.clip.write_clip", interrupted)
+    assert main([*command, "--force"]) == 130
+    assert sorted(file.name for file in out.iterdir()) == held
+    assert (out / "cut_in.mp4").read_bytes() == b"clip"
 
 
 @pytest.mark.parametrize("name", INTERACTIONS)

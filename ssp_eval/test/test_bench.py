@@ -52,6 +52,27 @@ def test_a_missed_limit_is_measured_again_and_told_apart_from_noise(
     assert ("ok" in shown) == ("ok" in words)
 
 
+def test_without_a_browser_its_row_is_left_out_and_named_at_the_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("SSP_ROOT", str(ROOT))
+    measured: list[str] = []
+    monkeypatch.setattr(
+        bench, "run_benchmark", lambda folder, name, long: measured.append(name) or [FIGURE]
+    )
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    said: list[str] = []
+    monkeypatch.setattr(bench.console, "note", lambda line: said.append(f"{line} {measured}"))
+    done = CliRunner().invoke(bench.bench, [], standalone_mode=False)
+    assert (done.exception, done.return_value) == (None, 0)
+    assert measured == [name for name in bench.BENCHMARKS if name != "report_page"]
+    (line,) = said
+    assert line.startswith("there is no browser (chromium")
+    assert line.endswith("left out: report_page []")  # before anything was measured
+    done = CliRunner().invoke(bench.bench, ["report_page"], standalone_mode=False)
+    assert "apt-get install chromium" in str(done.exception)
+
+
 def test_a_figure_is_a_line_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     _, shown, _ = measured(monkeypatch, [KEPT])
     assert shown.splitlines()[0] == "dispatch"

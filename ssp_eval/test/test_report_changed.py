@@ -111,6 +111,26 @@ def test_a_cell_that_was_changed_is_refused_by_name(
     assert (cells[OTHER].score is None) == ("audits" in why)
 
 
+@pytest.mark.parametrize("text", ["{}", "", "[]", '{"schema": "ssp.cell/1"', "{}\xff"])
+def test_a_cell_that_cannot_be_read_is_listed_and_the_report_is_made(
+    text: str, campaign: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (campaign / "cells" / CELL / "cell.json").write_bytes(text.encode("latin-1"))
+    other = campaign / "cells" / "a_folder_of_somebody"
+    other.mkdir()
+    (other / "cell.json").write_text("{}")
+    assert main(["report", str(campaign)]) == 1
+    told = capfd.readouterr().err
+    assert f"{campaign / 'cells' / CELL}: refused: cell.json can't be read" in told
+    assert f"{other}: refused: cell.json can't be read" in told
+    page = (campaign / "index.html").read_text()
+    assert "cell.json can" in page
+    cells = {cell.id: cell for cell in load_cells(campaign)}
+    assert cells[OTHER].score is not None
+    facts = cells[CELL].facts
+    assert f"{facts.scenario}__{facts.domain}__{facts.model}" == CELL
+
+
 def test_a_report_goes_on_without_it_and_says_so_in_page_tables_and_exit_status(
     campaign: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,15 +6,15 @@ import errno
 import importlib
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from signal import Signals
 from typing import Any
 
 import click
 
 from ssp_core import __version__
-from ssp_core.environment import set_middleware_aside
-from ssp_core.errors import SspError
+from ssp_core.environment import set_log_folder, set_middleware_aside
+from ssp_core.errors import InputError, SspError
 from ssp_core.terminal import lost_output, on_stop_signals, survive_lost_output
 
 # verb: (module:function, one line of help). A verb's module is imported when it runs or shows
@@ -120,11 +120,21 @@ def cli() -> None:
     """
 
 
+# What the system may say of any file that a command names.
+_REMEDIES = {
+    errno.ENOSPC: "make room and try again",
+    errno.EDQUOT: "make room and try again",
+    errno.ENAMETOOLONG: "give a shorter name",
+    errno.EROFS: "name another folder",
+}
+
+
 def main(args: list[str] | None = None) -> int:
     """Runs the command line and returns its exit status."""
     survive_lost_output()
-    if left_out := set_middleware_aside(os.environ):
-        click.echo(f"ssp: {left_out}", err=True)
+    for line in (set_middleware_aside(os.environ), set_log_folder(os.environ)):
+        if line:
+            click.echo(f"ssp: {line}", err=True)
     with on_stop_signals(_interrupt):
         status = _run(args)
     if reason := lost_output():
@@ -138,8 +148,20 @@ def _interrupt(_: Signals) -> None:
     raise KeyboardInterrupt
 
 
+def _check_names(args: Sequence[str]) -> None:
+    """Raises InputError for bytes that are no UTF-8: files and messages can't hold such a name."""
+    for what, text in [*(("the argument", arg) for arg in args), ("the folder here", os.getcwd())]:
+        if not text.isascii() and any("\ud800" <= c <= "\udfff" for c in text):
+            shown = os.fsencode(text).decode("utf-8", "backslashreplace")
+            raise InputError(
+                f"{what} {shown} is no UTF-8",
+                remedy="rename the file or folder, or type the text in UTF-8",
+            )
+
+
 def _run(args: list[str] | None) -> int:
     try:
+        _check_names(sys.argv[1:] if args is None else args)
         result = cli.main(args=args, prog_name="ssp", standalone_mode=False)
         return result if isinstance(result, int) else 0
     except click.exceptions.Exit as stop:
@@ -166,11 +188,12 @@ def _run(args: list[str] | None) -> int:
         report_error(str(error))
         return 1
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        remedy = _REMEDIES.get(error.errno or 0)
+        if remedy is None:
             raise
         from ssp_core.console import report_error
 
-        report_error(f"{error.filename or 'the disk'}: {error.strerror}; make room and try again")
+        report_error(f"{error.filename or 'the disk'}: {error.strerror}; {remedy}")
         return 1
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import select
 import socket
+import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
@@ -101,6 +102,27 @@ def set_middleware_aside(env: MutableMapping[str, str]) -> str:
         f"RMW_IMPLEMENTATION={middleware} is left out: here is {', '.join(sorted(there))} alone. "
         f"A live session is refused with it; `export {_RMW}`, on all hosts, ends this line"
     )
+
+
+def set_log_folder(env: MutableMapping[str, str]) -> str:
+    """Give ROS a folder for its logs where the environment names none that can be made.
+
+    ROS ends a process without one: HOME isn't set in many services and containers.
+
+    Returns:
+        The line for people; empty where ROS has its folder.
+    """
+    given = ""
+    name = next((name for name in ("ROS_LOG_DIR", "ROS_HOME", "HOME") if env.get(name)), None)
+    if name is not None:
+        given, folder = env[name], Path(env[name]).absolute()
+        there = next(place for place in (folder, *folder.parents) if os.path.lexists(place))
+        if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
+            return ""
+    instead = Path(tempfile.gettempdir()) / f"ros-log-{os.getuid()}"
+    env["ROS_LOG_DIR"] = str(instead)
+    why = "HOME isn't set" if name is None else f"{name}={given} can't be written to"
+    return f"{why}: ROS writes its logs to {instead}"
 
 
 def environment_errors(

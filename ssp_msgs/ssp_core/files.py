@@ -413,7 +413,7 @@ def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[P
         raise InputError("exists already", file=target, remedy=remedy)
     parent = make_folder(target.absolute().parent)
     try:
-        scratch = Path(tempfile.mkdtemp(dir=parent, prefix=f".{target.name[:100]}."))
+        scratch = Path(tempfile.mkdtemp(dir=parent, prefix=f".{target.name[:50]}."))
     except OSError as error:
         raise InputError(f"can't be made: {error.strerror or error}", file=target) from error
     try:
@@ -425,6 +425,35 @@ def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[P
         raise HostError(f"{target}: can't be written: {error.strerror or error}") from error
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+
+
+@contextmanager
+def new_files(folder: Path) -> Iterator[Path]:
+    """Gives a folder for files that belong together; at the end they go into ``folder``, or none.
+
+    Files of the same names that are there are replaced.
+
+    Raises:
+        InputError: the folder can't be made.
+        HostError: the disk doesn't take them.
+    """
+    made = not folder.exists()
+    make_folder(folder)
+    try:
+        scratch = Path(tempfile.mkdtemp(dir=folder, prefix=".new."))
+    except OSError as error:
+        raise HostError(f"{folder}: can't be written: {error.strerror or error}") from error
+    try:
+        yield scratch
+        for file in sorted(scratch.iterdir()):
+            file.replace(folder / file.name)
+    except OSError as error:
+        raise HostError(f"{folder}: can't be written: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+        if made:
+            with suppress(OSError):  # it holds something: a file was put there
+                folder.rmdir()
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
@@ -439,7 +468,7 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         raise InputError("is a folder", file=path, remedy="name a file")
     make_folder(path.parent)
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:50]}.")
         try:
             with os.fdopen(handle, "wb") as stream:
                 stream.write(data)

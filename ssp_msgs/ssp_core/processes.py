@@ -97,6 +97,19 @@ _ANSWER_S = 1.0
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
 
 
+def check_shared_memory() -> None:
+    """Refuses a /dev/shm in which nodes can't talk; without one they do it over UDP.
+
+    Raises:
+        HostError: it can't be written to.
+    """
+    if _SHM.is_dir() and not os.access(_SHM, os.W_OK | os.X_OK):
+        raise HostError(
+            f"{_SHM} must be writable, nodes on one host talk through it; mount it so "
+            "(`mount -o remount,rw /dev/shm`, in Docker `--tmpfs /dev/shm`), or use --in-process"
+        )
+
+
 def session_environment(domain_id: int, profile: Path | None = None) -> dict[str, str]:
     """Environment for node processes: loopback only, a domain of their own, our DDS profile.
 
@@ -107,7 +120,11 @@ def session_environment(domain_id: int, profile: Path | None = None) -> dict[str
         profile: Fast DDS profile with a large shared-memory segment, None for the shipped one; left
             out where /dev/shm is too small for it (a container's default is 64 MB), since a write
             beyond its end kills the process.
+
+    Raises:
+        HostError: /dev/shm can't be written to.
     """
+    check_shared_memory()
     env = isolated(os.environ)
     env["ROS_DOMAIN_ID"] = str(domain_id)
     env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -128,7 +145,9 @@ def live_environment(profile: Path) -> dict[str, str]:
 
     Raises:
         InputError: with these variables no node could start, or none would meet another.
+        HostError: /dev/shm can't be written to.
     """
+    check_shared_memory()
     require_sound(os.environ, asks_servers=True)
     env = dict(os.environ)
     env["ROS_DOMAIN_ID"] = env.get("ROS_DOMAIN_ID") or "0"

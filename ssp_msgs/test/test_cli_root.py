@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import click
 import pytest
@@ -46,6 +48,41 @@ def test_wrong_usage_is_2(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments in (["fly"], ["--fly"], ["run"], ["run", "cut_in", "--fly"]):
         assert main(arguments) == 2
         assert "Error" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", [b"out\xfc", b"\xff.mp4", b"--who=J\xfcrgen"])
+def test_an_argument_that_is_no_utf_8_is_refused_before_anything_is_done(
+    name: bytes, verb: Callable[[Callable[[], object]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    done: list[str] = []
+    verb(lambda: done.append("ran"))
+    assert main(["probe", os.fsdecode(name)]) == 1
+    told = capsys.readouterr().err
+    assert done == []
+    assert f"the argument {name.decode('utf-8', 'backslashreplace')} is no UTF-8" in told
+    assert "rename the file or folder" in told
+    assert "Traceback" not in told
+
+
+def test_a_folder_that_is_no_utf_8_is_no_place_to_work_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, status in ((os.fsdecode(b"m\xfcll"), 1), ("müll", 0)):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        assert main(["--help"]) == status
+    assert "the folder here" in capsys.readouterr().err
+
+
+def test_a_name_that_is_too_long_is_one_message(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a" * 300, "ä" * 150):
+        assert main(["run", "cut_in", "--in-process", "--out", str(tmp_path / name)]) == 1
+        told = capsys.readouterr().err
+        assert "File name too long; give a shorter name" in told
+        assert "Traceback" not in told
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("error", [InputError, PeerError, HostError])

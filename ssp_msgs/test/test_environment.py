@@ -13,6 +13,7 @@ from ssp_core.environment import (
     isolated,
     nobody_listens,
     require_sound,
+    set_log_folder,
     set_middleware_aside,
 )
 from ssp_core.errors import InputError
@@ -50,6 +51,22 @@ OTHERS = {
 
 def test_an_isolated_session_is_told_of_no_other() -> None:
     assert isolated(FINDERS | OTHERS) == OTHERS
+
+
+def test_ros_has_a_folder_for_its_logs(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    for env in ({"HOME": "/x/y", "ROS_LOG_DIR": str(tmp_path / "a/b")}, {"HOME": str(tmp_path)}):
+        before = dict(env)
+        assert (set_log_folder(env), env) == ("", before)
+    for env, why in (
+        ({}, "HOME isn't set"),
+        ({"HOME": ""}, "HOME isn't set"),
+        ({"HOME": str(blocked / "home")}, f"HOME={blocked / 'home'} can't be written to"),
+    ):
+        told = set_log_folder(env)
+        assert told == f"{why}: ROS writes its logs to {env['ROS_LOG_DIR']}"
+        assert Path(env["ROS_LOG_DIR"]).parent.is_dir()
 
 
 def test_the_nodes_of_a_simulated_session_find_only_each_other(

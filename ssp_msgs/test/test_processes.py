@@ -14,9 +14,11 @@ from pathlib import Path
 import pytest
 
 from ssp_core import processes
+from ssp_core.errors import HostError
 from ssp_core.processes import (
     ProcessGroup,
     domain_ports,
+    live_environment,
     others_share_memory,
     remove_shared_ports,
     remove_stale_shared_memory,
@@ -194,6 +196,25 @@ def test_the_profile_needs_room_in_shared_memory(
     monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
     env = session_environment(42, tmp_path / "profile.xml")
     assert ("FASTRTPS_DEFAULT_PROFILES_FILE" in env) == used
+
+
+def test_shared_memory_that_is_read_only_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    # A file system that is mounted read-only says no to everybody, root included.
+    monkeypatch.setattr(processes, "_SHM", tmp_path)
+    monkeypatch.setattr("os.access", lambda path, mode: not (path == tmp_path and mode & os.W_OK))
+    with pytest.raises(HostError, match=r"must be writable.*--in-process"):
+        session_environment(42)
+    with pytest.raises(HostError, match="must be writable"):
+        live_environment(tmp_path / "profile.xml")
+
+
+def test_without_shared_memory_nodes_talk_over_udp(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(processes, "_SHM", tmp_path / "none")
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in session_environment(42)
 
 
 # -- shared memory --------------------------------------------------------------------------------

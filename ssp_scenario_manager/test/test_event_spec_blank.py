@@ -12,7 +12,9 @@ import yaml
 
 from ssp_core.cli import main
 from ssp_scenario_manager.event_spec.checks.check import check_event
+from ssp_scenario_manager.event_spec.extract.blank import changed_by_hand
 from ssp_scenario_manager.event_spec.load import event_text, load_event, read_event_file
+from ssp_scenario_manager.event_spec.log import log_path, read_log
 from ssp_scenario_manager.event_spec.review.session import to_decide
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
@@ -94,6 +96,38 @@ def test_a_new_event_lacks_only_decisions_and_with_them_is_a_k_star(
     assert accept_everything(path, monkeypatch) == 0
     assert check_event(read_event_file(str(path))[0]) == []
     assert load_event(str(path))[0].interaction.type == kind
+
+
+def test_what_was_changed_in_an_editor_names_its_author_and_no_default(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mine.event.yaml"
+    assert main(["spec", "new", "cut_in", "--name", "mine", "--out", str(path)]) == 0
+    fill_in(path)
+    value = yaml.safe_load(path.read_text())
+    value["constraints"]["time_gap"]["max"] += 0.5
+    path.write_text(yaml.safe_dump(value))
+    capsys.readouterr()
+    assert accept_everything(path, monkeypatch) == 0
+    told = capsys.readouterr().out
+    assert "constraints.time_gap: 0.2..6.5 s (the template has 0.2..6 s)" in told
+    event, _ = load_event(str(path))
+    entry = event.uncertainty["constraints.time_gap"]
+    assert (entry.provenance, entry.source) == ("person", "A. Author, in an editor")
+    assert (entry.review, entry.seal is None) == ("accepted", False)
+    assert event.uncertainty["topology.segment"].source == "A. Author, in an editor"
+    kept = event.uncertainty["interaction.type"]
+    assert kept.source == "default of `ssp spec new`, as in the shipped cut_in"
+    (record,) = [r for r in read_log(log_path(path)) if r.field == "constraints.time_gap"][:1]
+    assert (record.kind, record.reason) == ("edit", "changed in an editor since `ssp spec new`")
+    assert record.old["max"] + 0.5 == record.new["max"]
+    assert changed_by_hand(event) == []
+    # What is changed after its review isn't the default either.
+    value = yaml.safe_load(path.read_text())
+    value["constraints"]["safety"]["duration"]["max"] = 50.0
+    path.write_text(yaml.safe_dump(value))
+    (changed,) = changed_by_hand(load_event(str(path))[0])
+    assert changed.field.startswith("constraints.safety")
 
 
 def test_open_decisions_are_a_short_list_and_what_one_action_mends_is_said_once(

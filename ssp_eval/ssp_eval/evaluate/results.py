@@ -37,6 +37,8 @@ from ssp_eval.score.thresholds import DEFAULT, Thresholds, thresholds_of
 from ssp_vla_bridge.backend import is_blind
 
 Count = Annotated[int, Field(ge=0)]
+# Of a cell that can't be read.
+UNKNOWN = "unknown"
 
 
 class _Part(BaseModel):
@@ -386,17 +388,18 @@ def read_cells(files: Sequence[Path], audits: KeptAudits) -> Iterator[CellData]:
 
 def _read_cell(file: Path, audits: KeptAudits) -> CellData:
     """One cell without its score; refused where it isn't as `ssp evaluate` left it."""
-    value = read_mapping(file)
-    facts = parse_model(CellFacts, value, file)
     folder = file.parent
+    try:
+        value = read_mapping(file)
+        facts = parse_model(CellFacts, value, file)
+    except InputError as error:
+        return _refused(folder, _unreadable(folder), f"{CELL_FILE} can't be read: {error}")
     name = "__".join((facts.scenario, facts.domain, facts.model))
     changed = changed_since(folder, value) or audits.against(facts)
     if name != folder.name:
         changed = f"it is the cell {name}, and lies in another one's folder"
     if changed:
-        facts = facts.model_copy(update={"status": "refused", "reasons": [changed]})
-        unknown = Labels(facts.scenario, facts.domain, facts.event_version, None, False, ())
-        return CellData(folder, facts, unknown, (), (), None, (), changed=changed)
+        return _refused(folder, facts, changed)
     labels = load_labels(folder / LABELS_FILE)
     if facts.status != "ok":
         return CellData(folder, facts, labels, (), (), None, ())
@@ -404,6 +407,33 @@ def _read_cell(file: Path, audits: KeptAudits) -> CellData:
     thresholds = DEFAULT if facts.thresholds is None else thresholds_of(facts.thresholds, file)
     asked = request_lines(folder / REQUESTS_FILE)
     return CellData(folder, facts, labels, records, asked, None, (), thresholds)
+
+
+def _refused(folder: Path, facts: CellFacts, why: str) -> CellData:
+    """A cell of which nothing is believed but its name."""
+    facts = facts.model_copy(update={"status": "refused", "reasons": [why]})
+    unknown = Labels(facts.scenario, facts.domain, facts.event_version, None, False, ())
+    return CellData(folder, facts, unknown, (), (), None, (), changed=why)
+
+
+def _unreadable(folder: Path) -> CellFacts:
+    """What the name of a cell's folder says, where its cell.json says nothing."""
+    scenario, domain, model = (*folder.name.split("__", 2), UNKNOWN, UNKNOWN)[:3]
+    return CellFacts(
+        schema="ssp.cell/1", scenario=scenario, domain=domain, model=model, model_ids=[],
+        status="refused", reasons=[], stand_in=False, event_version=UNKNOWN,
+        clip=ClipFacts(
+            origin=UNKNOWN, verdict=None, ego=UNKNOWN, camera=UNKNOWN, geometry=None,
+            mount_forward_m=None,
+        ),
+        labels_source=UNKNOWN, labels_proposed=False,
+        answers=AnswerFacts(
+            sent=0, reused=0, missing=[], ignored=IgnoredFacts(late=0, duplicate=0, unknown=0)
+        ),
+        backend_options={}, decoding=[],
+        preprocessing=PreprocessingFacts(frames=0, frame_spacing_s=0.0),
+        adapter=UNKNOWN, hashes={},
+    )  # fmt: skip
 
 
 def _scored(cell: CellData, score: CellScore) -> CellData:

@@ -18,7 +18,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder
+from ssp_core.files import new_files
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.event import find_event, instants_of
@@ -247,12 +247,14 @@ def clip_command(event: str, seed: int, lanes: LaneCounts | None, out: Path, for
     failures = check_event(bound_event(k_star, board, drawn, f"sha256:{'0' * 64}"))
     if failures:
         raise EventRefused(path, failures)
-    make_folder(out)
-    with console.progress(f"drawing {video.name}", len(board.times())) as bar:
+    with (
+        new_files(out) as scratch,
+        console.progress(f"drawing {video.name}", len(board.times())) as bar,
+    ):
         task = bar.task_ids[0]
-        clip.write_clip(board, video, lambda: bar.advance(task))
-    bound = bound_event(k_star, board, drawn, sha256_file(video))
-    write_event(bound_path, bound)
+        clip.write_clip(board, scratch / video.name, lambda: bar.advance(task))
+        bound = bound_event(k_star, board, drawn, sha256_file(scratch / video.name))
+        write_event(scratch / bound_path.name, bound)
     append_records(log_path(bound_path), [_record(bound, board, version)])
     click.echo(console.visible(f"{video}\n{clip.truth_path(video)}\n{bound_path}"))
     click.echo(f"K* {event_version(bound)}")

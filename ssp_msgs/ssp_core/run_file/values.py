@@ -57,7 +57,7 @@ def _numbers_as_such(schema: Any) -> Any:
     if found.get("type") == "float":
         found.setdefault("strict", True)
     if found.get("type") == "int" and not found.get("strict"):
-        return core_schema.no_info_before_validator_function(_whole, found)  # type: ignore[arg-type]
+        return core_schema.no_info_before_validator_function(_whole, found)
     return found
 
 

@@ -279,6 +279,7 @@ def review_command(
     )
     stored = file.with_name(f"{_stem(file)}.extraction") / "frames"
     session = Session(reviewed, Stdio(), evidence, stored if stored.is_dir() else None)
+    session.name_authors()
     if accept_all and reason:
         count = session.accept_all(reason.strip())
         console.out.print(f"accepted {count} fields that aren't safety-critical", markup=False)

@@ -25,7 +25,7 @@ from ssp_core.environment import (
 )
 from ssp_core.errors import HostError
 from ssp_core.leap_seconds import TABLE_GOOD_UNTIL, leap_seconds, leap_seconds_may_be_old
-from ssp_core.processes import DOMAINS, free_domain
+from ssp_core.processes import DOMAINS, check_shared_memory, free_domain
 
 _GB = 1 << 30
 
@@ -128,6 +128,10 @@ def shared_memory() -> Finding:
     shm = Path("/dev/shm")
     if not shm.is_dir():
         return warn("shared memory", "there is no /dev/shm", "frames go over UDP, slower")
+    try:
+        check_shared_memory()
+    except HostError as error:
+        return fail("shared memory", "/dev/shm can't be written to", str(error))
     free_gb = shutil.disk_usage(shm).free / _GB
     segments = len(list(shm.glob("fastrtps_*_el")))
     text = f"{free_gb:.1f} GB free in /dev/shm, {segments} DDS segments"

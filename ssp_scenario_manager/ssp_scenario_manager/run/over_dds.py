@@ -18,6 +18,7 @@ from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_json, write_text
 from ssp_core.processes import (
     ProcessGroup,
+    check_shared_memory,
     free_domain,
     live_environment,
     session_environment,
@@ -105,8 +106,10 @@ def run_session(
     Raises:
         InputError: a fault of the run strikes nothing that this session has, or a body is of no
             object.
+        HostError: nodes can't talk here.
     """
     started = time.monotonic()
+    check_shared_memory()  # before anything is written
     if page_port is not None:
         given_token(os.environ)  # a wrong one is said before anything is started
     run_file, bag = folder / "run.yaml", folder / "bag"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import PHASES
-from ssp_scenario_manager.event_spec.fields import granules
-from ssp_scenario_manager.event_spec.load import body, load_event
+from ssp_scenario_manager.event_spec.fields import get, granules, has
+from ssp_scenario_manager.event_spec.load import body, load_event, seals
 from ssp_scenario_manager.event_spec.model import (
     IDENTITY_BY_DEFAULT,
     UNRESOLVED,
@@ -19,6 +19,8 @@ from ssp_scenario_manager.event_spec.model import (
 from ssp_scenario_manager.maps.site import LIBRARY
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
+# Followed by the name of the shipped event.
+_DEFAULT = "default of `ssp spec new`, as in the shipped "
 _ROAD = {
     "road_type": "urban, rural, motorway or proving_ground",
     "segment": "straight, curve or junction",
@@ -80,12 +82,52 @@ def blank_event(kind: str, name: str) -> Blank:
         if field in _ROAD:
             marks[f"topology.{field}"] = f"decide: {_ROAD[field]}"
     _open_events(value["events"], marks)
-    source = f"default of `ssp spec new`, as in the shipped {example.name}"
+    source = f"{_DEFAULT}{example.name}"
     value["uncertainty"] = {}
     event = Event.model_validate(value)
     doubt = Doubt(confidence=0.5, provenance="standard", source=source, review="unreviewed")
     entries = dict.fromkeys(granules(body(event)), doubt)
     return Blank(event.model_copy(update={"uncertainty": entries}), marks)
+
+
+@dataclass(frozen=True)
+class ByHand:
+    """A field of a K* that isn't as `ssp spec new` wrote it, though its source says so."""
+
+    field: str
+    old: Any
+    new: Any
+
+
+def changed_by_hand(event: Event) -> list[ByHand]:
+    """Fields that were changed in the file and still name the template as their source.
+
+    What a person reviewed as it is now is left out.
+    """
+    value = body(event)
+    sealed, templates = seals(event, value), dict[str, dict[str, Any]]()
+    found = []
+    for path, entry in event.uncertainty.items():
+        name = entry.source.removeprefix(_DEFAULT)
+        known = entry.review != "unreviewed" and entry.seal == sealed.get(path)
+        if name == entry.source or known or not has(value, path):
+            continue
+        if name not in templates:
+            kind = load_event(name)[0].interaction.type
+            templates[name] = body(blank_event(kind, event.name).event)
+        old = get(templates[name], path) if has(templates[name], path) else None
+        if get(value, path) != old:
+            found.append(ByHand(path, old, get(value, path)))
+    return found
+
+
+def with_author(event: Event, fields: Iterable[ByHand], who: str) -> Event:
+    """The event with a person as the source of these fields, which nobody has reviewed."""
+    doubt = Doubt(
+        confidence=1.0, provenance="person", source=f"{who}, in an editor", review="unreviewed"
+    )
+    entries = dict.fromkeys((field.field for field in fields), doubt)
+    return event.model_copy(update={"uncertainty": {**event.uncertainty, **entries}})
 
 
 def _open_events(events: dict[str, Any], marks: dict[str, str]) -> None:

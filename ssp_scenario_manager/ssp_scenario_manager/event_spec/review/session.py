@@ -23,6 +23,7 @@ from ssp_scenario_manager.event_spec.checks.check import (
     undecided,
 )
 from ssp_scenario_manager.event_spec.checks.form import vocabulary
+from ssp_scenario_manager.event_spec.extract.blank import changed_by_hand, with_author
 from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
 from ssp_scenario_manager.event_spec.fields import get, units_of, within
 from ssp_scenario_manager.event_spec.load import body, event_text, event_version, load_event
@@ -312,6 +313,24 @@ class Session:
             if end is not None:
                 return end
         return End.THROUGH
+
+    def name_authors(self) -> None:
+        """Makes the person at the terminal the source of what was changed in an editor.
+
+        A field of a new K* that isn't as its template would else keep the template as its source.
+        """
+        changed = changed_by_hand(self.reviewed.event)
+        if not changed:
+            return
+        why = "changed in an editor since `ssp spec new`"
+        records = [self.reviewed.record("edit", why, c.field, c.old, c.new) for c in changed]
+        after = with_author(self.reviewed.event, changed, self.reviewed.who)
+        self.reviewed.decide(after, records)
+        say = self.terminal.say
+        say(f"{len(changed)} fields were {why}; their source is {self.reviewed.who} now:")
+        for item in changed:
+            say(f"  {item.field}: {shown(item.new)} (the template has {shown(item.old)})")
+        say("  (if somebody else wrote one, name them as its source in the file)")
 
     def accept_all(self, reason: str) -> int:
         """Accepts every field that isn't safety-critical and waits for nothing but a look."""
