@@ -225,8 +225,13 @@ def _to_segment_m(point: Point, a: Point, b: Point) -> float:
     return math.hypot(px - t * dx, py - t * dy)
 
 
-# Up to so many pieces, a path is gone through one by one.
+# Up to so many pieces, a path is gone through one by one; a long one is searched by stretches.
 _FEW_PIECES = 12
+_MANY_PIECES = 1024
+_STRETCH = 64
+# So many points are held against a path at once, and up to a few each by itself.
+_TOGETHER = 64
+_FEW_POINTS = 8
 
 
 class _Piece(NamedTuple):
@@ -324,16 +329,72 @@ class Polyline:
         if len(self._pieces) <= _FEW_PIECES:
             return [self._project_one(x, y) for x, y in points]
         xy = np.array(points, dtype=np.float64)
-        a, d = self.points[:-1], self._steps
+        found: list[tuple[float, float]] = []
+        for first in range(0, len(xy), _TOGETHER):
+            together = xy[first : first + _TOGETHER]
+            found += self._project_on(together, self._near(together))
+        return found
+
+    @cached_property
+    def _stretches(self) -> list[FloatArray]:
+        """Stretches of 64 pieces, stretches of 64 of these, and so on up to at most 64 of them.
+
+        Returns:
+            Of each such level, shape (6, m): least x, most x, least y, most y, and the first point.
+        """
+        low = np.minimum(self.points[:-1], self.points[1:]).T
+        high = np.maximum(self.points[:-1], self.points[1:]).T
+        level = np.stack([low[0], high[0], low[1], high[1], *self.points[:-1].T])
+        levels = []
+        while level.shape[1] > _STRETCH:
+            at = np.arange(0, level.shape[1], _STRETCH)
+            least, most = np.minimum.reduceat(level, at, 1), np.maximum.reduceat(level, at, 1)
+            level = np.stack([least[0], most[1], least[2], most[3], *level[4:, at]])
+            levels.append(level)
+        return levels
+
+    def _near(self, xy: FloatArray) -> slice | NDArray[np.intp]:
+        """Pieces of which none that is left out is the nearest to any of these points.
+
+        A stretch is left out where its box is farther from a point than some point of the path;
+        many points are looked at by the box that holds them all.
+        """
+        n = len(self._yaw)
+        if n <= _MANY_PIECES or not np.isfinite(xy).all():
+            return slice(None)
+        least = most = xy[:, :, None]
+        if len(xy) > _FEW_POINTS:
+            least, most = xy.min(axis=0)[None, :, None], xy.max(axis=0)[None, :, None]
+        levels = self._stretches
+        kept: NDArray[np.intp] = np.arange(levels[-1].shape[1])
+        for number in reversed(range(len(levels))):
+            low_x, high_x, low_y, high_y, x, y = levels[number][:, kept]
+            out_x = np.maximum(np.maximum(low_x - most[:, 0], least[:, 0] - high_x), 0.0)
+            out_y = np.maximum(np.maximum(low_y - most[:, 1], least[:, 1] - high_y), 0.0)
+            to_x = np.maximum(np.abs(x - least[:, 0]), np.abs(x - most[:, 0]))
+            to_y = np.maximum(np.abs(y - least[:, 1]), np.abs(y - most[:, 1]))
+            # The margin is far above what rounding can do to either side.
+            reach_m2 = (to_x * to_x + to_y * to_y).min(axis=1, keepdims=True) * (1.0 + 1e-6) + 1e-6
+            holds = (out_x * out_x + out_y * out_y <= reach_m2).any(axis=0)
+            inner = (kept[holds, None] * _STRETCH + np.arange(_STRETCH)).ravel()
+            kept = inner[inner < (levels[number - 1].shape[1] if number else n)]
+        return kept
+
+    def _project_on(
+        self, xy: FloatArray, pieces: slice | NDArray[np.intp]
+    ) -> list[tuple[float, float]]:
+        """Arc length and offset of the nearest points of some pieces, given in their order."""
+        a, d = self.points[:-1][pieces], self._steps[pieces]
         rx, ry = xy[:, :1] - a[:, 0], xy[:, 1:] - a[:, 1]
-        t = np.clip((rx * d[:, 0] + ry * d[:, 1]) / self._squares, 0.0, 1.0)
+        t = np.clip((rx * d[:, 0] + ry * d[:, 1]) / self._squares[pieces], 0.0, 1.0)
         px, py = a[:, 0] + t * d[:, 0], a[:, 1] + t * d[:, 1]
         off_x, off_y = xy[:, :1] - px, xy[:, 1:] - py
         distances = np.sqrt(off_x * off_x + off_y * off_y)
+        stations, lengths = self.stations_m[:-1][pieces], self._lengths[pieces]
         found = []
         for k, i in enumerate(np.argmin(distances, axis=1).tolist()):
             dx, dy = float(d[i, 0]), float(d[i, 1])
-            station = float(self.stations_m[i]) + float(t[k, i]) * self._pieces[i].length_m
+            station = float(stations[i]) + float(t[k, i]) * float(lengths[i])
             side = dx * float(ry[k, i]) - dy * float(rx[k, i])
             distance = float(distances[k, i])
             found.append((station, math.copysign(distance, side) if side else distance))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -238,6 +239,46 @@ def test_a_path_gone_through_piece_by_piece_gives_the_same_as_at_once(
         patch.setattr(geometry, "_FEW_PIECES", 0)
         at_once = path.project_all(points)
     assert path.project_all(points) == at_once
+
+
+@pytest.mark.parametrize("way", ["straight", "circles", "loops back", "far from the origin"])
+@pytest.mark.parametrize("spread_m", [0.0, 1.0, 40.0, 900.0])
+def test_a_long_path_searched_by_stretches_gives_the_same_as_piece_by_piece(
+    way: str, spread_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the last bit, where several pieces are equally near too."""
+    random = np.random.default_rng(1)
+    n = np.arange(2000)
+    points = {
+        "straight": np.column_stack([n * 0.5, 0.0 * n]),
+        "circles": 30.0 * np.column_stack([np.cos(n / 60.0), np.sin(n / 60.0)]),
+        "loops back": np.column_stack([n % 40, n // 40 % 9 + 0.0]),
+        "far from the origin": np.column_stack([6e6 + 0.5 * n, 5e5 + 20.0 * np.sin(n / 20.0)]),
+    }[way]
+    monkeypatch.setattr(geometry, "_MANY_PIECES", 100)
+    monkeypatch.setattr(geometry, "_STRETCH", 8)
+    path = Polyline(points)
+    places = points[np.sort(random.integers(0, len(points), 20))]
+    places = places + random.normal(0.0, spread_m, places.shape)
+    for some in (places, places[:5], places[[0, 19, 3]]):
+        asked = [(float(x), float(y)) for x, y in some]
+        assert path.project_all(asked) == [path._project_one(x, y) for x, y in asked]
+    odd = [(math.nan, 1.0), *asked]
+    with np.errstate(invalid="ignore"):
+        found = path.project_all(odd)
+    assert math.isnan(found[0][0])
+    assert found[1:] == path.project_all(asked)
+
+
+def test_a_long_drive_is_projected_in_little_memory() -> None:
+    n = np.arange(40_000)
+    path = Polyline(np.column_stack([n * 0.5, 20.0 * np.sin(n / 50.0)]))
+    drive = [(2.0 * i, 1.0) for i in range(2000)]
+    tracemalloc.start()
+    path.project_all(drive)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 30e6  # all at once took 640 MB an array
 
 
 def test_a_place_that_is_no_number_is_nowhere_on_a_path() -> None:
