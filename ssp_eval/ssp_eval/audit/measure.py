@@ -25,13 +25,13 @@ from ssp_core.motion.event import (
     passing_of,
 )
 from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state_series import Series
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import MOTIONS
 from ssp_eval.audit.paths import Lanes, Spot
 from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_eval.recordings.event import LOCATED_S, EventRules
 from ssp_eval.recordings.geometry import motion_word
-from ssp_eval.recordings.states import Series
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +11,8 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns, stamp_ns
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
+from ssp_core.motion.event import TOLERANCE_S
+from ssp_core.motion.state_series import Packed, Series, between, times_of
 from ssp_core.names import CAMERA_IMAGE, PHASE_EVENT, SAFETY_EVENT, absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
@@ -34,7 +36,6 @@ from ssp_eval.recordings.event import Crop
 from ssp_eval.recordings.sight import Moment, Optics
 from ssp_eval.recordings.states import (
     STATE_AGE_S,
-    Series,
     Sighting,
     attached,
     clip_zero_ns,
@@ -246,7 +247,7 @@ class Recording:
     frames_s: tuple[float, ...]
     series: Series
     source: str
-    sightings: tuple[Sighting, ...]
+    sightings: Sequence[Sighting]
     tracking_m: Mapping[str, tuple[float, float]]
     phase_events: Mapping[str, float]
     safety: tuple[SafetyRecord, ...]
@@ -277,13 +278,13 @@ class Recording:
         return replace(
             self,
             frames_s=tuple(t_s for t_s in self.frames_s if crop.holds(t_s)),
-            series=[(t_s, states) for t_s, states in self.series if crop.holds(t_s)],
-            sightings=tuple(s for s in self.sightings if crop.holds(s.t_s)),
+            series=between(self.series, crop.start_s - TOLERANCE_S, crop.end_s + TOLERANCE_S),
+            sightings=Packed(Sighting, (s for s in self.sightings if crop.holds(s.t_s))),
         )
 
     def moments(self) -> list[Moment]:
         """The states at each frame, extrapolated from the newest ones."""
-        times = [t_s for t_s, _ in self.series]
+        times = times_of(self.series)
         found = []
         for t_s in self.frames_s:
             i = bisect_right(times, t_s + 1e-9) - 1
@@ -325,7 +326,7 @@ def read_recording(path: str | Path) -> Recording:
     frames = [ns_to_seconds(ns - start_ns) for ns in frames_ns] if start_ns is not None else []
     first_s = last_s = None
     if start_ns is not None:
-        ends = frames or [t_s for t_s, _ in states.series]
+        ends = frames or times_of(states.series)
         first_s = max(0.0, ends[0]) if ends else None
         last_s = ends[-1] if ends else None
     inside = [
@@ -345,11 +346,7 @@ def read_recording(path: str | Path) -> Recording:
         start_s=first_s,
         end_s=last_s,
         frames_s=tuple(inside),
-        series=[
-            (t, s)
-            for t, s in states.series
-            if first_s is not None and last_s is not None and first_s <= t <= last_s
-        ],
+        series=() if first_s is None or last_s is None else between(states.series, first_s, last_s),
         source=states.source,
         sightings=states.sightings,
         tracking_m=states.tracking_m,

@@ -154,7 +154,8 @@ def boxes_of_truth(path: Path) -> Iterator[BoxedFrame]:
         )  # fmt: skip
     fields = {key: value for key, value in stated.items() if key in Camera.model_fields}
     camera = parse_model(Camera, fields, path)
-    yield from _series(truth.series, truth.vut_id, lambda vut: view_from(vut.pose, camera))
+    series = ((t_s, list(now.values())) for t_s, now in truth.states)
+    yield from _series(series, truth.vut_id, lambda vut: view_from(vut.pose, camera))
 
 
 _PATH = click.Path(path_type=Path)

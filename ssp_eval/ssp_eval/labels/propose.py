@@ -13,7 +13,7 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
 from ssp_core.motion.event import TOLERANCE_S, Corridor, RecordedEvent, find_event, instants_of
-from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state_series import Series, States, times_of
 from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.data.labels import BY_CLOCK, BY_PHASE, Label, Labels, PhasePosition
 from ssp_eval.labels.plan import USUAL_LABELS, NoPlan, Plan, Timeline, plan_labels
@@ -46,7 +46,7 @@ class ClipScene:
     corridor: Corridor
     standing: frozenset[str]
 
-    def hides(self, now: dict[str, ObjectState], by: str | None = None) -> bool:
+    def hides(self, now: States, by: str | None = None) -> bool:
         """True when other objects, or that one alone, hide the critical OT."""
         critical = now.get(self.event.object_id)
         if critical is None:
@@ -59,7 +59,7 @@ class ClipScene:
         ]
         return is_hidden(now[vut_id], critical, others)
 
-    def sees(self, now: dict[str, ObjectState], object_id: str) -> bool:
+    def sees(self, now: States, object_id: str) -> bool:
         """True when an object is in the camera's field and range and not hidden."""
         vut_id = self.truth.vut_id
         if object_id not in now or vut_id not in now:
@@ -70,7 +70,7 @@ class ClipScene:
         others = [s for key, s in now.items() if key not in (vut_id, object_id)]
         return not is_hidden(now[vut_id], now[object_id], others)
 
-    def risk_s(self, series: Sequence[tuple[float, dict[str, ObjectState]]]) -> float:
+    def risk_s(self, series: Series) -> float:
         """The trigger, or the first instant after it at which nothing hides the critical OT."""
         for t_s, now in series:
             after = t_s >= self.event.trigger_s - TOLERANCE_S
@@ -80,7 +80,7 @@ class ClipScene:
 
 
 def own_motion(
-    series: Sequence[tuple[float, dict[str, ObjectState]]],
+    series: Series,
     ticks_s: Sequence[float],
     vut_id: str,
     t_s: float,
@@ -140,7 +140,7 @@ class Located:
     """A recording whose event was found: what every label of it is read from."""
 
     truth: Truth
-    series: Sequence[tuple[float, dict[str, ObjectState]]]
+    series: Series
     corridor: Corridor
     event: RecordedEvent
     crop: Crop
@@ -182,7 +182,7 @@ class Located:
             onset_s: risk_time_s of the plan; None: from when on the risk can be seen.
         """
         truth, series, event = self.truth, self.series, self.event
-        ticks_s = [t_s for t_s, _ in series]
+        ticks_s = times_of(series)
         scene = ClipScene(truth, event, self.corridor, _standing(truth, series, event))
         visible_s = scene.risk_s(series)
         labels = []
@@ -209,7 +209,7 @@ def locate(truth: Truth) -> Located:
     Raises:
         InputError: it has no VUT, event or conflict.
     """
-    series = [(t_s, {state.object_id: state for state in states}) for t_s, states in truth.series]
+    series = truth.states
     vut = [states[truth.vut_id] for _, states in series if truth.vut_id in states]
     if not vut:
         raise InputError("has no states of the VUT", file=truth.source, value=truth.vut_id)
@@ -253,7 +253,7 @@ def propose_by_plan(truths: Sequence[Truth]) -> tuple[list[Proposal], str]:
 
 def _critical_event(
     truth: Truth,
-    series: Sequence[tuple[float, dict[str, ObjectState]]],
+    series: Series,
     corridor: Corridor,
 ) -> RecordedEvent:
     """Of all OTs' events the one whose conflict starts first."""
@@ -318,7 +318,7 @@ def grid_times(
 
 def _standing(
     truth: Truth,
-    series: Sequence[tuple[float, dict[str, ObjectState]]],
+    series: Series,
     event: RecordedEvent,
 ) -> frozenset[str]:
     """The OTs without an event that stand over the whole clip."""
@@ -334,7 +334,7 @@ def _standing(
 def _label(
     t_s: float,
     at: PhasePosition | None,
-    now: dict[str, ObjectState],
+    now: States,
     scene: ClipScene,
     visible_s: float,
     own: tuple[str, str],

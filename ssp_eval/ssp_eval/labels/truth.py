@@ -18,6 +18,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_text
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.state import ObjectState, Size
+from ssp_core.motion.state_series import StateSeries, between
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.values import Strict
@@ -53,11 +54,17 @@ class Truth:
     end_s: float
     vut_id: str
     target_ids: tuple[str, ...]
-    series: Sequence[tuple[float, Sequence[ObjectState]]]
+    series: StateSeries | Sequence[tuple[float, Sequence[ObjectState]]]
     source: str
     hfov_rad: float | None = None
     rules: EventRules = NO_RULES
     frames_s: Sequence[float] = ()
+
+    @property
+    def states(self) -> StateSeries:
+        """The series, with the states by id."""
+        series = self.series
+        return series if isinstance(series, StateSeries) else StateSeries(series)
 
 
 @dataclass(frozen=True)
@@ -345,7 +352,7 @@ def truth_of(
     }
     if truth_file is not None:
         found = truth_from_file(truth_file, event_version=version)
-        shifted = [(t_s - source.zero_s, states) for t_s, states in found.series]
+        shifted = [(t_s - source.zero_s, list(now.values())) for t_s, now in found.states]
         series = [(t_s, states) for t_s, states in shifted if start_s <= t_s <= end_s]
         if not series:
             raise InputError(
@@ -357,12 +364,8 @@ def truth_of(
         rules = _rules(k_star, facts.run, about["scenario"], version)
         return replace(found, series=series, rules=rules, **about)
     who = facts.participants
-    series = [
-        (t_s, list(now.values()))
-        for t_s, now in source.states.series
-        if start_s <= t_s <= end_s
-    ]  # fmt: skip
-    if who is None or not series:
+    states = between(source.states.series, start_s, end_s)
+    if who is None or not isinstance(states, StateSeries) or not states:
         raise InputError(
             "holds no states",
             file=path,
@@ -377,7 +380,7 @@ def truth_of(
         scenario=scenario,
         vut_id=who.vut,
         target_ids=tuple(who.targets),
-        series=series,
+        series=states,
         source=str(path),
         hfov_rad=_hfov_rad(facts),
         rules=_rules(k_star, facts.run, facts.scenario, version),

@@ -8,6 +8,7 @@ else measures.
 from __future__ import annotations
 
 import math
+from array import array
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.files import Model, parse_mapping, parse_model
 from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state_series import Packed, Series, StateSeries
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.vocabulary import ControlState
 from ssp_eval.data.provenance import Provenance
@@ -26,9 +28,6 @@ WORLD = "the world"
 # Another participant's state this old isn't carried on to the VUT's stamp.
 STATE_AGE_S = 0.3
 _TICK = absolute(WORLD_TICK)
-
-States = Mapping[str, ObjectState]
-Series = Sequence[tuple[float, States]]
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ class RecordedStates:
 
     series: Series
     source: str
-    sightings: tuple[Sighting, ...] = ()
+    sightings: Sequence[Sighting] = ()
     tracking_m: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -127,34 +126,27 @@ def read_states(bag: BagReader, provenance: Provenance, zero_ns: int | None) -> 
     if who is None or zero_ns is None:
         return NO_STATES
     is_session = provenance.run is not None
+    sightings = Packed(Sighting)
+    series: Series = _world_states(bag, zero_ns, sightings)
+    source = f"ground truth ({WORLD_TICK})"
     reported = {
         name: _reported(states, zero_ns, is_session)
         for name, states in object_states(bag, who.ids).items()
     }
-    sightings = [
-        _sighting(t_s, name, state, state.sequence)
-        for name, states in reported.items()
-        for t_s, state in states
-    ]
     tracking_m: dict[str, tuple[float, float]] = {}
-    for name, states in reported.items():
-        errors = [
-            (abs(state.error_longitudinal_m), abs(state.error_lateral_m))
-            for _, state in states
-            if state.reference_id
-        ]
-        if errors:
-            tracking_m[name] = max(e[0] for e in errors), max(e[1] for e in errors)
-    series, seen = _world_states(bag, zero_ns)
-    source = f"ground truth ({WORLD_TICK})"
+    for name, (times_s, states) in reported.items():
+        for t_s, state in zip(times_s, states, strict=True):
+            sightings.append(_sighting(t_s, name, state, state.sequence))
+            if state.reference_id:
+                before = tracking_m.get(name, (0.0, 0.0))
+                errors = abs(state.error_longitudinal_m), abs(state.error_lateral_m)
+                tracking_m[name] = max(before[0], errors[0]), max(before[1], errors[1])
     if not series:
         series = _joined(reported, who.vut)
         source = "states that VUT and object targets reported"
         if provenance.imported is not None and provenance.imported.states is not None:
             source = f"states of {provenance.imported.states.name}"
-    return RecordedStates(
-        series, source if series else NO_STATES.source, (*seen, *sightings), tracking_m
-    )
+    return RecordedStates(series, source if series else NO_STATES.source, sightings, tracking_m)
 
 
 def attached(bag: BagReader, name: str, model: type[Model]) -> Model | None:
@@ -176,39 +168,41 @@ def _is_usable(state: ObjectState) -> bool:
     return state.is_finite and math.isfinite(size.length_m + size.width_m + size.height_m)
 
 
-def _world_states(
-    bag: BagReader, zero_ns: int
-) -> tuple[list[tuple[float, States]], list[Sighting]]:
-    series: list[tuple[float, States]] = []
-    sightings: list[Sighting] = []
+def _world_states(bag: BagReader, zero_ns: int, sightings: Packed[Sighting]) -> StateSeries:
+    """The world's states; each is added to the sightings."""
+    series = StateSeries()
     for message in bag.messages([_TICK]):
         tick = bag.decode(message)
         t_s = ns_to_seconds(stamp_ns(tick.header.stamp) - zero_ns)
         if tick.running and t_s >= 0.0:
             objects = [state for o in tick.objects if _is_usable(state := object_state(o))]
-            series.append((t_s, {o.object_id: o for o in objects}))
-            sightings += [_sighting(t_s, WORLD, o, 0) for o in objects]
-    return series, sightings
+            series.append(t_s, objects)
+            for state in objects:
+                sightings.append(_sighting(t_s, WORLD, state, 0))
+    return series
 
 
-def _reported(
-    states: Sequence[ObjectState], zero_ns: int, is_session: bool
-) -> list[tuple[float, ObjectState]]:
+# Clip times and states of an object, in the order in which they came.
+_Reported = tuple[Sequence[float], Packed[ObjectState]]
+
+
+def _reported(states: Packed[ObjectState], zero_ns: int, is_session: bool) -> _Reported:
     """An object's own states with their clip times, as they came.
 
     An object that names its control states is followed until it is switched off; one that never
     does, as a vehicle without such states, says OFF all the time and means nothing by it.
     """
     names_states = any(state.control_state is not ControlState.OFF for state in states)
-    found = []
+    times_s, found = array("d"), Packed(ObjectState)
     for state in states:
         t_s = ns_to_seconds(state.stamp_ns - zero_ns)
         # Before a session's start its states repeat.
         begun = t_s > 0.0 if is_session else t_s >= 0.0
         is_off = names_states and state.control_state is ControlState.OFF
         if begun and not is_off and _is_usable(state):
-            found.append((t_s, state))
-    return found
+            times_s.append(t_s)
+            found.append(state)
+    return times_s, found
 
 
 def _sighting(t_s: float, source: str, state: ObjectState, sequence: int) -> Sighting:
@@ -218,22 +212,28 @@ def _sighting(t_s: float, source: str, state: ObjectState, sequence: int) -> Sig
     )  # fmt: skip
 
 
-def _joined(
-    reported: Mapping[str, Sequence[tuple[float, ObjectState]]], vut_id: str
-) -> list[tuple[float, States]]:
+def _joined(reported: Mapping[str, _Reported], vut_id: str) -> StateSeries:
     """States of all objects at the stamps of the VUT's, the others extrapolated to them."""
-    ordered = {
-        name: sorted(((t, s) for t, s in states if s.object_id == name), key=lambda x: x[0])
-        for name, states in reported.items()
+    series = StateSeries()
+    if vut_id not in reported:
+        return series
+    order = {
+        name: sorted(
+            (i for i, state in enumerate(states) if state.object_id == name),
+            key=times_s.__getitem__,
+        )
+        for name, (times_s, states) in reported.items()
     }
-    times = {name: [t for t, _ in states] for name, states in ordered.items()}
-    series: list[tuple[float, States]] = []
-    for t_s, vut in ordered.get(vut_id, []):
-        now: dict[str, ObjectState] = {vut_id: vut}
-        for name, states in ordered.items():
+    times = {name: array("d", (reported[name][0][i] for i in order[name])) for name in order}
+    last_s = -math.inf
+    for k, t_s in enumerate(times[vut_id]):
+        if t_s <= last_s:
+            continue
+        last_s, vut = t_s, reported[vut_id][1][order[vut_id][k]]
+        now = [vut]
+        for name, (_, states) in reported.items():
             i = bisect_right(times[name], t_s) - 1
             if name != vut_id and i >= 0 and t_s - times[name][i] <= STATE_AGE_S:
-                now[name] = states[i][1].extrapolated(vut.stamp_ns)
-        if not series or t_s > series[-1][0]:
-            series.append((t_s, now))
+                now.append(states[order[name][i]].extrapolated(vut.stamp_ns))
+        series.append(t_s, now)
     return series

@@ -10,8 +10,8 @@ import numpy as np
 from ssp_core.geometry import FloatArray, box_distance
 from ssp_core.motion.encounter import encounter
 from ssp_core.motion.event import Corridor, instants_of
+from ssp_core.motion.state_series import Series
 from ssp_eval.data.response import CurveEntry, Figure
-from ssp_eval.recordings.states import Series
 
 # Both curves are sampled anew at this step, linearly between their states; no filter is applied.
 STEP_S = 0.01

@@ -22,11 +22,12 @@ from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.clock import NS_PER_S
 from ssp_core.motion.event import Corridor, RecordedEvent, find_event, instants_of
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state_series import Series
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.data.provenance import Provenance, read_provenance
 from ssp_eval.recordings.event import rules_of
-from ssp_eval.recordings.states import RecordedStates, Series, clip_zero_ns, read_states
+from ssp_eval.recordings.states import RecordedStates, clip_zero_ns, read_states
 from ssp_scenario_manager.event_spec.load import load_event
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)

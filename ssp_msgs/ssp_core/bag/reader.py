@@ -29,6 +29,7 @@ from ssp_core.cdr.messages import object_state
 from ssp_core.errors import InputError
 from ssp_core.files import Closing
 from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state_series import Packed
 from ssp_core.names import OBJECT_STATES, absolute, state_topic
 
 
@@ -317,14 +318,14 @@ def _difference(one: TypeDefinition, other: TypeDefinition) -> str | None:
 _ARRAYS = absolute(OBJECT_STATES)
 
 
-def object_states(bag: BagReader, ids: Iterable[str]) -> dict[str, list[ObjectState]]:
+def object_states(bag: BagReader, ids: Iterable[str]) -> dict[str, Packed[ObjectState]]:
     """The states of each of these objects in the order in which they were recorded.
 
     An object has a topic of its own, or its process sends one message for all its objects
     (ObjectStates.msg); a bag may hold both.
 
     Args:
-        ids: objects; those that the bag knows nothing of get an empty list.
+        ids: objects; those that the bag knows nothing of get none.
 
     Returns:
         By id. What came on an object's own topic counts as that object's, whatever it names.
@@ -333,7 +334,7 @@ def object_states(bag: BagReader, ids: Iterable[str]) -> dict[str, list[ObjectSt
         InputError: a message is damaged, or holds a number that stands for nothing.
     """
     topics = {absolute(state_topic(name)): name for name in ids}
-    found: dict[str, list[ObjectState]] = {name: [] for name in topics.values()}
+    found = {name: Packed(ObjectState) for name in topics.values()}
     for message in bag.messages([*topics, _ARRAYS]):
         for state in _states(bag, message):
             name = topics.get(message.topic, state.object_id)

@@ -9,10 +9,11 @@ recording at hand they are known.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Protocol
+from typing import Protocol, overload
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, Pose2, wrap_angle
@@ -28,6 +29,7 @@ from ssp_core.motion.encounter import (
     swept_stations,
 )
 from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state_series import Series, StateSeries
 from ssp_core.vocabulary import Phase
 
 TRIGGER_CONFIRMATION_S = 0.2
@@ -148,10 +150,33 @@ class Instant:
     other: ObjectState
 
 
-def instants_of(
-    series: Sequence[tuple[float, Mapping[str, ObjectState]]], vut_id: str, object_id: str
-) -> list[Instant]:
+class _Instants(Sequence[Instant]):
+    """Instants of a long series, made when they are asked for."""
+
+    def __init__(self, series: StateSeries, vut_id: str, object_id: str) -> None:
+        self._series, self._vut_id, self._object_id = series, vut_id, object_id
+        self._rows = array(
+            "q", (i for i, (_, now) in enumerate(series) if vut_id in now and object_id in now)
+        )
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, at: int) -> Instant: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[Instant]: ...
+    def __getitem__(self, at: int | slice) -> Instant | list[Instant]:
+        if isinstance(at, slice):
+            return [self[i] for i in range(*at.indices(len(self)))]
+        t_s, states = self._series[self._rows[at]]
+        return Instant(t_s, states[self._vut_id], states[self._object_id])
+
+
+def instants_of(series: Series, vut_id: str, object_id: str) -> Sequence[Instant]:
     """The instants at which both are present."""
+    if isinstance(series, StateSeries):
+        return _Instants(series, vut_id, object_id)
     return [
         Instant(t_s, states[vut_id], states[object_id])
         for t_s, states in series

@@ -183,7 +183,7 @@ class ReportInput:
     firings: Sequence[Any]
     references: dict[str, Reference]
     acks: dict[str, Acknowledgement]
-    states: dict[str, list[ObjectState]]
+    states: Mapping[str, Sequence[ObjectState]]
 
     @classmethod
     def of(cls, bag: BagReader, spec: RunSpec) -> ReportInput:
