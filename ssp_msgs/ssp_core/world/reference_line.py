@@ -255,6 +255,18 @@ def _check(*values: float) -> None:
             raise ValueError(f"a coordinate must be within {_FARTHEST_M:g} m, got {value:g}")
 
 
+# A line of more pieces on a path was digitised finer than its shape needs.
+_MANY_JOINTS = 250
+
+
+def _thinned(points: FloatArray, error_m: float) -> FloatArray:
+    """The points that a chord needs, so that it leaves none of the others by more than an error."""
+    import shapely  # type: ignore[import-untyped]  # slow to import, no types
+
+    line = shapely.LineString(points).simplify(error_m, preserve_topology=False)
+    return np.asarray(shapely.get_coordinates(line))
+
+
 class ReferenceLine:
     """A reference line in frame map; its ends are extended straight.
 
@@ -414,7 +426,8 @@ class ReferenceLine:
         """Points at an offset from one arc length to another (either order), frame map.
 
         A chord leaves the true curve by at most max_error_m; a straight stretch has two points,
-        from one arc length to itself is one point.
+        from one arc length to itself is one point. Of a line in very many pieces only the joints
+        are taken that this error needs.
 
         Raises:
             NotOneToOne: as to_map, for any point of it.
@@ -426,12 +439,13 @@ class ReferenceLine:
         if low == high:
             return [self.to_map(low, l_m)]
         stations = {low, high}
-        begin, bent_before = 0.0, False
+        begin, bent_before, joints = 0.0, False, 0
         for piece in self.pieces:
             end = begin + piece.length_m
             k = max(abs(piece.start_curvature_1pm), abs(piece.end_curvature_1pm))
             inside = (max(low, begin), min(high, end))
             if inside[0] <= inside[1]:
+                joints += 1
                 if k or bent_before:
                     stations.add(inside[0])
                 if k:
@@ -452,7 +466,11 @@ class ReferenceLine:
             ordered[-1] = high
         if to_s_m < from_s_m:
             ordered = ordered[::-1]
-        return [(float(x), float(y)) for x, y in self.to_map_many(ordered, l_m)]
+        points = self.to_map_many(ordered, l_m)
+        if joints > _MANY_JOINTS:
+            # The step above is at least halved: a chord leaves the curve by a quarter at most.
+            points = _thinned(points, 0.75 * max_error_m)
+        return [(float(x), float(y)) for x, y in points]
 
     def section(self, from_s_m: float, to_s_m: float) -> ReferenceLine:
         """The part between two arc lengths, as a line of its own.
