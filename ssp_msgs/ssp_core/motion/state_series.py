@@ -69,9 +69,10 @@ class Packed(Sequence[Row], Generic[Row]):
     @overload
     def __getitem__(self, at: slice) -> list[Row]: ...
     def __getitem__(self, at: int | slice) -> Row | list[Row]:
-        if isinstance(at, slice):
-            return [self[i] for i in range(*at.indices(len(self)))]
-        i = range(len(self))[at]
+        rows = range(len(self))[at]
+        return [self._row(i) for i in rows] if isinstance(rows, range) else self._row(rows)
+
+    def _row(self, i: int) -> Row:
         a, b = self._widths
         wholes: Sequence[int] = self._wholes[i * b : i * b + b]
         if self._large:
@@ -85,7 +86,7 @@ class Packed(Sequence[Row], Generic[Row]):
         return row
 
     def __iter__(self) -> Iterator[Row]:
-        return (self[i] for i in range(len(self)))
+        return map(self._row, range(len(self)))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and list(self) == list(other)
