@@ -14,6 +14,7 @@ from ssp_core.vocabulary import DOMAINS
 from ssp_eval.score.aggregate import means
 from ssp_eval.score.engine import LabelTerms
 from ssp_eval.score.metrics import IVCS_FIRST, METRIC_NAMES
+from ssp_eval.statistics import resampling
 from ssp_eval.statistics.bootstrap import (
     bootstrap_mean,
     bootstrap_records,
@@ -31,6 +32,7 @@ from ssp_eval.statistics.resampling import (
     generator,
     percentile_interval,
     reach,
+    resampled_sums,
     weighted_sums,
 )
 from ssp_eval.statistics.rows import CellRow
@@ -74,6 +76,17 @@ def terms(count=9, seed=0, *, defensive=None, candidate=None):
         lat=np.zeros(count, int),
         risk_onset_s=0.5,
     )
+
+
+@pytest.mark.parametrize("count", [2, 7, 100])
+@pytest.mark.parametrize("at_once", [1, 99, 1000])
+def test_resamples_in_blocks_are_those_of_one_call(
+    count: int, at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resampling, "_AT_ONCE", at_once)
+    values = np.random.default_rng(5).normal(size=(count, 2))
+    whole = weighted_sums(draws(count, 120, generator(SEED, "x")), values)
+    assert np.array_equal(resampled_sums(values, 120, generator(SEED, "x")), whole)
 
 
 @pytest.mark.parametrize("count", [1, 2, 9])

@@ -22,10 +22,10 @@ from ssp_eval.statistics.resampling import (
     bca_interval,
     block_draws,
     block_of,
-    draws,
     generator,
     percentile_interval,
     reach,
+    resampled_sums,
     student_quantile,
     weighted_sums,
     without_blocks,
@@ -331,8 +331,8 @@ def bootstrap_mean(
     n = len(clusters)
     if n < 2:
         return Estimate(float(sums[0] / sizes[0]) if n else None, n, unit=unit)
-    weights = draws(n, resamples, generator(seed, *names))
-    total, count = weighted_sums(weights, np.column_stack((sums, sizes)))
+    rng = generator(seed, *names)
+    total, count = resampled_sums(np.column_stack((sums, sizes)), resamples, rng)
     left_out = (sums.sum() - sums) / (sizes.sum() - sizes)
     value = float(sums.sum() / sizes.sum())
     found = estimated(total / count, value, n, left_out, n, unit)

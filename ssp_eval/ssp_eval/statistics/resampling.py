@@ -127,6 +127,27 @@ def weighted_sums(weights: Numbers, values: Numbers) -> Numbers:
     return total
 
 
+# Numbers of items that are drawn at once, 32 MB.
+_AT_ONCE = 4 << 20
+
+
+def resampled_sums(values: Numbers, resamples: int, rng: np.random.Generator) -> Numbers:
+    """``weighted_sums`` of as many draws of the values, in blocks of resamples.
+
+    The numbers are those of one call: the memory alone doesn't grow with their count.
+
+    Args:
+        values: (N, K).
+
+    Returns:
+        (K, B).
+    """
+    count = len(values)
+    block = max(1, _AT_ONCE // count)
+    sizes = [min(block, resamples - first) for first in range(0, resamples, block)]
+    return np.hstack([weighted_sums(draws(count, size, rng), values) for size in sizes])
+
+
 def percentile_interval(samples: Numbers, reach: float | None = REACH) -> Interval:
     """The equal-tailed percentile interval of what resamples gave; NaN ones are left out.
 
