@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -19,6 +19,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+Item = TypeVar("Item")
 # What a terminal obeys or what hides the order of a text: controls but tab and line feed, and the
 # marks that turn the direction of writing round.
 _UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
@@ -69,6 +70,21 @@ def progress(description: str, total: int | None) -> Iterator[Progress]:
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=err, transient=False, disable=not sys.stderr.isatty()) as bar:
+    with Progress(
+        *columns,
+        console=err,
+        transient=False,
+        disable=not sys.stderr.isatty(),
+        # Else what is printed for a pipe or a file would go to standard error.
+        redirect_stdout=sys.stdout.isatty(),
+    ) as bar:
         bar.add_task(description, total=total)
         yield bar
+
+
+def tracked(items: Iterable[Item], description: str, total: int | None) -> Iterator[Item]:
+    """The items, with a progress bar of those that are done."""
+    with progress(description, total) as bar:
+        for item in items:
+            yield item
+            bar.advance(bar.task_ids[0])

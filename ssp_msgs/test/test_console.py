@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -30,16 +32,46 @@ def test_what_is_printed_holds_no_controls(capsys: pytest.CaptureFixture[str]) -
         assert console.visible(text) == text
 
 
-def test_a_progress_bar_takes_no_commands(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Screen(io.StringIO):
-        def isatty(self) -> bool:
-            return True
+class Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
 
-    screen: Any = Screen()
-    monkeypatch.setattr("sys.stderr", screen)
+
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Screen:
+    """A terminal as standard error, for the rest of a test."""
+    made: Any = Screen()
+    monkeypatch.setattr("sys.stderr", made)
     monkeypatch.setattr(
-        console, "err", type(console.err)(file=screen, force_terminal=True, width=200)
+        console, "err", type(console.err)(file=made, force_terminal=True, width=200)
     )
+    return made
+
+
+def test_what_is_tracked_shows_its_total_and_results_stay_on_standard_output(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    screen = terminal(monkeypatch)
+    for item in console.tracked(["a", "b", "c"], "texts", 3):
+        print(item)
+    assert capsys.readouterr().out == "a\nb\nc\n"
+    assert "texts" in screen.getvalue()
+    assert "3/3" in screen.getvalue()
+    assert "\nb" not in screen.getvalue()
+
+
+def test_a_long_command_shows_its_total(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    screen = terminal(monkeypatch)
+    file = tmp_path / "texts.jsonl"
+    file.write_text("".join(json.dumps({"id": k, "text": "I brake."}) + "\n" for k in range(3)))
+    assert main(["extract", str(file)]) == 0
+    assert "3/3" in screen.getvalue()
+    assert [json.loads(line)["id"] for line in capsys.readouterr().out.splitlines()] == [0, 1, 2]
+
+
+def test_a_progress_bar_takes_no_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = terminal(monkeypatch)
     bar: Progress
     with console.progress("start", 3) as bar:
         bar.update(bar.task_ids[0], advance=1, description=f"[bold]road {HOSTILE}")

@@ -99,7 +99,7 @@ def audit(
             raise InputError("exists already", file=file, remedy="give --force to replace it")
     event = None if event_name is None else load_event(event_name)[0]
     limits = None if limits_file is None else load_limits(limits_file)
-    with console.progress("reading", 6) as bar:
+    with console.progress("reading", 9) as bar:
         task = bar.task_ids[0]
         recordings = []
         for path in (synthetic, simulation, physical):
@@ -107,7 +107,7 @@ def audit(
             bar.advance(task)
         check_domains(recordings)
         bar.update(task, description="measuring")
-        judged = judge(recordings, event, limits)
+        judged = judge(recordings, event, limits, lambda: bar.advance(task))
         bar.update(task, description="drawing")
         page = render(judged, lambda done, of: bar.advance(task))
     make_folder(out)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 
@@ -199,6 +199,7 @@ def judge(
     recordings: Sequence[Recording],
     event: Event | None = None,
     limits: ResponseLimits | None = None,
+    on_measured: Callable[[], None] = lambda: None,
 ) -> Judged:
     """Audits three recordings.
 
@@ -206,6 +207,7 @@ def judge(
         recordings: Synthetic, Simulation, Physical.
         event: the K*; None: the one that the recordings carry.
         limits: of responses that count as alike; None: the shipped ones.
+        on_measured: is called after each recording.
 
     Raises:
         InputError: they aren't of these domains, or states can't be used at all.
@@ -213,7 +215,11 @@ def judge(
     check_domains(recordings)
     event = event or find_event(recordings)
     version = None if event is None else event_version(event)
-    examined = tuple(examine(recording, event, version) for recording in recordings)
+    measured = []
+    for recording in recordings:
+        measured.append(examine(recording, event, version))
+        on_measured()
+    examined = tuple(measured)
     varying = frozenset() if event is None else varying_parts(event)
     counted = [_without(one.properties, varying) for one in examined]
     known: Mapping[str, Property] = {} if event is None else expected_properties(event)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,7 @@ def extract(
         _prepare(file, out, extractor, count, seed)
     elif file is not None:
         foreign: Counter[str] = Counter()
-        for key, text in _read(file):
+        for key, text in console.tracked(_read(file), "texts", _count(file)):
             found_slots = extractor(text)
             foreign.update([found_slots.language] if found_slots.language else [])
             click.echo(json.dumps(_line(key, text, found_slots, extractor.uses_llm)))
@@ -134,7 +135,10 @@ def _line(key: str | int, text: str, found: Extracted, with_llm: bool) -> dict[s
 def _prepare(file: str, out: Path, extractor: Extractor, count: int, seed: int) -> None:
     if file == "-":
         raise click.UsageError("--review needs a file, whose hash goes into the key")
-    candidates = [Candidate(key, text, extractor(text).slots) for key, text in _read(file)]
+    candidates = [
+        Candidate(key, text, extractor(text).slots)
+        for key, text in console.tracked(_read(file), "texts", _count(file))
+    ]
     chosen = choose([one for one in candidates if one.text.strip()], count, seed)
     if not chosen:
         raise InputError("holds no text to review", file=file)
@@ -146,6 +150,14 @@ def _prepare(file: str, out: Path, extractor: Extractor, count: int, seed: int) 
         f"{len(chosen)} texts of {len(candidates)}; give {out}/reviewer_1 and {out}/reviewer_2 to "
         f"two people, and keep {out}/key.json from them"
     )
+
+
+def _count(file: str) -> int | None:
+    """How many lines a file has; None: nobody knows yet."""
+    if not Path(file).is_file():
+        return None
+    with open(file, "rb") as stream:
+        return sum(block.count(b"\n") for block in iter(partial(stream.read, 1 << 20), b""))
 
 
 class _Input(Strict):

@@ -217,7 +217,10 @@ def _read(paths: Sequence[Path], given: _Given) -> list[_Recording]:
     """
     if not paths:
         return [_of_truth_file(given)]
-    sources = [read_source(path, given.start_s) for path in paths]
+    sources = [
+        read_source(path, given.start_s)
+        for path in console.tracked(paths, "reading recordings", len(paths))
+    ]
     event = given.event or next((one.event for one in sources if one.event is not None), None)
     bare = [one for one in sources if not one.states.series]
     if given.truth is not None and len(bare) != 1:
@@ -321,7 +324,10 @@ def _plan(recordings: Sequence[_Recording]) -> list[_Planned]:
     Raises:
         InputError: there is no plan, or a recording's phases aren't known.
     """
-    located = [None if one.truth is None else locate(one.truth) for one in recordings]
+    located = [
+        None if one.truth is None else locate(one.truth)
+        for one in console.tracked(recordings, "finding events", len(recordings))
+    ]
     timelines = []
     for one, found in zip(recordings, located, strict=True):
         timeline = one.timeline if found is None else found.timeline()

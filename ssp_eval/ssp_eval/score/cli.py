@@ -108,7 +108,8 @@ def score(case_dirs: tuple[Path, ...], as_json: bool, thresholds_file: Path | No
     """
     thresholds = load_thresholds(thresholds_file)
     cases = _cases(case_dirs)
-    columns = load_columns([_files(folder) for _, folder in cases])
+    files = [_files(folder) for _, folder in cases]
+    columns = load_columns(console.tracked(files, "reading cases", len(files)))
     counts = np.diff(columns.record_start).tolist()
     cells = score_columns(columns, thresholds).cells()
     scored = [Scored(name, *one) for (name, _), *one in zip(cases, counts, cells, strict=True)]
