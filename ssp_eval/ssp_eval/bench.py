@@ -22,7 +22,7 @@ from ssp_core.errors import HostError, PeerError
 BENCHMARKS = (
     "topology", "wire", "consistency", "dispatch", "iso", "sil", "sil_in_process", "adaptation",
     "recorder", "recording", "seek", "replay", "memory", "scoring", "analysis", "extraction",
-    "page", "report_page",
+    "page", "report_page", "growth",
 )  # fmt: skip
 # These show a page in a browser, which isn't installed with the project.
 NEED_BROWSER = ("report_page",)

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.special import fresnel  # type: ignore[import-untyped] # has no types
 
-from ssp_core.geometry import Pose2
+from ssp_core.geometry import Polyline, Pose2
 from ssp_core.run_file.road import CurvePiece, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
@@ -316,3 +316,23 @@ def test_the_line_of_a_run_road() -> None:
     )
     assert not bent.is_straight
     assert bent.length_m == pytest.approx(190.0)
+
+
+def test_a_line_in_very_many_pieces_has_as_many_points_as_its_shape_needs() -> None:
+    """5,000 pieces of half a metre: each of them was a corner of a fence."""
+    bends = [0.0005 * math.sin(i / 400.0) for i in range(5000)]
+    line = ReferenceLine(
+        Pose2(0.0, 0.0, 0.3),
+        [CurvePiece(length_m=0.5, start_curvature_1pm=k, end_curvature_1pm=k) for k in bends],
+    )
+    stations = np.linspace(0.0, line.length_m, 4001)
+    for offset, error in ((0.0, 0.005), (-8.0, 0.02)):
+        points = line.path(0.0, line.length_m, offset, error)
+        assert len(points) < 500
+        assert points[0] == pytest.approx(line.to_map(0.0, offset))
+        assert points[-1] == pytest.approx(line.to_map(line.length_m, offset))
+        chords = Polyline(points)
+        true = [(float(x), float(y)) for x, y in line.to_map_many(stations, offset)]
+        assert max(abs(d) for _, d in chords.project_all(true)) <= error
+        back = line.path(line.length_m, 0.0, offset, error)
+        assert np.allclose(back[::-1], points, atol=error)

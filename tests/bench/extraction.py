@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import random
 import re
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 
-from measure import report
+from measure import cost, report
 
 from ssp_eval.extract import extract
 
@@ -60,8 +63,29 @@ def _seconds(read: Callable[[str], object], batch: list[str]) -> float:
     return time.process_time() - started
 
 
+def command_per_second(batch: list[str], few: int = 300, many: int = 3000) -> float:
+    """Texts per second of processor time through the command, without its start."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "texts.jsonl"
+
+        def took_s(count: int) -> float:
+            lines = (json.dumps({"id": k, "text": batch[k % len(batch)]}) for k in range(count))
+            file.write_text("\n".join(lines) + "\n")
+            return cost(["extract", str(file)])[0]
+
+        return (many - few) / (took_s(many) - took_s(few))
+
+
 def main() -> None:
     batch = texts()
+    report(
+        "extraction: ssp extract, with the language",
+        command_per_second(batch),
+        None,
+        "texts/s",
+        f"texts of {WORDS} words, read as JSON, their language told, rules, written as JSON",
+        lower=False,
+    )
     words = sum(len(one.split()) for one in batch) / len(batch)
     filled = sum(slot is not None for one in batch for slot in vars(extract(one)).values())
     report(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 
 # `ssp bench --long`: loads that take minutes each.
 LONG = bool(os.environ.get("SSP_BENCH_LONG"))
@@ -63,3 +65,21 @@ def report(
         ),
         flush=True,
     )
+
+
+def cost(arguments: list[str]) -> tuple[float, float]:
+    """Processor time (s) and peak memory (MB) of a command, whatever it says."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ssp_core.cli", *arguments],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    told = process.stderr.read() if process.stderr is not None else ""
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if "Traceback" in told or process.returncode not in (0, 1):
+        raise SystemExit(
+            f"ssp {' '.join(arguments)} ended with {process.returncode}: {told[-500:]}"
+        )
+    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3
