@@ -98,3 +98,17 @@ def test_each_benchmark_finds_all_that_it_imports(
     monkeypatch.syspath_prepend(str(ROOT / "tests"))
     monkeypatch.syspath_prepend(str(ROOT / "tests" / "bench"))
     assert callable(importlib.import_module(name).main)
+
+
+def test_growth_is_that_between_the_larger_sizes_without_the_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "tests"))
+    monkeypatch.syspath_prepend(str(ROOT / "tests" / "bench"))
+    exponent = importlib.import_module("growth").exponent
+    sizes = (10, 30, 90)
+    for power in (1.0, 1.2, 2.0):
+        costs = [1.5 + (size / 10.0) ** power for size in sizes]
+        assert exponent(sizes, costs, 1.5) == pytest.approx(power)
+    assert exponent(sizes, [1.5, 1.5, 1.6], 1.5) == 0.0  # nothing to judge
+    assert exponent(sizes, [1.5, 1.4, 9.5], 1.5) > 1.2

@@ -232,7 +232,7 @@ def test_thresholds_of_a_file_count_and_are_told(make_case, run, tmp_path):
         ("weight_jovr: 0.2\n", "weight_jovr", "the weights of IVCS are METHOD 6.10's"),
         ("response_count: 0\n", "response_count", "1"),
         ("response_count: 1.5\n", "response_count", "integer"),
-        ("response_count: true\n", "response_count", "boolean"),
+        ("response_count: true\n", "response_count", "true and false are none"),
         ("match_window_s: -0.1\n", "match_window_s", "0"),
         ("stop_speed_mps: .nan\n", "stop_speed_mps", ""),
         ("soft_credit: 1.5\n", "soft_credit", "1"),

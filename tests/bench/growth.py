@@ -150,6 +150,10 @@ def measure(way: Way) -> None:
     )
 
 
+def main() -> None:
+    for way in WAYS:
+        measure(way)
+
+
 if __name__ == "__main__":
-    for one in WAYS:
-        measure(one)
+    main()
