@@ -24,7 +24,7 @@ from ssp_eval.importers.target import CameraFacts
 
 # A forward camera doesn't look further up or down than this; a frame that does is no optical one.
 _STEEPEST_RAD = math.radians(45.0)
-# The principal point lies between a quarter and three quarters of the picture.
+# The principal point lies within a quarter and three quarters of the picture.
 _MIDDLE = (0.25, 0.75)
 # fx and fy differ by at most this share of the larger one.
 _FOCAL_SHARE = 0.1
@@ -244,7 +244,8 @@ def _impossible(lens: Intrinsics, k: Sequence[float]) -> list[str]:
     low, high = _MIDDLE
     across, down = lens.cx_px / lens.width_px, lens.cy_px / lens.height_px
     size = f"{lens.width_px}x{lens.height_px} px"
-    if not (low <= across <= high and low <= down <= high):
+    # K of half the resolution has it just at the edge.
+    if not (low < across < high and low < down < high):
         found.append(
             f"has the principal point ({lens.cx_px:g}, {lens.cy_px:g}), outside of the middle half "
             f"of {size}: K of another resolution?"

@@ -90,6 +90,9 @@ def test_a_lens_is_that_of_the_frames(lens: Any, k: tuple[float, ...] | None) ->
     [
         (info(k_of(192, 192, 192, 144)), r"principal point \(192, 144\), outside .* 64x48"),
         (info(k_of(32, 32, 15.9, 24)), "principal point"),
+        # Of half the resolution, and of half as much again.
+        (info(k_of(16, 16, 16, 12)), r"principal point \(16, 12\)"),
+        (info(k_of(48, 48, 48, 36)), "principal point"),
         (info(k_of(32, 32, 32, 36.1)), "principal point"),
         (info(k_of(32, 28, 32, 24)), "fx 32 and fy 28"),
         (info([32, 0, 32, 0, 32, 24, 0, 0, 0]), "last row"),
