@@ -38,6 +38,8 @@ _NAMES = frozenset(
     {"v", "k", "c", "x", "y", "speed", "velocity", "vel", "curvature", "curv", "kappa", "κ"}
     | {"lateral", "longitudinal", "forward", "left", "right", "t", "time", "z"}
 )
+# Further ones of objects: ``{"index": 1, "x": 5.0, "y": 0.0}``.
+_INDEX_NAMES = frozenset({"index", "idx", "step"})
 _UNITS = frozenset(
     {"m", "meter", "meters", "metre", "metres", "m/s", "mps", "m/step", "rad/m", "m^-1", "m⁻¹"}
     | {"km/h", "kmh", "kph", "mph", "ft", "feet", "foot", "cm", "mm", "km", "yd", "px", "deg", "s"}
@@ -99,9 +101,10 @@ def may_begin_row(inside: str) -> bool:
     return kinds <= {"number", "comma"} or kinds == {"number", "comma", "word"}
 
 
-# A field of an object that is a text: ``"note": "brakes on"``.
+# A field of an object that is a text and names nobody: ``"note": "brakes on"``.
 _TEXT_FIELD = re.compile(
-    r"[\"'][\w ]{1,40}[\"']\s*:\s*(?:\"[^\"\n]*\"|'[^'\n]*'|true|false|null)\s*(?:,|$)"
+    r"[\"'](?!(?:label|type|class|category|name|object|agent|kind|role|actor|id|track)\b)"
+    r"[\w ]{1,40}[\"']\s*:\s*(?:\"[^\"\n]*\"|'[^'\n]*'|true|false|null)\s*(?:,|$)"
 )
 
 
@@ -118,7 +121,9 @@ def _unusual_row(
     names: list[str] = []
     units: list[str] = []
     found = set(marks)
+    names_known = _NAMES
     if brackets == "{}":
+        names_known = _NAMES | _INDEX_NAMES
         inside = _TEXT_FIELD.sub("", inside).rstrip(" \n\t,")
     # "[0, 5)" is an interval.
     name, parted, spaced, bad = "", True, True, brackets not in _BRACKETS
@@ -136,7 +141,7 @@ def _unusual_row(
             name, parted = "", False
         elif kind == "word" and word.lower() in _UNITS and name == "" and numbers and not parted:
             units.append(word.lower())
-        elif kind == "word" and _plain_name(word) in _NAMES:
+        elif kind == "word" and _plain_name(word) in names_known:
             name = _plain_name(word)
             found.add("names in rows")
         elif kind == "unit":

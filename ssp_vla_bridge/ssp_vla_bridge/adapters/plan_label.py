@@ -63,6 +63,7 @@ _ARTICLE = r"(?:the|a|an|this|that|these|those|all|any|each|every|two|three|both
 _ADJECTIVES = r"(?:(?!(?:and|or|to|of|for|by)\b)[\w-]+\s+){0,2}?"
 _NUMBER = r"(?:[ _#-]?\d+)?"
 _ANY_USER = re.compile(rf"\b(?:{_SPECIFIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_VEHICLE}[ _]?\d+)\b")
+_OWN_VEHICLE = re.compile(rf"(?:{_OWN.pattern})[ _-](?:{_SPECIFIC}|{_VEHICLE})\b")
 # Somebody of whom the text spoke before: "Its predicted path".
 _PRONOUN = re.compile(rf"\b(?:its|their|his|her)\b (?:\w+ ){{0,2}}(?:{PLAN_WORDS}|positions?)\b")
 # The road, unless a plan along it is named first: "Lane centre line: …".
@@ -206,6 +207,7 @@ def _siblings(text: str, start: int, end: int) -> str:
 
 def _speaks_of_user(text: str) -> bool:
     """Tell whether the last one that a text speaks of is a road user, not the own vehicle."""
+    text = _OWN_VEHICLE.sub("ego", text)
     users = [match.end() for match in _ANY_USER.finditer(text)]
     own = [match.end() for match in _OWN.finditer(text)]
     return bool(users) and users[-1] > max(own, default=-1)

@@ -24,6 +24,7 @@ _NAMES = {
     "curvature": "curvature", "curv": "curvature", "kappa": "curvature", "κ": "curvature",
     "curvatures": "curvature", "k": "curvature", "c": "curvature", "t": "time", "time": "time",
     "z": "drop", "yaw": "drop", "heading": "drop", "theta": "drop", "height": "drop",
+    "index": "drop", "idx": "drop", "step": "drop",
     "x": "x", "y": "y", "u": "picture", "row": "picture", "col": "picture", "column": "picture",
     "latitude": "map", "longitude": "map", "lat": "map", "lon": "map", "easting": "map",
     "northing": "map", "distance": "polar", "range": "polar", "angle": "polar", "bearing": "polar",
