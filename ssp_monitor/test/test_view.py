@@ -336,7 +336,7 @@ def test_fence_starts_and_bounds_are_those_of_the_run(run_mapping):
         ("walker", Role.OT),
     ]
     assert {start.radius_m for start in drawing.starts} == {1.5}
-    assert drawing.crossing is None
+    assert drawing.crossings == ()
     assert drawing.conflict_zones == ()
 
 
@@ -362,7 +362,8 @@ def test_lines_of_a_road_of_two_directions_turned_by_a_right_angle(run_mapping):
     assert _close(divider.points, ((3.5, 0.0), (3.5, 50.0)))
     assert _close(by_kind["centre"][0].points, ((5.0, 0.0), (5.0, 50.0)))
     assert _close(by_kind["centre"][1].points, ((1.5, 50.0), (1.5, 0.0)))
-    assert _close(drawing.crossing, ((-0.5, 18.5), (-0.5, 21.5), (6.5, 21.5), (6.5, 18.5)))
+    (crossing,) = drawing.crossings
+    assert _close(crossing, ((-0.5, 18.5), (-0.5, 21.5), (6.5, 21.5), (6.5, 18.5)))
 
 
 def test_a_bend_is_drawn_round_and_lines_beyond_its_centre_are_left_out(run_mapping):

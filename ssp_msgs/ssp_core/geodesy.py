@@ -38,6 +38,21 @@ class Place:
     longitude_deg: float
     altitude_m: float = 0.0
 
+    @property
+    def problem(self) -> str | None:
+        """What keeps its numbers from being a place on the Earth, with the remedy; None: nothing.
+
+        NaN is no place either.
+        """
+        sides = (
+            ("latitude", self.latitude_deg, 90),
+            ("longitude", self.longitude_deg, 180),
+        )
+        for name, value, most in sides:
+            if not abs(value) <= most:
+                return f"{name} {value:g} must be from -{most} to {most}; give decimal degrees"
+        return None
+
 
 @dataclass(frozen=True)
 class Datum:

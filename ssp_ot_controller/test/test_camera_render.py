@@ -258,6 +258,19 @@ def test_zebra_crossing_is_painted_where_it_is() -> None:
         assert row == pytest.approx(134.5 + lens * math.tan(angle), abs=2.5)
 
 
+def test_every_zebra_crossing_of_a_road_is_painted() -> None:
+    """Each where it is alone, and the rows between them as without any."""
+    both = ROAD.model_copy(update={"crossing_x_m": 24.0, "further_crossings_x_m": [60.0]})
+    alone = [ROAD.model_copy(update={"crossing_x_m": x}) for x in (None, 24.0, 60.0)]
+    without, near, far = (picture(road=road) for road in alone)
+    found = picture(road=both)
+    split = 145  # a row between both, 20 m ahead
+    assert (found[:split] == far[:split]).all()
+    assert (found[split:] == near[split:]).all()
+    assert (far[:split] != without[:split]).any()
+    assert (near[split:] != without[split:]).any()
+
+
 def test_fog_hides_what_is_far() -> None:
     far = thing(ObjectClass.BUS, 120.0)
     clear = QUIET.model_copy(update={"fog_per_m": 0.0})

@@ -399,6 +399,8 @@ CORNERS = "-9,-9 90,-9 90,9 -9,9"
         (["--fence", "nowhere.yaml"], "can't be read"),
         (["--origin", "57.7"], "needs 2 numbers"),
         (["--origin", "57.7,12.9,1,2"], "needs 3 numbers"),
+        (["--origin", "95,12.9"], "--origin: latitude 95 must be from -90 to 90"),
+        (["--origin", "57.7,-181,3"], "--origin: longitude -181 must be from -180 to 180"),
         (["--size", "1,nan,1"], "needs 3 numbers"),
     ],
 )

@@ -130,8 +130,8 @@ def test_only_a_track_session_is_physical() -> None:
 
 def test_a_marking_is_drawn_where_the_crossing_is() -> None:
     assert make("vru_crossing", shipped("boulevard")).task.run.road.crossing_x_m == 110.0
-    assert make("cut_in", shipped("boulevard")).task.run.road.crossing_x_m is None
-    assert make("occluded_crossing", shipped("boulevard")).task.run.road.crossing_x_m is None
+    assert make("cut_in", shipped("boulevard")).task.run.road.crossing_x_m == 110.0
+    assert make("occluded_crossing", shipped("boulevard")).task.run.road.crossing_x_m == 110.0
 
 
 @pytest.mark.parametrize("name", ["cut_in", "vru_crossing"])

@@ -19,6 +19,7 @@ from ssp_scenario_manager.event_spec.fields import UNITS, units_of
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.maps.block import Block, BlockLane
+from ssp_scenario_manager.maps.crossings import Crossing
 from ssp_scenario_manager.scenarios.base import (
     CannotPlace,
     Cross,
@@ -32,7 +33,7 @@ from ssp_scenario_manager.scenarios.crossing import is_hidden
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.scenarios.motions import motions
 from ssp_scenario_manager.scenarios.prediction import Prediction, predict
-from ssp_scenario_manager.scenarios.values import classes_of, quantity_at, thresholds_of
+from ssp_scenario_manager.scenarios.values import classes_of, quantity_at, size_of, thresholds_of
 from tests.support.blocks import block_of
 
 SHIPPED = sorted(KINDS)
@@ -112,7 +113,7 @@ def block(
     width_m: float = 3.5,
     length_m: float = 400.0,
     curvature_1pm: float = 0.0,
-    crossing_s_m: float | None = None,
+    crossings_s_m: tuple[float, ...] = (),
     pose: Pose2 | None = None,
 ) -> Block:
     """Two lanes a direction with sidewalks; bent by a constant curvature in its middle half."""
@@ -130,7 +131,7 @@ def block(
         [(i * width_m, i < 2) for i in range(4)],
         width_m,
         segment="curve" if curvature_1pm else "straight",
-        crossing_s_m=crossing_s_m,
+        crossings=tuple(map(Crossing, crossings_s_m)),
     )
 
 
@@ -242,15 +243,51 @@ def test_whatever_is_preferred_a_plan_keeps_to_k_star(
 def test_a_crossing_takes_place_at_the_marking_where_there_is_one() -> None:
     event = shipped("vru_crossing")
     for s in (95.0, 110.0, 200.0, 330.0):
-        place = block(crossing_s_m=s)
+        place = block(crossings_s_m=(s,))
         plan = plan_of(event, place)
         assert isinstance(plan.trigger.act, Cross)
         assert plan.trigger.act.goal.s_m == s
         check(event, place, plan)
     # One that the VUT reaches before it drives at cruise speed is passed by.
-    plan = plan_of(event, block(crossing_s_m=40.0))
+    plan = plan_of(event, block(crossings_s_m=(40.0,)))
     assert isinstance(plan.trigger.act, Cross)
     assert plan.trigger.act.goal.s_m > 80.0
+
+
+def test_of_several_markings_the_most_central_one_that_has_room_is_crossed() -> None:
+    event = shipped("vru_crossing")
+    for marks, crossed in (((110.0, 330.0), 110.0), ((40.0, 150.0, 380.0), 150.0),
+                           ((210.0, 390.0), 210.0), ((30.0, 350.0), 350.0)):  # fmt: skip
+        plan = plan_of(event, block(crossings_s_m=marks))
+        assert isinstance(plan.trigger.act, Cross)
+        assert plan.trigger.act.goal.s_m == crossed
+
+
+@pytest.mark.parametrize(
+    "marks", [(102.0,), (98.5,), (106.3,), (99.0, 111.0), (102.0, 118.0, 134.0)]
+)
+@pytest.mark.parametrize("half_m", [2.0, 5.0])
+def test_an_occluded_crossing_keeps_off_every_marking(
+    marks: tuple[float, ...], half_m: float
+) -> None:
+    event = shipped("occluded_crossing")
+    unmarked = plan_of(event, block())
+    for whole in (True, False):
+        zebras = tuple(Crossing(s, half_m, whole) for s in marks)
+        place = replace(block(), crossings=zebras)
+        plan = plan_of(event, place)
+        check(event, place, plan)
+        assert isinstance(plan.trigger.act, Cross)
+        walker, occluder = plan.targets["ot1"].start.s_m, plan.targets["ot2"].start.s_m
+        size = size_of(event, "ot2")
+        for zebra in zebras:
+            assert abs(walker - zebra.s_m) > max(4.0, zebra.half_m + 2.0)
+            # Nobody parks on it either.
+            apart = abs(occluder + (size.front_m - size.rear_m) / 2.0 - zebra.s_m)
+            assert apart > zebra.half_m + (size.front_m + size.rear_m) / 2.0
+        assert walker >= unmarked.targets["ot1"].start.s_m
+    far = plan_of(event, block(crossings_s_m=(110.0,)))
+    assert far.targets["ot1"].start == unmarked.targets["ot1"].start
 
 
 def test_an_occluder_hides_whoever_crosses_until_the_trigger() -> None:

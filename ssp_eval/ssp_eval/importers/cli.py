@@ -343,6 +343,7 @@ def _mounting(text: str) -> Mounting:
 
 def _datum(text: str) -> Datum:
     latitude, longitude, *altitude = numbers("--datum", text, "LAT,LON,ALT", least=2)
-    if abs(latitude) > 90.0 or abs(longitude) > 180.0:
-        raise click.UsageError(f"--datum {text}: LAT within -90 and 90, LON within -180 and 180")
-    return Datum(Place(latitude, longitude, *altitude))
+    place = Place(latitude, longitude, *altitude)
+    if place.problem is not None:
+        raise click.UsageError(f"--datum {text}: {place.problem}, as LAT,LON[,ALT]")
+    return Datum(place)

@@ -84,7 +84,7 @@ def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
             attachment=SITE_FILE if library.kind == "site" else _MAPS[library.kind],
             sha256=sha256_bytes(data),
             block=chosen.block_id,
-            road=road_of(chosen, chosen.crossing_s_m),
+            road=road_of(chosen),
             road_type=_known("road_type", chosen.road_type),
             left_boundary=_known("left_boundary", chosen.left_boundary),
             right_boundary=_known("right_boundary", chosen.right_boundary),

@@ -355,7 +355,7 @@ def test_a_bag_that_contradicts_itself_is_refused(
         (("--size", "ot1=4x2"), 2, "give LENGTH,WIDTH,HEIGHT as numbers"),
         (("--reference", "ot1=roof"), 2, "give rear_axle, centre, front, rear or a number"),
         (("--mount", "1,0,-1,0"), 2, "Z in (0, 10] m"),
-        (("--datum", "91,0"), 2, "LAT within -90 and 90"),
+        (("--datum", "91,0"), 2, "latitude 91 must be from -90 to 90"),
         (("--log-by", "A"), 2, "what isn't declared is unknown"),
         (("--place", "x", "--declared-on", "2999-01-01"), 2, "lies in the future"),
     ],

@@ -356,7 +356,7 @@ def site_message(run: RunSpec | None) -> dict[str, Any]:
             {"kind": one.kind, "opposed": one.opposed, "points": _line(one.points)}
             for one in drawing.road_lines
         ],
-        "crossing": _line(drawing.crossing or ()),
+        "crossings": [_line(outline) for outline in drawing.crossings],
         "routes": _routes(drawing),
         "starts": [
             {

@@ -132,8 +132,8 @@ def standing_marks(drawing: Drawing) -> Iterator[Marker]:
         colour, width_m = _LINES[one.kind]
         colour = OPPOSED if one.kind == "divider" and one.opposed else colour
         yield line("road", number, one.points, colour, width_m, 0.01)
-    if drawing.crossing is not None:
-        yield line("crossing", 0, drawing.crossing, CROSSING, 0.2, closed=True)
+    for number, outline in enumerate(drawing.crossings):
+        yield line("crossing", number, outline, CROSSING, 0.2, closed=True)
     for number, route in enumerate(drawing.routes):
         colour = VUT_ROUTE if route.role is Role.VUT else OT_ROUTE
         yield line("route", number, route.points, colour, 0.15, 0.03)

@@ -25,9 +25,12 @@ from ssp_core.run_file.values import (
     NonNegative,
     ObjectId,
     Outline,
+    Pitch,
     Positive,
+    Roll,
     SiteDatum,
     Strict,
+    Yaw,
     without_defaults,
 )
 from ssp_core.vocabulary import DomainWord
@@ -180,9 +183,9 @@ class Camera(Strict):
     forward_m: Finite = Field(1.8, description="ahead of the VUT's reference point")
     left_m: Finite = Field(0.0, description="to the left of the VUT's middle")
     height_m: Positive = 1.45
-    pitch_down_rad: Finite = 0.03
-    yaw_left_rad: Finite = 0.0
-    roll_right_rad: Finite = 0.0
+    pitch_down_rad: Pitch = 0.03
+    yaw_left_rad: Yaw = 0.0
+    roll_right_rad: Roll = 0.0
     exposure_time_s: NonNegative = Field(0.0, description="motion blur; 0: none")
     renderer: Literal["raster"] = Field("raster", description="numba, the same pixels everywhere")
     jpeg_quality: Annotated[int, Field(ge=10, le=100)] = 90

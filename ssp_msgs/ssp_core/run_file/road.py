@@ -12,6 +12,7 @@ from ssp_core.run_file.values import (
     Positive,
     Start,
     Strict,
+    Yaw,
     without_defaults,
 )
 
@@ -29,7 +30,7 @@ class Building(Strict):
     type: Literal["building"]
     s_m: Finite = Field(description="of its middle")
     l_m: Finite = Field(description="of its middle, + left")
-    yaw_rad: Finite = 0.0
+    yaw_rad: Yaw = 0.0
     length_m: SceneryExtent
     width_m: SceneryExtent
     height_m: SceneryExtent
@@ -115,12 +116,19 @@ class Road(Strict):
     sidewalk_left_m: NonNegative = 0.0
     sidewalk_right_m: NonNegative = 0.0
     crossing_x_m: Finite | None = Field(None, description="zebra crossing's centre, block frame")
+    further_crossings_x_m: list[Finite] = Field([], description="of other zebra crossings")
     speed_limit_mps: Positive = 13.9
     scenery: Scenery = Field([], description="what the map has beside the road, block frame")
 
     @model_serializer(mode="wrap")
-    def _without_empty_scenery(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(dump(self), scenery=[])
+    def _without_empty_lists(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(dump(self), scenery=[], further_crossings_x_m=[])
+
+    @property
+    def crossings_x_m(self) -> list[float]:
+        """Middles of all zebra crossings along the road, block frame."""
+        first = [] if self.crossing_x_m is None else [self.crossing_x_m]
+        return sorted([*first, *self.further_crossings_x_m])
 
     @property
     def left_edge_m(self) -> float:

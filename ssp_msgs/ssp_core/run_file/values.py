@@ -21,6 +21,42 @@ def _finite(value: float) -> float:
 Finite = Annotated[float, AfterValidator(_finite)]
 Positive = Annotated[float, Field(gt=0), AfterValidator(_finite)]
 NonNegative = Annotated[float, Field(ge=0), AfterValidator(_finite)]
+
+
+def in_radians(value: float, most_rad: float, written: str) -> float:
+    """Take an angle that is in radians.
+
+    Args:
+        most_rad: largest angle either way that the field can mean.
+        written: that bound for people, such as 2π.
+
+    Raises:
+        ValueError: it isn't finite, or beyond the bound, as most angles in degrees are.
+    """
+    if abs(_finite(value)) > most_rad:
+        raise ValueError(
+            f"must be from -{written} to {written}; give radians: {value:g} degrees are "
+            f"{math.radians(value):.4g}"
+        )
+    return value
+
+
+def yaw_in_radians(value: float) -> float:
+    """Take a heading of at most one turn either way, as `in_radians` does."""
+    return in_radians(value, 2.0 * math.pi, "2π")
+
+
+def _pitch_in_radians(value: float) -> float:
+    return in_radians(value, math.pi / 2.0, "π/2")
+
+
+def _roll_in_radians(value: float) -> float:
+    return in_radians(value, math.pi, "π")
+
+
+Yaw = Annotated[float, AfterValidator(yaw_in_radians)]
+Pitch = Annotated[float, AfterValidator(_pitch_in_radians)]
+Roll = Annotated[float, AfterValidator(_roll_in_radians)]
 Point = tuple[Finite, Finite]
 
 
@@ -92,20 +128,35 @@ class Start(Strict):
 
     x_m: Finite
     y_m: Finite
-    yaw_rad: Finite
+    yaw_rad: Yaw
 
     @property
     def pose(self) -> Pose2:
         return Pose2(self.x_m, self.y_m, self.yaw_rad)
 
 
+def _on_earth(place: Place) -> None:
+    if place.problem is not None:
+        raise ValueError(place.problem)
+
+
+def _latitude(value: float) -> float:
+    _on_earth(Place(value, 0.0))
+    return value
+
+
+def _longitude(value: float) -> float:
+    _on_earth(Place(0.0, value))
+    return value
+
+
 class SiteDatum(Strict):
     """Where the origin of frame map lies on the Earth (WGS 84), and how its axes are turned."""
 
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
-    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+    latitude_deg: Annotated[float, AfterValidator(_latitude)]
+    longitude_deg: Annotated[float, AfterValidator(_longitude)]
     altitude_m: Finite = Field(0.0, description="above the ellipsoid, not above the sea")
-    yaw_rad: Finite = Field(0.0, description="of the x axis, counter-clockwise from east")
+    yaw_rad: Yaw = Field(0.0, description="of the x axis, counter-clockwise from east")
 
     @property
     def datum(self) -> Datum:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -108,7 +109,7 @@ class Drawing:
         fence: outline of the geofence, not closed.
         road_lines: see RoadLine. A line whose offset has no place of its own, beyond the centre of
             a tight bend, is left out.
-        crossing: outline of the zebra crossing, None where there is none.
+        crossings: outlines of the zebra crossings, along the road.
         routes: of the VUT and the targets, in the run file's order.
         conflict_zones: parts of the VUT's corridor that manoeuvres on paths of their own will
             sweep across (METHOD 1). A lane change or a braking begins where the trigger fires, so
@@ -118,7 +119,7 @@ class Drawing:
 
     fence: tuple[Point, ...]
     road_lines: tuple[RoadLine, ...]
-    crossing: tuple[Point, ...] | None
+    crossings: tuple[tuple[Point, ...], ...]
     routes: tuple[Route, ...]
     starts: tuple[StartRegion, ...]
     conflict_zones: tuple[Area, ...]
@@ -137,7 +138,7 @@ def drawing_of(run: RunSpec) -> Drawing:
     return Drawing(
         fence=tuple(run.geofence),
         road_lines=tuple(_road_lines(run.road)),
-        crossing=_crossing(run.road),
+        crossings=tuple(_crossings(run.road)),
         routes=tuple(_routes(run)),
         starts=tuple(
             StartRegion(
@@ -195,17 +196,14 @@ def _dividers(lanes: Sequence[Lane]) -> list[tuple[float, bool]]:
     ]
 
 
-def _crossing(road: Road) -> tuple[Point, ...] | None:
-    if road.crossing_x_m is None:
-        return None
+def _crossings(road: Road) -> Iterator[tuple[Point, ...]]:
     line = ReferenceLine.of_road(road)
-    near, far = road.crossing_x_m - _ZEBRA_M / 2, road.crossing_x_m + _ZEBRA_M / 2
-    try:
-        left = line.path(near, far, road.left_edge_m, _DRAWN_ERROR_M)
-        right = line.path(far, near, road.right_edge_m, _DRAWN_ERROR_M)
-    except NotOneToOne:
-        return None
-    return (*left, *right)
+    for middle in road.crossings_x_m:
+        near, far = middle - _ZEBRA_M / 2, middle + _ZEBRA_M / 2
+        with suppress(NotOneToOne):
+            left = line.path(near, far, road.left_edge_m, _DRAWN_ERROR_M)
+            right = line.path(far, near, road.right_edge_m, _DRAWN_ERROR_M)
+            yield (*left, *right)
 
 
 def _routes(run: RunSpec) -> Iterator[Route]:

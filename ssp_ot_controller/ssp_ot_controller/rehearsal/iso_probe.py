@@ -191,7 +191,10 @@ def probe_command(
     if origin is not None:
         remedy = "write LAT,LON or LAT,LON,ALT"
         numbers = parse_numbers(origin, 3 if origin.count(",") > 1 else 2, "--origin", remedy)
-        datum = Datum(Place(*numbers))
+        place = Place(*numbers)
+        if place.problem is not None:
+            raise InputError(place.problem, field="--origin", value=origin, remedy=remedy)
+        datum = Datum(place)
     if datum is None and Stage.MOVE in asked:
         raise click.UsageError("--stage move needs --origin, or a fence file with a datum")
     datum = datum or Datum(Place(0.0, 0.0))

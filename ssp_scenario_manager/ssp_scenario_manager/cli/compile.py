@@ -172,6 +172,8 @@ def _done(compiled: Compiled, folder: Path, files: Sequence[Path], as_json: bool
             f"({task.chosen_by}): {folder}",
             markup=False,
         )
+    for name, why in compiled.area.library.faults[:_MOST_ROWS]:
+        console.note(f"{name} of {compiled.area.name} is left out: {why}")
     for text in compiled.realisation.block.notes:
         console.note(f"block {task.block.id}: {text}")
     for text in compiled.realisation.left_out:

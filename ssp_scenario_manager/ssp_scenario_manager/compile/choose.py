@@ -110,7 +110,8 @@ def choose_block(
 
     if choice is not None and choice not in blocks:
         remedy = "name one of those that tie, with --choose"
-        raise refused("there is no such block", remedy, value=choice)
+        left_out = [fault for fault in library.faults if choice.startswith(f"{fault[0]} ")]
+        raise refused(f"there is no such block{_left_out(left_out)}", remedy, value=choice)
     for ids in _groups(scores):
         others = [block for block in ids if block != choice]
         mine = fitting([choice], 1) if choice is not None and choice in ids else []
@@ -136,7 +137,7 @@ def choose_block(
     best = next((score.block for score in scores if score.eligible), None)
     hint = would_do(blocks[best]) if best is not None else None
     raise refused(
-        f"no block of it fits: {_why(list(found.values()))}",
+        f"no block of it fits: {_why(list(found.values()))}{_left_out(library.faults)}",
         f"{remedy}. On {best}, {hint}" if hint else remedy,
     )
 
@@ -153,6 +154,12 @@ def _groups(scores: Sequence[BlockScore]) -> Iterator[list[str]]:
 def _some(names: Sequence[str], most: int = 8) -> str:
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
+
+
+def _left_out(faults: Sequence[tuple[str, str]], most: int = 3) -> str:
+    """Roads that the map has and that no block was made of, with the reasons."""
+    told = "".join(f"; {name} is left out: {why}" for name, why in faults[:most])
+    return told + (f"; and {len(faults) - most} more roads" if len(faults) > most else "")
 
 
 def _why(scores: Sequence[BlockScore]) -> str:

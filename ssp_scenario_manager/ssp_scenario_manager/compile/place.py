@@ -242,9 +242,14 @@ def _realised(order: Order, block: Block, plan: Plan) -> Realisation:
     return Realisation(block, plan, task, tuple(left_out))
 
 
-def road_of(block: Block, crossing_s_m: float | None = None) -> Road:
-    """The block as the road of a run."""
+def road_of(block: Block, event_at_m: float | None = None) -> Road:
+    """The block as the road of a run, with all its marked crossings.
+
+    Args:
+        event_at_m: arc length of the one that the event takes place on, None: on none.
+    """
     origin = block.line.pose(0.0)
+    marked = sorted(block.crossings_s_m, key=lambda s: s != event_at_m)
     return Road(
         origin=Start(x_m=origin.x_m, y_m=origin.y_m, yaw_rad=origin.yaw_rad),
         length_m=block.length_m,
@@ -259,7 +264,8 @@ def road_of(block: Block, crossing_s_m: float | None = None) -> Road:
         ],
         sidewalk_left_m=block.sidewalk_left_m,
         sidewalk_right_m=block.sidewalk_right_m,
-        crossing_x_m=crossing_s_m,
+        crossing_x_m=marked[0] if marked else None,
+        further_crossings_x_m=sorted(marked[1:]),
         speed_limit_mps=block.speed_limit_mps or Road.model_fields["speed_limit_mps"].default,
         scenery=list(block.scenery),
     )
@@ -285,7 +291,7 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
         site_version=area.link.sha256,
         seed=order.seed,
         mode="lockstep",
-        road=road_of(block, _marked_crossing(event, block, plan)),
+        road=road_of(block, _marked_crossing(block, plan)),
         geofence=area.geofence(block),
         vut=told.vut,
         driver=told.driver,
@@ -319,13 +325,13 @@ def _trigger(event: Event, block: Block, plan: Plan, told: Motions, limits: Limi
     return told.trigger.model_copy(update={"adaptation": adaptation})
 
 
-def _marked_crossing(event: Event, block: Block, plan: Plan) -> float | None:
-    """The zebra crossing, where the event takes place on it."""
+def _marked_crossing(block: Block, plan: Plan) -> float | None:
+    """The zebra crossing that the event takes place on."""
     act = plan.trigger.act
-    if block.crossing_s_m is None or not isinstance(act, Cross):
+    if not isinstance(act, Cross):
         return None
-    at_it = abs(act.goal.s_m - block.crossing_s_m) <= _AT_MARKING_M
-    return block.crossing_s_m if at_it and event.interaction.occluder is None else None
+    at = act.goal.s_m
+    return next((s for s in block.crossings_s_m if abs(at - s) <= _AT_MARKING_M), None)
 
 
 def _traffic(block: Block, area: OperatingArea, plan: Plan) -> tuple[list[TrafficSpec], list[str]]:

@@ -145,6 +145,8 @@ def same_direction(event: Event, block: Block, kind: Kind) -> Met:
 
 def opposite(event: Event, block: Block) -> Met:
     """Oncoming lanes, as many as K* says, on the left: part T has no field for their side."""
+    if block.left_hand:
+        return Met(0.0, "left-hand traffic: the events are of right-hand traffic")
     mine = min((lane.y_m for lane in block.forward_lanes), default=-math.inf)
     if any(lane.y_m < mine for lane in block.backward_lanes):
         return Met(0.0, "left-hand traffic: oncoming lanes lie to the right of the VUT's")

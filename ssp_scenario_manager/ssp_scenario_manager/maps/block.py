@@ -13,10 +13,13 @@ import numpy as np
 from ssp_core.geometry import FloatArray
 from ssp_core.run_file.road import SceneryItem
 from ssp_core.world.reference_line import ReferenceLine
+from ssp_scenario_manager.maps.crossings import CROSSING_HALF_M, Crossing
 
 Segment = Literal["straight", "curve", "junction"]
 Boundary = Literal["kerb", "sidewalk", "shoulder", "verge", "any"]
 RoadType = Literal["urban", "rural", "motorway", "proving_ground", "any"]
+# A note on blocks of a map whose traffic keeps to the left.
+LEFT_HAND = "left-hand traffic"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +65,13 @@ class Block:
         entrances: ids of blocks that lead into this one.
         exits: ids of blocks that this one leads into.
         conflict_areas: candidates, per kind of relation.
-        crossing_s_m: arc length of a marked crossing, if any.
+        crossings: zebras on its lanes.
         speed_limit_mps: None where the map doesn't say.
         shoulder_right_m: width between the rightmost lane and the kerb or sidewalk.
         shoulder_left_m: as on the right.
         scenery: what stands beside the road, in the block's frame.
+        left_hand: traffic keeps to the left.
+        roads: of the map, that it is made of.
     """
 
     block_id: str
@@ -82,12 +87,21 @@ class Block:
     entrances: tuple[str, ...] = ()
     exits: tuple[str, ...] = ()
     conflict_areas: tuple[ConflictArea, ...] = ()
-    crossing_s_m: float | None = None
+    crossings: tuple[Crossing, ...] = ()
     speed_limit_mps: float | None = None
     shoulder_left_m: float = 0.0
     shoulder_right_m: float = 0.0
     notes: tuple[str, ...] = field(default=())
     scenery: tuple[SceneryItem, ...] = ()
+    left_hand: bool = False
+    roads: tuple[str, ...] = ()
+
+    @property
+    def crossings_s_m(self) -> tuple[float, ...]:
+        """Arc lengths of the marked crossings of the whole road, the most central one first."""
+        middle = self.length_m / 2.0
+        found = [zebra.s_m for zebra in self.crossings if zebra.whole]
+        return tuple(sorted(found, key=lambda s: abs(s - middle)))
 
     @property
     def length_m(self) -> float:
@@ -123,6 +137,7 @@ class Library:
         sha256: hash of the map file, or of the site's content.
         kind: what it was read from.
         rejected: what was found and can't be a block, as (name, reason).
+        faults: roads that are left out for what contradicts the map's format or itself, likewise.
     """
 
     source: str
@@ -130,17 +145,14 @@ class Library:
     kind: Literal["site", "opendrive", "sumo"]
     blocks: tuple[Block, ...]
     rejected: tuple[tuple[str, str], ...] = ()
-
-
-# A marked crossing is used by people this far to either side of its centre.
-CROSSING_HALF_M = 4.0
+    faults: tuple[tuple[str, str], ...] = ()
 
 
 def conflict_areas(
     length_m: float,
     lanes: Collection[BlockLane],
     permitted: Collection[str],
-    crossing_s_m: float | None = None,
+    crossings_s_m: Collection[float] = (),
 ) -> tuple[ConflictArea, ...]:
     """The candidates of one block, in order of kind and place.
 
@@ -149,9 +161,9 @@ def conflict_areas(
     and all of it where people may cross anywhere.
     """
     found = []
-    if crossing_s_m is not None:
-        low = max(0.0, crossing_s_m - CROSSING_HALF_M)
-        high = min(length_m, crossing_s_m + CROSSING_HALF_M)
+    for at_m in crossings_s_m:
+        low = max(0.0, at_m - CROSSING_HALF_M)
+        high = min(length_m, at_m + CROSSING_HALF_M)
         if low < high:
             found.append(ConflictArea("crossing", low, high))
     if "crossing" in permitted:

@@ -67,13 +67,14 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """A lane in one interval: range of its centre, narrowest and widest place."""
+    """A lane in one interval: range of its centre, narrowest and widest place, open to cars."""
 
     lane: LaneRecord
     low_m: float
     high_m: float
     width_m: float
     widest_m: float
+    is_open: bool
 
 
 def _values(cubics: Sequence[Cubic], s: FloatArray, middle_m: float) -> FloatArray:
@@ -97,7 +98,14 @@ def _start(cubic: Cubic) -> float:
     return cubic.s_m
 
 
-def _tracks(section: Section, offset: FloatArray, widths: dict[int, FloatArray]) -> list[_Track]:
+def _is_open(lane: LaneRecord, at_m: float) -> bool:
+    index = bisect_right(lane.closed, at_m, key=lambda step: step[0]) - 1
+    return index < 0 or not lane.closed[index][1]
+
+
+def _tracks(
+    section: Section, offset: FloatArray, widths: dict[int, FloatArray], middle_m: float
+) -> list[_Track]:
     """Where the lanes lie at the samples, from right to left."""
     found = []
     for sign in (-1, 1):
@@ -114,6 +122,7 @@ def _tracks(section: Section, offset: FloatArray, widths: dict[int, FloatArray])
                     float(centre.max()),
                     float(width.min()),
                     float(width.max()),
+                    _is_open(lane, middle_m),
                 )
             )
     return sorted(found, key=lambda track: track.lane.id)
@@ -136,7 +145,7 @@ def _sampled(road: RoadRecord, section: Section, start_m: float, end_m: float) -
                 width = _values(lane.widths, s, middle)
             widths[lane.id] = np.clip(width, 0.0, _WIDEST_M)
             border = border + sign * widths[lane.id]
-    return _tracks(section, offset, widths)
+    return _tracks(section, offset, widths, middle)
 
 
 def _intervals(road: RoadRecord, section: Section) -> list[tuple[float, float, list[_Track]]]:
@@ -144,13 +153,46 @@ def _intervals(road: RoadRecord, section: Section) -> list[tuple[float, float, l
     start, end = section.start_m, section.end_m
     offsets = _active(road.offsets, start, end)
     cubics = [*offsets, *(c for lane in section.lanes for c in (*lane.widths, *lane.borders))]
-    breaks = sorted({start, end, *(c.s_m for c in cubics if start < c.s_m < end)})
+    places = [c.s_m for c in cubics]
+    places += [s for lane in section.lanes for s, _ in lane.closed]
+    breaks = sorted({start, end, *(s for s in places if start < s < end)})
     return [(a, b, _sampled(road, section, a, b)) for a, b in pairwise(breaks) if b - a > 1e-6]
+
+
+def _both_ways(lane: LaneRecord) -> bool:
+    return lane.direction == "both" or lane.travel == "bidirectional"
+
+
+def _along(road: RoadRecord, lane: LaneRecord) -> bool:
+    """Whether traffic on a lane runs in the road's direction, by its side and its attribute."""
+    return ((lane.id < 0) != road.left_hand) != (lane.direction == "reversed")
+
+
+def direction_fault(road: RoadRecord) -> str:
+    """Why nobody can know where a road's traffic runs; empty: nothing contradicts its lanes."""
+    words = {True: "forward", False: "backward"}
+    against = {
+        (lane.id, lane.travel)
+        for section in road.sections
+        for lane in section.lanes
+        if lane.type in DRIVING
+        and lane.travel in words.values()
+        and lane.travel != words[_along(road, lane)]
+    }
+    if not against:
+        return ""
+    told = ", ".join(f"{travel} on lane {lane_id}" for lane_id, travel in sorted(against))
+    return (
+        f"its travelDir is {told}, against the side of the road that the lane lies on; give "
+        'rule="LHT" for left-hand traffic, or correct the lanes'
+    )
 
 
 def _usable(track: _Track) -> bool:
     return (
         track.lane.type in DRIVING
+        and track.is_open
+        and not _both_ways(track.lane)
         and track.width_m >= NARROWEST_M
         and track.high_m - track.low_m <= 2 * STEADY_M
     )
@@ -166,6 +208,7 @@ def _merged(a: list[_Track], b: list[_Track]) -> list[_Track] | None:
             max(one.high_m, other.high_m),
             min(one.width_m, other.width_m),
             max(one.widest_m, other.widest_m),
+            one.is_open and other.is_open,
         )
         if not _usable(one) == _usable(other) == _usable(joint):
             return None
@@ -181,7 +224,7 @@ def _slots(road: RoadRecord, tracks: list[_Track]) -> tuple[Slot, ...]:
             y_m=0.5 * (track.low_m + track.high_m),
             width_m=track.width_m,
             driving=_usable(track),
-            along=((track.lane.id < 0) != road.left_hand) != track.lane.reversed,
+            along=_along(road, track.lane),
         )
         for track in tracks
     )
@@ -220,7 +263,11 @@ def _why_unusable(tracks: list[_Track]) -> str:
     parts = []
     for track in driving:
         shift = track.high_m - track.low_m
-        if shift > 2 * STEADY_M:
+        if not track.is_open:
+            parts.append(f"lane {track.lane.id} is closed to cars (access)")
+        elif _both_ways(track.lane):
+            parts.append(f"lane {track.lane.id} is driven in both directions")
+        elif shift > 2 * STEADY_M:
             parts.append(f"lane {track.lane.id} shifts by {shift:.2f} m")
         else:
             parts.append(f"lane {track.lane.id} is {track.width_m:.2f} m wide")

@@ -10,7 +10,7 @@ from ssp_scenario_manager.maps.block import Library
 from ssp_scenario_manager.maps.opendrive import load_opendrive
 from ssp_scenario_manager.maps.site import load_site, site_library
 from ssp_scenario_manager.maps.sumo import load_sumo_net
-from ssp_scenario_manager.maps.xml_input import root_tag
+from ssp_scenario_manager.maps.xml_input import outermost
 
 _SITES = (".yaml", ".yml", ".json")
 
@@ -28,7 +28,7 @@ def load_library(path: str | Path) -> Library:
     if path.suffix in _SITES:
         site, _ = load_site(str(path))
         return site_library(site, path)
-    root = root_tag(path)
+    root = outermost(path).tag
     if root == opendrive.ROOT:
         return load_opendrive(path)
     if root == sumo.ROOT:

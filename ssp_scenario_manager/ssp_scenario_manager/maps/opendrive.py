@@ -9,18 +9,29 @@ isn't well-formed is an error.
 
 from __future__ import annotations
 
+import math
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
 from ssp_core.errors import InputError
+from ssp_core.geometry import wrap_angle
 from ssp_core.hashing import sha256_file
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.scenery import shifted
-from ssp_scenario_manager.maps.block import Library, RoadType
-from ssp_scenario_manager.maps.lane_layout import Slot, Stretch, may_change, stretches
+from ssp_scenario_manager.maps.block import LEFT_HAND, Library, RoadType
+from ssp_scenario_manager.maps.crossings import crossings_of
+from ssp_scenario_manager.maps.lane_layout import (
+    Slot,
+    Stretch,
+    direction_fault,
+    may_change,
+    stretches,
+)
 from ssp_scenario_manager.maps.opendrive_road import (
     Connection,
+    Link,
     Mark,
     RoadRecord,
     Section,
@@ -71,6 +82,8 @@ class _Map:
     roads: dict[str, RoadRecord] = field(default_factory=dict)
     connections: list[Connection] = field(default_factory=list)
     rejected: list[tuple[str, str]] = field(default_factory=list)
+    faults: list[tuple[str, str]] = field(default_factory=list)
+    lines: dict[str, ReferenceLine] = field(default_factory=dict)
 
 
 def _edge_marks(section: Section, slot: Slot, leftwards: bool) -> tuple[Mark, ...]:
@@ -149,7 +162,7 @@ def _way(road: RoadRecord, line: ReferenceLine, stretch: Stretch) -> Way:
     whole = low <= _AT_END_M and high == line.length_m
     slots = list(stretch.slots)
     driving = [i for i, slot in enumerate(slots) if slot.driving]
-    notes = ["left-hand traffic"] if road.left_hand else []
+    notes = [LEFT_HAND] if road.left_hand else []
     if road.not_drawn:
         notes.append(f"{road.not_drawn} objects or signs of road {road.id} can't be drawn")
     return Way(
@@ -173,8 +186,13 @@ def _way(road: RoadRecord, line: ReferenceLine, stretch: Stretch) -> Way:
         road_type=_road_type(road, 0.5 * (low + high)),
         along=_rules(road, stretch, True),
         against=_rules(road, stretch, False),
-        crossings_m=tuple(s - low for s in road.crosswalks_m if low <= s <= high),
+        crossings=tuple(
+            zebra.at(zebra.s_m - low)
+            for zebra in crossings_of(road.crosswalks, line, [slots[i].y_m for i in driving])
+            if low <= zebra.s_m <= high
+        ),
         junction=road.junction,
+        left_hand=road.left_hand,
         notes=tuple(notes),
         scenery=tuple(shifted(item, -low) for item in road.scenery if low <= item.s_m <= high),
     )
@@ -184,6 +202,10 @@ def _add_road(found: _Map, road: RoadRecord) -> None:
     name = f"road {road.id}"
     found.spans[road.id] = []
     found.roads[road.id] = road
+    fault = road.fault or direction_fault(road)
+    if fault:
+        found.faults.append((name, fault))
+        return
     steady, refused = stretches(road)
     found.rejected += [
         (
@@ -203,6 +225,7 @@ def _add_road(found: _Map, road: RoadRecord) -> None:
     except Unusable as error:
         found.rejected.append((name, str(error)))
         return
+    found.lines[road.id] = line
     for stretch in steady:
         if min(stretch.end_m, line.length_m) - stretch.start_m <= _AT_END_M:
             continue
@@ -265,6 +288,64 @@ def _contacts(found: _Map) -> list[tuple[WayEnd, WayEnd]]:
     return [(a, b) for a, b in pairs if a is not None and b is not None]
 
 
+# A heading of more than this either way may be summed up along a road, or be in degrees.
+_ONE_TURN_RAD = 2.0 * math.pi + 1e-6
+# What shows that it is summed up: the road goes on where it then leads, and it is this long at
+# least, and the ends are so near to each other.
+_SHORTEST_M = 1.0
+_MEET_M = 1.0
+_MEET_SHARE = 0.02
+_MEET_RAD = 0.1
+
+
+def _in_degrees(found: _Map) -> tuple[str, float] | None:
+    """The first road with a heading beyond one turn that nothing shows to be in radians.
+
+    Headings that are summed up along roads are sound: the next part of the road, or a road that it
+    is linked to, then begins where and as the heading says. None: there is no such road.
+    """
+    beyond: dict[str, float] = {}
+    for road in found.roads.values():
+        most = max((shape.heading_rad for shape in road.geometry), key=abs)
+        if abs(most) > _ONE_TURN_RAD and any(lane.id for s in road.sections for lane in s.lanes):
+            beyond[road.id] = most
+    if not beyond:
+        return None
+    shown = {road_id for road_id in beyond if _goes_on(found, found.roads[road_id])}
+    for road in found.roads.values():
+        for end, link in road.links.items():
+            if {road.id, link.id} & beyond.keys() and _meet(found, road.id, end, link):
+                shown |= {road.id, link.id}
+    return next(((name, most) for name, most in beyond.items() if name not in shown), None)
+
+
+def _goes_on(found: _Map, road: RoadRecord) -> bool:
+    """A road of several parts that follow one another by their headings in radians."""
+    long = [shape for shape in road.geometry if shape.length_m >= _SHORTEST_M]
+    return len(long) > 1 and _line_of(found, road.id) is not None
+
+
+def _meet(found: _Map, road_id: str, end: End, link: Link) -> bool:
+    """Whether two linked roads meet by their headings in radians."""
+    mine, other = _line_of(found, road_id), _line_of(found, link.id)
+    if link.kind != "road" or link.contact is None or mine is None or other is None:
+        return False
+    if min(mine.length_m, other.length_m) < _SHORTEST_M:
+        return False
+    a = mine.pose(0.0 if end == "start" else mine.length_m)
+    b = other.pose(0.0 if link.contact == "start" else other.length_m)
+    near_m = min(_MEET_M, _MEET_SHARE * min(mine.length_m, other.length_m))
+    turn = wrap_angle(a.yaw_rad - b.yaw_rad + (math.pi if end == link.contact else 0.0))
+    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) <= near_m and abs(turn) <= _MEET_RAD
+
+
+def _line_of(found: _Map, road_id: str) -> ReferenceLine | None:
+    if road_id not in found.lines and road_id in found.roads:
+        with suppress(Unusable):
+            found.lines[road_id] = road_line(found.roads[road_id])
+    return found.lines.get(road_id)
+
+
 def load_opendrive(path: Path) -> Library:
     """The blocks of an OpenDRIVE map.
 
@@ -285,6 +366,15 @@ def load_opendrive(path: Path) -> Library:
             raise input_error(path, element, bad) from bad
     if not found.roads:
         raise InputError("has no road", file=path, remedy="give a map with roads")
+    degrees = _in_degrees(found)
+    if degrees is not None:
+        raise InputError(
+            "is more than one turn, and no road goes on where it then leads",
+            file=path,
+            field=f"road {degrees[0]} / planView / geometry / hdg",
+            value=degrees[1],
+            remedy=f"hdg is in radians: {degrees[1]:g} degrees are {math.radians(degrees[1]):.6g}",
+        )
     blocks, rejected = network_blocks(found.ways, _contacts(found))
     return Library(
         source=path.name,
@@ -292,4 +382,5 @@ def load_opendrive(path: Path) -> Library:
         kind="opendrive",
         blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
         rejected=tuple(found.rejected + rejected),
+        faults=tuple(found.faults),
     )

@@ -7,6 +7,7 @@ from typing import Literal
 from xml.etree.ElementTree import Element
 
 from ssp_core.run_file.road import SceneryItem
+from ssp_scenario_manager.maps.crossings import Crosswalk, read_crosswalks
 from ssp_scenario_manager.maps.scenery import read_scenery
 from ssp_scenario_manager.maps.xml_input import (
     FARTHEST_M,
@@ -74,7 +75,14 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class LaneRecord:
-    """A lane of one lane section; all s_m are along the road."""
+    """A lane of one lane section; all s_m are along the road.
+
+    Args:
+        closed: from where on it is closed to cars, or open to them again.
+        direction: attribute of that name: standard, reversed or both.
+        travel: vendor data ``travelDir``: forward, backward, bidirectional; empty where it has
+            none.
+    """
 
     id: int
     type: str
@@ -82,7 +90,9 @@ class LaneRecord:
     borders: tuple[Cubic, ...]
     marks: tuple[Mark, ...]
     speeds: tuple[tuple[float, float | None], ...]
-    reversed: bool
+    closed: tuple[tuple[float, bool], ...]
+    direction: str
+    travel: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +127,7 @@ class RoadRecord:
         offsets: of lane 0 from the reference line.
         scenery: what stands beside it, along its reference line.
         not_drawn: how much more there is of it that can't be.
+        fault: why it is left out, although it is well-formed; empty: it isn't.
     """
 
     id: str
@@ -128,9 +139,10 @@ class RoadRecord:
     geometry: tuple[Geometry, ...]
     offsets: tuple[Cubic, ...]
     sections: tuple[Section, ...]
-    crosswalks_m: tuple[float, ...]
+    crosswalks: tuple[Crosswalk, ...]
     scenery: tuple[SceneryItem, ...] = ()
     not_drawn: int = 0
+    fault: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +170,11 @@ _NUMBERS: dict[Shape, tuple[str, ...]] = {
 }
 _SHAPES: dict[str, Shape] = {shape: shape for shape in _NUMBERS}
 _SPEED_UNITS = {"m/s": 1.0, "mph": 0.44704, "km/h": 1 / 3.6}
+# What others write for a unit of OpenDRIVE.
+_MEANT = {"kph": "km/h", "kmh": "km/h", "kmph": "km/h", "mps": "m/s", "ms": "m/s", "mi/h": "mph"}
+# Participants that restrictions of access name, of which one that may use a lane makes it a car's.
+_CARS = frozenset({"passengercar", "car", "none", "simulator", "autonomoustraffic",
+                   "throughtraffic"})  # fmt: skip
 
 
 def _end(element: Element) -> End | None:
@@ -203,13 +220,22 @@ def _speed(element: Element) -> float | None:
     word = text(element, "max", "undefined").strip()
     if word in ("no limit", "undefined"):
         return None
-    unit = element.get("unit", "m/s")
-    if unit not in _SPEED_UNITS:
-        raise BadElement(
-            element, "is no unit of speed", "unit", f"one of {', '.join(_SPEED_UNITS)}"
-        )
-    speed = number(element, "max", low=-1.0, high=1000.0) * _SPEED_UNITS[unit]
+    # A road with another unit is left out: see _unit_fault.
+    unit = _SPEED_UNITS.get(element.get("unit", "m/s"), 1.0)
+    speed = number(element, "max", low=-1.0, high=1000.0) * unit
     return speed if speed > 0.0 else None
+
+
+def _unit_fault(road: Element) -> str:
+    """Why limits of a road can't be read: their unit; empty: they can."""
+    for element in (*road.iterfind("type/speed"), *road.iterfind("lanes/laneSection/*/lane/speed")):
+        unit = element.get("unit", "m/s")
+        if unit not in _SPEED_UNITS:
+            meant = _MEANT.get(unit.strip().lower().replace(" ", ""))
+            units = ", ".join(_SPEED_UNITS)
+            remedy = f"write {meant}, which is meant" if meant else f"write one of {units}"
+            return f"{unit[:40]!r} is no unit of speed in OpenDRIVE; {remedy}"
+    return ""
 
 
 def _geometry(element: Element) -> Geometry:
@@ -248,6 +274,39 @@ def _marks(lane: Element, base_m: float) -> tuple[Mark, ...]:
     return tuple(sorted(found, key=lambda mark: mark.s_m))
 
 
+def _closed(lane: Element, base_m: float) -> tuple[tuple[float, bool], ...]:
+    """From where on a lane is closed to cars, or open to them again, by its ``access`` elements.
+
+    Those at one place hold together, up to the next place. If any of them allows somebody, all
+    others are kept out. Without a rule they deny, as the standard says.
+    """
+    rules: dict[float, dict[str, set[str]]] = {}
+    for element in lane.findall("access"):
+        s = base_m + number(element, "sOffset", 0.0, high=LONGEST_ROAD_M)
+        word = element.get("rule", "deny")
+        if word not in ("allow", "deny"):
+            raise BadElement(element, "is unknown", "rule", "allow or deny")
+        who = {child.get("type", "") for child in element.findall("restriction")}
+        who |= {element.get("restriction", "")}
+        whom = {name.strip().lower() for name in who} - {""}
+        rules.setdefault(s, {"allow": set(), "deny": set()})[word].update(whom)
+    return tuple(
+        (s, bool(rule["allow"] and not rule["allow"] & _CARS) or "passengercar" in rule["deny"])
+        for s, rule in sorted(rules.items())
+    )
+
+
+def _travel(lane: Element) -> str:
+    """Vendor data about a lane's direction of travel, empty where there is none."""
+    for data in lane.findall("userData"):
+        if data.get("code") == "travelDir":
+            return data.get("value", "")
+        for child in data.iter():
+            if child.get("travelDir") is not None:
+                return text(child, "travelDir")
+    return ""
+
+
 def _lane(element: Element, base_m: float) -> LaneRecord:
     cubics = {}
     for tag in ("width", "border"):
@@ -263,11 +322,14 @@ def _lane(element: Element, base_m: float) -> LaneRecord:
             (base_m + number(child, "sOffset", 0.0, high=LONGEST_ROAD_M), _speed(child))
             for child in element.findall("speed")
         ),
-        reversed=element.get("direction") == "reversed",
+        closed=_closed(element, base_m),
+        direction=element.get("direction", "standard"),
+        travel=_travel(element),
     )
 
 
-def _section(element: Element, start_m: float, end_m: float) -> Section:
+def _section(element: Element, start_m: float, end_m: float, before: Section | None) -> Section:
+    """A lane section; one of a single side goes on with the other side of the one before it."""
     lanes = []
     centre: tuple[Mark, ...] = ()
     for side in ("left", "center", "right"):
@@ -280,6 +342,10 @@ def _section(element: Element, start_m: float, end_m: float) -> Section:
                 if (lane.id > 0) != (side == "left") or side == "center":
                     raise BadElement(child, f"stands on the {side}", "id")
                 lanes.append(lane)
+    if before is not None and element.get("singleSide") in ("true", "1"):
+        told = {lane.id > 0 for lane in lanes}
+        lanes += [lane for lane in before.lanes if (lane.id > 0) not in told]
+        centre = centre or before.centre_marks
     lanes.sort(key=lambda lane: -lane.id)
     ids = [lane.id for lane in lanes]
     if len(ids) > _MOST_LANES:
@@ -301,10 +367,11 @@ def _sections(lanes: Element, length_m: float) -> tuple[Section, ...]:
     if not elements:
         return ()
     ends = [s for _, s in starts[1:]] + [length_m]
-    return tuple(
-        _section(element, start, min(end, length_m))
-        for (element, start), end in zip(starts, ends, strict=True)
-    )
+    found: list[Section] = []
+    for (element, start), end in zip(starts, ends, strict=True):
+        before = found[-1] if found else None
+        found.append(_section(element, start, min(end, length_m), before))
+    return tuple(found)
 
 
 def _links(road: Element) -> dict[End, Link]:
@@ -345,11 +412,6 @@ def read_road(road: Element) -> RoadRecord:
         speeds = [_speed(child) for child in element.findall("speed")]
         s = number(element, "s", 0.0, high=LONGEST_ROAD_M)
         types.append((s, text(element, "type", "unknown"), speeds[0] if speeds else None))
-    crosswalks = [
-        number(element, "s", 0.0, low=0.0, high=LONGEST_ROAD_M)
-        for element in road.findall("objects/object")
-        if "crosswalk" in (element.get("type", "") + element.get("name", "")).lower()
-    ]
     left_hand = road.get("rule") == "LHT"
     scenery, not_drawn = read_scenery(road, left_hand=left_hand)
     shifts = lanes.findall("laneOffset")
@@ -365,9 +427,10 @@ def read_road(road: Element) -> RoadRecord:
         geometry=tuple(_geometry(element) for element in geometry),
         offsets=tuple(_cubic(element, 0.0, "s") for element in shifts),
         sections=_sections(lanes, length),
-        crosswalks_m=tuple(sorted(s for s in crosswalks if s <= length)),
+        crosswalks=tuple(read_crosswalks(road)),
         scenery=scenery,
         not_drawn=not_drawn,
+        fault=_unit_fault(road),
     )
 
 

@@ -230,9 +230,7 @@ def _limit(element: Element) -> int | None:
         if speed > 0.0:
             unit = element.get("unit", "km/h")
             if unit not in _PRINTED:
-                raise BadElement(
-                    element, "is no unit of speed", "unit", f"one of {', '.join(_PRINTED)}"
-                )
+                raise _Unusable  # nobody knows what it shows
             return _printed(speed * _PRINTED[unit])
     subtype = element.get("subtype", "")
     if not re.fullmatch(r"\d{1,3}", subtype):

@@ -31,6 +31,7 @@ from ssp_core.run_file.values import (
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_core.world.scenery import Clearance
 from ssp_scenario_manager.maps.block import Block, BlockLane, Library, conflict_areas, segment_of
+from ssp_scenario_manager.maps.crossings import Crossing
 
 LIBRARY = Path(__file__).resolve().parents[1] / "library"
 
@@ -270,6 +271,7 @@ def _block(site: Site, index: int) -> Block:
     )
     lanes = tuple(sorted(named, key=lambda lane: lane.y_m))
     permitted = frozenset[str](block.permitted)
+    marked = () if block.crossing_x_m is None else (block.crossing_x_m,)
     return Block(
         block_id=block.id,
         line=line,
@@ -283,8 +285,8 @@ def _block(site: Site, index: int) -> Block:
         permitted=permitted,
         entrances=tuple(sorted(o.id for o in site.blocks if block.id in o.leads_to)),
         exits=tuple(sorted(set(block.leads_to))),
-        conflict_areas=conflict_areas(line.length_m, lanes, permitted, block.crossing_x_m),
-        crossing_s_m=block.crossing_x_m,
+        conflict_areas=conflict_areas(line.length_m, lanes, permitted, marked),
+        crossings=tuple(map(Crossing, marked)),
         speed_limit_mps=block.speed_limit_mps,
         scenery=tuple(block.scenery),
     )

@@ -14,7 +14,7 @@ from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.run_file.values import Point
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_scenario_manager.maps.block import Library, RoadType
+from ssp_scenario_manager.maps.block import LEFT_HAND, Library, RoadType
 from ssp_scenario_manager.maps.lane_layout import NARROWEST_M
 from ssp_scenario_manager.maps.reference_line import Unusable, smooth_line
 from ssp_scenario_manager.maps.ways import (
@@ -30,6 +30,7 @@ from ssp_scenario_manager.maps.xml_input import (
     BadElement,
     input_error,
     number,
+    outermost,
     parts,
     text,
     whole,
@@ -43,10 +44,11 @@ _MOST_POINTS = 10_000
 
 @dataclass(frozen=True, slots=True)
 class EdgeLane:
-    """A lane; the one with index 0 is the rightmost.
+    """A lane; the one with index 0 is the outermost: the rightmost, or in left-hand traffic the
+    leftmost.
 
     Args:
-        index: from the right.
+        index: from that side.
         shape: centre line, frame map.
         driving: passenger cars may use it.
         walkable: only pedestrians may.
@@ -104,7 +106,8 @@ def _may_change(lane: Element, side: str) -> bool:
     return words is None or bool({"passenger", "all"} & set(words.split()))
 
 
-def _lane(lane: Element) -> EdgeLane:
+def _lane(lane: Element, left_hand: bool) -> EdgeLane:
+    inwards, outwards = _may_change(lane, "Left"), _may_change(lane, "Right")
     driving = _allows(lane, "passenger")
     return EdgeLane(
         index=whole(lane, "index"),
@@ -113,13 +116,16 @@ def _lane(lane: Element) -> EdgeLane:
         shape=_shape(lane),
         driving=driving,
         walkable=not driving and _allows(lane, "pedestrian") and not _allows(lane, "bicycle"),
-        change_left=_may_change(lane, "Left"),
-        change_right=_may_change(lane, "Right"),
+        change_left=outwards if left_hand else inwards,
+        change_right=inwards if left_hand else outwards,
     )
 
 
-def read_edge(edge: Element) -> Edge:
+def read_edge(edge: Element, *, left_hand: bool = False) -> Edge:
     """An edge from its element.
+
+    Args:
+        left_hand: of the network: it numbers lanes from the left.
 
     Raises:
         BadElement: something in it is missing, or no number where one belongs.
@@ -129,7 +135,7 @@ def read_edge(edge: Element) -> Edge:
         raise BadElement(
             edge, f"has {len(children)} lanes", None, f"1 to {_MOST_LANES} can be read"
         )
-    lanes = sorted((_lane(child) for child in children), key=lambda lane: lane.index)
+    lanes = sorted((_lane(child, left_hand) for child in children), key=lambda lane: lane.index)
     if [lane.index for lane in lanes] != list(range(len(lanes))):
         raise BadElement(edge, "leaves a lane index out", None, "number lanes from 0")
     return Edge(
@@ -138,7 +144,7 @@ def read_edge(edge: Element) -> Edge:
         start=text(edge, "from", ""),
         end=text(edge, "to", ""),
         type=text(edge, "type", ""),
-        lanes=tuple(lanes),
+        lanes=tuple(lanes[::-1] if left_hand else lanes),
     )
 
 
@@ -169,8 +175,13 @@ _ROAD_TYPES: dict[str, RoadType] = {
 
 @dataclass
 class _Net:
-    """What has been read so far."""
+    """What has been read so far.
 
+    Args:
+        left_hand: its traffic keeps to the left.
+    """
+
+    left_hand: bool
     edges: dict[str, Edge] = field(default_factory=dict)
     connections: set[tuple[str, str]] = field(default_factory=set)
     rejected: list[tuple[str, str]] = field(default_factory=list)
@@ -221,9 +232,9 @@ def _side(outward: list[EdgeLane]) -> Side:
 
 def _sides(edge: Edge) -> tuple[Side, Side]:
     """Beyond the rightmost and the leftmost driving lane."""
-    driving = [lane.index for lane in _usable(edge)]
-    lanes = list(edge.lanes)
-    return _side(lanes[: driving[0]][::-1]), _side(lanes[driving[-1] + 1 :])
+    lanes, usable = list(edge.lanes), _usable(edge)
+    first, last = lanes.index(usable[0]), lanes.index(usable[-1])
+    return _side(lanes[:first][::-1]), _side(lanes[last + 1 :])
 
 
 def _oncoming(
@@ -241,7 +252,8 @@ def _oncoming(
         high = max(lane.y_m + lane.width_m / 2 for lane in lanes)
         gap = max(low - left, right - high)
         if -_PARALLEL_M <= gap <= _MEDIAN_M and (best is None or gap < best[0]):
-            best = gap, lanes, _sides(edge)[0]
+            # It runs the other way: its right side is the far one where it lies on the left.
+            best = gap, lanes, _sides(edge)[0 if low > right else 1]
     return ([], None) if best is None else best[1:]
 
 
@@ -249,7 +261,7 @@ def _length_m(lane: EdgeLane) -> float:
     return sum(math.dist(a, b) for a, b in pairwise(lane.shape))
 
 
-def _way(edge: Edge, back: list[Edge]) -> Way:
+def _way(edge: Edge, back: list[Edge], left_hand: bool) -> Way:
     """The way of an edge.
 
     Raises:
@@ -291,6 +303,8 @@ def _way(edge: Edge, back: list[Edge]) -> Way:
         junction=edge.id[1:].rpartition("_")[0] if internal else None,
         noun="edge",
         both=False,
+        left_hand=left_hand,
+        notes=(LEFT_HAND,) if left_hand else (),
     )
 
 
@@ -300,11 +314,12 @@ def load_sumo_net(path: Path) -> Library:
     Raises:
         InputError: the file can't be read, is no network, or an element in it is malformed.
     """
-    net = _Net()
+    left_hand = outermost(path).get("lefthand", "false")
+    net = _Net(left_hand=left_hand.lower() in ("true", "1", "yes", "on", "x", "t"))
     for element in parts(path, ROOT):
         try:
             if element.tag == "edge" and element.get("function", "normal") in _READ:
-                edge = read_edge(element)
+                edge = read_edge(element, left_hand=net.left_hand)
                 if edge.id in net.edges:
                     raise BadElement(element, "has the id of another edge", "id")
                 net.edges[edge.id] = edge
@@ -323,7 +338,7 @@ def load_sumo_net(path: Path) -> Library:
     for edge in net.edges.values():
         back = between.get((edge.end, edge.start), []) if edge.function == "normal" else []
         try:
-            way = _way(edge, [other for other in back if other is not edge])
+            way = _way(edge, [other for other in back if other is not edge], net.left_hand)
         except Unusable as error:
             net.rejected.append((f"edge {edge.id}", str(error)))
             continue

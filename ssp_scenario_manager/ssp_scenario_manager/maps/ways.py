@@ -27,6 +27,7 @@ from ssp_scenario_manager.maps.block import (
     segment_of,
     straight_parts,
 )
+from ssp_scenario_manager.maps.crossings import Crossing
 
 End = Literal["start", "end"]
 WayEnd = tuple[int, End]
@@ -82,11 +83,12 @@ class Way:
         left: beyond the leftmost of them.
         along: rules for traffic along it.
         against: rules for traffic against it.
-        crossings_m: arc lengths of marked crossings.
+        crossings: zebras on its lanes, along its line.
         junction: that it leads through, None outside of one.
         noun: what the map's roads are called in names.
         both: traffic against it has its block from this way too, not from one of its own.
         scenery: what stands beside it, along its line.
+        left_hand: traffic keeps to the left.
     """
 
     roads: tuple[str, ...]
@@ -98,12 +100,13 @@ class Way:
     road_type: RoadType
     along: Rules
     against: Rules
-    crossings_m: tuple[float, ...] = ()
+    crossings: tuple[Crossing, ...] = ()
     junction: str | None = None
     notes: tuple[str, ...] = ()
     noun: str = "road"
     both: bool = True
     scenery: tuple[SceneryItem, ...] = ()
+    left_hand: bool = False
 
     @property
     def name(self) -> str:
@@ -131,7 +134,7 @@ class Way:
             left=self.right,
             along=self.against,
             against=self.along,
-            crossings_m=tuple(sorted(length - s for s in self.crossings_m)),
+            crossings=tuple(zebra.at(length - zebra.s_m) for zebra in self.crossings[::-1]),
             scenery=tuple(reversed_item(item, length) for item in self.scenery),
         )
 
@@ -149,6 +152,7 @@ def _rules_agree(a: Way, b: Way) -> bool:
     return (
         (a.road_type, a.along, a.against) == (b.road_type, b.along, b.against)
         and (a.right.boundary, a.left.boundary) == (b.right.boundary, b.left.boundary)
+        and a.left_hand == b.left_hand
         and a.junction is None
         and b.junction is None
     )
@@ -194,11 +198,13 @@ def joined(a: Way, b: Way) -> Way | None:
         road_type=a.road_type,
         along=a.along,
         against=a.against,
-        crossings_m=a.crossings_m + tuple(s + a.line.length_m for s in b.crossings_m),
+        crossings=a.crossings
+        + tuple(zebra.at(zebra.s_m + a.line.length_m) for zebra in b.crossings),
         notes=tuple(dict.fromkeys(a.notes + b.notes)),
         noun=a.noun,
         both=a.both,
         scenery=a.scenery + tuple(shifted(item, a.line.length_m) for item in b.scenery),
+        left_hand=a.left_hand,
     )
 
 
@@ -361,12 +367,17 @@ def _block(way: Way, name: str, entrances: tuple[str, ...], exits: tuple[str, ..
     right = _cut_side(way.right, min(x.y_m - x.width_m / 2 for x in lanes) - right_room)
     left = _cut_side(way.left, left_room - max(x.y_m + x.width_m / 2 for x in lanes))
     length = way.line.length_m
-    crossing = min(way.crossings_m, key=lambda s: abs(s - length / 2), default=None)
     permitted = _permitted(way)
     scenery, notes = _beside(way)
+    notes += tuple(
+        f"a zebra at {zebra.s_m:.1f} m covers some of its lanes only and isn't drawn"
+        for zebra in way.crossings
+        if not zebra.whole
+    )
     areas: tuple[ConflictArea, ...] = ()
     if way.junction is None:
-        areas = conflict_areas(length, lanes, permitted, crossing)
+        marked = [zebra.s_m for zebra in way.crossings if zebra.whole]
+        areas = conflict_areas(length, lanes, permitted, marked)
     return Block(
         block_id=name,
         line=way.line,
@@ -381,12 +392,14 @@ def _block(way: Way, name: str, entrances: tuple[str, ...], exits: tuple[str, ..
         entrances=entrances,
         exits=exits,
         conflict_areas=areas,
-        crossing_s_m=crossing,
+        crossings=way.crossings,
         speed_limit_mps=way.along.speed_mps,
         shoulder_left_m=left.shoulder_m,
         shoulder_right_m=right.shoulder_m,
         notes=way.notes + notes,
         scenery=scenery,
+        left_hand=way.left_hand,
+        roads=way.roads,
     )
 
 
@@ -408,7 +421,9 @@ def _part(way: Way, from_m: float, to_m: float) -> Way:
     return replace(
         way,
         line=way.line.section(from_m, to_m),
-        crossings_m=tuple(s - from_m for s in way.crossings_m if from_m <= s <= to_m),
+        crossings=tuple(
+            zebra.at(zebra.s_m - from_m) for zebra in way.crossings if from_m <= zebra.s_m <= to_m
+        ),
         scenery=tuple(shifted(item, -from_m) for item in way.scenery if from_m <= item.s_m <= to_m),
     )
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from xml.etree.ElementTree import Element, ParseError
+from xml.parsers.expat import errors as expat_errors
 
 import defusedxml.ElementTree as safe_xml
 from defusedxml.common import DefusedXmlException
@@ -19,6 +20,9 @@ _CHUNK_BYTES = 1 << 20
 # One road or one junction of a real map has a few thousand elements.
 MAX_PART_ELEMENTS = 500_000
 _MAX_DEPTH = 64
+# What packed files begin with, and what unpacks them.
+_PACKED = {b"\x1f\x8b": "gunzip", b"PK\x03\x04": "unzip", b"BZh": "bunzip2", b"\xfd7zXZ": "unxz"}
+_INVALID_TOKEN = expat_errors.codes[expat_errors.XML_ERROR_INVALID_TOKEN]
 # No road network lies farther from its origin, m; longer lengths are slips.
 FARTHEST_M = 1e8
 
@@ -73,13 +77,13 @@ def input_error(path: Path, top: Element, bad: BadElement) -> InputError:
     return InputError(bad.problem, file=path, field=field, value=value, remedy=bad.remedy or None)
 
 
-def root_tag(path: Path) -> str:
-    """Tag of a file's outermost element.
+def outermost(path: Path) -> Element:
+    """A file's outermost element, with its attributes and nothing in it.
 
     Raises:
         InputError: the file can't be read, or isn't XML.
     """
-    return next(_events(path, ("start",)))[1].tag
+    return next(_events(path, ("start",)))[1]
 
 
 def parts(path: Path, root: str) -> Iterator[Element]:
@@ -144,7 +148,10 @@ def _events(path: Path, events: tuple[str, ...]) -> Iterator[tuple[str, Element]
                 f"has {size >> 20} MiB", file=path, remedy=f"at most {MAX_MAP_BYTES >> 20} MiB"
             )
         with open(path, "rb") as stream:
-            yield from safe_xml.iterparse(_Chunks(stream), events=events)
+            _refuse_packed(stream.read(8), path)
+            stream.seek(0)
+            found = safe_xml.iterparse(_Chunks(stream), events=(*events, "start-ns"))
+            yield from _in_own_namespace(found, path)
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", file=path) from error
     except DefusedXmlException as error:
@@ -155,9 +162,63 @@ def _events(path: Path, events: tuple[str, ...]) -> Iterator[tuple[str, Element]
         ) from error
     except ParseError as error:
         line = error.position[0] if hasattr(error, "position") else None
-        raise InputError(f"is not valid XML: {error}", file=path, line=line) from error
-    except (ValueError, LookupError) as error:  # an encoding that nobody knows, a NUL in the name
-        raise InputError(f"is not valid XML: {error}", file=path) from error
+        remedy = "save it as UTF-8, if it isn't" if error.code == _INVALID_TOKEN else None
+        raise InputError(
+            f"is not valid XML: {error}", file=path, line=line, remedy=remedy
+        ) from error
+    except (ValueError, LookupError) as error:  # an encoding that the parser lacks, a NUL in a name
+        remedy = "save it as UTF-8" if "encoding" in str(error) else None
+        raise InputError(f"is not valid XML: {error}", file=path, remedy=remedy) from error
+
+
+def _refuse_packed(head: bytes, path: Path) -> None:
+    for mark, tool in _PACKED.items():
+        if head.startswith(mark):
+            raise InputError("is packed", file=path, remedy=f"unpack it first, as by {tool}")
+
+
+def _in_own_namespace(
+    events: Iterator[tuple[str, Any]], path: Path
+) -> Iterator[tuple[str, Element]]:
+    """Drop the outermost element's XML namespace from all tags in it, and no other namespace.
+
+    Raises:
+        InputError: its name has a prefix, which players of the map would take for a part of it.
+    """
+    defaults: set[str] = set()
+    own: str | None = None
+    for event, element in events:
+        if event == "start-ns":
+            prefix, uri = element
+            defaults |= set() if prefix else {uri}
+            continue
+        if own is None:
+            own = element.tag.partition("}")[0] + "}" if element.tag.startswith("{") else ""
+            if own and own[1:-1] not in defaults:
+                raise InputError(
+                    f"has a prefix before its elements, for the XML namespace {own[1:-1][:80]}",
+                    file=path,
+                    remedy="make that the default namespace (xmlns=…), or write plain names",
+                )
+        if own and element.tag.startswith(own):
+            element.tag = element.tag[len(own) :]
+        yield event, element
+
+
+def document(data: bytes) -> Element:
+    """The outermost element of an XML text, in its own namespace.
+
+    Raises:
+        InputError: it isn't XML, or declares entities.
+    """
+    try:
+        root: Element = safe_xml.fromstring(data)
+    except (ValueError, LookupError, ParseError) as error:
+        raise InputError(f"is not valid XML: {error}") from error
+    own = root.tag.rpartition("}")[0]
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(own + "}") if own else element.tag
+    return root
 
 
 def text(element: Element, attribute: str, default: str | None = None) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,6 +12,7 @@ from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.model import Camera
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.maps.crossings import Crossing
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,
     CannotPlace,
@@ -88,6 +89,8 @@ _LONGEST_HOLD_S = 4.0
 # How far beyond the other kerb a crossing ends.
 _BEYOND_M = 1.0
 _LEAST_BEYOND_M = 0.3
+# Beyond the reach of a marked crossing, for whoever crosses away from it.
+_OFF_MARKING_M = 0.5
 # Between a parked vehicle and the edge of the carriageway.
 _PARKED_M = 0.15
 # Between a parked vehicle and the outer end of the strip that it stands on.
@@ -119,9 +122,14 @@ def _across(event: Event, block: Block, kerb_m: float) -> tuple[float, float]:
 
 def _along(
     block: Block, vut: Size, lane_m: float, speed_mps: float, rate: float, below_s: float,
-    at_marking: bool,
+    hidden_m: float | None,
 ) -> _Along:  # fmt: skip
-    """At a marked crossing if there is one and the VUT has the room, else as early as can be."""
+    """At a marked crossing if there is one and the VUT has the room, else as early as can be.
+
+    Args:
+        hidden_m: None: the place may be marked; else it lies away from every marking, and so does
+            what hides it, which stands on so much of the road before it.
+    """
     reached = cruise_reached_s(speed_mps, rate)
     entry = entry_m(block)
 
@@ -129,8 +137,7 @@ def _along(
         driven, _ = driver_travel(speed_mps, rate, reached + hold_s)
         return vut.front_m + driven + speed_mps * below_s
 
-    marked = block.crossing_s_m
-    if at_marking and marked is not None:
+    for marked in block.crossings_s_m if hidden_m is None else ():
         room = station_of(block, entry, marked, lane_m)
         if needed(LEAST_HOLD_S) <= room <= needed(_LONGEST_HOLD_S):
             hold = LEAST_HOLD_S
@@ -140,8 +147,26 @@ def _along(
             start = ahead_of(block, marked, -needed(hold), lane_m)
             if start >= vut.rear_m + 1.0:
                 return _Along(round(start, 3), marked, reached + hold)
-    crossing = ahead_of(block, entry, needed(HOLD_S), lane_m)
-    return _Along(entry, round(crossing, 3), reached + HOLD_S)
+    crossing = round(ahead_of(block, entry, needed(HOLD_S), lane_m), 3)
+    clear = crossing if hidden_m is None else _clear_of(block.crossings, crossing, hidden_m)
+    if clear == crossing:
+        return _Along(entry, crossing, reached + HOLD_S)
+    start = ahead_of(block, clear, -needed(HOLD_S), lane_m)
+    return _Along(round(start, 3), clear, reached + HOLD_S)
+
+
+def _clear_of(crossings: Sequence[Crossing], s_m: float, behind_m: float) -> float:
+    """The first arc length from one on that is out of reach of every zebra.
+
+    Args:
+        behind_m: a stretch of so much before it has no zebra on it.
+    """
+    for zebra in sorted(crossings, key=lambda zebra: zebra.s_m - zebra.reach_m):
+        before = zebra.s_m - zebra.reach_m - _OFF_MARKING_M
+        beyond = zebra.s_m + max(zebra.reach_m, zebra.half_m + behind_m) + _OFF_MARKING_M
+        if before < s_m < beyond:
+            s_m = round(beyond, 3)
+    return s_m
 
 
 def _gap(block: Block, start_s_m: float, front_m: float, near_s_m: float, lane_m: float) -> float:
@@ -157,7 +182,12 @@ def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
     v, below = values["vut_speed"], values["below"]
     rate = approach_acceleration(event, vut_id, setting.limits)
     occluder = event.interaction.occluder
-    along = _along(block, vut, lane.y_m, v, rate, below, occluder is None)
+    half = walker.width_m / 2.0
+    hidden = None
+    if occluder is not None:
+        parked = size_of(event, occluder)
+        hidden = half + values["occluder_gap"] + parked.front_m + parked.rear_m
+    along = _along(block, vut, lane.y_m, v, rate, below, hidden)
     s = along.crossing_s_m
     if s + ROOM_BEYOND_M > block.length_m:
         raise CannotPlace(
@@ -166,7 +196,6 @@ def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
         )
     from_l, to_l = (round(y, 3) for y in _across(event, block, values["kerb_distance"]))
     turn = math.copysign(math.pi / 2.0, to_l - from_l)
-    half = walker.width_m / 2.0
     gap = _gap(block, along.start_s_m, vut.front_m, s - half, lane.y_m)
     told = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
     gaps = {name: gap}

@@ -28,6 +28,7 @@ from ssp_scenario_manager.compile.task import (
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.maps.crossings import Crossing
 from ssp_scenario_manager.scenarios.base import (
     Act,
     BlockPoint,
@@ -56,7 +57,7 @@ class Case:
 
 def make_block(pieces: list[CurvePiece] | None = None, *given: Any, **changes: Any) -> Block:
     """A road with kerbs and a marked crossing."""
-    usual = {"left_boundary": "kerb", "right_boundary": "kerb", "crossing_s_m": 110.0}
+    usual = {"left_boundary": "kerb", "right_boundary": "kerb", "crossings": (Crossing(110.0),)}
     return made_block(pieces or [CurvePiece(length_m=400.0)], *given, **{**usual, **changes})
 
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from ssp_core.errors import InputError
+from ssp_core.geometry import Pose2
+from ssp_core.run_file.road import CurvePiece
 from ssp_scenario_manager.compile.targets.carla import export_carla
 from ssp_scenario_manager.compile.targets.map_file import Heights
 from ssp_scenario_manager.compile.targets.opendrive import opendrive_map
@@ -64,6 +68,61 @@ def test_on_a_bend_the_station_counts(curved_block: Any) -> None:
 def test_cubics_are_followed(shape: str, block_of: Any) -> None:
     text = hilly(block_of()).replace("<line />", shape)
     assert Heights(text).at((100.0, 1.0)) == pytest.approx(5.0, abs=0.05)
+
+
+FRONTAGE = """<road id="2" length="400" junction="-1"><planView>
+<geometry s="0" x="0" y="{y}" hdg="0" length="400"><line/></geometry></planView>
+<elevationProfile><elevation s="0" a="{a}" b="0" c="0" d="0"/></elevationProfile>
+<lanes/></road>"""
+
+
+@pytest.mark.parametrize("y", [-5.0, -1.0, 3.0])
+def test_a_place_beside_the_block_has_the_height_of_its_road(block_of: Any, y: float) -> None:
+    """A frontage road, or the deck of a bridge over it, may lie nearer to a lane."""
+    text = hilly(block_of()).replace("</OpenDRIVE>", FRONTAGE.format(y=y, a=50) + "</OpenDRIVE>")
+    block = replace(block_of(), roads=("1",))
+    heights = Heights(text, block)
+    for place, height in (((1.0, -5.0), 3.0), ((100.0, y), 5.0), ((399.0, 3.0), 7.0)):
+        assert heights.at(place) == pytest.approx(height, abs=0.03)
+        assert Heights(text).at((place[0], y)) == 50.0
+    # Beyond its ends others count.
+    assert heights.at((405.0, y)) == 50.0
+    # A block that is a part of its road has the height of all of it.
+    part = replace(block, line=block.line.section(50.0, 200.0))
+    assert Heights(text, part).at((210.0, y)) == pytest.approx(7.0)
+
+
+def test_a_road_over_itself_has_the_height_of_the_level_that_the_block_is_on(block_of: Any) -> None:
+    """A spiral ramp: straight on, and back over itself at a right angle."""
+    quarter = 3 * math.pi / 2
+    parts = [(0, 0, 0, 0, 100, "<line/>"),
+             (100, 100, 0, 0, 30 * quarter, '<arc curvature="0.03333333333333333"/>'),
+             (100 + 30 * quarter, 70, 30, -math.pi / 2, 100, "<line/>")]  # fmt: skip
+    plan = "".join(
+        f'<geometry s="{s}" x="{x}" y="{y}" hdg="{hdg}" length="{length}">{shape}</geometry>'
+        for s, x, y, hdg, length, shape in parts
+    )
+    length = 200 + 30 * quarter
+    text = (
+        f'<OpenDRIVE><road id="1" length="{length}" junction="-1"><planView>{plan}</planView>'
+        '<elevationProfile><elevation s="0" a="0" b="0.05" c="0" d="0"/></elevationProfile>'
+        "<lanes/></road></OpenDRIVE>"
+    )
+    # It crosses itself at x = 70 m: at s = 70 m, and 30 m after the bend.
+    lower = replace(block_of([CurvePiece(length_m=100.0)]), roads=("1",))
+    upper = replace(
+        block_of([CurvePiece(length_m=100.0)], Pose2(70.0, 30.0, -math.pi / 2)), roads=("1",)
+    )
+    for place in ((70.0, 0.4), (69.8, -0.3)):
+        assert Heights(text, lower).at(place) == pytest.approx(3.5, abs=0.06)
+        assert Heights(text, upper).at(place) == pytest.approx(
+            0.05 * (130 + 30 * quarter), abs=0.06
+        )
+
+
+def test_a_map_with_a_namespace_has_its_heights(block_of: Any) -> None:
+    text = hilly(block_of()).replace("<OpenDRIVE", '<OpenDRIVE xmlns="http://x"', 1)
+    assert Heights(text).at((100.0, 0.0)) == pytest.approx(5.0, abs=0.021)
 
 
 def test_a_place_far_from_all_roads_has_no_height(block_of: Any) -> None:

@@ -18,6 +18,7 @@ from ssp_core.geometry import Pose2
 from ssp_core.run_file.road import CurvePiece
 from ssp_scenario_manager.compile.targets.opendrive import opendrive_map
 from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.maps.crossings import Crossing
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.site import LIBRARY
 
@@ -241,7 +242,7 @@ def test_our_own_reader_reads_the_same_block(
         right_boundary=right[0],
         shoulder_right_m=right[1],
         sidewalk_right_m=right[2],
-        crossing_s_m=crossing,
+        crossings=() if crossing is None else (Crossing(crossing),),
     )
     path = tmp_path_factory.mktemp("map") / "map.xodr"
     path.write_bytes(opendrive_map(block, "map", {}))
@@ -262,7 +263,7 @@ def test_our_own_reader_reads_the_same_block(
         "shoulder_right_m",
         "sidewalk_left_m",
         "sidewalk_right_m",
-        "crossing_s_m",
+        "crossings_s_m",
         "speed_limit_mps",
         "road_type",
     ):

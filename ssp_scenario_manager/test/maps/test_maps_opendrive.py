@@ -149,7 +149,7 @@ def test_a_road_is_cut_where_its_lanes_change(made: Made, words: Words) -> None:
     assert (first.length_m, second.length_m) == pytest.approx((40.0, 60.0))
     assert second.line.pose(0.0).x_m == pytest.approx(40.0)
     assert (first.exits, second.entrances) == ((second.block_id,), (first.block_id,))
-    assert second.crossing_s_m is None
+    assert second.crossings == ()
 
 
 def test_a_lane_that_opens_is_no_lane_until_it_is_open(made: Made, words: Words) -> None:
@@ -302,8 +302,8 @@ def test_marked_crossings(made: Made) -> None:
         '<object id="3" name="SimpleCrosswalk" s="55" t="0"/>'
     )
     library = load_library(made.write())
-    assert only(library, "road 1 forward").crossing_s_m == pytest.approx(55.0)
-    assert only(library, "road 1 backward").crossing_s_m == pytest.approx(45.0)
+    assert only(library, "road 1 forward").crossings_s_m == pytest.approx((55.0, 20.0))
+    assert only(library, "road 1 backward").crossings_s_m == pytest.approx((45.0, 80.0))
 
 
 # -- reference lines ------------------------------------------------------------------------------
@@ -484,7 +484,7 @@ def test_roads_that_continue_one_another_are_one_block(made: Made, words: Words)
     forward = only(library, "roads a+b forward")
     assert forward.length_m == pytest.approx(100.0)
     assert forward.notes == ("joins roads a, b",)
-    assert forward.crossing_s_m == pytest.approx(90.0)
+    assert forward.crossings_s_m == pytest.approx((90.0,))
     assert only(library, "roads a+b backward").notes == ("joins roads b, a",)
 
 
@@ -677,11 +677,6 @@ def test_direct_junctions_join_roads_without_connecting_roads(made: Made, words:
             "<link>",
             '<link><successor elementId="1" contactPoint="middle"/>',
             "contactPoint: is no end of a road",
-        ),
-        (
-            "<link>",
-            '<type s="0" type="town"><speed max="5" unit="kn"/></type><link>',
-            "unit: is no unit of speed",
         ),
         (
             "</OpenDRIVE>",

@@ -73,7 +73,7 @@ def test_shipped_sites_hold_together(name: str) -> None:
 def test_the_two_straight_sites_keep_their_figures() -> None:
     boulevard = site_library(load_site("boulevard")[0]).blocks[0]
     assert boulevard.length_m == 400.0
-    assert boulevard.crossing_s_m == 110.0
+    assert boulevard.crossings_s_m == (110.0,)
     assert [lane.y_m for lane in boulevard.lanes] == [0.0, 3.5, 7.0, 10.5]
     track = load_site("north_track")[0]
     assert track.blocks[0].origin.yaw_rad == pytest.approx(math.radians(37.0))
@@ -201,7 +201,7 @@ def test_areas_are_where_an_interaction_can_take_place() -> None:
         ConflictArea("following", 0.0, 100.0),
         ConflictArea("merge", 0.0, 100.0),
     )
-    assert conflict_areas(100.0, one, {"keep_lane"}, 98.0)[0] == ConflictArea(
+    assert conflict_areas(100.0, one, {"keep_lane"}, [98.0])[0] == ConflictArea(
         "crossing", 94.0, 100.0
     )
 

@@ -82,8 +82,8 @@ function drawRoad(context, view, site, paint) {
     const dash = line.opposed ? [] : [Math.max(3 * view.scale, 4), Math.max(4 * view.scale, 5)];
     stroke(context, paint.mark, line.opposed ? 1.6 : 1.2, dash);
   }
-  if (site.crossing.length) {
-    trace(context, view, site.crossing, true);
+  for (const outline of site.crossings) {
+    trace(context, view, outline, true);
     context.globalAlpha = 0.35;
     context.fillStyle = paint.mark;
     context.fill();

@@ -129,14 +129,14 @@ class Ground(NamedTuple):
         sums: shape (2, cells + 1, CHANNELS): running sums, along the road and at its crossing.
         strips: shape (2, cells), int16: number of the strip of equal cells that a cell is in.
         values: shape (2, strips, CHANNELS), what the cells of a strip hold.
-        crossing_x_m: NaN: none.
+        crossings_x_m: middles of zebra crossings, in order, shape (n,).
         marking: blue, green, red.
     """
 
     sums: Array
     strips: Array
     values: Array
-    crossing_x_m: float
+    crossings_x_m: Array
     textured: bool
     marking: Colour
 
@@ -159,7 +159,7 @@ def build_ground(road: Road, palette: Palette, texture: bool) -> Ground:
         sums=np.stack([_running_sums(along), _running_sums(crossing)]),
         strips=strips,
         values=values,
-        crossing_x_m=math.nan if road.crossing_x_m is None else float(road.crossing_x_m),
+        crossings_x_m=np.array(road.crossings_x_m, dtype=np.float64),
         textured=texture,
         marking=palette.marking,
     )
@@ -240,6 +240,17 @@ def _rise(
 
 
 @inlined
+def _nearest_crossing(ground: Ground, x: float) -> float:
+    """The crossing nearest to a place along the road, NaN where the road has none."""
+    crossings = ground.crossings_x_m
+    nearest = math.nan
+    for i in range(crossings.shape[0]):
+        if i == 0 or abs(crossings[i] - x) < abs(nearest - x):
+            nearest = crossings[i]
+    return nearest
+
+
+@inlined
 def _colour(
     ground: Ground, x: float, y: float, wx: float, wy: float, grain: float
 ) -> tuple[float, float, float]:
@@ -254,7 +265,7 @@ def _colour(
     blue, green, red, mark, strength, paving = _mean(ground, 0, y, wy)
     if mark > 0.0:
         mark *= _pattern(x, wx, DASH_M, DASH_PERIOD_M)
-    crossing = ground.crossing_x_m
+    crossing = _nearest_crossing(ground, x)
     half = ZEBRA_HALF_LENGTH_M
     if abs(x - crossing) < CROSSING_REACH_M + wx / 2:  # false without a crossing: NaN
         b, g, r, bars, forward, backward = _mean(ground, 1, y, wy)
@@ -314,9 +325,14 @@ def _plain_strip(ground: Ground, x: float, y: float, wx: float, wy: float) -> in
         return -1
     if values[0, strip, DASHED] > 0.0 or values[0, strip, PAVING] > 0.0:
         return -1
-    if abs(x - ground.crossing_x_m) < CROSSING_REACH_M + wx / 2:
-        return -1
-    return 2 * int(strip) + int(x > ground.crossing_x_m)
+    crossings = ground.crossings_x_m
+    behind = 0
+    for i in range(crossings.shape[0]):
+        if abs(x - crossings[i]) < CROSSING_REACH_M + wx / 2:
+            return -1
+        behind += int(x > crossings[i])
+    number: int = (crossings.shape[0] + 1) * int(strip) + behind
+    return number
 
 
 @inlined
@@ -414,7 +430,8 @@ def ground_row(
             place = (s, side, patch, fine)
             step = (s_step, side_step, (patch_end - patch) / BLOCK, (fine_end - fine) / BLOCK)
             part = row[3 * first : 3 * (first + BLOCK)]
-            _fill_plain(ground.values, code >> 1, noise, place, step, part)
+            strip = code // (ground.crossings_x_m.shape[0] + 1)
+            _fill_plain(ground.values, strip, noise, place, step, part)
             continue
         for u in range(max(first, 0), min(first + BLOCK, width)):
             if hidden[u]:

@@ -139,7 +139,7 @@ class _Roadside:
     def __init__(self, road: Road, bend: Bend | None) -> None:
         self.left = _Side(1.0, road.left_edge_m + max(road.sidewalk_left_m, 1.0))
         self.right = _Side(-1.0, road.right_edge_m - max(road.sidewalk_right_m, 1.0))
-        self._crossing_m = road.crossing_x_m
+        self._crossings_m = road.crossings_x_m
         self._line, self._bend = block_line(road), bend
         # Nothing of a map is drawn on the lanes.
         clear = Clearance(self._line, [(lane.y_m, lane.width_m) for lane in road.lanes])
@@ -154,7 +154,7 @@ class _Roadside:
         if any(item.type == kind for item in self.items):
             return []
         low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
-        away_m = math.inf if self._crossing_m is None else abs(x_m - self._crossing_m)
+        away_m = min((abs(x_m - at_m) for at_m in self._crossings_m), default=math.inf)
         reach_m = _CLEAR_AT_CROSSING_M + max(-low[0], high[0])
         if beyond_m < _FAR_FROM_CROSSING_M and away_m < reach_m:
             return []
@@ -240,8 +240,10 @@ def _signs(beside: _Roadside, road: Road) -> list[Prop]:
             (limit, begin + along * (_LIMIT_FROM_M + k * _LIMIT_EVERY_M))
             for k in range(math.ceil(road.length_m / _LIMIT_EVERY_M))
         ]
-        if road.crossing_x_m is not None:
-            signs.append((roadside.sign("crossing"), road.crossing_x_m - along * _CROSSING_AHEAD_M))
+        signs += [
+            (roadside.sign("crossing"), at_m - along * _CROSSING_AHEAD_M)
+            for at_m in road.crossings_x_m
+        ]
         for mesh, x_m in signs:
             found += beside.put("sign", mesh, side, x_m, _SIGN_BESIDE_M, yaw_rad=yaw)
     return found

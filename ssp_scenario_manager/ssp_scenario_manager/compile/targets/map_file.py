@@ -3,47 +3,55 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import PurePath
 
-import defusedxml.ElementTree as safe_xml
 import numpy as np
 
 from ssp_core.errors import InputError
-from ssp_core.geometry import FloatArray
+from ssp_core.geometry import FloatArray, Pose2
 from ssp_core.run_file.participants import RelativeDistance, TimeToArrival, TriggerSpec
 from ssp_core.run_file.values import Point
+from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.compile.targets.opendrive import opendrive_map
 from ssp_scenario_manager.compile.task import Task
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.opendrive_road import Cubic, RoadRecord, elevations, read_road
 from ssp_scenario_manager.maps.reference_line import Unusable, road_line
-from ssp_scenario_manager.maps.xml_input import BadElement
+from ssp_scenario_manager.maps.xml_input import BadElement, document
 
 # Reference lines are sampled this densely; a place this far from all of them has no height.
 _SAMPLE_M = 2.0
 _FARTHEST_M = 40.0
 
 
+# A sample of a road that heads elsewhere belongs to another level of it, as on a spiral ramp.
+_SAME_WAY = 0.5
+
+
 class Heights:
     """Heights over a map's roads; all 0 where the map is flat.
 
+    A place beside the block has the height of the block's own roads, whatever road lies nearer: a
+    frontage road, or one over a bridge. Beyond the ends of its roads, the nearest road counts.
+
     Args:
         xodr: text of an OpenDRIVE map; None: flat.
+        block: None: the nearest road counts everywhere.
 
     Raises:
         InputError: it isn't XML, or a road in it can't be read.
     """
 
-    def __init__(self, xodr: str | None) -> None:
+    def __init__(self, xodr: str | None, block: Block | None = None) -> None:
         self._profiles: list[list[Cubic]] = []
-        self._samples: FloatArray = np.empty((0, 4))
+        self._samples: FloatArray = np.empty((0, 6))
+        self._own: FloatArray = np.empty((0, 6))
+        self._block = block
         if xodr is None:
             return
-        try:
-            root = safe_xml.fromstring(xodr.encode())
-        except (ValueError, safe_xml.ParseError) as error:
-            raise InputError(f"is not valid XML: {error}") from error
+        root = document(xodr.encode())
         try:
             roads = list(root.iter("road"))
             self._profiles = [elevations(road) for road in roads]
@@ -53,6 +61,9 @@ class Heights:
         except BadElement as error:
             raise InputError(f"its <{error.element.tag}> {error.problem}") from error
         self._samples = np.concatenate(rows)
+        if block is not None:
+            mine = [i for i, road in enumerate(roads) if road.get("id") in block.roads]
+            self._own = self._samples[np.isin(self._samples[:, 2], mine)]
 
     @property
     def is_flat(self) -> bool:
@@ -67,26 +78,56 @@ class Heights:
         """
         if not len(self._samples):
             return 0.0
-        apart = np.hypot(self._samples[:, 0] - place[0], self._samples[:, 1] - place[1])
-        nearest = int(np.argmin(apart))
-        if apart[nearest] > _FARTHEST_M:
+        found = self._own_sample(place)
+        if found is None:
+            found = _nearest(self._samples, place)
+        x, y, index, s, _, _ = map(float, found)
+        apart = math.hypot(x - place[0], y - place[1])
+        if apart > _FARTHEST_M:
             raise InputError(
-                f"is {apart[nearest]:.0f} m from the nearest road, so that its height is unknown",
+                f"is {apart:.0f} m from the nearest road, so that its height is unknown",
                 value=place,
             )
-        _, _, index, s = map(float, self._samples[nearest])
         reached = [cubic for cubic in self._profiles[int(index)] if cubic.s_m <= s]
         return reached[-1].at(s) if reached else 0.0
 
+    def _own_sample(self, place: Point) -> FloatArray | None:
+        """The sample of the block's roads that a place lies beside; None: it lies beyond them."""
+        own = self._own
+        if self._block is None or not len(own):
+            return None
+        line = self._block.line
+        with suppress(NotOneToOne):
+            station = line.to_local(*place)[0]
+            yaw = line.pose(min(max(station, 0.0), line.length_m)).yaw_rad
+            own = own[np.abs(np.sin(own[:, 4] - yaw)) < _SAME_WAY]
+        if not len(own):
+            return None
+        found = _nearest(own, place)
+        ahead = Pose2(found[0], found[1], found[4]).to_local(*place)[0]
+        return None if found[5] * ahead > _SAMPLE_M else found
+
+
+def _nearest(samples: FloatArray, place: Point) -> FloatArray:
+    apart = np.hypot(samples[:, 0] - place[0], samples[:, 1] - place[1])
+    found: FloatArray = samples[int(np.argmin(apart))]
+    return found
+
 
 def _samples(index: int, road: RoadRecord) -> FloatArray:
-    """(x, y, index, s) along a road; none of one that is no block either."""
+    """(x, y, index, s, heading, end) along a road; none of one that is no block either.
+
+    ``end`` is -1 at the road's start, 1 at its end, and 0 between them.
+    """
     try:
         line = road_line(road)
     except Unusable:
-        return np.empty((0, 4))
+        return np.empty((0, 6))
     s = np.linspace(0.0, line.length_m, math.ceil(line.length_m / _SAMPLE_M) + 1)
-    return np.column_stack([line.to_map_many(s, 0.0), np.full_like(s, index), s])
+    ends = np.zeros_like(s)
+    ends[0], ends[-1] = -1.0, 1.0
+    yaws = np.array([pose.yaw_rad for pose in line.poses(s.tolist())])
+    return np.column_stack([line.to_map_many(s, 0.0), np.full_like(s, index), s, yaws, ends])
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +173,7 @@ def map_file(task: Task, block: Block, map_text: str | None) -> MapFile:
         if map_text is None:
             raise InputError("needs the map that it was compiled for", field="place.name")
         name = PurePath(task.place.name).name
-        return MapFile(name, map_text.encode(), own=False, heights=Heights(map_text))
+        return MapFile(name, map_text.encode(), own=False, heights=Heights(map_text, block))
     name = PurePath(task.place.name).name.split(".")[0]
     data = opendrive_map(block, name, provenance(task))
     return MapFile(f"{name}.xodr", data, own=True, heights=Heights(None))

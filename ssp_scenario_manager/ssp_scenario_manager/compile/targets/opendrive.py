@@ -163,22 +163,20 @@ def _geometry(piece: CurvePiece) -> xodr.Line | xodr.Arc | xodr.Spiral:
     return xodr.Arc(k0, length=piece.length_m) if k0 else xodr.Line(piece.length_m)
 
 
-def _crossing(block: Block) -> ET.Element | None:
+def _crossing(block: Block, number: int, s_m: float) -> ET.Element:
     """A zebra crossing over the whole carriageway.
 
     Made here: scenariogeneration numbers objects over the life of the process.
     """
-    if block.crossing_s_m is None:
-        return None
     left, right = block.left_edge_m, block.right_edge_m
     middle, half, across = 0.5 * (left + right), 0.5 * _CROSSING_WIDTH_M, 0.5 * (left - right)
     element = ET.Element(
         "object",
         {
-            "id": "1",
+            "id": str(number),
             "name": "crossing",
             "type": "crosswalk",
-            "s": repr(block.crossing_s_m),
+            "s": repr(s_m),
             "t": repr(middle),
             "zOffset": "0.0",
             "orientation": "none",
@@ -242,9 +240,10 @@ def opendrive_map(block: Block, name: str, provenance: Mapping[str, str]) -> byt
     road, header = root.find("road"), root.find("header")
     if road is None or header is None:
         raise ValueError("scenariogeneration made a map without a road or a header")
-    crossing = _crossing(block)
-    if crossing is not None:
-        ET.SubElement(road, "objects").append(crossing)
+    marked = sorted(block.crossings_s_m)
+    if marked:
+        objects = ET.SubElement(road, "objects")
+        objects.extend(_crossing(block, i, s) for i, s in enumerate(marked, 1))
     # The standard wants user data last, scenariogeneration puts it first.
     for data in road.findall("userData"):
         road.remove(data)

@@ -1,0 +1,152 @@
+"""Marked crossings of roads: where a zebra lies, and which lanes of the road it covers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ssp_core.geometry import FloatArray
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_scenario_manager.maps.xml_input import number
+
+# Half of a zebra along the road, where nothing says how long it is.
+ZEBRA_HALF_M = 2.0
+# A marked crossing is used by people this far to either side of its centre.
+CROSSING_HALF_M = 4.0
+# Outlines of one crossing that lie this far apart, on both sides of a refuge, belong together.
+_REFUGE_M = 1.0
+_FARTHEST_M = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """A zebra on a road.
+
+    Args:
+        s_m: arc length of its middle.
+        half_m: half of its length along the road.
+        whole: it leads over all driving lanes; else it is a marking, and no crossing of the road.
+    """
+
+    s_m: float
+    half_m: float = ZEBRA_HALF_M
+    whole: bool = True
+
+    @property
+    def reach_m(self) -> float:
+        """How far from its middle people use it."""
+        return max(CROSSING_HALF_M, self.half_m + CROSSING_HALF_M - ZEBRA_HALF_M)
+
+    def at(self, s_m: float) -> Crossing:
+        """The same zebra with its middle elsewhere."""
+        return replace(self, s_m=s_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Crosswalk:
+    """A crosswalk object of OpenDRIVE.
+
+    Args:
+        s_m: its place along the road, as the heading and t_m that of its own frame.
+        corners: of its outline or its extents, m; in its own frame, or along and beside the road.
+        local: they are in its own frame.
+        anywhere: nothing says how wide it is, so that it leads over the whole road.
+    """
+
+    s_m: float
+    t_m: float
+    heading_rad: float
+    corners: tuple[tuple[float, float], ...]
+    local: bool
+    anywhere: bool
+
+    def extent(self, line: ReferenceLine) -> tuple[float, float, float, float]:
+        """Where it begins and ends along a road's line, and its right and left border, m."""
+        places = np.array(self.corners)
+        if self.local:
+            # Its middle by the line, and the rest of it in the line's direction there.
+            turned = places @ _turn(self.heading_rad)
+            middle = (turned.min(axis=0) + turned.max(axis=0)) / 2.0
+            at = line.pose(min(self.s_m, line.length_m))
+            foot = np.array([self.s_m, self.t_m]) + middle
+            found = line.to_local_many(np.array([at.to_parent(middle[0], self.t_m + middle[1])]))[0]
+            if not np.isnan(found).any():
+                foot = found
+            there = line.pose(min(max(float(foot[0]), 0.0), line.length_m))
+            places = (turned - middle) @ _turn(at.yaw_rad - there.yaw_rad) + foot
+        (low, right), (high, left) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
+        if self.anywhere:
+            right, left = -math.inf, math.inf
+        return low, high, right, left
+
+
+def _turn(angle_rad: float) -> FloatArray:
+    """What turns rows of coordinates to the left."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[c, s], [-s, c]])
+
+
+def read_crosswalks(road: Element) -> Iterator[Crosswalk]:
+    """The crosswalks among a road's objects.
+
+    Raises:
+        BadElement: something in one is no number where one belongs.
+    """
+    for element in road.findall("objects/object"):
+        if "crosswalk" in (element.get("type", "") + element.get("name", "")).lower():
+            yield _crosswalk(element)
+
+
+def _crosswalk(element: Element) -> Crosswalk:
+    s = number(element, "s", 0.0, low=0.0, high=_FARTHEST_M)
+    t = number(element, "t", 0.0, low=-_FARTHEST_M, high=_FARTHEST_M)
+    heading = number(element, "hdg", 0.0, low=-1e4, high=1e4)
+    for tag, ahead, left in (("cornerLocal", "u", "v"), ("cornerRoad", "s", "t")):
+        corners = tuple(
+            (_length(corner, ahead), _length(corner, left)) for corner in element.iter(tag)
+        )
+        if len(corners) > 1:
+            return Crosswalk(s, t, heading, corners, tag == "cornerLocal", anywhere=False)
+    length, width = _length(element, "length"), _length(element, "width")
+    anywhere = length <= 0.0 or width <= 0.0
+    if anywhere:
+        length, width = 2.0 * ZEBRA_HALF_M, 0.0
+        heading = 0.0
+    u, v = length / 2.0, width / 2.0
+    box = ((-u, -v), (u, -v), (u, v), (-u, v))
+    return Crosswalk(s, t, heading, box, local=True, anywhere=anywhere)
+
+
+def _length(element: Element, attribute: str) -> float:
+    return number(element, attribute, 0.0, low=-_FARTHEST_M, high=_FARTHEST_M)
+
+
+def crossings_of(
+    crosswalks: Sequence[Crosswalk], line: ReferenceLine, lanes_m: Collection[float]
+) -> Iterator[Crossing]:
+    """The zebras on a road's driving lanes, in order along the road.
+
+    Outlines that lie beside one another are one crossing. It leads over the whole road if the
+    middle of each driving lane lies under one of them; where it lies under none, as on a sidewalk,
+    there is no zebra on the road.
+
+    Args:
+        lanes_m: offsets of the middles of the driving lanes.
+    """
+    extents = sorted(crosswalk.extent(line) for crosswalk in crosswalks)
+    groups: list[list[tuple[float, float, float, float]]] = []
+    for extent in extents:
+        if groups and extent[0] <= max(other[1] for other in groups[-1]) + _REFUGE_M:
+            groups[-1].append(extent)
+        else:
+            groups.append([extent])
+    for group in groups:
+        covered = [any(right <= y <= left for _, _, right, left in group) for y in lanes_m]
+        if not any(covered):
+            continue
+        low, high = min(extent[0] for extent in group), max(extent[1] for extent in group)
+        yield Crossing(round((low + high) / 2.0, 6), round((high - low) / 2.0, 6), all(covered))
