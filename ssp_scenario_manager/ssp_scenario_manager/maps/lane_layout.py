@@ -181,7 +181,10 @@ def direction_fault(road: RoadRecord) -> str:
     }
     if not against:
         return ""
-    told = ", ".join(f"{travel} on lane {lane_id}" for lane_id, travel in sorted(against))
+    ids = {word: sorted(i for i, travel in against if travel == word) for word in words.values()}
+    told = " and ".join(
+        f"{word} on lane {', '.join(map(str, some))}" for word, some in ids.items() if some
+    )
     return (
         f"its travelDir is {told}, against the side of the road that the lane lies on; give "
         'rule="LHT" for left-hand traffic, or correct the lanes'
