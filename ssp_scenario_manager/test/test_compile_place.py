@@ -20,15 +20,17 @@ from ssp_core.run_file.participants import (
 )
 from ssp_core.safety.fence import box_excess_m
 from ssp_scenario_manager.compile.area import OperatingArea, check_in_fence
-from ssp_scenario_manager.compile.place import Order, Realisation, realise
+from ssp_scenario_manager.compile.place import Order, Realisation, realise, road_of
 from ssp_scenario_manager.compile.task import PlaceLink, Target
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.maps.crossings import Crossing
 from ssp_scenario_manager.maps.site import Site, load_site, site_library, site_version
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.scenarios.values import quantity_at
 from ssp_scenario_manager.triggers.fireability import cannot_fire
+from tests.support.blocks import block_of
 
 EVENTS = sorted(KINDS)
 SITES = ("boulevard", "north_track", "south_loop")
@@ -128,10 +130,21 @@ def test_only_a_track_session_is_physical() -> None:
     assert simulated.disturbance == LinkDisturbance()
 
 
-def test_a_marking_is_drawn_where_the_crossing_is() -> None:
+def test_a_road_keeps_its_markings_whatever_the_event() -> None:
     assert make("vru_crossing", shipped("boulevard")).task.run.road.crossing_x_m == 110.0
     assert make("cut_in", shipped("boulevard")).task.run.road.crossing_x_m == 110.0
     assert make("occluded_crossing", shipped("boulevard")).task.run.road.crossing_x_m == 110.0
+
+
+def test_the_marking_of_the_event_comes_first() -> None:
+    """Parts of a road are crossed by others too; a zebra over one lane isn't a road's."""
+    marks = (Crossing(60.0), Crossing(150.0), Crossing(190.0), Crossing(300.0, whole=False))
+    block = block_of(crossings=marks)
+    for event_at_m, first in ((150.0, 150.0), (60.0, 60.0), (None, 190.0)):
+        road = road_of(block, event_at_m)
+        assert road.crossing_x_m == first
+        assert road.crossings_x_m == [60.0, 150.0, 190.0]
+    assert road_of(block_of()).crossings_x_m == []
 
 
 @pytest.mark.parametrize("name", ["cut_in", "vru_crossing"])

@@ -23,7 +23,11 @@ Positive = Annotated[float, Field(gt=0), AfterValidator(_finite)]
 NonNegative = Annotated[float, Field(ge=0), AfterValidator(_finite)]
 
 
-def in_radians(value: float, most_rad: float, written: str) -> float:
+# Angles that people round: 6.2832 is a whole turn.
+_ROUNDED_RAD = 1e-3
+
+
+def _in_radians(value: float, most_rad: float, written: str) -> float:
     """Take an angle that is in radians.
 
     Args:
@@ -33,7 +37,7 @@ def in_radians(value: float, most_rad: float, written: str) -> float:
     Raises:
         ValueError: it isn't finite, or beyond the bound, as most angles in degrees are.
     """
-    if abs(_finite(value)) > most_rad:
+    if abs(_finite(value)) > most_rad + _ROUNDED_RAD:
         raise ValueError(
             f"must be from -{written} to {written}; give radians: {value:g} degrees are "
             f"{math.radians(value):.4g}"
@@ -41,20 +45,20 @@ def in_radians(value: float, most_rad: float, written: str) -> float:
     return value
 
 
-def yaw_in_radians(value: float) -> float:
-    """Take a heading of at most one turn either way, as `in_radians` does."""
-    return in_radians(value, 2.0 * math.pi, "2π")
+def _yaw_in_radians(value: float) -> float:
+    """Take a heading of at most one turn either way, as `_in_radians` does."""
+    return _in_radians(value, 2.0 * math.pi, "2π")
 
 
 def _pitch_in_radians(value: float) -> float:
-    return in_radians(value, math.pi / 2.0, "π/2")
+    return _in_radians(value, math.pi / 2.0, "π/2")
 
 
 def _roll_in_radians(value: float) -> float:
-    return in_radians(value, math.pi, "π")
+    return _in_radians(value, math.pi, "π")
 
 
-Yaw = Annotated[float, AfterValidator(yaw_in_radians)]
+Yaw = Annotated[float, AfterValidator(_yaw_in_radians)]
 Pitch = Annotated[float, AfterValidator(_pitch_in_radians)]
 Roll = Annotated[float, AfterValidator(_roll_in_radians)]
 Point = tuple[Finite, Finite]

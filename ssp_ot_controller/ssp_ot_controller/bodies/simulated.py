@@ -164,7 +164,13 @@ def serve(
 @click.option("--port", default=0, show_default=True, help="0: one that is free.")
 @click.option("--x", "x_m", default=0.0, help="Where it stands, m, map.")
 @click.option("--y", "y_m", default=0.0, help="Where it stands, m, map.")
-@click.option("--yaw", "yaw_rad", default=0.0, help="Where it looks, rad from east.")
+@click.option(
+    "--yaw",
+    "yaw_rad",
+    default=0.0,
+    type=click.FloatRange(-6.2832, 6.2832),
+    help="Where it looks, rad from east.",
+)
 @click.option("--rate", "rate_hz", default=100.0, show_default=True, help="States per second.")
 def main(
     object_id: str,

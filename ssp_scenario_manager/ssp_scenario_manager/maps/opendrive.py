@@ -289,7 +289,7 @@ def _contacts(found: _Map) -> list[tuple[WayEnd, WayEnd]]:
 
 
 # A heading of more than this either way may be summed up along a road, or be in degrees.
-_ONE_TURN_RAD = 2.0 * math.pi + 1e-6
+_ONE_TURN_RAD = 2.0 * math.pi + 1e-3
 # What shows that it is summed up: the road goes on where it then leads, and it is this long at
 # least, and the ends are so near to each other.
 _SHORTEST_M = 1.0
@@ -307,7 +307,7 @@ def _in_degrees(found: _Map) -> tuple[str, float] | None:
     beyond: dict[str, float] = {}
     for road in found.roads.values():
         most = max((shape.heading_rad for shape in road.geometry), key=abs)
-        if abs(most) > _ONE_TURN_RAD and any(lane.id for s in road.sections for lane in s.lanes):
+        if abs(most) > _ONE_TURN_RAD:
             beyond[road.id] = most
     if not beyond:
         return None

@@ -272,6 +272,14 @@ def test_our_own_reader_reads_the_same_block(
     assert found.permitted & change == (change if counts[0] > 1 else set())
 
 
+def test_every_marking_of_a_block_is_written(block_of: Any, tmp_path: Path) -> None:
+    marks = (Crossing(60.0), Crossing(150.0), Crossing(300.0, whole=False))
+    path = tmp_path / "map.xodr"
+    path.write_bytes(opendrive_map(block_of(crossings=marks), "map", {}))
+    found = {b.block_id: b for b in load_library(path).blocks}["road 1 forward"]
+    assert sorted(found.crossings_s_m) == [60.0, 150.0]
+
+
 @pytest.mark.parametrize("name", MAPS)
 def test_our_own_reader_finds_a_block_in_each_shipped_map(name: str) -> None:
     library = load_library(LIBRARY / "maps" / name)

@@ -159,6 +159,6 @@ def test_headings_that_are_summed_up_are_read(made: Made, words: Words) -> None:
     assert len(load_library(made.write()).blocks) == 6 - 2  # roads 1 and 2 are joined
 
 
-@pytest.mark.parametrize("heading", [6.2, -6.28, 3.1415926])
+@pytest.mark.parametrize("heading", [6.2832, -6.28, 3.1415926])
 def test_headings_of_at_most_one_turn_are_read(made: Made, words: Words, heading: float) -> None:
     assert load_library(made.road(geometry=words.at(0, 0, heading, 100)).write()).blocks
