@@ -28,7 +28,10 @@ _NAMES = {
     "x": "x", "y": "y", "u": "picture", "row": "picture", "col": "picture", "column": "picture",
     "latitude": "map", "longitude": "map", "lat": "map", "lon": "map", "easting": "map",
     "northing": "map", "distance": "polar", "range": "polar", "angle": "polar", "bearing": "polar",
-    "azimuth": "polar", "r": "polar", "s": "polar", "d": "polar",
+    "dx": "difference", "dy": "difference", "δx": "difference", "δy": "difference",
+    "acceleration": "acceleration", "accel": "acceleration", "a": "acceleration",
+    "steering": "steering", "steer": "steering", "azimuth": "polar",
+    "r": "polar", "s": "polar", "d": "polar",
 }  # fmt: skip
 _DIRECTION = "|".join(sorted(_DIRECTIONS, key=len, reverse=True))
 _AXIS = re.compile(
@@ -36,16 +39,20 @@ _AXIS = re.compile(
     rf"\b({_DIRECTION})\b"
 )
 _AXIS_BEHIND = re.compile(rf"\b({_DIRECTION})\b\s*(?:=|is|:)?\s*\(?\b([xyz])\b")
+_COLUMN = r"([^\W\d]+)(?: angle| rate)?"
+_UNIT_BEHIND = r"(?:\s*[\[(][^\])]*[\])])?"
 _TUPLE = re.compile(
-    r"[\[(<]\s*([^\W\d]+)(?:\s*[\[(][^\])]*[\])])?\s*[,;]\s*([^\W\d]+)(?:\s*[\[(][^\])]*[\])])?"
-    r"(?:\s*[,;]\s*([^\W\d]+))?(?:\s*[,;]\s*([^\W\d]+))?\s*[\])>]"
-    r"|\b(?:format|order|columns?|as)\s*:?\s*([^\W\d]+)\s*(?:,|then)\s*([^\W\d]+)"
-    r"(?:\s*(?:,|then)\s*([^\W\d]+))?"
+    rf"[\[(<]\s*{_COLUMN}{_UNIT_BEHIND}\s*[,;]\s*{_COLUMN}{_UNIT_BEHIND}"
+    rf"(?:\s*[,;]\s*{_COLUMN})?(?:\s*[,;]\s*{_COLUMN})?\s*[\])>]"
+    rf"|\b(?:format|order|columns?|as)\s*:?\s*{_COLUMN}\s*(?:,|then)\s*{_COLUMN}"
+    rf"(?:\s*(?:,|then)\s*{_COLUMN})?"
 )
 _LENGTHS_M = {
     "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "ft": 0.3048,
     "feet": 0.3048, "foot": 0.3048, "cm": 0.01, "centimetres": 0.01, "centimeters": 0.01,
     "mm": 0.001, "km": 1000.0, "yd": 0.9144, "yards": 0.9144, "yard": 0.9144, "inches": 0.0254,
+    "kilometre": 1000.0, "kilometres": 1000.0, "kilometer": 1000.0, "kilometers": 1000.0,
+    "millimetres": 0.001, "millimeters": 0.001, "inch": 0.0254,
     "dm": 0.1, "decimetres": 0.1, "decimeters": 0.1,
 }  # fmt: skip
 _SPEEDS_MPS = {
@@ -55,7 +62,7 @@ _SPEEDS_MPS = {
 _CURVATURES_PM = {
     "1/m": 1.0, "rad/m": 1.0, "m^-1": 1.0, "m⁻¹": 1.0, "1/km": 0.001, "deg/m": math.pi / 180,
 }  # fmt: skip
-_NO_UNITS = ("px", "pixel", "pixels", "deg", "degrees", "°", "degree")
+_NO_UNITS = ("cells", "grid cells", "px", "pixel", "pixels", "deg", "degrees", "°", "degree")
 _ALL = sorted(
     {*_LENGTHS_M, *_SPEEDS_MPS, *_CURVATURES_PM, *_NO_UNITS, "normalized", "normalised"},
     key=len,
@@ -86,15 +93,28 @@ _OTHER_FRAME = re.compile(
     r"\b(?:global|world|map|utm|enu|geographic|gps|image|camera|frenet|polar)[ -]"
     r"(?:frame|coordinates?|coordinate system|axes|space|plane)\b"
 )
+# Ways of single steps, not places.
+_DIFFERENCES = re.compile(
+    r"\b(?:displacements?|deltas?|increments?|offsets?|differences?)\b[^.\n]{0,20}"
+    r"\b(?:per|each|every|between|from the (?:previous|last)|to the (?:previous|next))\b"
+)
 # Which side of a lateral axis is positive.
 _POSITIVE_SIDE = re.compile(
     r"(?:positive|\+)\W*(?:(?:is|to|the|towards?|values?|means?|are|=)\W*)*(left|right)"
     r"|\b(left|right)(?:wards?)?\W*(?:(?:is|are|being|=)\W*)?(?:positive|\+)"
 )
+_NEGATIVE_SIDE = re.compile(
+    r"\bnegative\W*(?:(?:is|to|the|towards?|values?|means?|are|=)\W*)*(left|right)"
+    r"|\b(left|right)(?:wards?)?\W*(?:(?:is|are|being|=)\W*)?negative"
+)
+_MIRRORED = {"left": "right", "right": "left"}
 _BACKWARDS = re.compile(
     r"\b(?:latest|last|newest|farthest|furthest|final) (?:point |one |row |time )?first\b"
     r"|\brevers\w+(?: chronological)? order\b|\bbackwards? in time\b|\bin reverse\b"
 )
+
+
+_UNREADABLE = frozenset({"map", "picture", "polar", "backward", "difference"})
 
 
 @dataclass(frozen=True)
@@ -167,9 +187,14 @@ def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[
     """What each column is; or why that can't be told."""
     if "forward" in meaning.columns and (frame := _OTHER_FRAME.search(said)) is not None:
         return f"the list is in {frame.group()}"
+    if "forward" in meaning.columns and _DIFFERENCES.search(said) is not None:
+        return "the list gives the ways of single steps"
     axes = {axis: _DIRECTIONS[word] for axis, word in _AXIS.findall(said)}
     if not axes:
         axes = {axis: _DIRECTIONS[word] for word, axis in _AXIS_BEHIND.findall(said)}
+    negative = _NEGATIVE_SIDE.search(said)
+    negative_side = (negative[1] or negative[2]) if negative is not None else ""
+    axes = {a: _MIRRORED[to] if to == negative_side else to for a, to in axes.items()}
     names: list[str] = []
     if any(one.names):
         if any(len(some) > 1 for some in one.names):
@@ -194,8 +219,10 @@ def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[
     side = "left" if "left" in meaning.columns else "right"
     if (positive := _POSITIVE_SIDE.search(said)) is not None:
         side = positive[1] or positive[2]
+    elif negative_side:
+        side = _MIRRORED[negative_side]
     found = [side if one == "lateral" else own.get(one, one) for one in found]
-    if found.count("forward") > 1 or not {"map", "picture", "polar", "backward"}.isdisjoint(found):
+    if found.count("forward") > 1 or not _UNREADABLE.isdisjoint(found):
         return f"the list names the columns {', '.join(names)}"
     return tuple(found)
 
@@ -206,7 +233,7 @@ def _arranged(
     """Rows in an interface's order and signs, the times, and whether the rows were changed."""
     picked: list[tuple[int, float]] = []
     for wanted in meaning.columns:
-        mirrored = {"left": "right", "right": "left"}.get(wanted, wanted)
+        mirrored = _MIRRORED.get(wanted, wanted)
         if wanted in columns:
             picked.append((columns.index(wanted), 1.0))
         elif mirrored in columns:
