@@ -154,6 +154,7 @@ def import_bag(
         for pose, track in zip(poses.values(), tracks, strict=True):
             notes += [*pose.notes, *_said(options, pose, track), *track.notes]
             notes += _coverage(track, clip)
+        notes += bag.files_said()
         notes += bag.unread(_wanted(options))
         camera = _camera_source(options, bag, clip, shown, poses[VUT_ID], tracks[0])
         started(len(clip.kept))

@@ -17,8 +17,8 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
 from ssp_core.bag.mcap_file import DAMAGE
-from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY, unlisted_files
+from ssp_core.bag.reader import BagReader, mcap_files
 from ssp_core.bag.types import TypeDefinition, store_from
 from ssp_core.cdr.messages import leading_stamp_ns
 from ssp_core.clock import NS_PER_S, ns_to_seconds
@@ -179,7 +179,8 @@ class _Mcap:
     """An MCAP file, or a folder of them, with or without chunks and index."""
 
     def __init__(self, path: Path) -> None:
-        self._reader = BagReader(path)
+        is_open = path.is_dir() and not (path / FILE_NAME).is_file()
+        self._reader = BagReader(path, mcap_files(path) if is_open else None)
         self.types = {topic: info.msgtype for topic, info in self._reader.topics.items()}
 
     def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
@@ -274,6 +275,18 @@ class SourceBag(Closing):
                 f"can't be read as a ROS 2 bag: {error}", file=self.path, field=topic,
                 remedy=_REPAIRABLE,
             ) from error  # fmt: skip
+
+    def files_said(self) -> list[str]:
+        """Say which files were left out, or that nothing names those that were read."""
+        if not self.path.is_dir():
+            return []
+        if not (self.path / FILE_NAME).is_file():
+            return [f"there is no {FILE_NAME}: what the folder's files hold was read"]
+        suffix = ".mcap" if isinstance(self._storage, _Mcap) else ".db3"
+        return [
+            f"{name} isn't named by {FILE_NAME} and was left out"
+            for name in unlisted_files(self.path, suffix)
+        ]
 
     def unread(self, wanted: Collection[str]) -> list[str]:
         """Say which topics beside those that are wanted couldn't be read."""

@@ -159,3 +159,28 @@ def test_a_camera_of_varying_rate_is_imported_without_such_gaps(tmp_path: Path) 
     with BagReader(tmp_path / "rec") as reader:
         stamps_s = [p.stamp_ns / NS_PER_S for p in Frames(reader, IMAGE).pictures()]
     assert max(np.diff(stamps_s)) < 0.11
+
+
+def test_files_that_metadata_does_not_name_are_said_and_without_it_all_are_read(
+    tmp_path: Path,
+) -> None:
+    bag = write_bag(tmp_path / "day", DAY.messages())
+    (file,) = bag.glob("*.mcap")
+    (bag / "zzz.mcap").write_bytes(file.read_bytes())
+    assert run(bag, tmp_path / "rec") == 0
+    _, provenance = imported(tmp_path / "rec")
+    assert provenance.imported is not None
+    assert provenance.imported.states is not None
+    said = "zzz.mcap isn't named by metadata.yaml and was left out"
+    assert said in provenance.imported.states.notes
+    (bag / "zzz.mcap").unlink()
+    (bag / "metadata.yaml").unlink()
+    assert run(bag, tmp_path / "open") == 0
+    event, provenance = imported(tmp_path / "open")
+    assert event.trigger_s is not None
+    assert provenance.imported is not None
+    assert provenance.imported.states is not None
+    assert (
+        "there is no metadata.yaml: what the folder's files hold was read"
+        in provenance.imported.states.notes
+    )

@@ -10,8 +10,8 @@ import click
 
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.cut import CutReport, cut_bag
-from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
+from ssp_core.bag.sqlite import open_bag
 from ssp_core.clock import ns_to_seconds
 from ssp_core.console import note, out, progress
 from ssp_monitor.bag_tools.export import export_command
@@ -37,6 +37,8 @@ def check_command(ctx: click.Context, path: Path, json_: bool) -> None:
     else:
         for problem in report.problems:
             out.print(problem, markup=False)
+        for remark in report.remarks:
+            note(remark)
         for topic, why in report.undecoded.items():
             out.print(f"{topic}: {report.messages.get(topic, 0)} messages not decoded: {why}",
                       markup=False)  # fmt: skip
@@ -85,12 +87,12 @@ def cut_command(
     target: Path,
     json_: bool,
 ) -> None:
-    """Cut a span of time, or some topics, out of a bag.
+    """Cut a span of time, or some topics, out of a bag (MCAP or SQLite); the new one is MCAP.
 
     SOURCE stays as it is. Attachments are kept. Latched topics keep the messages that were valid
     when the span begins; video begins at the keyframe before it.
     """
-    with BagReader(source) as bag:
+    with open_bag(source) as bag:
         start_ns, stop_ns = chosen_span(bag, start, end)
         chosen = chosen_topics(bag, topics, exclude)
     with progress("cutting", None) as bar:

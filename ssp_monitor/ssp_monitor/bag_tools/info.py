@@ -5,19 +5,22 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from mcap.records import AttachmentIndex
+from numpy.typing import NDArray
 
 from ssp_core.bag.index import indexed_entries
 from ssp_core.bag.mcap_file import McapFile, damage_of
-from ssp_core.bag.metadata import FILE_NAME, parse_offered_qos
-from ssp_core.bag.reader import BagReader, bag_files, mcap_files
+from ssp_core.bag.metadata import FILE_NAME, parse_offered_qos, unlisted_files
+from ssp_core.bag.reader import BagReader, Part, bag_files, mcap_files
 from ssp_core.bag.split import REPEATED_KEY
+from ssp_core.bag.stamps import LOG_LEAP_S, leap_text, leaps_of
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.console import out
 from ssp_core.errors import InputError
@@ -129,7 +132,9 @@ def _files(path: Path) -> tuple[tuple[Path, ...], list[str]]:
             "name the .mcap file, or use `ros2 bag convert`",
         )
     if (path / FILE_NAME).is_file():
-        return bag_files(path), []
+        return bag_files(path), [
+            f"{name} isn't named by {FILE_NAME} and is left out" for name in unlisted_files(path)
+        ]
     if not plain:
         raise InputError(f"has neither {FILE_NAME} nor an .mcap file", file=path)
     return mcap_files(path), [
@@ -147,7 +152,7 @@ def summarise_bag(path: Path) -> BagSummary:
     paths, notes = _files(path)
     topics: dict[str, TopicSummary] = {}
     attachments: list[AttachmentIndex] = []
-    files = []
+    files, parts = [], []
     for number, file in enumerate(paths):
         try:
             part = McapFile(file)
@@ -157,6 +162,7 @@ def summarise_bag(path: Path) -> BagSummary:
             problem = error.problem + (f"; {error.remedy}" if error.remedy else "")
             files.append(FileSummary(file.name, file.stat().st_size, problem=problem))
             continue
+        parts.append(part)
         files.append(_file(part, first=number == 0))
         _add_topics(part, topics, first=number == 0)
         attachments += part.summary.attachment_indexes
@@ -167,7 +173,23 @@ def summarise_bag(path: Path) -> BagSummary:
             notes.append(f"{topic.name} has messages of several types: {', '.join(topic.msgtypes)}")
         if topic.qos is None:
             notes.append(f"{topic.name}: its offered_qos_profiles can't be read")
-    return BagSummary(path, tuple(files), topics, tuple(attachments), tuple(notes))
+    found = BagSummary(path, tuple(files), topics, tuple(attachments), tuple(notes))
+    if (found.end_ns or 0) - (found.start_ns or 0) <= LOG_LEAP_S * NS_PER_S:
+        return found
+    leaps = leaps_of(np.sort(np.concatenate([_log_times(part) for part in parts])))
+    return replace(found, notes=(*notes, *(leap_text(*leap) for leap in leaps)))
+
+
+def _log_times(file: McapFile) -> NDArray[np.int64]:
+    """All log times of a file, by its indexes."""
+    part = Part(file.path, later=False)
+    with damage_of(part.path):
+        found = [
+            at_ns
+            for chunk in part.chunks
+            for at_ns, _ in indexed_entries(part.message_index(chunk), chunk, part.channels)
+        ]
+    return np.array([*found, *part.loose_times_ns], dtype=np.int64)
 
 
 def _repeats(metadata: dict[str, str], first: bool) -> bool:

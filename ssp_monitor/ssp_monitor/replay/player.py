@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 
 from ssp_core.bag.latched import Kept, StaticTransforms, is_static
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.stamps import LOG_LEAP_S
 from ssp_core.bag.types import BagMessage
-from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_monitor.replay.plan import Plan, PlannedTopic, ReplayOptions
 
@@ -247,6 +248,14 @@ class Tick:
 
 
 @dataclass(frozen=True, slots=True)
+class Leap:
+    """Bag time goes on at the next message: log times leap, and nobody waits for years."""
+
+    before_ns: int
+    after_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class Rest:
     """Nothing to do before this time of the steady clock; None: before somebody commands."""
 
@@ -258,7 +267,7 @@ class End:
     """Everything was sent."""
 
 
-Action = Send | Tick | Rest | End
+Action = Send | Tick | Leap | Rest | End
 
 
 class Playback:
@@ -286,6 +295,7 @@ class Playback:
         self._to_frame = False
         self.timeline = timeline
         self._next: BagMessage | None = None
+        self._reached_ns = timeline.bag_ns
 
     def behind_ns(self, now_ns: int) -> int:
         """How long the next message has been due; 0 when it isn't yet."""
@@ -323,6 +333,11 @@ class Playback:
         message = self._next
         if message is None:
             return End()
+        before_ns, self._reached_ns = self._reached_ns, message.log_time_ns
+        if self._reached_ns - before_ns > LOG_LEAP_S * NS_PER_S:
+            line, steady_ns = self.timeline, max(now_ns, self.timeline.steady_ns)
+            self.timeline = Timeline(self._reached_ns, steady_ns, line.rate, line.paused)
+            return Leap(before_ns, self._reached_ns)
         if self._steps or self._to_frame:
             return self._send_step(message)
         if self._tick_ns is not None and self._tick_at_ns <= now_ns:
@@ -408,6 +423,7 @@ class Player:
         send: publishes a message, in the player's thread.
         tick: publishes a bag time, ns, in that thread.
         over: called at the end, in that thread.
+        leapt: called with two log times, ns, between which nothing is waited for, in that thread.
     """
 
     def __init__(
@@ -418,6 +434,7 @@ class Player:
         send: Callable[[BagMessage], None],
         tick: Callable[[int], None],
         over: Callable[[], None] = lambda: None,
+        leapt: Callable[[int, int], None] = lambda _, __: None,
     ) -> None:
         self._tape = tape
         self._loop = wishes.loop
@@ -426,6 +443,7 @@ class Player:
         self._send = send
         self._tick = tick
         self._over = over
+        self._leapt = leapt
         self.lateness = Lateness()
         self.error: BaseException | None = None
         self._sent = 0
@@ -534,6 +552,8 @@ class Player:
                     self._publish(message)
                     if late_ns is not None:
                         self.lateness.add(late_ns)
+                case Leap(before_ns, after_ns):
+                    self._leapt(before_ns, after_ns)
                 case Tick(bag_ns):
                     self._tick(bag_ns)
                 case End():

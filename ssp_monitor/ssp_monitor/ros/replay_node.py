@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 
 from ssp_core import names, ros
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.stamps import leap_text
 from ssp_core.bag.types import BagMessage
 from ssp_core.console import err, note
 from ssp_core.environment import adopt
@@ -93,6 +94,7 @@ class ReplayNode(Node):
             self._send,
             self._tick,
             lambda: stop.set("end"),
+            lambda before_ns, after_ns: note(f"{leap_text(before_ns, after_ns)}; skipped"),
         )
         self._offer_commands()
         self._stack.enter_context(self._keyboard)

@@ -27,9 +27,11 @@ from ssp_core.bag.mcap_file import (
     read_frame,
     unpack_chunk,
 )
-from ssp_core.bag.metadata import read_metadata
+from ssp_core.bag.metadata import read_metadata, unlisted_files
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.split import REPEATED_KEY
+from ssp_core.bag.stamps import LOG_LEAP_S, leap_text
+from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 
 
@@ -42,11 +44,13 @@ class CheckReport:
         problems: everything found, as sentences; none when the bag is sound.
         undecoded: why messages were not decoded, by topic: their encoding or the definition of
             their type isn't understood, which is no damage.
+        remarks: what is to be known of a bag that may be sound all the same.
     """
 
     messages: dict[str, int]
     problems: tuple[str, ...]
     undecoded: dict[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -73,12 +77,13 @@ def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> Ch
     stored = _Pass()
     messages: Counter[str] = Counter()
     undecoded: dict[str, str] = {}
+    remarks: list[str] = []
     try:
         with BagReader(path) as reader:
             for number, file in enumerate(reader.files):
                 stored.file(file, later=number > 0)
             undecoded = {topic: str(why) for topic, why in reader.unreadable().items()}
-            messages = _decode_all(reader, undecoded, problems, advance)
+            messages = _decode_all(reader, undecoded, problems, remarks, advance)
             index_counts = {name: info.count for name, info in reader.topics.items()}
             attachments = list(reader.attachments)
         reached = stored.messages - stored.repeated
@@ -91,6 +96,7 @@ def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> Ch
             )
         if path.is_dir():
             claimed = read_metadata(path)
+            problems += [f"metadata.yaml doesn't name {name}" for name in unlisted_files(path)]
             problems += _differences(
                 stored.messages, claimed.topic_counts, "stored", "in metadata.yaml"
             )
@@ -101,7 +107,7 @@ def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> Ch
                 )
     except InputError as error:
         problems.append(str(error))
-    return CheckReport(dict(messages), tuple(problems), undecoded)
+    return CheckReport(dict(messages), tuple(problems), undecoded, tuple(remarks))
 
 
 class _Pass:
@@ -175,12 +181,18 @@ def _decode_all(
     reader: BagReader,
     undecoded: Container[str],
     problems: list[str],
+    remarks: list[str],
     advance: Callable[[int], None],
 ) -> Counter[str]:
+    last_ns: int | None = None
     messages: Counter[str] = Counter()
     failed: Counter[str] = Counter()
     for message in reader.messages():
         messages[message.topic] += 1
+        at_ns = message.log_time_ns
+        if last_ns is not None and at_ns - last_ns > LOG_LEAP_S * NS_PER_S:
+            remarks.append(leap_text(last_ns, at_ns))
+        last_ns = at_ns
         if message.topic in undecoded:
             continue
         try:

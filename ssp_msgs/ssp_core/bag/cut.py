@@ -12,6 +12,7 @@ from ssp_core.bag.latched import Kept, late_joiner
 from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.metadata import is_latched, usable_qos
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.sqlite import open_bag
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import VIDEO_TYPE
@@ -64,7 +65,7 @@ def cut_bag(
     or not there.
 
     Args:
-        source: bag directory or .mcap file.
+        source: bag directory, .mcap or .db3 file.
         target: directory of the new bag; must not exist.
         topics: to keep; names that the bag doesn't have give nothing.
         start_ns: first log time, None: of the bag.
@@ -75,7 +76,7 @@ def cut_bag(
         InputError: the source is no closed bag or damaged, or the target exists.
         HostError: the disk doesn't take it.
     """
-    with BagReader(source) as bag, new_folder(target) as folder:
+    with open_bag(source) as bag, new_folder(target) as folder:
         wanted = [name for name in bag.topics if name in frozenset(topics)]
         with BagWriter(folder, name=f"{target.name}_0") as writer:
             cut = _Cut(bag, writer, wanted, advance)

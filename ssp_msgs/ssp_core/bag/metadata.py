@@ -293,6 +293,18 @@ def read_metadata(folder: Path) -> BagDirectory:
     return BagDirectory(files, *_counts(information, path))
 
 
+def unlisted_files(folder: Path, suffix: str = ".mcap") -> list[str]:
+    """Names of a bag's kind of file that lie in its folder and that metadata.yaml doesn't name.
+
+    Raises:
+        InputError: metadata.yaml can't be read.
+    """
+    information = read_mapping(folder / FILE_NAME).get(ROOT_KEY)
+    named = information.get("relative_file_paths") if isinstance(information, dict) else None
+    known = {PurePosixPath(str(name)).name for name in named or ()}
+    return sorted(file.name for file in folder.glob(f"*{suffix}") if file.name not in known)
+
+
 def _check_file(file: Path, path: Path) -> None:
     """Raises InputError unless a file that metadata.yaml names is one of the bag.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,6 +58,11 @@ class Part(McapFile):
         self.chunks = sorted(self.summary.chunk_indexes, key=lambda index: index.chunk_start_offset)
         statistics = self.summary.statistics
         self.counts = Counter(statistics.channel_message_counts if statistics else {})
+
+    @property
+    def loose_times_ns(self) -> Sequence[int]:
+        """Log times of the messages outside chunks."""
+        return self._loose.times_ns
 
     def times(self) -> tuple[int, int] | None:
         """Earliest and latest log time, None for a file without messages."""
@@ -150,17 +155,18 @@ class BagReader(Closing):
 
     Args:
         path: directory with metadata.yaml, or the file itself.
+        files: of a directory without metadata.yaml, in order; None: those that it names.
 
     Raises:
         InputError: not there, no bag, not closed, or damaged; the message names the file.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, files: tuple[Path, ...] | None = None) -> None:
         self.path = Path(path)
         self.topics: dict[str, TopicInfo] = {}
         self._definitions: dict[str, TypeDefinition] = {}
         self._ambiguous: dict[str, InputError] = {}
-        self.files = bag_files(self.path)
+        self.files = bag_files(self.path) if files is None else files
         self._parts = [Part(file, later=k > 0) for k, file in enumerate(self.files)]
         for part in self._parts:
             self._add_topics(part)

@@ -14,7 +14,24 @@ from ssp_core.clock import NS_PER_S
 LEAP_S = 1.0
 # So many distances are followed at once; a camera with more of them has none that is usual.
 _MOST_RUNS = 8
+# No recording pauses for longer: log times that step further have leapt, as from 1970.
+LOG_LEAP_S = 86_400.0
 _NS = NDArray[np.int64]
+
+
+def leaps_of(log_times_ns: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """The steps of a bag's log times, in their order, that no recording makes: from and to, ns."""
+    at = np.flatnonzero(np.diff(log_times_ns) > LOG_LEAP_S * NS_PER_S)
+    return [(int(log_times_ns[i]), int(log_times_ns[i + 1])) for i in at]
+
+
+def leap_text(before_ns: int, after_ns: int) -> str:
+    """A leap of log times, for people."""
+    days = (after_ns - before_ns) / NS_PER_S / 86_400.0
+    return (
+        f"log times leap by {(after_ns - before_ns) / NS_PER_S:.6g} s ({days:.0f} days), from "
+        f"{before_ns / NS_PER_S:.3f} to {after_ns / NS_PER_S:.3f} s: the recorder's clock was set"
+    )
 
 
 @dataclass(frozen=True)
