@@ -51,6 +51,7 @@ def test_a_sound_bag_passes(small_bag, capsys):
         assert status == 0
         assert json.loads(shown) == {
             "path": str(path), "ok": True, "messages": {"/clock": 10}, "problems": [],
+            "undecoded": {}, "remarks": [],
         }  # fmt: skip
 
 
