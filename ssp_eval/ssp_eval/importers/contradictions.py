@@ -25,9 +25,11 @@ from ssp_core.safety.consistency import (
 )
 from ssp_core.safety.delays import DELAYS_S
 from ssp_core.safety.window import (
+    EMPTY_TWIST,
     LEAST_SAMPLES,
     SPEED_MPS,
     SPEED_SHARE,
+    TURNED,
     WINDOW_S,
     Window,
     kind_of,
@@ -62,7 +64,7 @@ _WHOLE_SHARE = 0.8
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
-Name = Literal["clock_step", "twist_axes", "leap", "heading", "speed", "sideways"]
+Name = Literal["clock_step", "leap", "heading", "speed", "sideways"]
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,6 @@ class Course:
         reported_xy_m: of the point that the source reports.
         yaw_rad: None: the source has none.
         speed_mps: along the yaw; None: the source has none.
-        left_mps: stated beside the speed, to the left of the yaw; None: not stated.
-        yaw_of_twist_rad: of the source's own frame, for the axes of its twist.
     """
 
     object_class: ObjectClass
@@ -489,7 +489,9 @@ class _Judge:
             self._course.speed_mps[first : last + 1]
         ).tolist()  # fmt: skip
         bound = direction_bound_rad(self._course.object_class)
-        return kind_of(window, max(speeds, default=0.0), bound, signed=True)
+        why = kind_of(window, max(speeds, default=0.0), bound, signed=True)
+        # Of a unit or another frame a whole recording is, not a stretch of it.
+        return why if why in (EMPTY_TWIST, TURNED) else ""
 
 
 def _integral(t_s: FloatArray, values: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ positions, headings and speeds that agree with each other, on one clock.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -17,18 +17,12 @@ from numpy.typing import NDArray
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.geometry import FloatArray, wrap_angle, wrap_angles
+from ssp_core.geometry import FloatArray, wrap_angle
 from ssp_core.motion.encounter import OBSERVABLE_LATERAL_MPS
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState, Size
-from ssp_core.safety.consistency import direction_bound_rad
-from ssp_core.safety.window import SPEED_MPS
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_eval.importers.contradictions import (
-    Contradiction,
-    Course,
-    contradictions,
-    twist_in_parent_axes,
-)
+from ssp_eval.importers.contradiction_texts import problem_and_remedy
+from ssp_eval.importers.contradictions import Course, contradictions, twist_in_parent_axes
 from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.recordings.states import STATE_AGE_S
 
@@ -423,18 +417,9 @@ def _axes_finding(samples: Samples, body: Body, t_s: FloatArray) -> Finding | No
 
 def _findings(samples: Samples, body: Body, course: Course, velocity: FloatArray) -> list[Finding]:
     """Names where what the source states contradicts its positions."""
-    tell: dict[str, Callable[[Contradiction], tuple[str, str]]] = {
-        "clock_step": lambda one: _tell_clock_step(course, one),
-        "leap": lambda one: _tell_leap(course, one),
-        "heading": lambda one: _tell_heading(body, course, velocity, one),
-        "speed": lambda one: _tell_speed(course, one),
-        "sideways": lambda one: _tell_sideways(body, course, one),
-    }
     found = []
     for one in contradictions(course):
-        problem, remedy = tell[one.name](one)
-        if one.stretches > 1:
-            problem += f"; {one.stretches - 1} more such stretches"
+        problem, remedy = problem_and_remedy(one, course, velocity, body.object_id)
         column = {"leap": "x_m", "heading": "yaw_rad"}.get(one.name, "speed_mps")
         at = one.last if one.name == "leap" else one.first
         value: object = float(samples[column][at])
@@ -442,113 +427,6 @@ def _findings(samples: Samples, body: Body, course: Course, velocity: FloatArray
             value = (round(float(samples["x_m"][at]), 3), round(float(samples["y_m"][at]), 3))
         found.append(samples.source.finding(one.name, problem, remedy, index=at, value=value))
     return found
-
-
-def _span(course: Course, one: Contradiction) -> str:
-    first_s, last_s = course.t_s[one.first], course.t_s[one.last]
-    return f"from {first_s:.2f} s to {last_s:.2f} s after its first sample"
-
-
-def _tell_clock_step(course: Course, one: Contradiction) -> tuple[str, str]:
-    step_s = float(course.t_s[one.last] - course.t_s[one.first])
-    why = f": {one.why}" if one.why else ""
-    return (
-        f"moves by {one.way * step_s:.1f} m within {step_s:.2f} s, at {course.t_s[one.first]:.2f} "
-        f"s after its first sample, where it goes at {one.stated:.2f} m/s{why}",
-        "cut the span out with --start and --end; --clock receive takes the times of receipt",
-    )
-
-
-def _tell_leap(course: Course, one: Contradiction) -> tuple[str, str]:
-    step_s = float(course.t_s[one.last] - course.t_s[one.first])
-    return (
-        f"jumps by {one.way:.1f} m within {step_s:.2f} s: one id must be one object",
-        "mend the ids, or cut the span out with --start and --end",
-    )
-
-
-def _tell_heading(
-    body: Body, course: Course, velocity: FloatArray, one: Contradiction
-) -> tuple[str, str]:
-    remedy = (
-        "headings are in rad, counter-clockwise from +x; where the source has none that hold, "
-        f"--heading {body.object_id}=motion takes them from the motion"
-    )
-    off_deg = abs(one.stated)
-    if not one.is_whole:
-        why = f" ({one.why})" if one.why else ""
-        return (
-            f"has headings that lie {off_deg:.0f} degrees off its direction of motion "
-            f"{_span(course, one)}{why}",
-            remedy,
-        )
-    moving = np.linalg.norm(velocity, axis=1) >= MOVING_MPS
-    if not moving.any() or course.yaw_rad is None:
-        moving = np.ones(len(course.t_s), dtype=bool)
-    own = np.zeros(len(course.t_s)) if course.yaw_rad is None else course.yaw_rad
-    own, towards = own[moving], np.arctan2(velocity[moving, 1], velocity[moving, 0])
-    if course.speed_mps is not None:
-        towards = towards + math.pi * (course.speed_mps[moving] < 0.0)
-
-    def off_rad(heading: FloatArray) -> float:
-        return float(np.median(np.abs(wrap_angles(heading - towards))))
-
-    guesses = {
-        "they look like degrees": np.radians(own),
-        "they look like compass degrees, clockwise from north": np.radians(90.0 - own),
-        "they look clockwise from +y, as a compass counts": math.pi / 2.0 - own,
-        "they look clockwise, as in a left-handed frame": -own,
-        "they look turned by half a turn: does y or the order of axes agree with x?": own + math.pi,
-    }
-    best = min(guesses, key=lambda text: off_rad(guesses[text]))
-    bound = direction_bound_rad(ObjectClass.CAR) / 2.0
-    hint = f" ({best})" if off_rad(guesses[best]) < bound else ""
-    off_deg = math.degrees(off_rad(own))
-    return f"has headings that lie {off_deg:.0f} degrees off its direction of motion{hint}", remedy
-
-
-def _tell_speed(course: Course, one: Contradiction) -> tuple[str, str]:
-    remedy = "speeds are in m/s, positions in m, times in s, all of one run"
-    if not one.is_whole or one.way < SPEED_MPS:
-        why = f" ({one.why})" if one.why else ""
-        return (
-            f"states {one.stated:.2f} m/s {_span(course, one)}, while its positions go at "
-            f"{one.way:.2f} m/s{why}",
-            f"{remedy}; cut the span out with --start and --end",
-        )
-    ratio = abs(one.stated) / one.way
-    return (
-        f"has speeds {ratio:.3g} times those of its positions ({one.way:.2f} m/s at "
-        f"{course.t_s[one.first]:.2f} s after its first sample){_unit_hint(ratio)}",
-        remedy,
-    )
-
-
-def _tell_sideways(body: Body, course: Course, one: Contradiction) -> tuple[str, str]:
-    return (
-        f"moves across its heading by {one.stated:.2f} m/s at {one.way:.2f} m/s, "
-        f"{_span(course, one)}",
-        f"name the point that its poses are of with --reference {body.object_id}=POINT; --heading "
-        f"{body.object_id}=motion takes the heading from the motion",
-    )
-
-
-_UNITS = (
-    (3.6, "speeds in km/h"),
-    (2.23694, "speeds in miles per hour"),
-    (1.94384, "speeds in knots"),
-    (1000.0, "times in ms, or positions in km"),
-    (0.01, "positions in cm"),
-    (0.001, "positions in mm"),
-    (0.3048, "positions in feet"),
-)
-
-
-def _unit_hint(ratio: float) -> str:
-    for factor, text in _UNITS:
-        if abs(ratio / factor - 1.0) < 0.1:
-            return f": {text}?"
-    return ": another run's, or another time base?"
 
 
 def _with_rates(samples: Samples, body: Body, t_s: FloatArray, notes: list[str]) -> Samples:

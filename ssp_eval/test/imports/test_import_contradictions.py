@@ -129,6 +129,8 @@ def test_a_speed_that_is_wrong_for_a_while_is_named_with_its_stretch(
     assert one.first / rate_hz == pytest.approx(since, abs=0.11)
     assert one.last / rate_hz == pytest.approx(until - 1.0 / rate_hz, abs=0.11)
     assert one.way == pytest.approx(10.0, rel=0.01)
+    # A stretch isn't in another unit.
+    assert one.why == ("" if factor else "empty twist") or until - since < 1.0
     if until - since > 1.0:
         assert one.stated == pytest.approx(10.0 * factor, abs=0.01)
 
