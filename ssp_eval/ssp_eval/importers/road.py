@@ -35,11 +35,13 @@ class BoundRoad:
 
     Args:
         share: of the VUT's way that lies on the block.
+        notes: on the block, such as left-hand traffic.
     """
 
     site: ImportedSite
     data: bytes
     share: float
+    notes: tuple[str, ...] = ()
 
 
 def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
@@ -91,6 +93,7 @@ def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
         ),
         data,
         share,
+        chosen.notes,
     )
 
 

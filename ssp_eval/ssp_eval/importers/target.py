@@ -205,7 +205,9 @@ def measured_motion(
     road = None
     if options.site is not None:
         road = bind_road(options.site, options.block, tracks[0])
-        notes = [*notes, f"{100 * road.share:.0f} % of the VUT's way lie on {road.site.block}"]
+        block = road.site.block
+        notes = [*notes, f"{100 * road.share:.0f} % of the VUT's way lie on {block}"]
+        notes += [f"{block}: {note}" for note in road.notes]
     states = ImportedStates(
         name=name,
         sha256=sha256,

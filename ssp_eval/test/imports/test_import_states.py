@@ -160,6 +160,17 @@ def test_a_sumo_network_gives_the_same_lanes_as_the_site(
     assert site["right_boundary"] == "unresolved"  # SUMO says nothing of kerbs
 
 
+def test_left_hand_traffic_of_the_map_is_noted(video: Path, table: Path, tmp_path: Path) -> None:
+    net = tmp_path / "town.net.xml"
+    net.write_text(NET.replace('version="1.20"', 'version="1.20" lefthand="true"'))
+    assert run(video, table, tmp_path / "rec", "--site", net) == 0
+    _, provenance = imported(tmp_path / "rec")
+    with BagReader(tmp_path / "rec") as reader:
+        record = json.loads(reader.attachment("import.json") or b"")
+    assert "edge main forward: left-hand traffic" in record["states"]["notes"]
+    assert provenance.road is not None
+
+
 WRONG: list[tuple[str, Callable[[list[dict[str, Any]]], None], str]] = [
     ("km/h", scaled("speed_mps", 3.6), "speeds 3.6 times those of its positions"),
     ("no speed for a while", lambda rows: [r.update(speed_mps=0.0) for r in rows[75:125]] and None,
