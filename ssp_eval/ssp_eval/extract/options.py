@@ -33,7 +33,8 @@ _QUOTES = r"[\"'*_]{0,2}"
 _FIELD = re.compile(
     rf"(?P<key>{_QUOTES}{_NAME}{_QUOTES})(?:\s*[:=]{_QUOTES}\s*{_NESTED}?"
     rf"(?P<value>{_QUOTES}(?:{_WORD_VALUE}|{_SHARE}){_QUOTES})"
-    rf"|(?:\s*(?:→|[=-]>)|[ \t]+[-–—](?=\s))\s*(?P<word>{_QUOTES}{_WORD_VALUE}{_QUOTES}))"
+    rf"|(?:\s*(?:→|[=-]>)|[ \t]+[-–—](?=\s))\s*(?P<word>{_QUOTES}{_WORD_VALUE}{_QUOTES})"
+    r"|\?[ \t]+(?P<reply>yes|no))"
     rf"{_FIELD_END}"
     # <brake>false</brake>, | brake | no |, P(brake) = 0.8
     rf"|<(?P<tag>\w{{2,30}})>\s*(?P<in_tag>{_WORD_VALUE}|{_SHARE})\s*</(?P=tag)>"
@@ -49,8 +50,8 @@ _FIELD = re.compile(
     re.IGNORECASE,
 )
 _PARTS = (
-    ("key", "value"), ("key", "word"), ("tag", "in_tag"), ("cell", "in_cell"), ("of", "share"),
-    ("label", "score"), ("before", "beside"),
+    ("key", "value"), ("key", "word"), ("key", "reply"), ("tag", "in_tag"), ("cell", "in_cell"),
+    ("of", "share"), ("label", "score"), ("before", "beside"),
 )  # fmt: skip
 # Of the last two forms one alone is a remark: "I brake (80 %)".
 _NEVER_ALONE = frozenset({"label", "before"})
@@ -98,7 +99,7 @@ _SENTENCE_END = re.compile(r"\n|[.!?](?=\s|$)")
 _MOST_WORDS = 6  # of an option that isn't called one
 
 _MAY_HOLD_FIELD = re.compile(
-    rf"(?:[:=>|→]|[-–—]\s)[\s\"'*_]{{0,4}}(?:{_WORD_VALUE}|{_SHARE}[\"'*]*(?:[\s,;}}\])|<]|$))"
+    rf"(?:[:=>|→?]|[-–—]\s)[\s\"'*_]{{0,4}}(?:{_WORD_VALUE}|{_SHARE}[\"'*]*(?:[\s,;}}\])|<]|$))"
     rf"|[(\[]{_SHARE}[)\]]",
     re.IGNORECASE,
 )
@@ -156,7 +157,11 @@ def _fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
         key = match[name].strip("\"'*_").replace("_", " ").lower()
         said = match[value].strip("\"'*_ ").lower()
         slots = frozenset(_SIDES.get(key) or values_of(key))
-        if said in _NO_ACTION and (len(key.split()) > _FEW_WORDS or slots - _ACTIONS):
+        words = len(key.split())
+        if said in _NO_ACTION and (words > _FEW_WORDS or slots - _ACTIONS):
+            continue
+        # "Brake? Yes." is a field, and a question of several words is none.
+        if value == "reply" and (words > 2 or slots - _ACTIONS):
             continue
         if slots:
             alone = name in _NEVER_ALONE
