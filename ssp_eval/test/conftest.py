@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -347,6 +347,7 @@ def write_bag(
     like_k_star: bool = False,
     pace: tuple[float, ...] | None = None,
     reported: ControlState | None = None,
+    declared: Mapping[str, str] | None = None,
 ) -> Path:
     """Writes a recorded cut-in of 9 s at 50 Hz with frames at 10 Hz; simulated time is not 0.
 
@@ -359,6 +360,7 @@ def write_bag(
         pace: the scene of K* so many seconds later and at another pace, see k_star_poses.
         reported: no world states, as in a live session; both report their own with this control
             state.
+        declared: by participant, what it declares, words apart by commas; the session is live then.
     """
 
     def scene(t_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -369,7 +371,10 @@ def write_bag(
     bag = RunBag(path)
     start_ns = LEAD_STEPS * STEP_NS
     with bag.writer:
-        run = json.dumps(run_file(scenario, domain, stand_in)).encode()
+        content = run_file(scenario, domain, stand_in)
+        if declared is not None:
+            content |= {"mode": "live"}
+        run = json.dumps(content).encode()
         if task is not None:
             run = (task / "run.yaml").read_bytes()
             for file in sorted(task.iterdir()):
@@ -378,6 +383,9 @@ def write_bag(
         bag.writer.attach("run.yaml", run, "application/yaml")
         bag.session(0, SessionPhase.ARMED, Verdict.NONE, [])
         bag.camera(0, 640 if like_k_star else 96)
+        for who, kind in (declared or {}).items():
+            for word in kind.split(","):
+                bag.write(f"/ssp/declared/{who}", bag.types["std_msgs/msg/String"](data=word), 0)
         for k in range(LEAD_STEPS + round(duration_s * 50)):
             stamp_ns = k * STEP_NS
             if stamp_ns == start_ns:

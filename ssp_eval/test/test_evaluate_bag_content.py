@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.errors import InputError
 from ssp_core.hashing import BLOCK_BYTES, sha256_file
-from ssp_eval.data.provenance import content_sha256
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import ModelReply

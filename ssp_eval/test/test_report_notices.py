@@ -10,6 +10,7 @@ import pytest
 from evaluation_files import resealed
 
 from ssp_core.bag.reader import BagReader
+from ssp_core.run_file.participation import CAMERA, Participation
 from ssp_eval.data.provenance import OUR_RENDERER, ImportRecord, read_provenance
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
@@ -166,7 +167,10 @@ def test_who_drew_a_recording_is_known_of_ours_and_of_what_names_a_generator(
     assert ours.run is not None
     assert ours.renderer == OUR_RENDERER
     live = ours.run.model_copy(update={"mode": "live", "stand_in": False})
-    assert replace(ours, run=live).renderer is None
+    real = Participation("live", {CAMERA: ("real",)})
+    assert replace(ours, run=live, participation=real).renderer is None
+    drawn = Participation("live", {CAMERA: ("simulated",)})
+    assert replace(ours, run=live, participation=drawn).renderer == OUR_RENDERER
     for generator, renderer in (
         ("ssp-clip/1", OUR_RENDERER), ("esmini 3.2", "esmini 3.2"), ("unknown", None),
     ):  # fmt: skip

@@ -338,13 +338,12 @@ def test_a_run_without_a_camera_waits_for_none(run_mapping):
     assert not [t.name for t in bag_topics(run) if "camera" in t.name]
 
 
-def test_only_a_physical_session_without_stand_in_uses_the_system_clock(run_mapping):
+def test_only_a_live_session_uses_the_system_clock(run_mapping):
     run = RunSpec.model_validate(run_mapping)
-    assert uses_simulated_time(run)
-    assert not uses_simulated_time(run.model_copy(update={"domain": "physical"}))
-    stand_in = {"domain": "physical", "stand_in": True}
-    assert uses_simulated_time(run.model_copy(update=stand_in))
-    assert not uses_simulated_time(run.model_copy(update={**stand_in, "mode": "live"}))
+    for domain, stand_in in (("simulation", False), ("physical", False), ("physical", True)):
+        one = run.model_copy(update={"domain": domain, "stand_in": stand_in})
+        assert uses_simulated_time(one)
+        assert not uses_simulated_time(one.model_copy(update={"mode": "live"}))
 
 
 def test_every_recorded_type_begins_with_a_stamp(run_mapping):

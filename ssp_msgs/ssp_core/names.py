@@ -67,6 +67,11 @@ def rules_topic(object_id: str) -> str:
     return f"{object_id}/rules"
 
 
+def declared_topic(participant: str) -> str:
+    """Where a participant of a live session declares its kind (ssp_core.run_file.participation)."""
+    return f"declared/{participant}"
+
+
 def iso_frames_topic(object_id: str) -> str:
     """Where the raw frames of an object that speaks ISO 22133 are told."""
     return f"{object_id}/iso_frames"

@@ -24,6 +24,7 @@ def options(**given: Any) -> dict[str, Any]:
     return {
         "bodies": (), "odometry": None, "navsat": None, "heading": None, "velocity": None,
         "least_fix": None, "unit": None, "remappings": (), "wait": False, "start_at_once": False,
+        "declared": None,
         **given
     }  # fmt: skip
 

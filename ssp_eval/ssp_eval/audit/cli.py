@@ -30,6 +30,10 @@ VERBS = {
         "ssp_eval.observations.cli:agree_command",
         "Compare two persons' observations of a recording.",
     ),
+    "declare": (
+        "ssp_eval.audit.declare:declare",
+        "Say what took part in a live session: a named person's word.",
+    ),
 }
 
 

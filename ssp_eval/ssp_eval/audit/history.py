@@ -231,4 +231,7 @@ def _safety(recording: Recording) -> list[Finding]:
             found.append(Finding("run_invalid", facts.refusal, math.inf))
     if facts.lacks_verdict:
         found.append(Finding("verdict_missing", NO_VERDICT, math.inf))
+    if facts.is_undeclared and facts.participation is not None:
+        silent = ", ".join(facts.participation.silent)
+        found.append(Finding("undeclared", f"{silent}; `ssp audit declare` takes a person's word"))
     return found

@@ -61,8 +61,10 @@ def disclosures(one: Examined) -> dict[str, str]:
     if run is None:
         return found | _of_import(recording.provenance)
     found["site"] = f"{run.site}, {run.mode}, seed {run.seed}"
-    if run.stand_in:
+    if recording.provenance.stand_in:
         found["stand-in"] = "software stands in for vehicles on a track"
+    if recording.provenance.participation is not None:
+        found["participants"] = recording.provenance.participation.text
     for name, (along_m, aside_m) in recording.tracking_m.items():
         found[f"tracking error of {name}"] = (
             f"at most {along_m:.2f} m along and {aside_m:.2f} m beside its reference"
@@ -376,6 +378,7 @@ def _entry(
             "verdict": facts.verdict,
             "verdict_reasons": list(facts.verdict_reasons),
             "verdict_sha256": facts.verdict_sha256,
+            "declaration_sha256": facts.declaration_sha256,
             "labels": _labels(one),
             "observations": _observations(recording),
             "log_said_by": one.history.said_by,

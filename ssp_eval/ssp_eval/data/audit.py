@@ -310,6 +310,7 @@ class RecordingEntry(Strict):
     verdict: str | None = Field(None, description="of the run; null for an imported video")
     verdict_reasons: list[str] = []
     verdict_sha256: str | None = Field(None, description="of the bag's verdict.json")
+    declaration_sha256: str | None = Field(None, description="of the bag's declaration.json")
     labels: LabelCount | None = Field(None, description="null: none beside the bag")
     observations: ObservationsEntry | None = None
     log_said_by: str

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path, PurePosixPath
@@ -10,13 +10,15 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import ConfigDict, Field, model_validator
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.declaration import DECLARATION_FILE, participation_of
+from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model
-from ssp_core.hashing import sha256_file, sha256_json
+from ssp_core.hashing import sha256_file
 from ssp_core.names import SESSION_STATE, absolute
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participation import CAMERA, Participation, Standing
 from ssp_core.run_file.road import Road
 from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Strict
 from ssp_core.run_file.verdict import VERDICT_FILE, RecordedVerdict, read_verdict
@@ -202,6 +204,8 @@ class Provenance:
         session_start_ns: stamp of the first RUNNING state, None for an imported video.
         imported: what the importer wrote, None for a session.
         twin: in what it differs from which recording, None unless it is a twin.
+        participation: what the participants of a session were, None for an imported video.
+        declaration_sha256: hash of declaration.json, None where nobody gave a word.
     """
 
     name: str
@@ -221,6 +225,19 @@ class Provenance:
     run: RunSpec | None
     imported: ImportRecord | None
     twin: str | None = None
+    participation: Participation | None = None
+    declaration_sha256: str | None = None
+
+    @property
+    def is_undeclared(self) -> bool:
+        """True for a physical session of which nobody says what took part in it."""
+        part = self.participation
+        return (
+            part is not None
+            and self.domain == "physical"
+            and part.standing is Standing.UNDECLARED
+            and not self.stand_in
+        )
 
     @property
     def participants(self) -> Participants | None:
@@ -250,8 +267,10 @@ class Provenance:
             if made_by.startswith(_OUR_CLIPS):
                 return OUR_RENDERER
             return None if made_by == "unknown" else made_by
-        if self.run is None or (self.run.mode == "live" and not self.run.stand_in):
+        if self.run is None or self.participation is None:
             return None
+        if self.run.mode == "live" and not self.run.stand_in:
+            return OUR_RENDERER if CAMERA in self.participation.substitutes else None
         return OUR_RENDERER
 
     @property
@@ -268,6 +287,8 @@ class Provenance:
         """Why the recording can't be scored at all; None when it can."""
         if self.twin is not None:
             return f"it is a twin, of which no score means anything: {self.twin}"
+        if self.participation is not None and self.participation.contradictions:
+            return "; ".join(self.participation.contradictions)
         if self.verdict in (None, Verdict.VALID.name.lower()):
             return NO_VERDICT if self.lacks_verdict else None
         if self.verdict == Verdict.NONE.name.lower():
@@ -283,21 +304,6 @@ def bag_folder(bag: Path) -> Path:
         bag: the folder, an MCAP file in it, or one that lies by itself, which is its own answer.
     """
     return bag.parent if (bag.parent / "metadata.yaml").is_file() and bag.is_file() else bag
-
-
-def content_sha256(bag: BagReader, on_block: Callable[[], None] = lambda: None) -> str:
-    """Hash of the bag's MCAP file or files; it reads every byte of them.
-
-    Raises:
-        InputError: a file of it can't be read any more.
-    """
-    files = []
-    for file in bag.files:
-        try:
-            files.append(sha256_file(file, on_block))
-        except OSError as error:
-            raise InputError(f"can't be read: {error.strerror}", file=file) from error
-    return files[0] if len(files) == 1 else sha256_json(files)
 
 
 def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
@@ -362,16 +368,20 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         # Without a start there is no clip time; the verdict says why there was none.
         verdict = verdict if verdict is not Verdict.VALID else Verdict.INVALID_HARNESS
         reasons = (*reasons, "the session never reached RUNNING")
+    folder = bag_folder(bag.path)
+    participation = participation_of(bag, run, folder, digest)
+    word = folder / DECLARATION_FILE
+    stood_in = run.domain == "physical" and participation.standing is Standing.STAND_IN
     return Provenance(
         name=bag_folder(bag.path).name,
         bag_sha256=digest,
         scenario=run.scenario,
         domain=run.domain,
         domain_said_by=f"by the session: {'live' if run.mode == 'live' else 'simulated'} run of "
-        f"{run.compiler or 'a run file made by hand'}",
+        f"{run.compiler or 'a run file made by hand'}; {participation.text}",
         event_version=run.event_version,
         origin=f"session {run.run_id} at {run.site}, seed {run.seed}, {run.mode}",
-        stand_in=run.stand_in,
+        stand_in=run.stand_in or stood_in,
         ego="measured",
         camera="measured",
         verdict=verdict.name.lower(),
@@ -381,6 +391,8 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         run=run,
         imported=None,
         twin=_told_twin(bag),
+        participation=participation,
+        declaration_sha256=sha256_file(word) if participation.said_by else None,
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import Any
 
+from ssp_core.bag.declaration import DECLARATION_FILE
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_bytes
@@ -208,6 +209,10 @@ class Links:
             file = self._index.verdict_beside(place)
             file = file if file is not None and file.sha256 == named else None
             self._add("verdict", path, f"{at}.verdict_sha256", file, named, "verdict")
+        if (named := audited.declaration_sha256) is not None:
+            file = self._contents.beside(place.path, DECLARATION_FILE)
+            file = file if file is not None and file.sha256 == named else None
+            self._add("declaration", path, f"{at}.declaration_sha256", file, named, "declaration")
         seen = {} if audited.observations is None else audited.observations.files
         for name, digest in seen.items():
             file = self._contents.with_hash(digest, place.path, "observation")

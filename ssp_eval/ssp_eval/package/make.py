@@ -54,6 +54,7 @@ _BY_SCHEMA: dict[str, Role] = {
     "ssp.cell/1": "cell",
     "ssp.result/1": "result",
     "ssp.verdict/1": "verdict",
+    "ssp.declaration/1": "declaration",
     "ssp.truth/1": "truth",
     "ssp.log/1": "log",
 }

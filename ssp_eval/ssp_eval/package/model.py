@@ -51,6 +51,7 @@ Role = Literal[
     "recording",  # an MCAP file
     "bag_metadata",
     "verdict",
+    "declaration",  # a person's word on what took part
     "result",
     "labels",
     "proposal",
@@ -85,6 +86,7 @@ Kind = Literal[
     "log",  # of a bag, to the log that begins with these bytes
     "observation",  # of an audit, to what a person saw in the recording
     "verdict",  # of an audit, to the runner's word that it read
+    "declaration",  # of an audit, to a person's word that it read
     "shortlist",  # of a task's log, to the list that the event was a candidate of
 ]
 

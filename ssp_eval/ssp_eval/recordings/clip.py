@@ -14,8 +14,9 @@ from pathlib import Path
 from threading import Event
 from typing import Any, NamedTuple
 
+from ssp_core.bag.declaration import read_declaration
 from ssp_core.bag.frames import Frames
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.bag.types import BagMessage
 from ssp_core.cdr.images import IMAGE_TYPES
 from ssp_core.cdr.messages import object_state, peek_stamp_ns
@@ -25,7 +26,7 @@ from ssp_core.files import Closing
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
 from ssp_core.world.camera import Intrinsics, Mounting
-from ssp_eval.data.provenance import Provenance, content_sha256, read_provenance
+from ssp_eval.data.provenance import Provenance, bag_folder, read_provenance
 from ssp_eval.recordings.event import Crop
 from ssp_eval.recordings.sight import Optics
 from ssp_eval.score.thresholds import DEFAULT
@@ -199,6 +200,8 @@ class Clip(Closing):
         Raises:
             InputError: a file of it can't be read, or was changed since the clip was opened.
         """
+        if self._told.declaration_sha256 is not None:
+            read_declaration(bag_folder(self.path), self._content.sha256)
         return replace(self._told, bag_sha256=self._content.sha256)
 
     @property

@@ -11,7 +11,7 @@ from pathlib import Path
 from ssp_core import __version__
 from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.metadata import is_latched, usable_qos
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.codec import u32_bytes
@@ -31,7 +31,7 @@ from ssp_core.world.transforms import (
     encode_transforms,
     of_state,
 )
-from ssp_eval.data.provenance import bag_folder, content_sha256
+from ssp_eval.data.provenance import bag_folder
 from ssp_eval.twins.audit import Pixels, audit_of
 from ssp_eval.twins.changes import MOVED, Change, Kind, Series, changed_state, slowed
 from ssp_eval.twins.files import (

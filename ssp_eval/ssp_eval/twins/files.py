@@ -9,12 +9,12 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.errors import InputError
 from ssp_core.files import load_model, write_json
 from ssp_core.run_file.values import Finite, Strict
 from ssp_core.vocabulary import ObjectWord
-from ssp_eval.data.provenance import TWIN_ATTACHMENT, bag_folder, content_sha256
+from ssp_eval.data.provenance import TWIN_ATTACHMENT, bag_folder
 
 TWIN_SCHEMA: Literal["ssp.twin/1"] = "ssp.twin/1"
 SET_SCHEMA: Literal["ssp.twin_set/1"] = "ssp.twin_set/1"

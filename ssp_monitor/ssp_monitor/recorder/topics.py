@@ -10,6 +10,7 @@ from enum import Enum, IntEnum
 from ssp_core import names
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participation import declaring
 from ssp_core.world.transforms import TF_TYPE
 
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
@@ -115,6 +116,8 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     add(names.FAULT_EVENT, "FaultEvent", latched)
     add(names.RECORDER_STATUS, "RecorderStatus", state)
     if run.mode == "live":
+        for who in declaring(run):
+            add(names.declared_topic(who), "std_msgs/msg/String", latched, session=False)
         # Of a VUT whose states a vut_adapter makes.
         add(names.LOCALISATION_STATUS, "LocalisationStatus", state)
         add(names.BODY_STATUS, "BodyStatus", state)
@@ -129,7 +132,7 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
 
 def uses_simulated_time(run: RunSpec) -> bool:
     """Whether stamps count from the start of a simulated world, and /clock carries them."""
-    return run.mode != "live" and (run.stand_in or run.domain != "physical")
+    return run.mode != "live"
 
 
 # Each reader takes memory and a thread's time. A session's own topics don't count.

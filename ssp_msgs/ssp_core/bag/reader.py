@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from ssp_core.bag.types import BagMessage, TypeDefinition, store_from
 from ssp_core.cdr.messages import object_state
 from ssp_core.errors import InputError
 from ssp_core.files import Closing
+from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed
 from ssp_core.names import OBJECT_STATES, absolute, state_topic
@@ -362,3 +363,18 @@ def _states(bag: BagReader, message: BagMessage) -> Iterator[ObjectState]:
             file=bag.path,
             field=message.topic,
         ) from error
+
+
+def content_sha256(bag: BagReader, on_block: Callable[[], None] = lambda: None) -> str:
+    """Hash of the bag's MCAP file or files; it reads every byte of them.
+
+    Raises:
+        InputError: a file of it can't be read any more.
+    """
+    files = []
+    for file in bag.files:
+        try:
+            files.append(sha256_file(file, on_block))
+        except OSError as error:
+            raise InputError(f"can't be read: {error.strerror}", file=file) from error
+    return files[0] if len(files) == 1 else sha256_json(files)

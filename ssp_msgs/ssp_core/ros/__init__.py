@@ -21,14 +21,16 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import String
 
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import NS_PER_S, time_ns
 from ssp_core.console import report_error
 from ssp_core.environment import require_sound
 from ssp_core.errors import InputError, SspError
-from ssp_core.names import NAMESPACE
+from ssp_core.names import NAMESPACE, declared_topic
 from ssp_core.node_interface import QOS, Parameter, Status
+from ssp_core.run_file.participation import ParticipantKind
 from ssp_core.terminal import catch_stop_signals, survive_lost_output
 
 T = TypeVar("T")
@@ -112,6 +114,12 @@ def _descriptor(one: Parameter) -> ParameterDescriptor:
         bounds = {"from_value": int(one.least), "to_value": int(one.most)}
         made.integer_range = [IntegerRange(**bounds, step=1)]
     return made
+
+
+def declare_kind(node: Node, kind: ParticipantKind, *participants: str) -> None:
+    """Declares what participants of a live session are, in latched messages (METHOD 4.4b)."""
+    for who in participants:
+        node.create_publisher(String, declared_topic(who), LATCHED).publish(String(data=kind))
 
 
 def subscribe_raw(

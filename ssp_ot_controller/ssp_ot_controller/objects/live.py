@@ -158,6 +158,11 @@ class LiveObjects:
         self._step = 0
 
     @property
+    def mirrored(self) -> tuple[str, ...]:
+        """Of the objects without a body of their own, whose motion is modelled here."""
+        return tuple(i for i, body in self._bodies.items() if isinstance(body, MirrorBody))
+
+    @property
     def test_object_ids(self) -> tuple[str, ...]:
         """Of the objects whose bodies speak ISO 22133."""
         return tuple(self._test_objects)

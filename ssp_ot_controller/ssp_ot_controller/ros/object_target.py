@@ -27,6 +27,7 @@ from ssp_core.ros.conversions import (
     safety_event,
 )
 from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.run_file.participation import ParticipantKind, body_of
 from ssp_core.safety.body_status import PERIOD_S, BodyStatus
 from ssp_core.safety.codes import MEANINGS
 from ssp_core.safety.object_rules import ObjectRules, rules_of
@@ -250,6 +251,9 @@ class ObjectProcess:
         )
         self._rules = {i: rules_of(run, i) for i in self.pool.object_ids}
         self._outgoing.tell_rules(self._rules)
+        if self._live is not None:
+            mirrors = [name for i in self._live.mirrored for name in (i, body_of(i))]
+            ros.declare_kind(node, ParticipantKind.SIMULATED, *mirrors)
         self._hear(run)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(WATCHDOG_PERIOD_S, self._watch, clock=steady)

@@ -12,6 +12,7 @@ from ssp_core import names, ros
 from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
+from ssp_core.run_file.participation import CAMERA, ParticipantKind
 from ssp_ot_controller.camera.frames import Odometer, jpeg
 from ssp_ot_controller.camera.renderer.render import render, warm_up
 from ssp_ot_controller.camera.renderer.scene import Scene
@@ -29,6 +30,7 @@ class PlayedCamera(Node):
         if run.camera is None:
             raise InputError("has no camera to play", file=run_file, field="camera")
         self._camera = run.camera
+        ros.declare_kind(self, ParticipantKind.SIMULATED, CAMERA)
         warm_up(run.road, run.look, self._camera, run.seed)
         self._states: dict[str, State] = {}
         self._odometer = Odometer()

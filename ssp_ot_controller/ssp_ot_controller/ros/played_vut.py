@@ -22,6 +22,7 @@ from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
+from ssp_core.run_file.participation import POSITIONING, ParticipantKind
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.transforms import BASE_FRAME
 from ssp_msgs.msg import Heartbeat
@@ -42,6 +43,7 @@ class PlayedVut(Node):
         super().__init__("played_vut", namespace=names.NAMESPACE)
         given = ros.declare(self, PLAYED_VUT)
         run = load_run(given["run_file"])
+        ros.declare_kind(self, ParticipantKind.SIMULATED, names.VUT_ID, POSITIONING)
         self._frame = given["frame"]
         self._offset_ns = seconds_to_ns(given["clock_offset_s"])
         self._vehicle = PlayedVehicle(run, time.time_ns())

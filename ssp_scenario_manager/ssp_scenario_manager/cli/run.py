@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from ssp_core import console, names
+from ssp_core.bag.declaration import load_declaration, seal_declaration
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
 from ssp_core.run_file.faults import load_faults, with_faults
@@ -224,6 +225,8 @@ def run(
     from ssp_scenario_manager.run.over_dds import run_session
 
     result = run_session(spec, folder.resolve(), console.note, live, page_port, video, shadows)
+    if live is not None and live.declared is not None and result.bag.name == "bag":
+        seal_declaration(load_declaration(live.declared, spec), result.bag)
     if as_json:
         click.echo(json.dumps(result.told))
     else:
@@ -269,8 +272,8 @@ def _name(what: str, site: str | None) -> str:
 
 
 def _tell(spec: RunSpec, folder: Path, compiled: bool) -> None:
-    if spec.stand_in and spec.mode != "live":
-        console.note(f"{spec.site} is a software stand-in for a physical site, not a vehicle")
+    if spec.domain == "physical" and spec.mode != "live":
+        console.note(f"{spec.site}: this session is a software stand-in, not a vehicle")
     if not compiled:
         return
     changes = [

@@ -11,6 +11,7 @@ from uuid import uuid4
 
 from rclpy.duration import Duration
 from rclpy.node import Node
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from ssp_core import names, ros
@@ -25,6 +26,7 @@ from ssp_core.names import MAP_FRAME
 from ssp_core.ros import stamp_from_ns
 from ssp_core.ros.conversions import rules_from_msg, safety_event
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participation import contradictions, declaring
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.link_quality import (
     Exchange,
@@ -122,6 +124,39 @@ class PublisherWatch:
             return True
         since_ns = self._unnamed_since_ns.setdefault(topic, steady_ns)
         return steady_ns - since_ns >= _NAMED_WITHIN_NS
+
+
+class DeclarationWatch:
+    """Finds participants of a live run that are declared as two different kinds (METHOD 4.4b).
+
+    Args:
+        node: that hears them.
+        liveness: notes what is found.
+    """
+
+    def __init__(self, node: Node, liveness: LivenessMonitor) -> None:
+        self._node = node
+        self._liveness = liveness
+        self._subscriptions: list[Any] = []
+        self._declared: dict[str, list[str]] = {}
+
+    def follow(self, run: RunSpec) -> None:
+        """Hears the participants of this run from now on; what is latched is heard anew."""
+        for one in self._subscriptions:
+            self._node.destroy_subscription(one)
+        participants = declaring(run) if run.mode == "live" else ()
+        self._declared = {who: [] for who in participants}
+        self._subscriptions = [
+            self._node.create_subscription(
+                String, names.declared_topic(who), partial(self._on_kind, who), ros.LATCHED
+            )
+            for who in participants
+        ]
+
+    def _on_kind(self, who: str, message: String) -> None:
+        self._declared[who].append(message.data[:_MOST_TEXT])
+        for text in contradictions({who: self._declared[who]}):
+            self._liveness.foreign[names.declared_topic(who)] = 1, text
 
 
 def _full_name(endpoint: Any) -> str:

@@ -40,6 +40,7 @@ from ssp_msgs.msg import (
     WorldTick,
 )
 from ssp_scenario_manager.ros.endpoints import (
+    DeclarationWatch,
     ObjectEndpoints,
     Publications,
     PublisherWatch,
@@ -107,6 +108,7 @@ class ScenarioManager(Node):
             self._lead(spec.session_token or draw_token(spec.mode), spec.mode)
         self._commands = SessionServices(self, self._session, self._own, self._load, self._command)
         self._others = PublisherWatch(self, self._liveness)
+        self._declarations = DeclarationWatch(self, self._liveness)
         self._subscribe()
         # The watchdog must go on when simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -439,6 +441,7 @@ class ScenarioManager(Node):
             self._publications.loaded(spec)
             self._links.connect((t.id for t in spec.targets), spec.states_in_one)
             self._others.follow(spec, time.monotonic_ns())
+            self._declarations.follow(spec)
         self._flush()
         return answer
 

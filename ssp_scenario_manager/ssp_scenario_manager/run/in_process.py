@@ -21,6 +21,7 @@ from ssp_core.motion.event import Passing, PhaseBegan
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participation import Participation
 from ssp_core.safety.arming import Facts
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import LinkEstimate
@@ -390,7 +391,7 @@ def save_states(path: Path, spec: RunSpec, record: Record) -> None:
 def result_json(spec: RunSpec, result: InProcessResult) -> dict[str, Any]:
     """``result.json`` of a run in one process: that of any run, and what was measured."""
     return {
-        **result_keys(spec, result.happened),
+        **result_keys(spec, result.happened, Participation(spec.mode, {})),
         "in_process": True,
         "verdict": result.verdict.name.lower(),
         "reasons": list(result.reasons),

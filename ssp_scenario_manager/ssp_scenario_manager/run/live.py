@@ -14,6 +14,7 @@ from urllib.parse import parse_qsl
 import click
 
 from ssp_core import names
+from ssp_core.bag.declaration import load_declaration
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
 from ssp_core.terminal import own_command
@@ -77,6 +78,12 @@ _OPTIONS = (
         is_flag=True,
         help="With --mode live: arm and start without a person's word, for unattended hosts.",
     ),
+    click.option(
+        "--declared",
+        type=click.Path(path_type=Path, dir_okay=False),
+        metavar="FILE",
+        help="With --mode live: a named person's word on what takes part, sealed with the bag.",
+    ),
 )
 
 
@@ -109,6 +116,7 @@ class LiveSetup:
         unit: where the unit sits: forward m, left m, yaw to the left rad.
         remappings: ``from:=to``, for all nodes.
         start_at_once: the run begins without a person's word.
+        declared: file with a person's word on what takes part; None: nobody gives one.
     """
 
     bodies: dict[str, str]
@@ -116,6 +124,7 @@ class LiveSetup:
     unit: tuple[float, float, float] = (0.0, 0.0, 0.0)
     remappings: tuple[str, ...] = ()
     start_at_once: bool = False
+    declared: Path | None = None
 
     @classmethod
     def of_options(cls, mode: str, options: dict[str, Any]) -> LiveSetup | None:
@@ -161,11 +170,12 @@ class LiveSetup:
             options["unit"] or (0.0, 0.0, 0.0),
             tuple(options["remappings"]),
             options["start_at_once"],
+            options["declared"],
         )
 
     def check(self, spec: RunSpec) -> None:
-        """Raises InputError for a body of an object that the run doesn't have, or for places on
-        the Earth of a site that lies nowhere.
+        """Raises InputError for a body of an object that the run doesn't have, for places on the
+        Earth of a site that lies nowhere, or for a person's word that doesn't fit.
         """
         if "navsat" in self.receiver and spec.datum is None:
             raise InputError(
@@ -183,6 +193,8 @@ class LiveSetup:
                 value=f"{spec.site}, for {', '.join(sorted(speak_iso))}",
                 remedy="give the site file a datum and compile again (docs/sites.md)",
             )
+        if self.declared is not None:
+            load_declaration(self.declared, spec)
         known = [target.id for target in spec.targets]
         for object_id in self.bodies:
             if object_id not in known:

@@ -39,7 +39,7 @@ from ssp_scenario_manager.run.companions import (
 from ssp_scenario_manager.run.follow import Followed, Interrupt, follow, obituary
 from ssp_scenario_manager.run.live import LiveSetup, describe
 from ssp_scenario_manager.run.report import measured
-from ssp_scenario_manager.run.result import happened_by, misses, result_keys
+from ssp_scenario_manager.run.result import happened_by, misses, participation_by, result_keys
 from ssp_scenario_manager.session.run_script import RunOutcome
 
 # What the recorder left of a bag that it did not close.
@@ -201,7 +201,7 @@ def _conclude(
         write(lambda: write_verdict(bag, outcome.verdict, outcome.reasons, "runner"))
     wall_s = time.monotonic() - started
     told = {
-        **result_keys(spec, happened),
+        **result_keys(spec, happened, participation_by(bag, spec)),
         "in_process": False,
         "bodies": bodies,
         "verdict": outcome.verdict.name.lower(),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import names
+from ssp_core.bag.declaration import participation_of
 from ssp_core.bag.reader import BagReader, object_states
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.steps import decode_tick
@@ -28,6 +29,7 @@ from ssp_core.motion.event import (
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import absolute
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participation import Participation, Standing
 from ssp_core.vocabulary import Phase, SessionPhase
 from ssp_core.world.plant import FaultFact
 from ssp_scenario_manager.session.outbox import Triggered
@@ -192,11 +194,25 @@ def happened_by(bag: Path, spec: RunSpec) -> Happened | None:
         return None
 
 
-def result_keys(spec: RunSpec, happened: Happened | None) -> dict[str, Any]:
+def participation_by(bag: Path, spec: RunSpec) -> Participation | None:
+    """What a session's participants declared; None where the bag is missing or damaged."""
+    if spec.mode != "live":
+        return Participation(spec.mode, {})
+    try:
+        with BagReader(bag) as reader:
+            return participation_of(reader, spec, bag)
+    except (SspError, ValueError):
+        return None
+
+
+def result_keys(
+    spec: RunSpec, happened: Happened | None, took_part: Participation | None = None
+) -> dict[str, Any]:
     """Keys of result.json that every run has, besides its verdict and reasons.
 
     Args:
         happened: None where nothing is known of it; all that would be told is null then.
+        took_part: None: it isn't known.
 
     Returns:
         Times in s since the start of the run.
@@ -220,9 +236,16 @@ def result_keys(spec: RunSpec, happened: Happened | None) -> dict[str, Any]:
         "site": spec.site,
         "seed": spec.seed,
         "mode": spec.mode,
+        "participants": None if took_part is None else took_part.text,
+        "stand_in": None if took_part is None else _is_stand_in(spec, took_part),
         "wanted": None if spec.passing is None else spec.passing.model_dump(),
         **known,
     }
+
+
+def _is_stand_in(spec: RunSpec, took_part: Participation) -> bool:
+    stood_in = spec.stand_in or took_part.standing is Standing.STAND_IN
+    return spec.domain == "physical" and stood_in
 
 
 def shown_gap(gap_s: float | None) -> str:

@@ -214,6 +214,8 @@ class Stage:
         self.wait_for(lambda: process.poll() is not None, "the end of the run")
         status = process.wait()
         result: dict[str, Any] = json.loads((self.folder / "run" / "result.json").read_text())
+        # No vehicle takes part in any session of these tests.
+        assert result["stand_in"] in (True, None), result["participants"]
         return {**result, "status": status}
 
     def close(self) -> None:

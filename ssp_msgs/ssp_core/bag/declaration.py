@@ -1,0 +1,165 @@
+"""A named person's word on what the participants of a live session were (METHOD 4.4b).
+
+The file (``ssp.declaration/1``) is written by hand; sealed, it is bound to a bag by the bag's
+content hash and lies in the bag's folder as ``declaration.json``.
+"""
+
+from __future__ import annotations
+
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field
+
+from ssp_core.bag.reader import BagReader, content_sha256
+from ssp_core.errors import InputError
+from ssp_core.files import load_model, write_json
+from ssp_core.hashing import sha256_json
+from ssp_core.names import absolute, declared_topic
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participation import ParticipantKind, Participation, declaring
+from ssp_core.run_file.values import Strict
+
+DECLARATION_FILE = "declaration.json"
+SCHEMA: Literal["ssp.declaration/1"] = "ssp.declaration/1"
+Words = Annotated[str, Field(min_length=1, max_length=200, pattern=r"\S")]
+
+
+class DeclaredParticipant(Strict):
+    """What one participant was."""
+
+    kind: ParticipantKind
+    device: Words = Field(description="make and model")
+    serial: Words = Field(description="serial number, number plate or the like")
+
+
+class Declaration(Strict):
+    """Who says of a session's participants what they were, and when and where that was."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    schema_: Literal["ssp.declaration/1"] = Field(SCHEMA, alias="schema")
+    who: Words
+    date: date
+    place: Words
+    participants: Annotated[dict[str, DeclaredParticipant], Field(min_length=1)]
+    bag_sha256: str | None = Field(None, description="of the bag; null: not sealed")
+    seal: str | None = Field(None, description="hash of all the rest; null: not sealed")
+
+    @property
+    def content_sha256(self) -> str:
+        """What the seal must be."""
+        value = self.model_dump(mode="json", by_alias=True)
+        del value["seal"]
+        return sha256_json(value)
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """Kinds by participant."""
+        return {who: one.kind.value for who, one in self.participants.items()}
+
+    @property
+    def text(self) -> str:
+        """Person, date and place, for people."""
+        return f"{self.who}, {self.date.isoformat()}, {self.place}"
+
+
+def load_declaration(file: Path, run: RunSpec) -> Declaration:
+    """Read a declaration that was written by hand.
+
+    Raises:
+        InputError: it can't be read, is sealed already, or doesn't fit the run.
+    """
+    found = load_model(Declaration, file)
+    if found.seal is not None:
+        raise InputError("is sealed already", file=file, field="seal", value=found.seal,
+                         remedy="give the file that was written by hand")  # fmt: skip
+    if run.mode != "live":
+        raise InputError(
+            "is of a session with a simulated world, of which nobody's word makes a live one",
+            file=file, field="participants", value=run.mode, remedy="leave --declared out",
+        )  # fmt: skip
+    wanted = declaring(run)
+    for who in found.participants:
+        if who not in wanted:
+            raise InputError(
+                "takes no part in this session", file=file, field=f"participants.{who}",
+                remedy=f"its participants are {', '.join(wanted)}",
+            )  # fmt: skip
+    return found
+
+
+def seal_declaration(declaration: Declaration, folder: Path) -> Path:
+    """Bind a declaration to the bag in a folder, and write it there.
+
+    Raises:
+        InputError: the folder holds no bag, or a declaration already.
+    """
+    file = folder / DECLARATION_FILE
+    if file.exists():
+        raise InputError("exists already", file=file, remedy="remove it first")
+    with BagReader(folder) as bag:
+        bound = declaration.model_copy(update={"bag_sha256": content_sha256(bag)})
+    sealed = bound.model_copy(update={"seal": bound.content_sha256})
+    write_json(file, sealed.model_dump(mode="json", by_alias=True))
+    return file
+
+
+def read_declaration(folder: Path, bag_sha256: str) -> Declaration | None:
+    """Read the sealed declaration in a bag's folder; None where there is none.
+
+    Args:
+        bag_sha256: content hash of the bag; empty: it isn't known yet.
+
+    Raises:
+        InputError: it was changed after it was sealed, or is of another bag.
+    """
+    file = folder / DECLARATION_FILE
+    if not file.is_file():
+        return None
+    found = load_model(Declaration, file)
+    if found.seal != found.content_sha256:
+        raise InputError(
+            f"was changed after {found.who} sealed it", file=file, field="seal", value=found.seal,
+            remedy="remove it, and declare anew with `ssp audit declare`",
+        )  # fmt: skip
+    if bag_sha256 and found.bag_sha256 != bag_sha256:
+        raise InputError(
+            f"is of another bag, or of an earlier state of this one, which has the hash "
+            f"{bag_sha256}",
+            file=file,
+            field="bag_sha256",
+            value=found.bag_sha256,
+            remedy="remove it, and declare anew with `ssp audit declare`",
+        )
+    return found
+
+
+def participation_of(
+    bag: BagReader, run: RunSpec, folder: Path, bag_sha256: str | None = None
+) -> Participation:
+    """Read what the participants of a session declared, and a named person's word.
+
+    Args:
+        folder: of the bag.
+        bag_sha256: see read_declaration; None: a person's word isn't looked for.
+
+    Raises:
+        InputError: that word was changed, or is of another bag.
+    """
+    if run.mode != "live":
+        return Participation(run.mode, {})
+    declared = {who: list[str]() for who in declaring(run)}
+    topics = {absolute(declared_topic(who)): who for who in declared}
+    for message in bag.messages([topic for topic in topics if topic in bag.topics]):
+        declared[topics[message.topic]].append(str(bag.decode(message).data))
+    word = None
+    if bag_sha256 is not None and folder.is_dir():
+        word = read_declaration(folder, bag_sha256)
+    return Participation(
+        run.mode,
+        {who: tuple(dict.fromkeys(kinds)) for who, kinds in declared.items()},
+        {} if word is None else word.kinds,
+        "" if word is None else word.text,
+    )

@@ -1,0 +1,118 @@
+"""Who took part in a session, and as what: real, simulated or played (METHOD 4.4b).
+
+Each participant of a live session declares its kind in a latched message on a topic of its own.
+Programs of this project declare ``simulated`` or ``played`` in code, and nothing for what they hear
+over a wire. A session that isn't live has a simulated world, whatever its site file says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from ssp_core.names import VUT_ID
+from ssp_core.run_file.model import RunSpec
+
+POSITIONING, CAMERA = f"{VUT_ID}/positioning", f"{VUT_ID}/camera"
+
+
+class ParticipantKind(StrEnum):
+    """What a participant is."""
+
+    REAL = "real"  # a device or a vehicle
+    SIMULATED = "simulated"  # a model of motion or of light
+    PLAYED = "played"  # a recording
+
+
+class Standing(StrEnum):
+    """What the participants make of a session."""
+
+    REAL = "real"
+    STAND_IN = "stand-in"
+    UNDECLARED = "undeclared"
+
+
+def body_of(object_id: str) -> str:
+    """Name of the participant that moves an object."""
+    return f"{object_id}/body"
+
+
+def declaring(run: RunSpec) -> tuple[str, ...]:
+    """Names of all participants of a live session that must declare their kind."""
+    objects = [name for target in run.targets for name in (target.id, body_of(target.id))]
+    camera = () if run.camera is None else (CAMERA,)
+    return (VUT_ID, POSITIONING, *camera, *objects)
+
+
+@dataclass(frozen=True, slots=True)
+class Participation:
+    """What a session's participants are.
+
+    Args:
+        mode: of the session.
+        declared: by participant, every kind that it declared; empty: none.
+        word: by participant, the kind by the word of a named person.
+        said_by: who gave that word, with date and place; empty: nobody did.
+    """
+
+    mode: str
+    declared: Mapping[str, tuple[str, ...]]
+    word: Mapping[str, str] = field(default_factory=dict)
+    said_by: str = ""
+
+    @property
+    def silent(self) -> tuple[str, ...]:
+        """Participants that declared nothing and that nobody speaks for."""
+        if self.mode != "live":
+            return ()
+        return tuple(who for who in self.declared if not self.kinds_of(who))
+
+    @property
+    def substitutes(self) -> tuple[str, ...]:
+        """Participants that were simulated or played."""
+        real = {ParticipantKind.REAL}
+        return tuple(who for who in self.declared if {*self.kinds_of(who)} - real)
+
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """Sentences about participants that declared two different kinds."""
+        return contradictions(self.declared)
+
+    @property
+    def standing(self) -> Standing:
+        """What the session was."""
+        if self.mode != "live" or self.substitutes:
+            return Standing.STAND_IN
+        return Standing.UNDECLARED if self.silent else Standing.REAL
+
+    def kinds_of(self, who: str) -> tuple[str, ...]:
+        """Kinds that a participant declared; a person's word counts where it declared none."""
+        told = self.declared.get(who, ())
+        return told or ((self.word[who],) if who in self.word else ())
+
+    @property
+    def text(self) -> str:
+        """The participants by kind, and whose word it is, for people."""
+        if self.mode != "live":
+            return f"a simulated world ({self.mode})"
+        groups = [
+            (kind, [who for who in self.declared if kind in self.kinds_of(who)])
+            for kind in ParticipantKind
+        ]
+        parts = [f"{kind}: {', '.join(of)}" for kind, of in groups if of]
+        if self.silent:
+            parts.append(f"undeclared: {', '.join(self.silent)}")
+        if self.said_by:
+            parts.append(f"by the word of {self.said_by}: {', '.join(self.word)}")
+        return "; ".join(parts)
+
+
+def contradictions(declared: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
+    """Sentences about participants that declared two different kinds."""
+    listed = {who: list(dict.fromkeys(kinds)) for who, kinds in declared.items()}
+    return tuple(
+        f"{who} is declared {' and '.join(kinds)}"
+        for who, kinds in listed.items()
+        if len(kinds) > 1
+    )
