@@ -19,6 +19,7 @@ from ssp_core import names
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
 from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.run_file.participation import CAMERA, POSITIONING, body_of, declaring
 
 CONTROL, OBJECTS, DRIVERS = "/ssp/control", "/ssp/objects", "/ssp/drivers"
 _PARAMETERS = (
@@ -71,6 +72,8 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
     acks = tuple(names.ack_topic(i) for i in ids)
     rules = tuple(names.rules_topic(i) for i in ids)
     frames = tuple(names.iso_frames_topic(i) for i in ids)
+    declared = {who: names.declared_topic(who) for who in declaring(run)}
+    of_objects = tuple(declared[name] for i in ids for name in (i, body_of(i)))
     services = tuple(names.command_service(i) for i in ids)
     vut = names.state_topic(run.vut.id)
     events = (names.SESSION_STATE, names.TRIGGER_EVENT, names.PHASE_EVENT, names.SAFETY_EVENT)
@@ -81,7 +84,10 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
     told = (*events, names.HEARTBEAT, names.LINK_STATUS, names.STEP_DONE)
     statuses = (names.RECORDER_STATUS, names.LOCALISATION_STATUS, names.BODY_STATUS)
     replies = (names.HEARTBEAT_REPLY, *statuses)
-    recorded = (vut, *states, *references, *acks, *rules, *told, *replies, names.FAULT_EVENT)
+    recorded = (
+        *(vut, *states, *references, *acks, *rules, *told, *replies, names.FAULT_EVENT),
+        *declared.values(),
+    )
     transforms = (names.TF, names.TF_STATIC)
     # Page and view take states as they come, also without a run file.
     watched = (*recorded, names.OBJECT_STATES)
@@ -96,7 +102,7 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
             CONTROL,
             publishes=(*told, *references, *transforms),
             hears=(
-                *(vut, *states, *acks, *rules, *replies, *world),
+                *(vut, *states, *acks, *rules, *replies, *world, *declared.values()),
                 *(names.CAMERA_INFO, names.SAFETY_EVENT),
             ),
             serves=commands,
@@ -142,15 +148,18 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
         ),
         names.OBJECT_TARGET: Rights(
             OBJECTS,
-            publishes=(*states, *acks, *rules, *frames, *told_by_objects),
+            publishes=(*states, *acks, *rules, *frames, *of_objects, *told_by_objects),
             hears=(*references, names.HEARTBEAT, vut, *states),
             serves=services,
             own=(*_PARAMETERS, *_LIFECYCLE),
         ),
-        "gnss_ins": Rights(DRIVERS, publishes=receiver),
+        "gnss_ins": Rights(
+            DRIVERS, publishes=(*receiver, declared[names.VUT_ID], declared[POSITIONING])
+        ),
     }
     if run.camera is not None:
-        table["camera"] = Rights(DRIVERS, publishes=(*camera, names.CAMERA_MOUNT))
+        told_by_camera = (*camera, names.CAMERA_MOUNT, declared[CAMERA])
+        table["camera"] = Rights(DRIVERS, publishes=told_by_camera)
     return table
 
 
