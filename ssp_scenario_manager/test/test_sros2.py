@@ -31,7 +31,8 @@ def test_names_are_absolute_and_of_this_run(run: RunSpec) -> None:
     spec = live(run)
     assert "/ssp/ot1/state" in allowed(spec, "object_target", "topics", "publish")
     assert allowed(spec, "gnss_ins", "topics", "publish") == {
-        *("/ins", "/rosout", "/parameter_events")
+        *("/ins", "/rosout", "/parameter_events"),
+        *("/ssp/declared/vut", "/ssp/declared/vut/positioning"),
     }
     assert allowed(spec, "scenario_manager", "actions", "execute") == {"/ssp/run_scenario"}
     assert "/ssp/abort" in allowed(spec, "ssp_run", "services", "request")

@@ -21,6 +21,7 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from ssp_core.cdr.messages import stamp_ns
@@ -120,6 +121,15 @@ def declare_kind(node: Node, kind: ParticipantKind, *participants: str) -> None:
     """Declares what participants of a live session are, in latched messages (METHOD 4.4b)."""
     for who in participants:
         node.create_publisher(String, declared_topic(who), LATCHED).publish(String(data=kind))
+
+
+def hear_kind(node: Node, participant: str, take: Callable[[str], None]) -> Subscription:
+    """Hear what a participant is declared to be; ``take`` gets the word of each declaration."""
+
+    def take_word(message: Any) -> None:
+        take(message.data)
+
+    return node.create_subscription(String, declared_topic(participant), take_word, LATCHED)
 
 
 def subscribe_raw(

@@ -13,6 +13,7 @@ from enum import Enum, auto
 
 from ssp_core import names
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participation import declaring
 
 # A process that was killed stays in the graph for so long, s: the longest lease of our profiles.
 FORGOTTEN_S = 20
@@ -78,6 +79,8 @@ def expected_publishers(run: RunSpec | None) -> dict[str, tuple[Part, ...]]:
         run: None: no run is loaded, and nothing is known of its objects.
     """
     found = dict(_OF_SESSION)
+    if run is not None and run.mode == "live":
+        found |= {names.declared_topic(who): ONE for who in declaring(run)}
     for target in () if run is None else run.targets:
         found |= dict.fromkeys(_of_object(target.id), ONE)
         if run is not None and _asks_for_references(run, target.id):

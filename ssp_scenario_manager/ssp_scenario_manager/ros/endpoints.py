@@ -11,7 +11,6 @@ from uuid import uuid4
 
 from rclpy.duration import Duration
 from rclpy.node import Node
-from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from ssp_core import names, ros
@@ -147,14 +146,11 @@ class DeclarationWatch:
         participants = declaring(run) if run.mode == "live" else ()
         self._declared = {who: [] for who in participants}
         self._subscriptions = [
-            self._node.create_subscription(
-                String, names.declared_topic(who), partial(self._on_kind, who), ros.LATCHED
-            )
-            for who in participants
+            ros.hear_kind(self._node, who, partial(self._on_kind, who)) for who in participants
         ]
 
-    def _on_kind(self, who: str, message: String) -> None:
-        self._declared[who].append(message.data[:_MOST_TEXT])
+    def _on_kind(self, who: str, kind: str) -> None:
+        self._declared[who].append(kind[:_MOST_TEXT])
         for text in contradictions({who: self._declared[who]}):
             self._liveness.foreign[names.declared_topic(who)] = 1, text
 
