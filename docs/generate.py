@@ -19,7 +19,7 @@ import ssp_monitor.ros.parameters
 from ssp_core import names
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.node_interface import Parameter
-from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.run_file.model import Camera, Limits, RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.run_file.values import Start
 from ssp_core.safety import liveness
@@ -481,12 +481,12 @@ def publishers() -> str:
     target = ParticipantSpec(id="object", object_class="car", start=start)
     rows = []
     for topic, parts in expected_publishers(
-        RunSpec.model_construct(targets=[target], faults=[])
+        RunSpec.model_construct(targets=[target], faults=[], mode="live", camera=Camera())
     ).items():
         seen = ["manager", "recorder"] if not parts else ["manager"]
         if topic == names.HEARTBEAT:
             seen.append("objects")
-        shown = topic.replace(f"{target.id}/", "OBJECT/", 1)
+        shown = re.sub(rf"\b{target.id}\b", "OBJECT", topic)
         who = ", ".join(PARTS[part] for part in parts) or "one"
         rows.append((f"`{shown}`", who, ", ".join(seen)))
     return _table(("topic", "publishers", "watched by"), rows)
