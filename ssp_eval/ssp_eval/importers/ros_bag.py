@@ -19,6 +19,7 @@ from rosbags.typesys.store import Typestore
 from ssp_core.bag.mcap_file import DAMAGE
 from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY, unlisted_files
 from ssp_core.bag.reader import BagReader, mcap_files
+from ssp_core.bag.sqlite import SUFFIX, open_bag
 from ssp_core.bag.types import TypeDefinition, store_from
 from ssp_core.cdr.messages import leading_stamp_ns
 from ssp_core.clock import NS_PER_S, ns_to_seconds
@@ -175,12 +176,13 @@ class _Storage(Protocol):
         ...
 
 
-class _Mcap:
-    """An MCAP file, or a folder of them, with or without chunks and index."""
+class _Plain:
+    """MCAP files with or without chunks and index, or SQLite files."""
 
-    def __init__(self, path: Path) -> None:
-        is_open = path.is_dir() and not (path / FILE_NAME).is_file()
-        self._reader = BagReader(path, mcap_files(path) if is_open else None)
+    def __init__(self, path: Path, stack: ExitStack) -> None:
+        is_open = not (path / FILE_NAME).is_file() and any(path.glob("*.mcap"))
+        reader = BagReader(path, mcap_files(path)) if is_open else open_bag(path)
+        self._reader = stack.enter_context(reader)
         self.types = {topic: info.msgtype for topic, info in self._reader.topics.items()}
 
     def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
@@ -194,8 +196,8 @@ class _Mcap:
 _FORMATS = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.IDL: "ros2idl"}
 
 
-class _Rosbags:
-    """A bag of SQLite, or one that rosbag2 compressed."""
+class _Compressed:
+    """A bag whose files or messages rosbag2 compressed."""
 
     def __init__(self, path: Path, stack: ExitStack) -> None:
         self._path = path
@@ -219,17 +221,13 @@ class _Rosbags:
         raise KeyError(topic)
 
 
-def _is_plain_mcap(path: Path) -> bool:
-    """True for what BagReader reads; it says best what is wrong with a folder without metadata."""
-    if not path.is_dir():
-        return path.suffix == ".mcap"
+def _is_compressed(path: Path) -> bool:
+    """True for a folder whose metadata says that rosbag2 compressed its files or messages."""
     if not (path / FILE_NAME).is_file():
-        return True
+        return False
     stated = read_mapping(path / FILE_NAME).get(ROOT_KEY)
-    if not isinstance(stated, dict):
-        return True
-    mode = str(stated.get("compression_mode") or "none").lower()
-    return stated.get("storage_identifier") == "mcap" and mode in ("none", "storage")
+    mode = stated.get("compression_mode") if isinstance(stated, dict) else None
+    return str(mode or "none").lower() in ("file", "message")
 
 
 def _stamp_ns(bag: SourceBag, topic: str, received_ns: int, data: bytes) -> int:
@@ -260,8 +258,8 @@ class SourceBag(Closing):
         self._stack = ExitStack()
         self._storage: _Storage
         with self._failures():
-            plain = _is_plain_mcap(path)
-            self._storage = _Mcap(path) if plain else _Rosbags(path, self._stack)
+            kind = _Compressed if _is_compressed(path) else _Plain
+            self._storage = kind(path, self._stack)
         self.types = self._storage.types
 
     @contextmanager
@@ -282,9 +280,9 @@ class SourceBag(Closing):
             return []
         if not (self.path / FILE_NAME).is_file():
             return [f"there is no {FILE_NAME}: what the folder's files hold was read"]
-        suffix = ".mcap" if isinstance(self._storage, _Mcap) else ".db3"
         return [
             f"{name} isn't named by {FILE_NAME} and was left out"
+            for suffix in (".mcap", SUFFIX)
             for name in unlisted_files(self.path, suffix)
         ]
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -140,3 +142,31 @@ def test_a_topic_that_is_asked_for_and_cannot_be_read_is_refused_without_a_wrong
     said = refused("import-bag", strange, *wanted)
     assert "nav_msgs/msg/Odometry: has a definition that can't be used" in said
     assert "recover" not in said
+
+
+def test_a_bag_of_sqlite_is_read_whatever_types_stand_beside(
+    day: TrackDay, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As rosbag2 notes a type that it doesn't find, and another program's JSON."""
+    source = write_bag(tmp_path / "day", day.messages(), sqlite=True)
+    assert run(source, tmp_path / "same") == 0
+    (file,) = source.glob("*.db3")
+    with closing(sqlite3.connect(file)) as store, store:
+        for number, name, form in ((90, "/odd", "cdr"), (91, "/vendor", "json")):
+            kind = f"{name[1:]}_msgs/msg/Thing"
+            store.execute(
+                "INSERT INTO topics (id, name, type, serialization_format, offered_qos_profiles, "
+                "type_description_hash) VALUES (?, ?, ?, ?, '', '')",
+                (number, name, kind, form),
+            )
+            store.execute(
+                "INSERT INTO message_definitions (topic_type, encoding, "
+                "encoded_message_definition, type_description_hash) VALUES (?, 'unknown', '', '')",
+                (kind,),
+            )
+    capsys.readouterr()
+    assert run(source, tmp_path / "out") == 0
+    said = capsys.readouterr().err
+    assert "/odd: can't be read and isn't needed" in said
+    assert "/vendor: can't be read and isn't needed" in said
+    assert recorded(tmp_path / "out") == recorded(tmp_path / "same")

@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY
 from ssp_core.bag.reader import BagReader, TopicInfo
-from ssp_core.bag.types import MSG_ENCODING, BagMessage, TypeDefinition, definition
+from ssp_core.bag.types import CDR, MSG_ENCODING, BagMessage, TypeDefinition, definition
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
 
@@ -108,16 +108,18 @@ class SqliteBag(BagReader):
                     "FROM message_definitions"
                 )
             }
-        type_hash = "type_description_hash" if "type_description_hash" in columns else "''"
+        # Which rosbag2 added one after the other.
+        wanted = ("serialization_format", "offered_qos_profiles", "type_description_hash")
+        chosen = ", ".join(name if name in columns else "''" for name in wanted)
         counts = dict(store.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
-        for number, name, kind, profiles, hashed in store.execute(
-            f"SELECT id, name, type, offered_qos_profiles, {type_hash} FROM topics"
+        for number, name, kind, form, profiles, hashed in store.execute(
+            f"SELECT id, name, type, {chosen} FROM topics"
         ):
             before = self.topics.get(name)
             count = counts.get(number, 0) + (before.count if before else 0)
             self.topics[name] = TopicInfo(kind, count, profiles, hashed)
             _, encoding, text = written.get(kind, (kind, "", ""))
-            found = TypeDefinition(kind, encoding or MSG_ENCODING, text, hashed)
+            found = TypeDefinition(kind, encoding or MSG_ENCODING, text, hashed, form or CDR)
             self._definitions[name] = found if text.strip() else _known(found)
         first, last = store.execute(
             "SELECT MIN(timestamp), MAX(timestamp) FROM messages"
@@ -154,16 +156,17 @@ class SqliteBag(BagReader):
         start_ns: int | None,
         stop_ns: int | None,
     ) -> Iterator[BagMessage]:
-        rows = store.execute(
-            "SELECT topics.name, timestamp, data FROM messages "
-            "JOIN topics ON topics.id = topic_id WHERE timestamp >= ? AND timestamp < ? "
-            "ORDER BY timestamp, messages.id",
-            (start_ns or 0, 2**63 - 1 if stop_ns is None else stop_ns),
-        )
         with self._failures(self.path):
-            for name, at_ns, data in rows:
-                if topics is None or name in topics:
-                    yield BagMessage(name, at_ns, at_ns, data, 0)
+            known = dict(store.execute("SELECT id, name FROM topics"))
+            numbers = [int(k) for k, name in known.items() if topics is None or name in topics]
+            rows = store.execute(
+                "SELECT topic_id, timestamp, data FROM messages "
+                f"WHERE topic_id IN ({', '.join(map(str, numbers))}) "
+                "AND timestamp >= ? AND timestamp < ? ORDER BY timestamp, id",
+                (start_ns or 0, 2**63 - 1 if stop_ns is None else stop_ns),
+            )
+            for number, at_ns, data in rows:
+                yield BagMessage(known[number], at_ns, at_ns, data, 0)
 
     def close(self) -> None:
         """End the reading."""
