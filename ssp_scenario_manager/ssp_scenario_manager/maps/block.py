@@ -21,6 +21,9 @@ RoadType = Literal["urban", "rural", "motorway", "proving_ground", "any"]
 # A note on blocks of a map whose traffic keeps to the left.
 LEFT_HAND = "left-hand traffic"
 
+# Lanes are neighbours up to this gap between them.
+WIDEST_GAP_M = 0.5
+
 
 @dataclass(frozen=True, slots=True)
 class BlockLane:

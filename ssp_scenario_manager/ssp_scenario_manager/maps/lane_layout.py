@@ -309,3 +309,21 @@ def _lets_through(mark: Mark, *, inwards: bool, rising: bool) -> bool:
     if len(words) == 2:
         return words[1 if inwards else 0] != "solid"
     return mark.type not in ("solid", "curb", "edge", "grass")
+
+
+@dataclass(frozen=True, slots=True)
+class LaneHere:
+    """A lane at one arc length: offset of its centre (+ left of the reference line) and width."""
+
+    id: int
+    centre_m: float
+    width_m: float
+
+
+def lanes_at(road: RoadRecord, s_m: float) -> list[LaneHere]:
+    """List all lanes of a road at an arc length, of any type and width, without lane 0."""
+    within = [section for section in road.sections if section.start_m <= s_m]
+    if not within:
+        return []
+    tracks = _sampled(road, within[-1], s_m, s_m)
+    return [LaneHere(track.lane.id, track.low_m, track.width_m) for track in tracks]

@@ -7,12 +7,14 @@ import math
 from ssp_core.geometry import Polyline
 from ssp_core.motion.state import Size
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.maps.block import Block, BlockLane
+from ssp_scenario_manager.maps.block import WIDEST_GAP_M, Block, BlockLane
 from ssp_scenario_manager.scenarios.base import BlockPoint, CannotPlace
 
 # How far into a long and a short block the VUT starts.
 _ENTRY_M = (15.0, 2.0)
 _ENTRY_SHARE = 0.04
+# Of sums of widths.
+_ROUNDING_M = 1e-6
 # Between what stands at a block's end and the end itself.
 END_MARGIN_M = 2.0
 
@@ -55,7 +57,7 @@ def neighbour(block: Block, index: int, to_left: bool) -> BlockLane:
         )
     lane, other = lanes[index], lanes[beside]
     between = abs(other.y_m - lane.y_m) - (lane.width_m + other.width_m) / 2.0
-    if between > 0.5:
+    if between > WIDEST_GAP_M + _ROUNDING_M:
         raise CannotPlace(f"its lane to the {side} lies {between:.1f} m apart from the VUT's")
     return other
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scenariogeneration import xodr  # type: ignore[import-untyped]  # it ships no types
 
 from ssp_core.errors import InputError
 from ssp_core.run_file.road import CurvePiece
-from ssp_scenario_manager.maps.block import Block, BlockLane
+from ssp_scenario_manager.maps.block import WIDEST_GAP_M, Block, BlockLane
 
 # The standard library's, which only builds and writes here: nothing is parsed.
 
@@ -26,7 +26,7 @@ def to_bytes(root: ET.Element) -> bytes:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
 
 
-# Lanes closer than this touch; a wider gap becomes a strip that nobody drives on.
+# Lanes closer than this touch.
 _TOUCH_M = 1e-6
 _CROSSING_WIDTH_M = 4.0
 _MARK_M = 0.12
@@ -63,14 +63,15 @@ def _sides(block: Block) -> _Sides:
     left_hand = backward[0].y_m < forward[0].y_m
     right, left = (backward, forward) if left_hand else (forward, backward)
     middle = max(lane.y_m + lane.width_m / 2 for lane in right)
-    if middle > min(lane.y_m - lane.width_m / 2 for lane in left) + _TOUCH_M:
+    gap = min(lane.y_m - lane.width_m / 2 for lane in left) - middle
+    if gap < -_TOUCH_M:
         raise InputError(
             "has lanes of both directions between each other, which OpenDRIVE can't tell",
             field="block",
             value=block.block_id,
         )
     return _Sides(
-        middle,
+        middle + gap / 2 if _TOUCH_M < gap <= WIDEST_GAP_M + _TOUCH_M else middle,
         tuple(sorted(left, key=lambda v: v.y_m)),
         tuple(sorted(right, key=lambda v: -v.y_m)),
         left_hand,
@@ -79,7 +80,7 @@ def _sides(block: Block) -> _Sides:
 
 @dataclass(frozen=True, slots=True)
 class _Strip:
-    """A lane of the map: one of the block's, or a gap between two."""
+    """A lane of the map: one of the block's, or a wide gap between two."""
 
     lane_id: int
     width_m: float
@@ -87,15 +88,27 @@ class _Strip:
 
 
 def _strips(lanes: Sequence[BlockLane], middle_m: float, sign: int, block: Block) -> list[_Strip]:
+    """The lanes of one side from the middle outwards.
+
+    A narrow gap widens the lanes beside it, half each. A wider one is a strip that nobody drives
+    on.
+    """
     strips: list[_Strip] = []
     edge = middle_m
     for lane in lanes:
         gap = sign * (lane.y_m - edge) - lane.width_m / 2
         if gap < -_TOUCH_M:
             raise InputError("has lanes that overlap", field="block", value=block.block_id)
-        if gap > _TOUCH_M:
+        width = lane.width_m
+        if gap > WIDEST_GAP_M + _TOUCH_M:
             strips.append(_Strip(sign * (len(strips) + 1), gap, None))
-        strips.append(_Strip(sign * (len(strips) + 1), lane.width_m, lane))
+        elif gap > _TOUCH_M:
+            # What lies at the middle is shared by both sides already.
+            half = gap / 2 if strips else 0.0
+            if half:
+                strips[-1] = replace(strips[-1], width_m=strips[-1].width_m + half)
+            width += gap - half
+        strips.append(_Strip(sign * (len(strips) + 1), width, lane))
         edge = lane.y_m + sign * lane.width_m / 2
     return strips
 

@@ -13,8 +13,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
 from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships no types
 
+from ssp_core.errors import InputError
 from ssp_core.files import write_bytes
 from ssp_core.geometry import Polyline
 from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
@@ -31,6 +33,16 @@ from ssp_core.run_file.participants import (
     TriggerSpec,
 )
 from ssp_core.run_file.values import Point
+from ssp_scenario_manager.compile.targets.foreseen import (
+    FIRING_LAG_S,
+    PLAYER_LAG_S,
+    Foreseen,
+    foresee,
+    gaps_m,
+    shorter_m,
+    straight_share,
+)
+from ssp_scenario_manager.compile.targets.goal_lane import goal_lane
 from ssp_scenario_manager.compile.targets.map_file import (
     Heights,
     MapFile,
@@ -39,14 +51,15 @@ from ssp_scenario_manager.compile.targets.map_file import (
     provenance,
 )
 from ssp_scenario_manager.compile.targets.opendrive import FIXED_DATE, to_bytes
+from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.compile.targets.ramps import (
     CLASSES,
     TARGET_START_S,
     Ramp,
     distance_during,
-    driven_speeds,
     journey,
     legs,
+    matched,
     ramp,
     times_along,
 )
@@ -57,6 +70,9 @@ MINOR_VERSION = 0
 # What an eye can tell from fog, by Koschmieder's law: contrast 5 %.
 _FOG_CONTRAST = 0.05
 _CLEAR_M = 100000.0
+# From firing to a player's act, s: a straight ramp is nearest to a session's rounded one if it
+# begins half of the rounding later. ScenarioRunner takes no longer delay (docs/exports.md).
+ACT_DELAY_S = 0.2
 _Start: TypeAlias = "xosc.EntityTrigger | xosc.ValueTrigger"
 _Action: TypeAlias = (
     "xosc.AbsoluteSpeedAction | xosc.RelativeLaneChangeAction | xosc.FollowTrajectoryAction"
@@ -76,24 +92,53 @@ def export_openscenario(task: Task, block: Block, map_text: str | None, folder: 
         The files: ``<event>.xosc``, ``<event>_external.xosc`` and the map.
 
     Raises:
-        InputError: the block can't be put into OpenDRIVE, a place has no height on the map, or the
-            trigger never fires.
+        InputError: the block can't be put into OpenDRIVE, a place has no height on the map, the
+            trigger never fires, or the scenario would show another gap than a session.
     """
     chart = map_file(task, block, map_text)
+    seen = foresee(task.run)
     files = {
-        f"{task.event.name}.xosc": scenario_xml(task, block, chart, external=False),
-        f"{task.event.name}_external.xosc": scenario_xml(task, block, chart, external=True),
+        f"{task.event.name}.xosc": scenario_xml(task, chart, seen, external=False),
+        f"{task.event.name}_external.xosc": scenario_xml(task, chart, seen, external=True),
         chart.name: chart.data,
     }
+    _check_gap(task.run, files[f"{task.event.name}.xosc"], chart, block, seen)
     for name, data in files.items():
         write_bytes(folder / name, data)
     return [folder / name for name in files]
 
 
-def scenario_xml(task: Task, block: Block, chart: MapFile, *, external: bool) -> bytes:
+# Between the gap that a player shows and a session's.
+MOST_GAP_ERROR_M = 0.3
+_EVERY_S = 0.1
+
+
+def _check_gap(run: RunSpec, scenario: bytes, chart: MapFile, block: Block, seen: Foreseen) -> None:
+    """Play a scenario and hold the gap between VUT and initiator against the session's.
+
+    Raises:
+        InputError: they differ by too much; with when and by how much.
+    """
+    played = play(scenario, chart.data, block.line)
+    times = np.arange(_EVERY_S, played[run.vut.id][-1, 0], _EVERY_S)
+    errors = gaps_m(run, played, times) - gaps_m(run, seen.tracks, times)
+    worst = int(np.argmax(np.abs(errors)))
+    if not abs(errors[worst]) <= MOST_GAP_ERROR_M:
+        raise InputError(
+            f"would show another event in a player: at {times[worst]:.1f} s the gap between VUT "
+            f"and {run.initiator_id} differs by {errors[worst]:+.2f} m from the session's, at most "
+            f"{MOST_GAP_ERROR_M:g} m",
+            field="block",
+            value=block.block_id,
+            remedy="choose a block that bends less, or milder values in part C",
+        )
+
+
+def scenario_xml(task: Task, chart: MapFile, seen: Foreseen, *, external: bool) -> bytes:
     """The scenario.
 
     Args:
+        seen: the session that is foreseen.
         external: the VUT stands until the user's controller drives it; else it drives in its lane
             at the speeds of a session, whatever it meets.
     """
@@ -113,7 +158,7 @@ def scenario_xml(task: Task, block: Block, chart: MapFile, *, external: bool) ->
         f"SSP, {facts['compiler']}",
         xosc.ParameterDeclarations(),
         entities,
-        _storyboard(run, block, chart.heights, external),
+        _storyboard(run, chart, seen, external),
         xosc.RoadNetwork(chart.name),
         xosc.Catalog(),
         osc_minor_version=MINOR_VERSION,
@@ -122,8 +167,8 @@ def scenario_xml(task: Task, block: Block, chart: MapFile, *, external: bool) ->
     return to_bytes(scenario.get_element())
 
 
-def _storyboard(run: RunSpec, block: Block, heights: Heights, external: bool) -> xosc.StoryBoard:
-    route = _path_of(run.vut)
+def _storyboard(run: RunSpec, chart: MapFile, seen: Foreseen, external: bool) -> xosc.StoryBoard:
+    route, heights = _path_of(run.vut), chart.heights
     init = xosc.Init()
     init.add_global_action(xosc.EnvironmentAction(_environment(run.look)))
     for who in (run.vut, *run.targets):
@@ -135,18 +180,18 @@ def _storyboard(run: RunSpec, block: Block, heights: Heights, external: bool) ->
         init.add_init_action(VUT_ID, outside_control())
 
     # When the event is over depends on how the VUT drives: in the external file nobody knows.
-    speeds, over_s = ((), None) if external else driven_speeds(run)
+    over_s = None if external else seen.over_s
 
     def stop(name: str) -> xosc.Trigger:
         return stop_at(name, journey(route).braking_from_m, run.end.at_latest_s, over_s)
 
-    groups = [] if external else [_vut_drive(speeds)]
-    groups += [_approach(who) for who in run.targets if who.approach is not None]
+    groups = [] if external else [_vut_drive(seen)]
+    groups += [_approach(who, run, seen) for who in run.targets if who.approach is not None]
     story = xosc.Story("story")
     if groups:
         story.add_act(_act("approach", after("approach_starts", 0.0), stop("approach"), groups))
     for trigger in run.triggers:
-        name, group = f"act_{trigger.id}", _manoeuvre(run, block, trigger, heights)
+        name, group = f"act_{trigger.id}", _manoeuvre(run, trigger, chart, seen)
         start = after(f"{trigger.id}_not_before", trigger.not_before_s)
         story.add_act(_act(name, start, stop(name), [group]))
     board = xosc.StoryBoard(init, stop("storyboard"))
@@ -196,64 +241,80 @@ def _event(name: str, start: _Start, *actions: _Action) -> xosc.Event:
     return event
 
 
-def _vut_drive(speeds: Sequence[tuple[float, float]]) -> xosc.ManeuverGroup:
+def _vut_drive(seen: Foreseen) -> xosc.ManeuverGroup:
     """The VUT's speeds as the SIL's driver drives, leg by leg."""
+    found = matched(legs(seen.speeds), seen.speeds, seen.driven_m)
     events = [
-        _event(f"vut_{i}", after(f"vut_{i}_starts", leg.start_s), _speed(leg.change))
-        for i, leg in enumerate(legs(speeds))
+        _event(f"vut_{i}", _at(f"vut_{i}_starts", leg.start_s), _speed(leg.change))
+        for i, leg in enumerate(found)
     ]
     return _group(VUT_ID, "vut_drive", events)
 
 
-def _approach(who: ParticipantSpec) -> xosc.ManeuverGroup:
-    name = f"{who.id}_approach"
-    start = after(f"{name}_starts", TARGET_START_S)
-    return _group(who.id, name, [_event(name, start, _speed(journey(_path_of(who)).start))])
+def _at(name: str, time_s: float) -> xosc.ValueTrigger:
+    """True in the step of a time."""
+    return after(name, round(max(0.0, time_s - PLAYER_LAG_S), 3))
+
+
+def _approach(who: ParticipantSpec, run: RunSpec, seen: Foreseen) -> xosc.ManeuverGroup:
+    name, faster = f"{who.id}_approach", journey(_path_of(who)).start
+    if who.id == run.initiator_id:
+        faster = seen.approach(faster, TARGET_START_S)
+    start = _at(f"{name}_starts", TARGET_START_S)
+    return _group(who.id, name, [_event(name, start, _speed(faster))])
 
 
 def _manoeuvre(
-    run: RunSpec, block: Block, trigger: TriggerSpec, heights: Heights
+    run: RunSpec, trigger: TriggerSpec, chart: MapFile, seen: Foreseen
 ) -> xosc.ManeuverGroup:
     who = next(t for t in run.targets if t.id == trigger.object_id)
     name, manoeuvre = trigger.id, trigger.manoeuvre
-    start = firing(trigger, run.vut, _path_of(run.vut), heights)
+    delay_s = max(trigger.lead_time_s, ACT_DELAY_S)
+    start = firing(run, trigger, delay_s, seen, chart.heights)
     if isinstance(manoeuvre, FollowPath):
-        return _group(who.id, name, _walk(who, name, manoeuvre.motion, start, heights))
-    cruise = _path_of(who).cruise_mps
+        later_s = delay_s - trigger.lead_time_s
+        walk = _walk(who, name, manoeuvre.motion, start, later_s, chart.heights)
+        return _group(who.id, name, walk)
+    cruise, starts_s = _path_of(who).cruise_mps, delay_s + FIRING_LAG_S
+    to_mps = manoeuvre.to_mps if isinstance(manoeuvre, Brake) else manoeuvre.cruise_mps
+    nominal = ramp(cruise, to_mps, manoeuvre.deceleration_mps2)
+    slower = seen.act(cruise, nominal, starts_s)
     if isinstance(manoeuvre, Brake):
-        change = ramp(cruise, manoeuvre.to_mps, manoeuvre.deceleration_mps2)
-        return _group(who.id, name, [_event(name, start, _speed(change))])
-    slower = ramp(cruise, manoeuvre.cruise_mps, manoeuvre.deceleration_mps2)
-    shift = _lane_change(who, block, manoeuvre, slower)
+        return _group(who.id, name, [_event(name, start, _speed(slower))])
+    shift = _lane_change(who, chart, seen, manoeuvre, slower)
     return _group(who.id, name, [_event(name, start, shift, _speed(slower))])
 
 
 def _lane_change(
-    who: ParticipantSpec, block: Block, manoeuvre: LaneChange, slower: Ramp
+    who: ParticipantSpec, chart: MapFile, seen: Foreseen, manoeuvre: LaneChange, slower: Ramp
 ) -> xosc.RelativeLaneChangeAction:
-    """Sideways to another lane's centre over the distance that is driven in the planned time.
+    """Sideways to the goal lane over the distance that is driven in the planned time.
 
-    ScenarioRunner knows a lane change's distance only. The sine is the player's shape nearest to
-    a session's quintic.
+    ScenarioRunner knows a lane change's distance and relative goals only. The sine is the player's
+    shape nearest to a session's quintic.
     """
-    lanes = block.forward_lanes
-
-    def nearest(offset_m: float) -> int:
-        return min(range(len(lanes)), key=lambda i: abs(lanes[i].y_m - offset_m))
-
-    _, from_l = block.line.to_local(who.start.x_m, who.start.y_m)
-    to_left = nearest(from_l + manoeuvre.lateral_shift_m) - nearest(from_l)
+    goal = goal_lane(chart.data, seen.initiator, manoeuvre.lateral_shift_m)
     distance = distance_during(_path_of(who).cruise_mps, slower, manoeuvre.duration_s)
     dynamics = xosc.TransitionDynamics(
         xosc.DynamicsShapes.sinusoidal, xosc.DynamicsDimension.distance, distance
     )
-    return xosc.RelativeLaneChangeAction(to_left, who.id, dynamics)
+    offset = goal.offset_m or None
+    return xosc.RelativeLaneChangeAction(goal.ids, who.id, dynamics, offset)
 
 
 def _walk(
-    who: ParticipantSpec, name: str, motion: Motion, start: _Start, heights: Heights
+    who: ParticipantSpec,
+    name: str,
+    motion: Motion,
+    start: _Start,
+    later_s: float,
+    heights: Heights,
 ) -> list[xosc.Event]:
-    """A path of its own, its speed up from standstill, and the stop at its end."""
+    """A path of its own, its speed up from standstill, and the stop at its end.
+
+    Args:
+        later_s: by which it begins later than in a session.
+    """
     points = times_along(motion)
     trajectory = xosc.Trajectory(f"{name}_path", False)
     trajectory.add_shape(
@@ -261,7 +322,8 @@ def _walk(
     )
     trip = journey(motion)
     # A session's ramp is rounded, and lags behind a straight one by half of the rounding.
-    faster = replace(trip.start, duration_s=trip.start.duration_s + DEFAULT_RAMP_S)
+    lag_s = max(0.0, DEFAULT_RAMP_S - 2.0 * later_s)
+    faster = replace(trip.start, duration_s=trip.start.duration_s + lag_s)
     follow = xosc.FollowTrajectoryAction(trajectory, xosc.FollowingMode.position)
     stop_name = f"{name}_stop"
     stop = driven(f"{stop_name}_starts", who.id, trip.braking_from_m)
@@ -389,31 +451,41 @@ def stop_at(
     return stop
 
 
-def firing(trigger: TriggerSpec, vut: ParticipantSpec, route: Motion, heights: Heights) -> _Start:
+# A player's measure that differs by less from a session's is left as K* has it, m or s.
+_SAME = 0.02
+
+
+def firing(
+    run: RunSpec, trigger: TriggerSpec, delay_s: float, seen: Foreseen, heights: Heights
+) -> _Start:
     """The condition that starts a trigger's act, asked of the VUT.
 
-    Args:
-        route: the VUT's path, frame map; an anchor is moved back along it by the front overhang.
+    A session measures along the VUT's path and a player straight ahead. On a bend the condition has
+    the value that a player measures when the session's trigger fires.
     """
     condition, less = asked_of(trigger), xosc.Rule.lessThan
     if isinstance(condition, RelativeDistance):
+        other = next(t for t in run.targets if t.id == condition.object_id)
+        below = condition.below_m - shorter_m(run, seen, other)
         asked = xosc.RelativeDistanceCondition(
-            condition.below_m,
+            condition.below_m if abs(below - condition.below_m) < _SAME else round(below, 3),
             less,
             xosc.RelativeDistanceType.longitudinal,
             condition.object_id,
             freespace=True,
         )
     else:
-        path = Polyline(route.path)
+        # The anchor is moved back along the VUT's path by its front overhang.
+        path = Polyline(_path_of(run.vut).path)
         station, _ = path.project(*condition.anchor)
-        place = path.pose(station - vut.size.front_m)
+        place = path.pose(station - run.vut.size.front_m)
+        below = condition.below_s * straight_share(run, seen, condition.anchor)
         asked = xosc.TimeToCollisionCondition(
-            condition.below_s,
+            condition.below_s if abs(below - condition.below_s) < _SAME else round(below, 3),
             less,
             alongroute=False,
             freespace=False,
             position=position((place.x_m, place.y_m), heights, place.yaw_rad),
         )
     name = f"{trigger.id}_fires"
-    return xosc.EntityTrigger(name, trigger.lead_time_s, xosc.ConditionEdge.none, asked, VUT_ID)
+    return xosc.EntityTrigger(name, delay_s, xosc.ConditionEdge.none, asked, VUT_ID)

@@ -7,19 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
 from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships no types
 
-from ssp_core.clock import ns_to_seconds
-from ssp_core.errors import InputError
 from ssp_core.geometry import Polyline
-from ssp_core.motion.event import RESOLUTION_CONFIRMATION_S
 from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
-from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Motion
-from ssp_core.vocabulary import ObjectWord, Phase
+from ssp_core.vocabulary import ObjectWord
 from ssp_scenario_manager.dispatch.references import APPROACH_LEAD_S
-from ssp_scenario_manager.run.in_process import driven
-from ssp_scenario_manager.triggers.conditions import condition_text
 
 # When a target's ramp begins, s after the session's start.
 TARGET_START_S = APPROACH_LEAD_S + DEFAULT_RAMP_S / 2
@@ -86,6 +81,38 @@ def legs(speeds: Sequence[tuple[float, float]], error_mps: float = 0.05) -> list
     ]
 
 
+# How much a metre counts beside a metre per second.
+_WAY_WEIGHT = 5.0
+
+
+def matched(
+    found: Sequence[Leg], speeds: Sequence[tuple[float, float]], driven_m: Sequence[float]
+) -> list[Leg]:
+    """Change the speeds of straight ramps so that the distance driven is the course's too.
+
+    Chords of a course that bends one way lie on one side of it, and their error adds up. The speeds
+    are those of the least squares of both errors.
+
+    Args:
+        found: ramps that follow one another from the course's first time on.
+        speeds: the course, (t in s, m/s).
+        driven_m: distance since its beginning at these times.
+    """
+    times, wanted = np.array(speeds).T
+    knots = [found[0].start_s, *(leg.start_s + leg.change.duration_s for leg in found)]
+    hats = np.stack([np.interp(times, knots, row) for row in np.eye(len(knots))], axis=1)
+    steps = 0.5 * (hats[1:] + hats[:-1]) * np.diff(times)[:, None]
+    ways = np.concatenate([np.zeros((1, len(knots))), np.cumsum(steps, axis=0)])
+    rows = np.concatenate([hats, _WAY_WEIGHT * ways])
+    goals = np.concatenate([wanted, _WAY_WEIGHT * (np.array(driven_m) - driven_m[0])])
+    rest = goals - rows[:, 0] * wanted[0]
+    fitted = np.linalg.lstsq(rows[:, 1:], rest, rcond=None)[0]
+    return [
+        Leg(leg.start_s, Ramp(max(0.0, round(float(speed), 3)), leg.change.duration_s))
+        for leg, speed in zip(found, fitted, strict=True)
+    ]
+
+
 def _knots(speeds: Sequence[tuple[float, float]], a: int, b: int, error_mps: float) -> list[int]:
     """Indices after ``a``, up to ``b``, between which straight lines are near enough."""
     if b <= a:
@@ -100,31 +127,6 @@ def _knots(speeds: Sequence[tuple[float, float]], a: int, b: int, error_mps: flo
     if worst <= error_mps:
         return [b]
     return _knots(speeds, a, at, error_mps) + _knots(speeds, at, b, error_mps)
-
-
-def driven_speeds(run: RunSpec) -> tuple[tuple[tuple[float, float], ...], float | None]:
-    """The VUT's speeds as the SIL's driver drives, its reaction included, and the session's end.
-
-    Returns:
-        Speeds until the end, (t in s, m/s), and the end: ``after_resolution_s`` after the
-        resolution was confirmed, s after the start; None where nothing was resolved.
-
-    Raises:
-        InputError: its trigger never fires.
-    """
-    result, record = driven(run)
-    if not result.triggers:
-        raise InputError(
-            f"its trigger never fires: {condition_text(run.triggers[0].condition)}",
-            field="run.triggers[0]",
-        )
-    resolved_s = result.phase_s(Phase.RESOLUTION)
-    over_s = None
-    if resolved_s is not None:
-        over_s = resolved_s + RESOLUTION_CONFIRMATION_S + run.end.after_resolution_s
-    speeds = [(ns_to_seconds(s.stamp_ns), s.speed_mps) for s in record.truths(run.vut.id)]
-    kept = [(t, v) for t, v in speeds if t > 0.0 and (over_s is None or t <= over_s)]
-    return ((0.0, 0.0), *kept), over_s
 
 
 def times_along(motion: Motion) -> list[tuple[float, float, float]]:

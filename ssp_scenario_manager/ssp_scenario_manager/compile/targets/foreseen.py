@@ -1,0 +1,223 @@
+"""What a session of a task does, as far as an export needs it: foreseen by running one."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import InputError
+from ssp_core.geometry import Box, FloatArray, Polyline, Pose2, box_distance, wrap_angle
+from ssp_core.motion.event import RESOLUTION_CONFIRMATION_S
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.vocabulary import Phase
+from ssp_scenario_manager.compile.targets.ramps import Ramp
+from ssp_scenario_manager.run.in_process import driven
+from ssp_scenario_manager.triggers.conditions import condition_text
+
+# A player looks at time conditions once per step, and a step of esmini is 10 ms: half of one before
+# a time is the last at which it is sure to begin at that time.
+PLAYER_LAG_S = 0.005
+# What a trigger's condition starts begins so much later than its delay says.
+FIRING_LAG_S = 0.01
+# A change of speed has come to its end this long after its planned one.
+_SETTLED_S = 1.0
+# Speeds nearer than this are one, and no ramp is measured between them.
+_SAME_MPS = 0.1
+# Shorter than this a ramp is a step to a player.
+_LEAST_S = 0.01
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """A session with the SIL's driver.
+
+    Args:
+        speeds: of the VUT until the end, (t in s, m/s), t rising from 0.
+        driven_m: of the VUT at these times, distance since the start.
+        over_s: when it ends: ``after_resolution_s`` after the resolution was confirmed, s after the
+            start; None where nothing was resolved.
+        vut: pose when the trigger fires.
+        initiator: pose when the trigger fires.
+        fired_s: when that is, s after the start.
+        tracks: of the VUT and the initiator until the end, rows of (t in s, x, y in m, yaw in rad).
+        course: of the initiator: (t in s since the start, distance driven in m).
+    """
+
+    speeds: tuple[tuple[float, float], ...]
+    driven_m: tuple[float, ...]
+    over_s: float | None
+    vut: Pose2
+    initiator: Pose2
+    fired_s: float
+    tracks: Mapping[str, FloatArray]
+    course: tuple[tuple[float, float], ...]
+
+    def approach(self, nominal: Ramp, start_s: float) -> Ramp:
+        """Stretch the initiator's first ramp so that it is where it is in the session at firing.
+
+        Args:
+            nominal: from standstill, as planned.
+            start_s: when a player begins it, s after the start.
+        """
+        if self.fired_s < start_s + nominal.duration_s + _SETTLED_S:
+            return nominal
+        lacking = nominal.to_mps * (self.fired_s - start_s) - self._driven_m(self.fired_s)
+        return Ramp(nominal.to_mps, round(max(2.0 * lacking / nominal.to_mps, _LEAST_S), 3))
+
+    def act(self, from_mps: float, nominal: Ramp, start_s: float) -> Ramp:
+        """Stretch a ramp of the initiator's act so that it covers the session's distance.
+
+        A session rounds its ramps, and its objects follow them with a lag.
+
+        Args:
+            from_mps: speed at which it begins.
+            nominal: as planned.
+            start_s: when a player begins it, s after the trigger fires.
+        """
+        start_s += self.fired_s
+        end_s = start_s + nominal.duration_s + _SETTLED_S
+        change = from_mps - nominal.to_mps
+        if abs(change) < _SAME_MPS or self.course[-1][0] < end_s:
+            return nominal
+        beyond_m = self._driven_m(end_s) - self._driven_m(start_s)
+        beyond_m -= nominal.to_mps * (end_s - start_s)
+        return Ramp(nominal.to_mps, round(max(2.0 * beyond_m / change, nominal.duration_s), 3))
+
+    def _driven_m(self, at_s: float) -> float:
+        times, driven_m = zip(*self.course, strict=True)
+        return float(np.interp(at_s, times, driven_m))
+
+
+def foresee(run: RunSpec) -> Foreseen:
+    """Run a session in this process, with its driver's reaction.
+
+    Raises:
+        InputError: its trigger never fires.
+    """
+    result, record = driven(run)
+    if not result.triggers:
+        raise InputError(
+            f"its trigger never fires: {condition_text(run.triggers[0].condition)}",
+            field="run.triggers[0]",
+        )
+    resolved_s = result.phase_s(Phase.RESOLUTION)
+    over_s = None
+    if resolved_s is not None:
+        over_s = resolved_s + RESOLUTION_CONFIRMATION_S + run.end.after_resolution_s
+    vut = record.truths(run.vut.id)
+    kept = [
+        (t, state.speed_mps, driven_m)
+        for state, (t, driven_m) in zip(vut, _course(vut), strict=True)
+        if t > 0.0 and (over_s is None or t <= over_s)
+    ]
+    fired_ns = result.triggers[0].crossing_ns
+    initiator = record.truths(run.initiator_id)
+    return Foreseen(
+        speeds=((0.0, 0.0), *((t, v) for t, v, _ in kept)),
+        driven_m=(0.0, *(driven_m for _, _, driven_m in kept)),
+        over_s=over_s,
+        vut=_pose_at(vut, fired_ns),
+        initiator=_pose_at(initiator, fired_ns),
+        fired_s=ns_to_seconds(fired_ns),
+        tracks={run.vut.id: _track(vut), run.initiator_id: _track(initiator)},
+        course=_course(initiator),
+    )
+
+
+def _pose_at(states: Sequence[ObjectState], at_ns: int) -> Pose2:
+    """Interpolate the pose at a time; the first or last one outside of all."""
+    for a, b in pairwise(states):
+        if at_ns <= b.stamp_ns:
+            share = max(0.0, (at_ns - a.stamp_ns) / (b.stamp_ns - a.stamp_ns))
+            return Pose2(
+                a.x_m + share * (b.x_m - a.x_m),
+                a.y_m + share * (b.y_m - a.y_m),
+                a.yaw_rad + share * wrap_angle(b.yaw_rad - a.yaw_rad),
+            )
+    return states[-1].pose
+
+
+def _track(states: Sequence[ObjectState]) -> FloatArray:
+    rows = [(ns_to_seconds(s.stamp_ns), s.x_m, s.y_m, s.yaw_rad) for s in states]
+    return np.array(rows)
+
+
+def _course(states: Sequence[ObjectState]) -> tuple[tuple[float, float], ...]:
+    """(t in s, distance driven in m) since the start."""
+    steps = [math.dist((a.x_m, a.y_m), (b.x_m, b.y_m)) for a, b in pairwise(states)]
+    driven_m = [0.0, *itertools.accumulate(steps)]
+    return tuple((ns_to_seconds(s.stamp_ns), d) for s, d in zip(states, driven_m, strict=True))
+
+
+def gaps_m(run: RunSpec, tracks: Mapping[str, FloatArray], times: FloatArray) -> FloatArray:
+    """Measure the gap between VUT and initiator at times.
+
+    To somebody who drives it is the bumper gap along the VUT's path, negative behind; to somebody
+    who stands until the trigger fires, the distance between both bodies.
+
+    Args:
+        tracks: per object rows of (t, x, y, yaw), as in ``Foreseen``.
+        times: s, shape (n,).
+    """
+    other = next(t for t in run.targets if t.id == run.initiator_id)
+    poses = []
+    for who in (run.vut, other):
+        track = tracks[who.id]
+        yaw = np.unwrap(track[:, 3])
+        columns = [np.interp(times, track[:, 0], c) for c in (track[:, 1], track[:, 2], yaw)]
+        poses.append([Pose2(*map(float, row)) for row in zip(*columns, strict=True)])
+    if other.approach is None or run.vut.approach is None:
+        boxes = [
+            [Box(pose, who.size.front_m, who.size.rear_m, who.size.width_m) for pose in found]
+            for who, found in zip((run.vut, other), poses, strict=True)
+        ]
+        return np.array([box_distance(a, b) for a, b in zip(*boxes, strict=True)])
+    path = Polyline(run.vut.approach.path)
+    here, there = (
+        np.array([s for s, _ in path.project_all_beyond([(p.x_m, p.y_m) for p in found])])
+        for found in poses
+    )
+    gaps: FloatArray = there - other.size.rear_m - here - run.vut.size.front_m
+    return gaps
+
+
+def shorter_m(run: RunSpec, seen: Foreseen, other: ParticipantSpec) -> float:
+    """By how much a player's bumper gap is less than a session's when the trigger fires, m.
+
+    A session measures along the VUT's path. A player measures along the VUT's heading, from its
+    front to the nearest corner of the other: in a bend less.
+    """
+    if run.vut.approach is None:
+        raise ValueError("the VUT has no path")
+    path = Polyline(run.vut.approach.path)
+    ahead, _ = path.project_beyond(seen.initiator.x_m, seen.initiator.y_m)
+    here, _ = path.project_beyond(seen.vut.x_m, seen.vut.y_m)
+    size = other.size
+    corners = [
+        seen.vut.to_local(*seen.initiator.to_parent(-size.rear_m, side * size.width_m / 2))
+        for side in (-1, 1)
+    ]
+    return (ahead - size.rear_m - here) - min(x for x, _ in corners)
+
+
+def straight_share(run: RunSpec, seen: Foreseen, anchor: tuple[float, float]) -> float:
+    """A player's straight distance to an anchor over a session's distance along the VUT's path.
+
+    Args:
+        anchor: that the VUT's front reaches, frame map.
+    """
+    if run.vut.approach is None:
+        raise ValueError("the VUT has no path")
+    path = Polyline(run.vut.approach.path)
+    there = path.project(*anchor)[0] - run.vut.size.front_m
+    here = path.project(seen.vut.x_m, seen.vut.y_m)[0]
+    place = path.pose(there)
+    return math.dist((place.x_m, place.y_m), (seen.vut.x_m, seen.vut.y_m)) / (there - here)
