@@ -12,6 +12,7 @@ import pytest
 from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec, WantedPassing
+from ssp_core.run_file.participants import TrafficSpec
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_core.world.plant import make_plant
 from ssp_scenario_manager.compile.area import OperatingArea
@@ -124,6 +125,16 @@ def with_trigger(run: RunSpec, **changes: Any) -> RunSpec:
 
 def test_what_happens_has_no_reason_against_it(crossing: RunSpec) -> None:
     assert why_not(crossing) == []
+
+
+def test_surroundings_that_the_run_cannot_have_are_said(crossing: RunSpec) -> None:
+    """SUMO puts nobody onto the road who would have to brake harder than it can."""
+    ahead = TrafficSpec(id="slow", object_class="car", lane=3, x_m=300.0, speed_mps=0.0)
+    behind = TrafficSpec(id="fast", object_class="car", lane=3, x_m=306.0, speed_mps=13.0)
+    (reason,) = why_not(crossing.model_copy(update={"traffic": [ahead, behind]}))
+    assert "there is no room for this traffic at its start" in reason
+    assert "fast" in reason
+    assert reason.endswith("with the surroundings")
 
 
 def test_a_trigger_that_never_fires_is_said(crossing: RunSpec) -> None:

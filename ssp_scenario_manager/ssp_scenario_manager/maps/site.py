@@ -14,6 +14,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import parse_whole_model, read_mapping
 from ssp_core.geometry import outline_problem
 from ssp_core.hashing import sha256_json
+from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
 from ssp_core.run_file.participants import TrafficSpec
 from ssp_core.run_file.road import CurvePiece, Lane, Scenery
@@ -28,6 +29,7 @@ from ssp_core.run_file.values import (
     Strict,
     without_defaults,
 )
+from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_core.world.scenery import Clearance
 from ssp_scenario_manager.maps.block import Block, BlockLane, Library, conflict_areas, segment_of
@@ -196,13 +198,22 @@ def _check_lanes(block: SiteBlock, field: str) -> Iterator[InputError]:
         )
 
 
-def _check_traffic(block: SiteBlock, line: ReferenceLine, field: str) -> Iterator[InputError]:
+def _check_traffic(
+    site: Site, block: SiteBlock, line: ReferenceLine, field: str
+) -> Iterator[InputError]:
     seen: set[str] = set()
     for i, vehicle in enumerate(block.traffic):
         here = f"{field}.traffic[{i}]"
         if vehicle.id in seen:
             yield InputError("stands twice", field=f"{here}.id", value=vehicle.id)
         seen.add(vehicle.id)
+        if vehicle.object_class == "pedestrian":
+            yield InputError(
+                "can't be traffic",
+                field=f"{here}.object_class",
+                value=vehicle.object_class,
+                remedy="name a class of vehicle",
+            )
         if vehicle.lane >= len(block.lanes):
             yield InputError(
                 "there is no such lane",
@@ -210,6 +221,7 @@ def _check_traffic(block: SiteBlock, line: ReferenceLine, field: str) -> Iterato
                 value=vehicle.lane,
                 remedy=f"the block has lanes 0 to {len(block.lanes) - 1}",
             )
+            continue
         if not 0.0 <= vehicle.x_m <= line.length_m:
             yield InputError(
                 "leaves the block",
@@ -217,6 +229,39 @@ def _check_traffic(block: SiteBlock, line: ReferenceLine, field: str) -> Iterato
                 value=vehicle.x_m,
                 remedy=f"0 to {line.length_m:g} m fits",
             )
+        for limit, name in (
+            (block.speed_limit_mps, f"{field}.speed_limit_mps, the posted speed"),
+            (site.limits.speed_mps, "limits.speed_mps, the limit of everybody"),
+        ):
+            if vehicle.speed_mps > limit:
+                yield InputError(
+                    f"{vehicle.id} is faster than {name}",
+                    field=f"{here}.speed_mps",
+                    value=vehicle.speed_mps,
+                    remedy=f"at most {limit:g} m/s",
+                )
+        for other in block.traffic[:i]:
+            overlap = _overlap_m(block, vehicle, other)
+            if overlap > 0.0:
+                yield InputError(
+                    f"{other.id} and {vehicle.id} overlap by {overlap:g} m",
+                    field=f"{here}.x_m",
+                    value=vehicle.x_m,
+                    remedy="x_m is the front bumper; keep vehicles of one lane apart",
+                )
+
+
+def _overlap_m(block: SiteBlock, one: TrafficSpec, other: TrafficSpec) -> float:
+    """Length that two vehicles of one lane share at the start, m; 0 in different lanes."""
+    if one.lane != other.lane:
+        return 0.0
+    spans = []
+    for vehicle in (one, other):
+        length = DEFAULT_SIZES[ObjectClass.from_word(vehicle.object_class)].length_m
+        behind = -length if block.lanes[vehicle.lane].direction == "forward" else length
+        spans.append(sorted((vehicle.x_m, vehicle.x_m + behind)))
+    (low, high), (first, last) = spans
+    return round(max(0.0, min(high, last) - max(low, first)), 3)
 
 
 def _check_scenery(block: SiteBlock, line: ReferenceLine, field: str) -> Iterator[InputError]:
@@ -251,7 +296,7 @@ def _check_block(site: Site, index: int) -> Iterator[InputError]:
     except InputError as error:
         yield error
         return
-    yield from _check_traffic(block, line, field)
+    yield from _check_traffic(site, block, line, field)
     yield from _check_scenery(block, line, field)
     if block.crossing_x_m is not None and not 0.0 <= block.crossing_x_m <= line.length_m:
         yield InputError(

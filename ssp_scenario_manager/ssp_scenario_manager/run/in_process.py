@@ -16,6 +16,7 @@ import numpy as np
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.errors import InputError
 from ssp_core.files import write_bytes
 from ssp_core.motion.event import Passing, PhaseBegan
 from ssp_core.motion.reference import Reference
@@ -420,6 +421,8 @@ _OF_NO_RESPONSE = frozenset(
 def why_not(run: RunSpec) -> list[str]:
     """Reasons for which a run's event wouldn't happen, each with the quantity that misses.
 
+    It is run without a response of the VUT, then with the SIL's driver and the surroundings.
+
     Args:
         run: as it is compiled, with what K* wants of the passing; a VUT that somebody else drives
             is driven by the SIL's driver.
@@ -431,9 +434,19 @@ def why_not(run: RunSpec) -> list[str]:
     reasons = _no_event(run, run_in_process(still)[0])
     if reasons:
         return [f"{reason}, while the VUT holds its approach speed" for reason in reasons]
-    result, _ = driven(run)
-    told = [] if result.ok else result.reasons or ["it doesn't begin"]
+    told = _not_valid(_plain(run).model_copy(update={"traffic": run.traffic}))
+    if told and run.traffic and not _not_valid(_plain(run)):
+        return [f"{reason}, with the surroundings" for reason in told]
     return [f"{reason}, with the SIL's driver" for reason in told]
+
+
+def _not_valid(run: RunSpec) -> Sequence[str]:
+    """Reasons for which a run isn't valid; none of them: it is."""
+    try:
+        result, _ = run_in_process(run)
+    except InputError as error:
+        return [str(error)]
+    return [] if result.ok else result.reasons or ["it doesn't begin"]
 
 
 def driven(run: RunSpec) -> tuple[InProcessResult, Record]:

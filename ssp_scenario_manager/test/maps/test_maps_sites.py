@@ -122,6 +122,24 @@ def test_a_strip_along_a_bend_follows_it() -> None:
         ("blocks.0.lanes.1.y_m", 5.0, r"blocks\[0\].lanes\[2\]", "overlaps"),
         ("blocks.0.traffic.0.lane", 3, r"blocks\[0\].traffic\[0\].lane", "no such lane"),
         ("blocks.0.traffic.0.x_m", 480.0, r"blocks\[0\].traffic\[0\].x_m", "leaves"),
+        (
+            "blocks.0.traffic.0.speed_mps",
+            30.0,
+            r"blocks\[0\].traffic\[0\].speed_mps",
+            "oncoming1 is faster than .*the posted speed",
+        ),
+        (
+            "blocks.0.traffic.0.speed_mps",
+            30.0,
+            r"blocks\[0\].traffic\[0\].speed_mps",
+            "oncoming1 is faster than limits.speed_mps, the limit of everybody",
+        ),
+        (
+            "blocks.0.traffic.0.object_class",
+            "pedestrian",
+            r"blocks\[0\].traffic\[0\].object_class",
+            "can't be traffic",
+        ),
         ("blocks.0.crossing_x_m", -1.0, r"blocks\[0\].crossing_x_m", "leaves"),
         ("blocks.0.pieces.2.length_m", 1e6, r"blocks\[0\].pieces", "turns at most"),
         ("ot_reachable.0.block", "moon", r"ot_reachable\[0\].block", "no block"),
@@ -288,3 +306,36 @@ def test_a_datum_says_where_a_site_lies() -> None:
     for field, value in (("latitude_deg", 90.1), ("longitude_deg", -180.1), ("altitude_m", "nan")):
         with pytest.raises(ValueError, match=field):
             changed("datum", given | {field: value})
+
+
+def beside(second: dict[str, Any]) -> Site:
+    """The boulevard with another second vehicle; the first, a car in lane 3, stands at 345 m."""
+    whole = mapping("boulevard")
+    whole["blocks"][0]["traffic"][1].update(second)
+    return Site.model_validate(whole)
+
+
+@pytest.mark.parametrize(
+    ("second", "overlap_m"),
+    [
+        # x_m is the front bumper; lane 3 is oncoming, so that bodies lie beyond it.
+        ({"x_m": 346.0}, 3.5),
+        ({"x_m": 345.0}, 4.5),
+        ({"x_m": 340.0, "object_class": "truck"}, 4.0),
+        ({"x_m": 349.49}, 0.01),
+    ],
+)
+def test_vehicles_that_overlap_are_named(second: dict[str, Any], overlap_m: float) -> None:
+    with pytest.raises(InputError, match=f"oncoming1 and oncoming2 overlap by {overlap_m:g} m"):
+        site_library(beside({"object_class": "car", **second}))
+
+
+@pytest.mark.parametrize("second", [{"x_m": 349.51}, {"x_m": 340.4}, {"x_m": 346.0, "lane": 2}])
+def test_vehicles_that_do_not_overlap_are_accepted(second: dict[str, Any]) -> None:
+    site_library(beside({"object_class": "car", **second}))
+
+
+def test_traffic_may_be_as_fast_as_is_posted() -> None:
+    site = changed("blocks.0.traffic.0.speed_mps", 13.9, "boulevard")
+    assert site.blocks[0].speed_limit_mps == 13.9
+    site_library(site)
