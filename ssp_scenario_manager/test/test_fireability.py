@@ -167,11 +167,12 @@ def test_an_object_that_is_never_ahead(
     run_mapping: dict[str, Any], condition: dict[str, Any]
 ) -> None:
     ot1 = run_mapping["targets"][0]
-    ot1["start"]["x_m"] = -60.0
+    ot1["start"] |= {"x_m": -60.0}
     ot1["approach"]["path"] = [(-60.0, 3.5), (-1.0, 3.5)]
     assert found(run_mapping, condition) == [
         "triggers[0].condition.object_id: ot1 is never ahead of the VUT"
     ]
+    ot1["start"] |= {"y_m": 0.0}
     ot1["approach"]["path"] = [(-60.0, 0.0), (0.5, 0.0)]
     assert found(run_mapping, condition) == []
 

@@ -39,6 +39,7 @@ from ssp_scenario_manager.run.in_process import (
     save_states,
 )
 from ssp_scenario_manager.run.result import rounded, shown_gap
+from ssp_scenario_manager.triggers.on_route import off_route
 
 OPTION = "--vary"
 # A run has one of each; what a sweep is of must stay the same over its rows.
@@ -148,6 +149,14 @@ def with_values(spec: RunSpec, values: dict[str, Any], seed: int) -> RunSpec:
     return parse_model(RunSpec, data, f"the run with {shown}" if shown else "the run")
 
 
+def _value(spec: RunSpec, field: str) -> Any:
+    """The JSON value of a field of the run."""
+    found: Any = spec.model_dump(mode="json", by_alias=True)
+    for key in field.split("."):
+        found = found[_key(found, key, field)]
+    return found
+
+
 def _key(holder: Any, key: str, field: str) -> Any:
     """The key or index of a part of a value that was read from a file."""
     if isinstance(holder, dict) and key in holder:
@@ -218,7 +227,15 @@ class Sweep:
                     value=field,
                 )
             for value in variation.values:
-                with_values(self.spec, {field: value}, self.spec.seed)
+                varied = with_values(self.spec, {field: value}, self.spec.seed)
+                for problem in off_route(varied):
+                    raise InputError(
+                        problem,
+                        field=OPTION,
+                        value=f"{field}={value}",
+                        remedy="angles are rad; change starts and paths together, and compile for "
+                        "another place",
+                    )
 
 
 def is_sweep(folder: Path) -> bool:
@@ -421,6 +438,11 @@ def run_many(
         )
     sweep = Sweep(spec, variations, runs if runs is not None else len(grid(variations)))
     sweep.check()
+    for variation in variations:
+        shown = " to " if variation.drawn else ", "
+        values = shown.join(f"{value}" for value in variation.values)
+        was = _value(spec, variation.field)
+        console.note(f"changed on site: {variation.field} {was!r} → {values}")
     verdicts: Counter[str] = Counter()
     reasons: Counter[str] = Counter()
     with console.progress("runs", sweep.runs) as bar:

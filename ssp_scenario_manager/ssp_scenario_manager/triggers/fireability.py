@@ -40,6 +40,7 @@ from ssp_core.run_file.values import Path2
 from ssp_core.safety.fence import room_m
 from ssp_scenario_manager.dispatch.references import APPROACH_LEAD_S
 from ssp_scenario_manager.triggers.conditions import leaves
+from ssp_scenario_manager.triggers.on_route import off_route
 
 SPACING_M = 0.5
 _LANE_CHANGE_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -415,6 +416,7 @@ def cannot_fire(spec: RunSpec) -> list[str]:
     problems = _not_unique(spec) + _not_paths(spec)
     if problems:
         return problems
+    problems = off_route(spec)
     ids = {target.id for target in spec.targets}
     for i, trigger in enumerate(spec.triggers):
         problems += _not_drivable(trigger, f"triggers[{i}].manoeuvre", spec)
