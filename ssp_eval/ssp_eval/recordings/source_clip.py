@@ -30,7 +30,8 @@ from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, seal_event, seals, write_event
 from ssp_scenario_manager.event_spec.log import Record, append_records, log_path, utc_now
-from ssp_scenario_manager.event_spec.model import CountField, Event, Topology
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.event_spec.other_lanes import topology_with_lanes
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 # Lanes with and against the VUT.
@@ -38,7 +39,6 @@ LaneCounts = tuple[int, int]
 
 WHO = "ssp spec clip"
 _USUAL_LANES: LaneCounts = (2, 2)
-_LANE_CHANGES = ("lane_change_left", "lane_change_right")
 # What a storyboard draws, whatever the event says.
 _DRAWN = {
     "cut_in": ("cutting_in_from_left", "car"),
@@ -136,28 +136,13 @@ def bound_event(event: Event, board: Storyboard, drawn: Drawn, sha256: str) -> E
         "sha256": sha256,
         "rate": _at(board.fps, "Hz"),
     }
-    value["topology"] = _road(event.topology, counts, opposite)
+    value["topology"] = topology_with_lanes(event.topology, counts, opposite)
     value["events"] = _events(board, drawn)
     value["uncertainty"] = {
         path: entry | {"source": _source(entry["source"], event, original, drawn)}
         for path, entry in value["uncertainty"].items()
     }
     return seal_event(Event.model_validate(value), sorted(held))
-
-
-def _road(road: Topology, same: int, opposite: int) -> dict[str, Any]:
-    """Part T with the lanes that were drawn; a range that doesn't hold them is given up."""
-    value: dict[str, Any] = road.model_dump(mode="json", by_alias=True)
-    for name, count in (("lanes_same_direction", same), ("lanes_opposite", opposite)):
-        field = getattr(road, name)
-        drawn = CountField(value=count, identity=True)
-        if not field.identity and field.admits(count):
-            drawn = field.model_copy(update={"value": count})
-        value[name] = drawn.model_dump(mode="json")
-    permitted = value["permitted_manoeuvres"]
-    if same < 2 and isinstance(permitted["value"], list):
-        permitted["value"] = [word for word in permitted["value"] if word not in _LANE_CHANGES]
-    return value
 
 
 def _events(board: Storyboard, drawn: Drawn) -> dict[str, Any]:

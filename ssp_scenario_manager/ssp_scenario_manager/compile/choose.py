@@ -10,17 +10,23 @@ from dataclasses import dataclass
 
 from ssp_core.errors import InputError
 from ssp_scenario_manager.compile.place import Realisation
-from ssp_scenario_manager.compile.retrieval import ties
+from ssp_scenario_manager.compile.retrieval import score_block, ties
 from ssp_scenario_manager.compile.task import BlockScore
 from ssp_scenario_manager.event_spec.fields import UNITS, units_of
 from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.event_spec.other_lanes import with_lanes
 from ssp_scenario_manager.maps.block import Block, Library
 from ssp_scenario_manager.scenarios.base import CannotPlace
+from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.scenarios.values import quantity_at
 
 HIGHEST = "highest score"
 # Fitting blocks of equal score after which no further one is looked for: enough to choose among.
 ENOUGH = 8
+# Blocks on which an event of another number of lanes is tried.
+_MOST_TRIED = 3
+# Lanes that the clip generator draws, in the VUT's direction and oncoming.
+_MOST_LANES = 4
 
 
 class NotChosen(InputError):
@@ -70,6 +76,7 @@ def choose_block(
     who: str | None = None,
     said: Callable[[str], None] = lambda block: None,
     would_do: Callable[[Block], str | None] = lambda block: None,
+    other_lanes: Callable[[Sequence[Block]], str | None] = lambda blocks: None,
 ) -> Chosen:
     """The winner of the retrieval that passes connectivity and conflict-geometry checks.
 
@@ -80,6 +87,8 @@ def choose_block(
         place: realises the event on a block; raises CannotPlace with the reason.
         choice: id of the block that a person chose among ties.
         would_do: of the best block, where none fits: what of K* alone keeps the event from it.
+        other_lanes: of blocks in order, where none may hold the event: how it is made for the
+            number of lanes of one of them.
 
     Raises:
         NotChosen: none fits; or several that score alike fit, and no choice among them was given.
@@ -136,9 +145,14 @@ def choose_block(
     remedy = "name another site or map; the table above says what each block lacks"
     best = next((score.block for score in scores if score.eligible), None)
     hint = would_do(blocks[best]) if best is not None else None
+    if best is None:
+        # The chosen block first.
+        hint = other_lanes([blocks[name] for name in sorted(found, key=lambda n: n != choice)])
+    elif hint:
+        hint = f"On {best}, {hint}"
     raise refused(
         f"no block of it fits: {_why(list(found.values()))}{_left_out(library.faults)}",
-        f"{remedy}. On {best}, {hint}" if hint else remedy,
+        f"{remedy}. {hint}" if hint else remedy,
     )
 
 
@@ -203,4 +217,37 @@ def fitting_trigger(event: Event, place: Callable[[Event], object]) -> str | Non
         except CannotPlace:
             continue
         return f"{FIELD} of {value:g} {unit} would do, K* has {allowed.low:g} to {allowed.high:g}"
+    return None
+
+
+def fitting_lanes(
+    event: Event, name: str, blocks: Sequence[Block], place: Callable[[Event, Block], object]
+) -> str | None:
+    """In words, how the event is made for the number of lanes of a block.
+
+    Args:
+        name: by which somebody asked for the event.
+        blocks: in the order in which they are tried.
+        place: places an event on a block; raises CannotPlace with the reason.
+
+    Returns:
+        None where the number of lanes isn't all that is wrong with the blocks that were tried.
+    """
+    tried = 0
+    for block in blocks:
+        same, opposite = len(block.forward_lanes), len(block.backward_lanes)
+        if not 1 <= same <= _MOST_LANES or opposite > _MOST_LANES:
+            continue
+        other = with_lanes(event, same, opposite)
+        if not score_block(other, block, KINDS[event.interaction.type]).eligible:
+            continue
+        tried += 1
+        try:
+            place(other, block)
+        except CannotPlace:
+            if tried == _MOST_TRIED:
+                break
+            continue
+        made = f"`ssp spec clip {name} --lanes {same}+{opposite}`"
+        return f"{made} makes an event that fits on {block.block_id}"
     return None

@@ -13,7 +13,12 @@ from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_bytes
 from ssp_core.run_file.shortlist import load_candidate
 from ssp_scenario_manager.compile.area import OperatingArea
-from ssp_scenario_manager.compile.choose import Chosen, choose_block, fitting_trigger
+from ssp_scenario_manager.compile.choose import (
+    Chosen,
+    choose_block,
+    fitting_lanes,
+    fitting_trigger,
+)
 from ssp_scenario_manager.compile.place import Order, Realisation, realise
 from ssp_scenario_manager.compile.retrieval import score_blocks
 from ssp_scenario_manager.compile.task import EventLink, PlaceLink, Target, Task, sealed
@@ -191,6 +196,12 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
         said=said,
         would_do=lambda block: fitting_trigger(
             event, lambda other: realise(replace(order, event=other), block)
+        ),
+        other_lanes=lambda blocks: fitting_lanes(
+            event,
+            request.event,
+            blocks,
+            lambda other, block: realise(replace(order, event=other), block),
         ),
     )
     how = {
