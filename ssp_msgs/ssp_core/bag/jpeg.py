@@ -126,7 +126,7 @@ class JpegChecker:
     """A decoder of JPEGs that reports what other decoders patch up.
 
     OpenCV decodes a JPEG of which a part is missing, with a grey rest, and says nothing. FFmpeg
-    says it, and takes twice the time: it is asked where the last block is of that grey.
+    says it, and takes twice the time: it is asked where the last blocks are of that grey.
     """
 
     def __init__(self) -> None:
@@ -157,7 +157,7 @@ class JpegChecker:
         except cv2.error:
             picture = None
         # A progressive one lacks detail, and not its last block, where a scan is missing.
-        if picture is None or is_progressive or picture[-1, -1] == _MISSING:
+        if picture is None or is_progressive or (picture[-1, -2:] == _MISSING).all():
             self._strict(data, is_known=picture is not None)
         if picture is None:
             raise ValueError(f"a JPEG of {len(data)} bytes that can't be decoded")
