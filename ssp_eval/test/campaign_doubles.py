@@ -10,7 +10,7 @@ from typing import Any
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.model_client import InProcessClients, ModelClient
 from ssp_eval.evaluate.models import ModelSpec
-from ssp_eval.extract.llm import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
 
 
 class Deadly(InProcessClients):

@@ -37,7 +37,7 @@ from ssp_eval.evaluate.executors import (
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import ModelSpec, attached_spec, bridge_spec, with_controls
 from ssp_eval.evaluate.run import run_parallel
-from ssp_eval.extract.llm import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.report.page import write_report
 
@@ -247,7 +247,7 @@ from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.run import run_parallel
 from ssp_eval.evaluate.executors import ADDRESS, import_ray, joined, look_for
-from ssp_eval.extract.llm import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
 
 out = Path(sys.argv[1])
 

@@ -17,7 +17,8 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import IgnoredAnswers, InProcessClients, ModelClient, ModelReply
 from ssp_eval.evaluate.models import ModelSpec, bridge_spec
 from ssp_eval.extract import extractor_hash
-from ssp_eval.extract.llm import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
+from ssp_eval.extract.reader.reader import reader_hash
 from ssp_vla_bridge.messages import Request
 from support.llm_server import GOOD, TEXT, answering, extractor, serving
 
@@ -64,9 +65,14 @@ def test_a_campaign_says_what_the_llm_did_and_asks_once_for_a_text(
         cell = json.loads((result.folder / "cell.json").read_text())
         return cell, (result.folder / "records.jsonl").read_bytes()
 
-    plain, without = run(Extractor())
+    plain, without = run(Extractor(use_reader=False))
     assert plain["hashes"]["extractor"] == extractor_hash()
-    assert plain["extraction"]["llm"] is None
+    assert plain["extraction"] == {"rules": extractor_hash(), "reader": None, "llm": None}
+    read, _ = run(Extractor())
+    assert read["hashes"]["extractor"] == Extractor().sha256 != extractor_hash()
+    assert read["extraction"]["reader"]["weights"] == reader_hash()
+    counts = {"slots_given": 0, "reader_filled": 0, "reader_withdrawn": 0}  # none is in this text
+    assert read["extraction"]["reader"]["counts"] == counts
     with serving(answering(GOOD)) as server:
         asked = extractor(server.url, tmp_path / "kept")
         cell, first = run(asked)

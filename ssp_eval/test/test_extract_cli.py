@@ -25,6 +25,8 @@ def test_each_text_gives_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[
     path.write_text(LINES, encoding="utf-8")
     code, out, _ = _run(path, capsys)
     first, second = [json.loads(line) for line in out.splitlines()]
+    nothing = {"slots": [], "withdrawn": []}
+    assert first.pop("reader") == second.pop("reader") == nothing
     empty = dict.fromkeys(["objects", "position", "motion", "conflict", "lon_action", "lat_action"])
     assert code == 0
     assert first == {
@@ -37,7 +39,15 @@ def test_each_text_gives_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_standard_input() -> None:
     result = CliRunner().invoke(extract, ["-"], input=LINES)
     assert result.exit_code == 0
-    assert len(result.output.splitlines()) == 2
+    assert len(result.stdout.splitlines()) == 2
+    assert result.stderr == "reader: filled 0 of 1 slots, took back 0 of the rules\n"
+
+
+def test_the_rules_can_be_asked_alone() -> None:
+    result = CliRunner().invoke(extract, ["-", "--rules-only"], input=LINES)
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    assert [set(json.loads(line)) for line in result.stdout.splitlines()] == [{"id", "slots"}] * 2
 
 
 @pytest.mark.parametrize(

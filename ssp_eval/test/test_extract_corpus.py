@@ -14,7 +14,7 @@ import pytest
 
 from ssp_eval.data.records import SLOT_NAMES, Slot
 from ssp_eval.extract import extract
-from ssp_eval.extract.llm.extractor import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.prompt import NOBODY, labels_of
 from ssp_eval.extract.llm.reply import Proposal, read_reply

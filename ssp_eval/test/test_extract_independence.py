@@ -13,7 +13,7 @@ import ssp_eval.extract
 from ssp_eval.data.records import Slots
 from ssp_eval.evaluate import cell
 from ssp_eval.extract import extract
-from ssp_eval.extract.llm import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.extract.measure import measure, parse_corpus
 
 FOLDER = Path(ssp_eval.extract.__file__).parent
@@ -58,7 +58,7 @@ def test_nothing_that_knows_labels_is_imported() -> None:
 
 
 def test_nothing_that_knows_labels_is_imported_by_what_is_imported() -> None:
-    code = "import ssp_eval.extract, ssp_eval.extract.llm, sys; print('\\n'.join(sys.modules))"
+    code = "import ssp_eval.extract.combined.extractor as _, sys; print('\\n'.join(sys.modules))"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=600, check=True
     )

@@ -12,8 +12,7 @@ import pytest
 from ssp_core.cli import main
 from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
 from ssp_eval.extract import extract, extractor_hash
-from ssp_eval.extract.llm import Extractor
-from ssp_eval.extract.llm.extractor import MAX_CHARACTERS, MAX_FAILURES
+from ssp_eval.extract.combined.extractor import MAX_CHARACTERS, MAX_FAILURES, Extractor
 from ssp_eval.extract.llm.prompt import build_request, labels_of, prompt_hash
 from support.llm_server import GOOD, KEY, TEXT, answering, completion, extractor, one, serving
 
@@ -220,14 +219,15 @@ def test_orders_in_the_text_get_only_what_its_words_support() -> None:
 
 def test_the_hash_names_rules_model_and_prompt() -> None:
     url = "http://127.0.0.1:9/v1"
-    assert Extractor().sha256 == extractor_hash()
+    assert Extractor(use_reader=False).sha256 == extractor_hash()
     hashes = {
+        extractor_hash(),
         Extractor().sha256,
         extractor(url).sha256,
         extractor(url, model="other").sha256,
         extractor(url, use_schema=False).sha256,
     }
-    assert len(hashes) == 4
+    assert len(hashes) == 5
     assert extractor(url).sha256 == extractor("http://127.0.0.1:10/v1").sha256
     told = extractor(url).describe()["llm"]
     assert told["model"] == "tested"

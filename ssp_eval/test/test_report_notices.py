@@ -17,7 +17,7 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.results import load_cells
-from ssp_eval.extract.llm import Extracted, Extractor
+from ssp_eval.extract.combined.extractor import Extracted, Extractor
 from ssp_eval.report.page import write_report
 from ssp_eval.score.thresholds import Thresholds
 from ssp_eval.statistics.notices import notices

@@ -13,6 +13,7 @@ from pathlib import Path
 from measure import cost, report
 
 from ssp_eval.extract import extract
+from ssp_eval.extract.combined.extractor import Extractor
 
 TEXTS = 400
 WORDS = 100
@@ -97,6 +98,15 @@ def main() -> None:
         "pass of a regular expression that finds the words with their places",
         lower=False,
         limit=LEAST_PER_S,
+    )
+    extractor = Extractor()
+    report(
+        "extraction: rules and learned reader, one core",
+        per_second(extractor, batch),
+        per_second(extract, batch),
+        "texts/s",
+        "the same texts; bound: the rules alone",
+        lower=False,
     )
 
 

@@ -22,7 +22,7 @@ from ssp_core.chat import OpenAIChat, Policy
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.results import load_cells
 from ssp_eval.extract import extract
-from ssp_eval.extract.llm.extractor import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.extract.measure import load_corpus, measure
 from ssp_vla_bridge.backend import make_backend, respond
 from ssp_vla_bridge.messages import EgoSample, Frame, Request

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.chat import OpenAIChat, Policy
-from ssp_eval.extract.llm import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
 
 TEXT = "A velomobile wobbles along up the road from us. We take the pace out."
 KEY = "sk-not-to-be-seen-anywhere"

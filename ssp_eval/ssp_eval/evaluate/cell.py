@@ -37,8 +37,8 @@ from ssp_eval.evaluate.model_client import (
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.raw_store import RawStore, check_unchanged
 from ssp_eval.evaluate.requests import AnswerKeys, Asked, new_request_id
+from ssp_eval.extract.combined.extractor import Extracted, Extractor
 from ssp_eval.extract.language import NOT_READ
-from ssp_eval.extract.llm import Extracted, Extractor
 from ssp_eval.recordings.clip import NoQuestion, Question
 from ssp_eval.score.cell import score_cell
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
@@ -199,6 +199,7 @@ def _keep_frame(out: Path, frame: Frame) -> None:
 
 
 LLM_MISSING = "slots of the LLM are missing"
+BY_READER, BY_LLM = "slots by the learned reader", "slots by the LLM"
 
 
 def records_of(
@@ -209,7 +210,7 @@ def records_of(
     A label time without an answer leaves no record, which scoring counts as a missing output.
 
     Args:
-        extractor: of the slots; None: the rules alone.
+        extractor: of the slots; None: rules and reader.
 
     Raises:
         InputError: there is no such adapter.
@@ -235,7 +236,7 @@ def record_of(
         t_s: clip time of the newest frame that was sent.
         request: that it answers; an adapter knows an echo of the prompt by it.
         no_previous: why the request held no previous answer though its interface carries one.
-        extractor: of the slots; None: the rules alone.
+        extractor: of the slots; None: rules and reader.
 
     Raises:
         InputError: there is no such adapter.
@@ -249,7 +250,7 @@ def record_of(
     found = (extractor or Extractor())(text)
     if found.language:
         notes.append(f"{NOT_READ}: {found.language}")
-    notes += _llm_notes(found)
+    notes += _sources(found)
     return BehaviourRecord(
         t_s=t_s,
         text=text,
@@ -260,11 +261,15 @@ def record_of(
     )
 
 
-def _llm_notes(found: Extracted) -> list[str]:
-    """What the LLM of the extraction did or couldn't do; nothing where there is none."""
+def _sources(found: Extracted) -> list[str]:
+    """Which slots the rules didn't fill, and what the LLM of the extraction couldn't do."""
     notes = []
+    if found.by_reader:
+        notes.append(f"{BY_READER}: {', '.join(found.by_reader)}")
+    if found.withdrawn:
+        notes.append(f"slots the reader took back: {', '.join(found.withdrawn)}")
     if found.by_llm:
-        notes.append(f"slots by the LLM: {', '.join(found.by_llm)}")
+        notes.append(f"{BY_LLM}: {', '.join(found.by_llm)}")
     if found.trouble:
         notes.append(f"{LLM_MISSING}: {found.trouble}")
     return notes

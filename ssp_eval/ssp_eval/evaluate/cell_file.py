@@ -18,7 +18,7 @@ from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.model_client import MOST_REASON, OUTAGE, IgnoredAnswers, Loss, settings_of
 from ssp_eval.evaluate.models import CONDITION_SEED, ModelSpec
 from ssp_eval.evaluate.requests import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Asked
-from ssp_eval.extract.llm import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 from ssp_vla_bridge.messages import Response

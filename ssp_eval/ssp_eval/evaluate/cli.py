@@ -40,7 +40,7 @@ from ssp_eval.evaluate.run import (
     run_parallel,
     show,
 )
-from ssp_eval.extract.llm.options import extractor_of, llm_options
+from ssp_eval.extract.combined.options import extractor_of, llm_options
 from ssp_eval.score.thresholds import OTHER_THRESHOLDS, changes, load_thresholds, thresholds_option
 
 

@@ -35,7 +35,7 @@ from ssp_eval.evaluate.model_client import (
 )
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.twin_clips import with_twins
-from ssp_eval.extract.llm import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.twins.files import SET_FILE, twins_folder
 

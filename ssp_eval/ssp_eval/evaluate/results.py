@@ -16,9 +16,15 @@ from ssp_core.files import load_model, parse_model, read_mapping, read_text
 from ssp_core.run_file.values import Finite
 from ssp_eval.data.audit import Audit, load_audit
 from ssp_eval.data.labels import Labels, counts_text, load_labels, phase_counts
-from ssp_eval.data.records import MOST_BYTES, BehaviourRecord, load_records, parse_line
+from ssp_eval.data.records import (
+    MOST_BYTES,
+    SLOT_NAMES,
+    BehaviourRecord,
+    load_records,
+    parse_line,
+)
 from ssp_eval.evaluate.admission import AUDITS, REFUSED, UNAUDITED, kept_audits, said_of
-from ssp_eval.evaluate.cell import LLM_MISSING
+from ssp_eval.evaluate.cell import BY_LLM, BY_READER, LLM_MISSING
 from ssp_eval.evaluate.cell_file import (
     CELL_FILE,
     CELLS,
@@ -456,6 +462,7 @@ def _scored(cell: CellData, score: CellScore) -> CellData:
             f"{foreign.total()} of {len(records)} texts are {NOT_READ} ({told}): what they say of "
             "the scene and the plan counts as missing."
         )
+    notes += _shares(records)
     if lacking := sum(_has_note(record, LLM_MISSING) for record in records):
         notes.append(
             f"{lacking} of {len(records)} records lack what the LLM of the extraction would have "
@@ -470,6 +477,20 @@ def _notes(record: BehaviourRecord) -> list[str]:
 
 def _has_note(record: BehaviourRecord, beginning: str) -> bool:
     return any(note.startswith(beginning) for note in _notes(record))
+
+
+def _shares(records: Sequence[BehaviourRecord]) -> Iterator[str]:
+    """How many of the slots the rules didn't fill."""
+    given = sum(getattr(one.slots, name) is not None for one in records for name in SLOT_NAMES)
+    for source, name in ((BY_READER, "learned reader"), (BY_LLM, "LLM of the extraction")):
+        filled = sum(
+            note.count(",") + 1
+            for record in records
+            for note in _notes(record)
+            if note.startswith(f"{source}: ")
+        )
+        if filled:
+            yield f"The {name} filled {filled} of {given} slots ({filled / given:.2f})."
 
 
 def _languages(records: Iterable[BehaviourRecord]) -> Counter[str]:

@@ -19,9 +19,9 @@ from ssp_core.hashing import sha256_file
 from ssp_core.run_file.values import Strict
 from ssp_eval.data.labels import Text
 from ssp_eval.data.records import BehaviourRecord, parse_line, record_to_json
+from ssp_eval.extract.combined.extractor import Extracted, Extractor
+from ssp_eval.extract.combined.options import extractor_of, llm_options
 from ssp_eval.extract.language import NOT_READ
-from ssp_eval.extract.llm import Extracted, Extractor
-from ssp_eval.extract.llm.options import extractor_of, llm_options
 from ssp_eval.extract.measure import load_corpus, measure
 from ssp_eval.extract.review.agreement import compare
 from ssp_eval.extract.review.answers import load_answers, load_key
@@ -63,8 +63,8 @@ def extract(
 
     FILE.jsonl has lines {"id": …, "text": …}; "-" reads standard input. For each, one line
     {"id": …, "slots": …} goes to standard output, slots as in behaviour records (METHOD 5.3), with
-    "language" where the text isn't English, which the rules don't read; with --llm, it says which
-    slots the LLM filled.
+    "language" where the text isn't English, which isn't read; it says which slots the learned
+    reader filled or took back, and with --llm which the LLM filled.
 
     Instead, --review OUT prepares a blind review of FILE.jsonl by two people, --returned A B
     --key KEY compares what they returned with each other and with the extractor, and --measure
@@ -94,10 +94,16 @@ def extract(
         for key, text in console.tracked(_read(file), "texts", _count(file)):
             found_slots = extractor(text)
             foreign.update([found_slots.language] if found_slots.language else [])
-            click.echo(json.dumps(_line(key, text, found_slots, extractor.uses_llm)))
+            click.echo(json.dumps(_line(key, text, found_slots, extractor)))
         if foreign:
             told = ", ".join(f"{name} {number}" for name, number in sorted(foreign.items()))
             console.note(f"note: texts {NOT_READ}: {told}")
+    if extractor.uses_reader and not returned:
+        shares = extractor.shares()
+        console.note(
+            f"reader: filled {shares['reader_filled']} of {shares['slots_given']} slots, "
+            f"took back {shares['reader_withdrawn']} of the rules"
+        )
     if extractor.uses_llm:
         tally = ", ".join(f"{name} {number}" for name, number in extractor.tally().items())
         console.note(f"LLM: {tally}")
@@ -121,12 +127,14 @@ def _check_mode(
         )
 
 
-def _line(key: str | int, text: str, found: Extracted, with_llm: bool) -> dict[str, Any]:
+def _line(key: str | int, text: str, found: Extracted, extractor: Extractor) -> dict[str, Any]:
     record = record_to_json(BehaviourRecord(0.0, text, found.slots))
     line = {"id": key, "slots": json.loads(record)["slots"]}
     if found.language:
         line["language"] = found.language
-    if with_llm:
+    if extractor.uses_reader:
+        line["reader"] = {"slots": found.by_reader, "withdrawn": found.withdrawn}
+    if extractor.uses_llm:
         trouble = found.trouble or None
         line["llm"] = {"slots": found.by_llm, "trouble": trouble, "dropped": found.dropped}
     return line

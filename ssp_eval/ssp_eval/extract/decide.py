@@ -38,6 +38,11 @@ def decide(world: World) -> dict[str, Found]:
     return {slot: value for slot, value in found.items() if value is not None}
 
 
+def critical_of(world: World) -> Actor | None:
+    """The critical road user of a text, if it has one."""
+    return _critical(_objects(world))
+
+
 def _unmixed(found: Found | None, critical: Actor, world: World) -> Found | None:
     """Drops what may be said of another, where the text is about many."""
     others = [a for a in world.actors if a is not critical and (a.mentions or a.first)]

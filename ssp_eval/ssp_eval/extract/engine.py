@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -11,11 +12,12 @@ from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.bind import Binder
 from ssp_eval.extract.checks import check
 from ssp_eval.extract.decide import decide
-from ssp_eval.extract.match import find, sentences
+from ssp_eval.extract.match import Hit, find, sentences
 from ssp_eval.extract.options import asserted
-from ssp_eval.extract.scope import scopes
+from ssp_eval.extract.scope import Scope, scopes
 from ssp_eval.extract.speaker import with_own_vehicle
-from ssp_eval.extract.tokens import tokenise
+from ssp_eval.extract.tokens import Tokens, tokenise
+from ssp_eval.extract.world import World
 
 RULES_VERSION = "2"
 _SOURCES = (
@@ -23,6 +25,27 @@ _SOURCES = (
     "clause.py", "bind.py", "decide.py", "engine.py", "checks.py", "options.py",
     "speaker.py",
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the rules made of a text, stage by stage.
+
+    Args:
+        text: the text, with what it only names blanked.
+        tokens: its words.
+        hits: the phrases of the lexicon in it.
+        flags: what is in force at each hit.
+        world: the road users and the plan.
+        slots: what follows from these.
+    """
+
+    text: str
+    tokens: Tokens
+    hits: list[Hit]
+    flags: list[Scope]
+    world: World
+    slots: Slots
 
 
 def extract(text: str) -> Slots:
@@ -34,16 +57,21 @@ def extract(text: str) -> Slots:
     Args:
         text: a model's text, with nothing else.
     """
+    return read(text).slots
+
+
+def read(text: str) -> Reading:
+    """As extract, with all that the slots were taken from."""
     return _read(asserted(plain_width(text), _values))
 
 
 def _values(piece: str) -> dict[str, object]:
     """What the rules read in a piece of a text, by slot."""
-    found = _read(piece)
+    found = _read(piece).slots
     return {name: slot.value for name in SLOT_NAMES if (slot := getattr(found, name)) is not None}
 
 
-def _read(text: str) -> Slots:
+def _read(text: str) -> Reading:
     tokens = tokenise(text)
     hits = with_own_vehicle(tokens.words, find(tokens.words))
     ranges = sentences(hits)
@@ -55,7 +83,7 @@ def _read(text: str) -> Slots:
         slot = check(text, name, Slot(value, tuple(spans)))
         if slot is not None:
             slots[name] = slot
-    return Slots(**slots)
+    return Reading(text, tokens, hits, flags, world, Slots(**slots))
 
 
 @cache

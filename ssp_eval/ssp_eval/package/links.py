@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -27,7 +28,7 @@ from ssp_eval.evaluate.cell_file import (
 )
 from ssp_eval.evaluate.models import BLIND, REASONING, REPEAT
 from ssp_eval.evaluate.requests import RAW_FILE, REQUESTS_FILE, asked_again
-from ssp_eval.extract import extractor_hash
+from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.observations.files import check_seal
 from ssp_eval.observations.model import Observation
 from ssp_eval.package.contents import Index, Problem, Recording, nearest
@@ -457,7 +458,8 @@ class Chains:
             return
         raw_path = str(PurePosixPath(records_file.path).with_name(RAW_FILE))
         response = _response(answer, raw_path)
-        if facts["hashes"].get("extractor") != extractor_hash():
+        extractor = _extractors().get(facts["hashes"].get("extractor"))
+        if extractor is None:
             note = f"{records_file.path}: made by another extractor, not extracted again"
             if note not in self.notes:
                 self.notes.append(note)
@@ -470,6 +472,7 @@ class Chains:
             str(facts.get("adapter")),
             asked,
             str(request.get("no_previous", "")),
+            extractor,
         )
         if record_to_json(again) != record_to_json(record):
             self._problem(records_file, f"{place.line}", "is not what its raw answer gives")
@@ -512,6 +515,13 @@ class Chains:
                         )
                     )
         return found
+
+
+@cache
+def _extractors() -> dict[str, Extractor]:
+    """The extractors that need no LLM, by their hashes."""
+    known = (Extractor(), Extractor(use_reader=False))
+    return {extractor.sha256: extractor for extractor in known}
 
 
 def _response(answer: tuple[LineRef, dict[str, Any]], path: str) -> Response:

@@ -293,7 +293,7 @@ def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterab
     if len(extractors) > 1:
         text = (
             f"Not comparable: the texts of these cells were read by {len(extractors)} different "
-            "extractors (rules of another version, or with and without an LLM). Evaluate all "
+            "extractors (of another version, or with and without reader or LLM). Evaluate all "
             "models again in the same way; stored answers are not asked for again."
         )
         yield Notice(COMPARABILITY, text, (), everywhere=True)

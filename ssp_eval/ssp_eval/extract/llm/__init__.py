@@ -1,9 +1,5 @@
-"""A constrained LLM for slots that the rules left empty (METHOD 5.5 b), held to the same checks.
+"""A constrained LLM for slots that are still empty (METHOD 5.5 b), held to the same checks.
 
 prompt (what is asked) → cache, or the server → reply (what was proposed) → judge (what of it the
-text supports, by what holds for any evidence) → extractor (rules and LLM as one).
+text supports, by what holds for any evidence).
 """
-
-from ssp_eval.extract.llm.extractor import Extracted, Extractor
-
-__all__ = ["Extracted", "Extractor"]

@@ -70,7 +70,7 @@ class Judged:
 
 def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judged:
     """The slots that the LLM's proposals fill; one that the rules found stays as it is."""
-    bench = _Bench(text)
+    bench = Bench(text)
     filled: dict[str, Slot] = {}
     dropped: list[str] = []
     for name in SLOT_NAMES:
@@ -96,7 +96,7 @@ def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judged:
     return Judged(filled, tuple(dropped))
 
 
-class _Bench:
+class Bench:
     """A text with what is found in it, at which quotes are held against their labels."""
 
     def __init__(self, text: str) -> None:

@@ -1,4 +1,4 @@
-"""The command line's options for the LLM of the extraction, the same wherever they stand."""
+"""The command line's options for the extraction's reader and LLM, the same wherever they stand."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ssp_core import console
 from ssp_core.chat import OpenAIChat, Policy
 from ssp_core.credentials import check_key, is_http_address
 from ssp_core.options import Number
-from ssp_eval.extract.llm.extractor import Extractor
+from ssp_eval.extract.combined.extractor import Extractor
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 _REMEDIES = {
@@ -33,8 +33,11 @@ def llm_options(prefix: str = "") -> Callable[[Command], Command]:
         prefix: of the options besides ``--llm``, where a command has another server too.
     """
     options = [
-        click.option("--llm", metavar="MODEL", help="LLM that is asked for slots which the rules "
-                     "left empty, as its server names it. Default: rules alone."),
+        click.option("--rules-only", "rules_only", is_flag=True,
+                     help="Read texts by the rules alone, without the learned reader that fills "
+                     "what they leave empty."),
+        click.option("--llm", metavar="MODEL", help="LLM that is asked for slots which are still "
+                     "empty, as its server names it. Default: none."),
         click.option(f"--{prefix}base-url", "llm_base_url", metavar="URL",
                      help="Of the LLM's server (OpenAI chat interface), up to and with /v1."),
         click.option(f"--{prefix}api-key-env", "llm_api_key_env", metavar="VAR",
@@ -53,6 +56,7 @@ def llm_options(prefix: str = "") -> Callable[[Command], Command]:
 
 
 def extractor_of(
+    rules_only: bool,
     llm: str | None,
     llm_base_url: str | None,
     llm_api_key_env: str | None,
@@ -70,7 +74,7 @@ def extractor_of(
     if llm is None:
         if llm_base_url is not None or llm_api_key_env is not None or llm_cache is not None:
             raise click.UsageError("options for an LLM need --llm MODEL")
-        return Extractor()
+        return Extractor(use_reader=not rules_only)
     if llm_base_url is None:
         raise click.UsageError(f"--llm {llm} needs the address of its server")
     if not is_http_address(llm_base_url):
@@ -85,4 +89,4 @@ def extractor_of(
     chat = OpenAIChat(llm_base_url, llm, key, policy, console.note, remedies=_REMEDIES)
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = llm_cache or default_cache or home / "ssp" / "extraction"
-    return Extractor(chat, folder, not llm_no_schema, console.note)
+    return Extractor(chat, folder, not llm_no_schema, console.note, not rules_only)

@@ -1,4 +1,4 @@
-"""Rules and, where one is given, an LLM as one extractor: text in, slots out (METHOD 5.5)."""
+"""Rules, learned reader and, where one is given, an LLM as one extractor (METHOD 5.5)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from ssp_core.errors import InputError, PeerError
 from ssp_core.files import make_folder, write_bytes
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.data.records import SLOT_NAMES, Slots
-from ssp_eval.extract.engine import extract, extractor_hash
+from ssp_eval.extract.engine import extractor_hash, read
 from ssp_eval.extract.language import foreign_language
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.prompt import build_request, prompt_hash
 from ssp_eval.extract.llm.reply import read_reply
+from ssp_eval.extract.reader.reader import complete, reader_hash
 
 MAX_CHARACTERS = 20_000  # of a text that the LLM is asked about
 MAX_FAILURES = 5  # in a row, after which the service isn't asked any more
@@ -30,7 +31,9 @@ class Extracted:
     """What one text gave.
 
     Args:
-        slots: of rules and LLM together.
+        slots: of rules, reader and LLM together.
+        by_reader: names of the slots that the reader filled.
+        withdrawn: names of the slots that the rules filled and the reader emptied.
         by_llm: names of the slots that the LLM filled.
         trouble: why the LLM's part is missing, "" where it isn't.
         dropped: proposals of the LLM that failed a check, as "slot: why".
@@ -38,6 +41,8 @@ class Extracted:
     """
 
     slots: Slots
+    by_reader: tuple[str, ...] = ()
+    withdrawn: tuple[str, ...] = ()
     by_llm: tuple[str, ...] = ()
     trouble: str = ""
     dropped: tuple[str, ...] = ()
@@ -45,14 +50,15 @@ class Extracted:
 
 
 class Extractor:
-    """Extracts slots from texts and counts what became of the LLM's part.
+    """Extracts slots from texts and counts who filled them, and what became of the LLM's part.
 
     Args:
-        chat: the LLM; None: rules alone.
+        chat: the LLM; None: none.
         cache: folder that keeps its answers byte for byte, each by the hash of the whole request
             (model, prompt, parameters, text), so that no question is paid for twice; None: none.
         use_schema: ask the server to hold answers to a schema.
         note: told of trouble with the service.
+        use_reader: let the learned reader fill what the rules leave empty, before an LLM does.
 
     Raises:
         InputError: the folder can't be made or written to.
@@ -64,9 +70,10 @@ class Extractor:
         cache: Path | None = None,
         use_schema: bool = True,
         note: Callable[[str], None] | None = None,
+        use_reader: bool = True,
     ) -> None:
         self._chat, self._cache = chat, make_folder(cache) if cache else None
-        self._use_schema, self._note = use_schema, note
+        self._use_schema, self._note, self._use_reader = use_schema, note, use_reader
         self._failures = 0
         self.counts: Counter[str] = Counter()
 
@@ -76,36 +83,61 @@ class Extractor:
         Raises:
             InputError: the cache can't be read or written.
         """
-        return replace(self._slots(text), language=foreign_language(text))
+        language = foreign_language(text)
+        extracted = replace(self._slots(text, language is None), language=language)
+        given = sum(getattr(extracted.slots, name) is not None for name in SLOT_NAMES)
+        self.counts["slots_given"] += given
+        self.counts["reader_filled"] += len(extracted.by_reader)
+        self.counts["reader_withdrawn"] += len(extracted.withdrawn)
+        return extracted
 
-    def _slots(self, text: str) -> Extracted:
-        found = extract(text)
+    def _slots(self, text: str, is_english: bool) -> Extracted:
+        reading = read(text)
+        if not (self._use_reader and is_english):
+            return self._with_llm(text, Extracted(reading.slots))
+        judgement = complete(text, reading)
+        known = Extracted(judgement.slots, judgement.filled, judgement.withdrawn)
+        return self._with_llm(text, known)
+
+    def _with_llm(self, text: str, known: Extracted) -> Extracted:
+        """What is known already, with what the LLM fills of the rest."""
+        found = known.slots
         empty = [name for name in SLOT_NAMES if getattr(found, name) is None]
         if self._chat is None or not empty or not text.strip():
-            return Extracted(found)
+            return known
         body = self._answer(self._chat, text, empty)
         if isinstance(body, str):
-            return Extracted(found, trouble=body)
+            return replace(known, trouble=body)
         completion = read_completion(body)
         proposals = read_reply(split_answer(completion.text or "").text, empty)
         trouble = "it ends in the midst" if completion.cut_off else proposals.unreadable
         trouble = trouble if completion.refusal is None else "the model declines"
         if trouble:
             self.counts["unusable"] += 1
-            return Extracted(found, trouble=f"the LLM's answer can't be used: {trouble}")
+            return replace(known, trouble=f"the LLM's answer can't be used: {trouble}")
         judged = judge(text, found, proposals.items)
         dropped = (*proposals.dropped, *judged.dropped)
         self.counts["slots_filled"] += len(judged.slots)
         self.counts["proposals_dropped"] += len(dropped)
         slots = replace(found, **judged.slots)
-        return Extracted(slots, tuple(judged.slots), dropped=dropped)
+        return replace(known, slots=slots, by_llm=tuple(judged.slots), dropped=dropped)
 
     @property
     def sha256(self) -> str:
-        """Hash of all that decides what is extracted: the rules; model, prompt and parameters."""
-        if self._chat is None:
+        """Hash of all that decides what is extracted: rules, reader; model, prompt, parameters."""
+        if self._chat is None and not self._use_reader:
             return extractor_hash()
-        return sha256_json({"rules": extractor_hash(), "llm": self._identity(self._chat)})
+        parts: dict[str, Any] = {"rules": extractor_hash()}
+        if self._use_reader:
+            parts["reader"] = reader_hash()
+        if self._chat is not None:
+            parts["llm"] = self._identity(self._chat)
+        return sha256_json(parts)
+
+    @property
+    def uses_reader(self) -> bool:
+        """Whether the learned reader fills what the rules leave empty."""
+        return self._use_reader
 
     @property
     def uses_llm(self) -> bool:
@@ -114,10 +146,15 @@ class Extractor:
 
     def describe(self) -> dict[str, Any]:
         """What extracted, and what became of the questions so far, for provenance."""
-        if self._chat is None:
-            return {"rules": extractor_hash(), "llm": None}
-        identity = self._identity(self._chat)
-        return {"rules": extractor_hash(), "llm": {**identity, "counts": self.tally()}}
+        reader = {"weights": reader_hash(), "counts": self.shares()} if self._use_reader else None
+        told: dict[str, Any] = {"rules": extractor_hash(), "reader": reader, "llm": None}
+        if self._chat is not None:
+            told["llm"] = {**self._identity(self._chat), "counts": self.tally()}
+        return told
+
+    def shares(self) -> dict[str, int]:
+        """Slots that were given, those of them that the reader filled, and those it took back."""
+        return {n: self.counts[n] for n in ("slots_given", "reader_filled", "reader_withdrawn")}
 
     def tally(self) -> dict[str, int]:
         """Texts by what became of their question, and proposals by what became of them.
@@ -181,7 +218,8 @@ class Extractor:
 def _checks_hash() -> str:
     """Of the files that read and judge what the LLM says."""
     names = ("reply.py", "judge.py", "support.py", "support.yaml")
-    return sha256_json({n: sha256_bytes(Path(__file__).with_name(n).read_bytes()) for n in names})
+    folder = Path(__file__).parent.with_name("llm")
+    return sha256_json({n: sha256_bytes((folder / n).read_bytes()) for n in names})
 
 
 def _kept(path: Path | None) -> bytes | None:

@@ -1,0 +1,1 @@
+"""Rules, learned reader and LLM as one extractor, and its options on the command line."""

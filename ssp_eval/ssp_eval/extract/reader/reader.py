@@ -1,0 +1,182 @@
+"""Which slots the learned reader fills, and which answers of the rules it takes back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
+from ssp_eval.extract.checks import check
+from ssp_eval.extract.engine import Reading
+from ssp_eval.extract.llm.judge import Bench
+from ssp_eval.extract.llm.reply import Proposal
+from ssp_eval.extract.reader.candidates import Candidate, of_classes, of_labels
+from ssp_eval.extract.reader.clauses import Clause, View, view
+from ssp_eval.extract.reader.weights import (
+    CLASS,
+    COLUMNS,
+    FILE,
+    Weights,
+    load_weights,
+    share_of_class,
+    shares_of_labels,
+)
+
+_MOST_WORDS = 8  # of a quote
+_PRICE = 5.0  # hundredths that a further word of a quote must add
+_MOST_QUOTES = 4  # that are tried for a label
+_FILES = ("clauses.py", "candidates.py", "weights.py", "reader.py", FILE.name)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the reader makes of the rules' slots.
+
+    Args:
+        slots: of rules and reader together.
+        filled: names of the slots that the reader filled.
+        withdrawn: names of the slots whose answer of the rules it took back.
+    """
+
+    slots: Slots
+    filled: tuple[str, ...] = ()
+    withdrawn: tuple[str, ...] = ()
+
+
+def complete(text: str, reading: Reading) -> Judgement:
+    """Fill slots that the rules left empty, and take back answers that are likely wrong.
+
+    Args:
+        text: a model's text.
+        reading: what the rules made of it.
+    """
+    weights = load_weights()
+    seen = view(reading)
+    if not seen.clauses:
+        return Judgement(reading.slots)
+    support = Support(text, reading, seen, weights)
+    changed: dict[str, Slot | None] = {}
+    for name, candidates in all_candidates(weights, seen, reading.slots).items():
+        threshold, slot = weights.thresholds[name], getattr(reading.slots, name)
+        certain = {one.value: weights.certainty(name, one) for one in candidates}
+        if slot is not None and certain.get(slot.value, 1.0) >= threshold.keep:
+            continue
+        best = max(candidates, key=lambda one: certain[one.value], default=None)
+        sure = best is not None and certain[best.value] >= threshold.fill
+        if best is None or not sure or (name == "motion" and _is_over(best, reading.slots)):
+            found = None
+        else:
+            found = support.slot(name, best)
+        if found is not None or slot is not None:
+            changed[name] = found
+    filled = tuple(name for name, slot in changed.items() if slot is not None)
+    withdrawn = tuple(name for name, slot in changed.items() if slot is None)
+    return Judgement(replace(reading.slots, **changed), filled, withdrawn)
+
+
+def _is_over(motion: Candidate, slots: Slots) -> bool:
+    """Whether a movement has ended: a finished crossing is no motion."""
+    over = slots.conflict is not None and slots.conflict.value == "resolved"
+    return over and str(motion.value).startswith(("crossing", "cutting"))
+
+
+def all_candidates(weights: Weights, seen: View, slots: Slots) -> Mapping[str, list[Candidate]]:
+    """The candidates of each slot, with what speaks for them."""
+    sums = np.array([weights.sums(features) for features in seen.features])
+    found = {}
+    for name in SLOT_NAMES:
+        if name == CLASS:
+            shares = {
+                one: share_of_class(weights.sums(features)[-1])
+                for one, features in seen.classes.items()
+            }
+            found[name] = of_classes(shares, slots, len(seen.clauses))
+        else:
+            shares_of = shares_of_labels(sums[:, weights.columns(name)])
+            found[name] = of_labels(name, shares_of, slots)
+    return found
+
+
+@dataclass(frozen=True)
+class Support:
+    """The words of a text that may support a value, held to the checks for an LLM's quotes."""
+
+    text: str
+    reading: Reading
+    seen: View
+    weights: Weights
+
+    @cached_property
+    def _bench(self) -> Bench:
+        return Bench(self.text)
+
+    def slot(self, name: str, candidate: Candidate) -> Slot | None:
+        """The slot with its evidence, or None where no words pass."""
+        if name == CLASS:
+            places = [self._place(name, one, [self.mention(one)]) for one in candidate.value]
+        else:
+            quotes = self.quotes(name, str(candidate.value), candidate.clause)
+            places = [self._place(name, str(candidate.value), quotes)]
+        spans = tuple(sorted(place for place in places if place is not None))
+        if len(spans) < len(places):
+            return None
+        return check(self.text, name, Slot(candidate.value, spans))
+
+    def _place(self, name: str, label: str, quotes: Iterable[str]) -> tuple[int, int] | None:
+        """Where the first quote stands that supports a label."""
+        for quote in quotes:
+            place = self._bench.weigh(Proposal(name, label, quote))
+            if not isinstance(place, str):
+                return place
+        return None
+
+    def mention(self, name: str) -> str:
+        """The first words that name a class of road users."""
+        hit = next(one for one in self.reading.hits if (one.kind, one.value) == ("user", name))
+        return self._words(hit.first, hit.stop)
+
+    def quotes(self, name: str, label: str, clause: int) -> Iterator[str]:
+        """Pieces of a clause, those whose words speak most for a label first."""
+        first, stop, _ = self.seen.clauses[clause]
+        worth = self._worth(self.seen.clauses[clause], COLUMNS.index(f"{name}:{label}"))
+        pieces = [
+            (sum(worth[a:b]) - _PRICE * (b - a), first + a, first + b)
+            for a in range(stop - first)
+            for b in range(a + 1, min(a + _MOST_WORDS, stop - first) + 1)
+        ]
+        for _, a, b in sorted(pieces, key=lambda one: (-one[0], one[1:]))[:_MOST_QUOTES]:
+            yield self._words(a, b)
+        yield self._words(first, stop)
+
+    def _words(self, first: int, stop: int) -> str:
+        start, end = self.reading.tokens.span(first, stop)
+        return self.text[start:end]
+
+    def _worth(self, clause: Clause, column: int) -> list[float]:
+        """What each word of a clause, alone and with its neighbours, adds for a column."""
+        words = self.reading.tokens.words[clause.first : clause.stop]
+        worth = [0.0] * len(words)
+        for at, word in enumerate(words):
+            for name, length in ((f"w:{word}", 1), (f"b:{' '.join(words[at : at + 2])}", 2)):
+                row = self.weights.rows.get(name)
+                for one in range(at, at + length) if row is not None else ():
+                    worth[one] += float(self.weights.table[row, column]) / length
+        for hit in self.reading.hits:
+            row = self.weights.rows.get(f"h:{hit.kind}:{hit.value}")
+            if row is not None and clause.first <= hit.first and hit.stop <= clause.stop:
+                for one in range(hit.first, hit.stop):
+                    part = float(self.weights.table[row, column]) / (hit.stop - hit.first)
+                    worth[one - clause.first] += part
+        return worth
+
+
+@cache
+def reader_hash() -> str:
+    """Hash of the weights and of what reads them, ``sha256:<hex>``."""
+    folder = Path(__file__).parent
+    return sha256_json({name: sha256_bytes((folder / name).read_bytes()) for name in _FILES})

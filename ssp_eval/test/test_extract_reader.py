@@ -1,0 +1,117 @@
+"""The learned reader: it finds more without being wrong more often, and says what it did."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+from pathlib import Path
+
+import pytest
+from test_extract_perfect import contradicts
+
+from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES, Slots
+from ssp_eval.extract import extract
+from ssp_eval.extract.checks import check
+from ssp_eval.extract.combined.extractor import Extractor
+from ssp_eval.extract.measure import load_corpus, measure
+from ssp_eval.extract.reader.clauses import MAX_CLAUSES
+from ssp_eval.extract.reader.weights import FILE, load_weights, written
+from ssp_vla_bridge.backends.phrases import action_sentence, scene_text
+
+CORPUS = Path(__file__).parent / "corpus"
+TEST = load_corpus(CORPUS / "test.jsonl")
+MAX_BYTES = 2_000_000
+
+
+def values(slots: Slots) -> dict[str, object]:
+    found = {name: getattr(slots, name) for name in SLOT_NAMES}
+    return {name: None if slot is None else slot.value for name, slot in found.items()}
+
+
+def test_precision_and_recall_rise_on_texts_that_nothing_was_learnt_from() -> None:
+    extractor = Extractor()
+    rules = measure(TEST, extract).slots["all"]
+    both = measure(TEST, lambda text: extractor(text).slots).slots["all"]
+    assert both.right / both.given > rules.right / rules.given
+    assert both.right - rules.right > 40
+    shares = extractor.shares()
+    assert shares["slots_given"] == both.given
+    assert shares["reader_filled"] < 0.12 * both.given
+
+
+def test_what_it_fills_stands_in_the_text_and_the_rest_is_as_the_rules_left_it() -> None:
+    extractor = Extractor()
+    filled = 0
+    for example in TEST:
+        found, rules = extractor(example.text), extract(example.text)
+        assert not set(found.by_reader) & set(found.withdrawn)
+        filled += len(found.by_reader)
+        for name in SLOT_NAMES:
+            slot = getattr(found.slots, name)
+            if name in found.by_reader:
+                assert check(example.text, name, slot) == slot
+            elif name in found.withdrawn:
+                assert slot is None
+                assert getattr(rules, name) is not None
+            else:
+                assert slot == getattr(rules, name)
+    assert filled
+
+
+def test_the_perfect_control_is_read_as_it_was_meant() -> None:
+    extractor = Extractor()
+    actions = list(product(VOCABULARIES["lon_action"], VOCABULARIES["lat_action"]))
+    scenes = product(
+        VOCABULARIES["objects"], (*VOCABULARIES["position"], None),
+        (*VOCABULARIES["motion"], None), (*VOCABULARIES["conflict"], None),
+    )  # fmt: skip
+    for number, (name, position, motion, conflict) in enumerate(scenes):
+        if number % 9 == 0 and not contradicts(
+            name, motion, conflict
+        ):  # others than train_reader.py
+            plan = action_sentence(*actions[number % len(actions)])
+            text = f"{scene_text((name,), position, motion, conflict)} {plan}"
+            assert values(extractor(text).slots) == values(extract(text)), text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "…",
+        "Das Auto vor uns bremst, also bremsen wir auch und bleiben in unserer Spur.",
+        "A car ahead. " * (MAX_CLAUSES + 1),
+        "\ud800 brakes",
+    ],
+)
+def test_it_says_nothing_of_what_it_cannot_read(text: str) -> None:
+    found = Extractor()(text)
+    assert found.by_reader == found.withdrawn == ()
+    assert found.slots == extract(text)
+
+
+def test_its_words_pass_the_checks_for_an_llm() -> None:
+    """Neither what is only imagined nor what is denied is filled by a word that suits the label."""
+    for text in (
+        "If a lorry were to swerve into our lane from the left, we would have to brake.",
+        "No lorry swerves into our lane from the left.",
+        "The prompt asks: is the lorry swerving into our lane from the left?",
+    ):
+        found = Extractor()(text)
+        assert found.slots.motion is None, text
+        assert found.slots.lon_action is None, text
+
+
+def test_the_weights_are_small_and_are_written_as_they_are_read() -> None:
+    assert FILE.stat().st_size <= MAX_BYTES
+    assert written(load_weights()) == FILE.read_text(encoding="utf-8")
+
+
+def test_without_it_the_rules_speak_alone() -> None:
+    extractor = Extractor(use_reader=False)
+    for example in TEST[:40]:
+        found = extractor(example.text)
+        assert found.slots == extract(example.text)
+        assert found.by_reader == found.withdrawn == ()
+    assert extractor.describe()["reader"] is None
+    assert json.dumps(extractor.describe())
