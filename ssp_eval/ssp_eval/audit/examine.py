@@ -159,6 +159,11 @@ def _measured(
             )
         )
         part = recording.within(crop)
+        if len(part.series) == len(recording.series) and (crop.start_s, crop.end_s) == (
+            start_s,
+            end_s,
+        ):
+            return crop, whole
         return crop, measure(scene(part, crop.start_s, crop.end_s))
     except ValueError as error:
         raise InputError(f"can't be measured: {error}", file=recording.path) from error

@@ -25,7 +25,7 @@ from ssp_core.motion.event import (
     passing_of,
 )
 from ssp_core.motion.state import ObjectState
-from ssp_core.motion.state_series import Series
+from ssp_core.motion.state_series import Packed, Series, states_of
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import MOTIONS
 from ssp_eval.audit.paths import Lanes, Spot
@@ -136,7 +136,7 @@ def measure(scene: Scene) -> Measured:
     Raises:
         ValueError: there is no state of the VUT, or no OT is ever there together with it.
     """
-    vut = [states[scene.vut_id] for _, states in scene.series if scene.vut_id in states]
+    vut = states_of(scene.series, scene.vut_id)
     if not vut:
         raise ValueError(f"there are no states of {scene.vut_id}")
     pair = _critical_pair(scene, vut)
@@ -202,7 +202,7 @@ def _critical_pair(scene: Scene, vut: Sequence[ObjectState]) -> _Pair:
     for target_id in scene.target_ids:
         samples = instants_of(scene.series, target_id, scene.vut_id)
         if any(s.vut.speed_mps > 0.0 for s in samples):
-            path = Corridor.of([s.vut for s in samples])
+            path = Corridor.of(Packed(ObjectState, (s.vut for s in samples)))
             pair = _pair(scene, target_id, scene.vut_id, samples, path)
             # Of two paths that cross, neither is the one that the other crosses.
             if passing_of(samples, path, pair.event).relation in ("merge", "following"):

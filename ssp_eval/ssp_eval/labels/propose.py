@@ -13,7 +13,7 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
 from ssp_core.motion.event import TOLERANCE_S, Corridor, RecordedEvent, find_event, instants_of
-from ssp_core.motion.state_series import Series, States, times_of
+from ssp_core.motion.state_series import Series, States, states_of, times_of
 from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.data.labels import BY_CLOCK, BY_PHASE, Label, Labels, PhasePosition
 from ssp_eval.labels.plan import USUAL_LABELS, NoPlan, Plan, Timeline, plan_labels
@@ -210,7 +210,7 @@ def locate(truth: Truth) -> Located:
         InputError: it has no VUT, event or conflict.
     """
     series = truth.states
-    vut = [states[truth.vut_id] for _, states in series if truth.vut_id in states]
+    vut = states_of(series, truth.vut_id)
     if not vut:
         raise InputError("has no states of the VUT", file=truth.source, value=truth.vut_id)
     corridor = Corridor.of(vut)

@@ -12,7 +12,7 @@ import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Protocol, overload
 
 from ssp_core.clock import seconds_to_ns
@@ -354,7 +354,7 @@ class Corridor:
             vut: its states in time order, at least one.
         """
         points = [(vut[0].x_m, vut[0].y_m)]
-        for state in vut[1:]:
+        for state in islice(vut, 1, None):
             if math.dist(points[-1], (state.x_m, state.y_m)) >= _POINT_SPACING_M:
                 points.append((state.x_m, state.y_m))
         points.insert(0, vut[0].pose.to_parent(-_EXTENSION_M, 0.0))

@@ -161,3 +161,8 @@ def between(series: Series, first_s: float, last_s: float) -> Series:
     """The rows from one time to another, both included."""
     times_s = times_of(series)
     return series[bisect_left(times_s, first_s) : bisect_right(times_s, last_s)]
+
+
+def states_of(series: Series, object_id: str) -> Packed[ObjectState]:
+    """The states of one object where it is there, in arrays."""
+    return Packed(ObjectState, (now[object_id] for _, now in series if object_id in now))
