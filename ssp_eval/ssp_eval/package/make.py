@@ -263,7 +263,7 @@ def make_package(
     sources = collect(folders, out)
     progress.total(sum(source.bytes for source in sources))
     parent = make_folder(out.absolute().parent)
-    scratch = Path(tempfile.mkdtemp(dir=parent, prefix=f".{out.name[:50]}."))
+    scratch = Path(tempfile.mkdtemp(dir=parent, prefix=f".{out.name}."))
     try:
         (scratch / OBJECTS).mkdir()
         files = _store_all(sources, scratch, copy, progress)
@@ -307,7 +307,7 @@ def _check_out(out: Path, force: bool) -> None:
 
 def _put(scratch: Path, out: Path) -> None:
     """Renames the package to its place; what was there goes only when the new one is there."""
-    before = Path(tempfile.mkdtemp(dir=out.absolute().parent, prefix=f".{out.name[:50]}.old."))
+    before = Path(tempfile.mkdtemp(dir=out.absolute().parent, prefix=f".{out.name}.old."))
     aside = before / out.name
     try:
         if os.path.lexists(out):

@@ -58,7 +58,7 @@ class Limits(Strict):
     state_age_s: LimitS = 0.3
     heartbeat_s: LimitS = 0.5
     ack_s: LimitS = 0.5
-    error_longitudinal_m: LimitM = 2.0
+    error_longitudinal_m: Annotated[Finite, Field(ge=0.01, le=1000)] = 2.0
     error_lateral_m: LimitM = 0.8
     error_yaw_rad: LimitRad = 0.35
     duration_s: Annotated[Finite, Field(ge=0.1, le=86400)] = 60.0

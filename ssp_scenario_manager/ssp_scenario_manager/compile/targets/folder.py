@@ -134,7 +134,7 @@ def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> lis
         )
     make_folder(out.absolute().parent)
     try:
-        work = Path(tempfile.mkdtemp(prefix=f".{out.name[:50]}.", dir=out.absolute().parent))
+        work = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.absolute().parent))
     except OSError as error:
         raise InputError(
             f"can't be made: {error.strerror}", file=out, remedy="name another folder with --out"
@@ -190,7 +190,7 @@ def _put_in_place(work: Path, out: Path) -> None:
     if not out.is_dir():
         work.rename(out)
         return
-    old = Path(tempfile.mkdtemp(prefix=f".{out.name[:50]}.old.", dir=out.absolute().parent))
+    old = Path(tempfile.mkdtemp(prefix=f".{out.name}.old.", dir=out.absolute().parent))
     out.rename(old / out.name)
     try:
         work.rename(out)
