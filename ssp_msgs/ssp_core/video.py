@@ -176,6 +176,13 @@ def _square(stored_px: tuple[int, int], aspect: float) -> tuple[int, int]:
     return width_px, round(height_px / aspect)
 
 
+def _zero_s(container: av.container.InputContainer) -> float:
+    """Where the time line of a container begins, on the clock of its stamps."""
+    if container.format.name in _STREAMED and container.start_time is not None:
+        return container.start_time / 1e6
+    return 0.0
+
+
 def _first_time_s(path: Path) -> float:
     """The time of a video's first frame on the container's time line.
 
@@ -200,10 +207,8 @@ def _first_time_s(path: Path) -> float:
                 )  # fmt: skip
             if not tracks or tracks[0].start_time is None or tracks[0].time_base is None:
                 return 0.0
-            zero_s = 0.0
-            if container.format.name in _STREAMED and container.start_time is not None:
-                zero_s = container.start_time / 1e6
-            return max(0.0, float(tracks[0].start_time * tracks[0].time_base) - zero_s)
+            first_s = float(tracks[0].start_time * tracks[0].time_base)
+            return max(0.0, first_s - _zero_s(container))
     except (av.error.FFmpegError, ValueError, OverflowError):
         return 0.0  # whoever decodes it says what is wrong
 
@@ -248,7 +253,7 @@ def sound_video(path: Path, end_s: float | None = None) -> Soundness:
                         damaged += frame.is_corrupt
                         if frame.time is None:
                             raise _no_axis(path, f"frame {len(times_s)} has no time")
-                        times_s.append(frame.time)
+                        times_s.append(frame.time - _zero_s(container))
                 except av.error.FFmpegError:
                     damaged += 1
                 if end_s is not None and times_s and times_s[-1] > end_s:

@@ -124,6 +124,14 @@ def test_pixels_that_are_not_square_are_stretched(
     ]
 
 
+def test_times_of_a_transport_stream_count_from_its_first_stamp(tmp_path: Path) -> None:
+    film = write_film(tmp_path / "film.ts", steady(30, 4, begin_s=1.4))
+    frames, record = brought(film, "--ego-unknown", "--start", 1, "--end", 3)
+    assert record["notes"] == []
+    assert record["crop"]["start_s"] == pytest.approx(1.0, abs=0.04)
+    assert frames[-1].stamp_ns / NS_PER_S == pytest.approx(1.9, abs=0.04)
+
+
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
 @pytest.mark.parametrize("begin_s", [0.5, 1.2])
 def test_a_first_frame_that_is_late_keeps_the_files_time(
