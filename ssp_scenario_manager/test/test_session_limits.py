@@ -32,7 +32,7 @@ def run_with(driver: Any) -> None:
     [
         ({"x_m": 3.0, "y_m": 0.0}, SafetyCode.COLLISION),
         ({"x_m": 4.9, "y_m": 0.0}, SafetyCode.SEPARATION),
-        ({"x_m": 400.0}, SafetyCode.OUTSIDE_GEOFENCE),
+        ({"y_m": 14.0}, SafetyCode.OUTSIDE_GEOFENCE),
         ({"speed_mps": 15.1}, SafetyCode.OVER_SPEED),
         ({"position_std_m": 0.6}, SafetyCode.LOCALISATION),
         ({"reference_id": "r", "error_lateral_m": 0.81}, SafetyCode.ERROR_LATERAL),
