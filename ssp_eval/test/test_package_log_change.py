@@ -93,7 +93,7 @@ def test_a_change_yet_to_be_made_is_pointed_out(
     [
         ({"old": "19"}, "was 20.0 by task.json"),
         ({"new": "20.0"}, "changes nothing"),
-        ({"new": "-3"}, "greater than 0"),
+        ({"new": "-3"}, "greater than or equal to 0.1"),
         ({"new": "fast"}, "valid number"),
         ({"field": "limits.speed"}, "did you mean limits.speed_mps"),
         ({"field": "seed", "old": "1", "new": "2"}, "a run's own"),

@@ -222,12 +222,6 @@ def test_a_damaged_request_is_named_by_its_line(line: str, tmp_path: Path) -> No
     assert (caught.value.file, caught.value.line) == (str(file), 2)
 
 
-def test_a_damaged_cell_is_named(campaign: Path) -> None:
-    (campaign / "cells" / "cut_in__simulation__perfect" / "cell.json").write_text("{")
-    with pytest.raises(InputError, match=r"cut_in__simulation__perfect.*cell\.json"):
-        write_report(campaign)
-
-
 spans = st.lists(st.tuples(st.integers(-3, 25), st.integers(-3, 25)), max_size=4)
 
 
