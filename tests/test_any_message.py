@@ -60,7 +60,7 @@ RUN: dict[str, Any] = {
     "geofence": [(-20.0, -8.0), (400.0, -8.0), (400.0, 12.0), (-20.0, 12.0)],
     "end": {"at_latest_s": 1e6},
 }
-RUN["limits"] |= dict.fromkeys(("heartbeat_s", "ack_s", "duration_s"), 1e6)
+RUN["limits"] |= {"heartbeat_s": 60.0, "ack_s": 60.0, "duration_s": 86400.0}
 STEP_NS = 20_000_000
 
 

@@ -75,9 +75,9 @@ def test_a_stranger_is_named_and_the_run_is_not_valid(
     assert any(who in reasons for who in ("/ssp/stranger", NAMELESS, RIVALS)), reasons
 
 
-def test_who_only_listens_is_no_stranger(start_session: Any, beside: Beside) -> None:
-    session = start_session("cut_in", "--no-camera")
-    session.wait_for("phase approach")
+def test_who_only_listens_is_no_stranger(long_session: Any, beside: Beside) -> None:
+    session = long_session("--no-camera")
     beside(session, "-c", LISTENER)
     result = session.finish()
-    assert result["verdict"] == "valid", result["reasons"]
+    assert "foreign_manager" not in " ".join(result["reasons"])
+    assert result["verdict"] == "off_spec", result["reasons"]
