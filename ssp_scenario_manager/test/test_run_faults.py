@@ -184,6 +184,22 @@ def test_a_world_that_was_ahead_is_dated_by_where_its_clock_came_to_stand(
     assert [one.active for one in made.injected] == [True, False]
 
 
+def test_a_wait_of_the_runner_itself_is_no_standing_clock(
+    run: RunSpec, child: NodeProcess, tmp_path: Path
+) -> None:
+    lockstep = run.model_copy(update={"mode": "lockstep"})
+    fault = Fault(kind="pause", target="sil_world", at_s=1.0, duration_s=3.0)
+    made, _, _ = injector(lockstep, child, tmp_path, fault)
+    made.poll(1.0, 5.0)
+    made.poll(1.0, 5.5)  # half a second late, with what had been heard before
+    assert made.injected == []
+    for session_s, wall_s in ((1.6, 5.52), (1.6, 5.7), (1.6, 5.85)):
+        made.poll(session_s, wall_s)
+    (begun,) = made.injected
+    assert (begun.session_s, begun.wall_s) == (1.6, 5.0)
+    made.release(1.6, 6.0)
+
+
 def test_what_still_stands_at_the_end_goes_on(
     run: RunSpec, child: NodeProcess, tmp_path: Path
 ) -> None:

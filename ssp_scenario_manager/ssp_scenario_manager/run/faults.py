@@ -67,6 +67,8 @@ class _Timed:
     begun_s: float | None = None
     heard: tuple[float, float] | None = None
     """Newest session time and when it was heard, while the world's clock may still go on."""
+    looked_s: float = 0.0
+    """When it was last looked at, while that is awaited."""
     ended: bool = False
 
     def is_over(self, wall_s: float) -> bool:
@@ -197,7 +199,7 @@ class FaultInjector:
         timed.begun_s = wall_s
         if fault.at_s is not None and self._stops_the_world(fault):
             # In lockstep the world may be far ahead of what this process has heard of it.
-            timed.heard = (session_s, wall_s)
+            timed.heard, timed.looked_s = (session_s, wall_s), wall_s
         else:
             self._note(timed, True, session_s, wall_s)
         if fault.kind == "kill":
@@ -220,6 +222,11 @@ class FaultInjector:
         """Notes the beginning once the session's time stands."""
         newest_s, heard_s = timed.heard or (session_s, wall_s)
         begun_s = heard_s if timed.begun_s is None else timed.begun_s
+        waited_s, timed.looked_s = wall_s - timed.looked_s, wall_s
+        if session_s == newest_s and waited_s >= _STANDS_S:
+            # This process itself was kept waiting, and may not have heard what is there.
+            timed.heard = (session_s, wall_s)
+            return
         if session_s == newest_s and wall_s - heard_s < _STANDS_S:
             return
         if session_s == newest_s or wall_s - begun_s > _SETTLES_S:
