@@ -56,5 +56,7 @@ def is_admitted_and_scored(
         )["ivcs"]
         for folder in (tmp_path / "out" / "cells").iterdir()
     }
-    # A model that sees nothing of the picture scores the same on states of either kind.
-    assert abs(scores["physical"] - scores["simulation"]) < 0.01
+    # A model that sees nothing of the picture scores the same on states of either kind, but for
+    # label times at which a camera on a busy machine gave no frame.
+    lost = sum(len(cell["answers"]["missing"]) for cell in cells) / sum(counts[0].values())
+    assert abs(scores["physical"] - scores["simulation"]) < 0.01 + lost
