@@ -31,7 +31,8 @@ executor.add_node(node)
 until = time.monotonic() + 120.0
 while len(heard) < 2 and time.monotonic() < until:
     executor.spin_once(timeout_sec=0.2)
-print("heard", *sorted(heard), flush=True)
+assert len(heard) == 2, heard  # without a line the test fails
+print("heard", flush=True)
 while rclpy.ok():
     executor.spin_once(timeout_sec=0.2)
 """
@@ -83,4 +84,7 @@ def test_who_only_listens_is_no_stranger(start_session: Any, beside: Beside) -> 
     session.wait_for("phase approach")
     beside(session, "-c", LISTENER)
     result = session.finish()
-    assert "foreign_manager" not in " ".join(result["reasons"])
+    reasons = " ".join(result["reasons"])
+    assert "foreign_manager" not in reasons
+    # In real time a busy machine may end the run, and says that it did.
+    assert result["verdict"] == "valid" or "overrun" in reasons, reasons
