@@ -66,9 +66,7 @@ def test_the_perfect_control_is_read_as_it_was_meant() -> None:
         (*VOCABULARIES["motion"], None), (*VOCABULARIES["conflict"], None),
     )  # fmt: skip
     for number, (name, position, motion, conflict) in enumerate(scenes):
-        if number % 9 == 0 and not contradicts(
-            name, motion, conflict
-        ):  # others than train_reader.py
+        if number % 9 == 0 and not contradicts(name, motion):
             plan = action_sentence(*actions[number % len(actions)])
             text = f"{scene_text((name,), position, motion, conflict)} {plan}"
             assert values(extractor(text).slots) == values(extract(text)), text

@@ -448,6 +448,8 @@ class Binder(Clause):
         actor.motions.append(Statement(value, hit.first, stop, self.unit))
         self._show(actor)
         actor.intruding = actor.intruding or value.startswith((CROSSING, CUTTING_IN))
+        before = self.words[max(hit.first - 2, 0) : hit.first]
+        actor.ongoing = hit.form == "ing" and not {"is", "are"}.isdisjoint(before)
 
     def _motion(self, actor: Actor, kind: str, goals: list[Hit], hit: Hit) -> str | None:
         names = {goal.value for goal in goals if goal.kind == "goal"}

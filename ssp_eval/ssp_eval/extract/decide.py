@@ -160,7 +160,7 @@ def _position(actor: Actor, frames: bool) -> Found | None:
 def _motion(actor: Actor) -> Found | None:
     """The last motion that is complete: some need company or a side."""
     values: dict[str, Statement] = {}
-    over = any(said.value == "resolved" for said in actor.conflicts)
+    over = not actor.ongoing and any(said.value == "resolved" for said in actor.conflicts)
     for said in actor.motions:
         value = _complete(said.value, actor)
         if over and value is not None and value.startswith(("crossing", "cutting")):

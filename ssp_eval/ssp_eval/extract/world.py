@@ -67,6 +67,7 @@ class Actor:
     matters: bool = False
     background: bool = False
     intruding: bool = False
+    ongoing: bool = False  # its last movement is stated in the present: is crossing
     reaction: int = 0
 
 
