@@ -165,14 +165,17 @@ def make_venv() -> Path:
     """Creates .venv with the locked packages, unless it stands already for the same lock.
 
     The ROS wheels carry a second set of metadata under the ROS names, which `uv pip sync` would
-    take for foreign packages and remove: a changed lock therefore makes a new .venv.
+    take for foreign packages and remove: a changed lock therefore makes a new .venv. What was
+    built on the old one is removed with it: its files are newer than those of the new wheels, so
+    that a build would take them for up to date.
     """
     python = VENV / "bin" / "python"
     made_for = VENV / "ssp-lock"
     if made_for.exists() and made_for.read_text() == lock_hash():
         return python
     step(f"creating .venv (Python {sys.version.split()[0]})")
-    shutil.rmtree(VENV, ignore_errors=True)
+    for outdated in (VENV, ROOT / "build", ROOT / "install"):
+        shutil.rmtree(outdated, ignore_errors=True)
     run([sys.executable, "-m", "venv", str(VENV)], "creating .venv")
     step("installing pinned packages (about 400 MB to download on a first start)")
     pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
