@@ -196,7 +196,13 @@ def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
             ),
             present=lambda: _asked(out, [s for s in scenarios if _is_audited(out, s)]),
         ),
-        Step("report", "write the report", ("report", str(out)), after=("evaluate",)),
+        Step(
+            "report",
+            "write the report",
+            # A scenario that failed before anything was asked about it is named in the report too.
+            ("report", str(out), *(word for one in scenarios for word in ("--expect", one))),
+            after=("evaluate",),
+        ),
         Step(
             "package",
             "make the evidence package",

@@ -167,6 +167,10 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_order(cells: Path, tmp_
         ),
         (("{cells}",), 1, "but a file; component scores go with --from-cells"),
         (
+            ("--from-cells", "{cells}", "--figures", "{out}", "--expect", "cut_in"), 2,
+            "--expect needs --out",
+        ),
+        (
             ("--from-cells", "{cells}", "--figures", "{out}", "--tables", "{out}"), 2,
             "--from-cells needs --out DIR",
         ),

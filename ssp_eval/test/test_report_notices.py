@@ -62,6 +62,15 @@ def test_cells_of_different_recordings_are_named(campaign: Path) -> None:
     assert "Not comparable: the cells of cut_in / physical are of different recordings" in page
 
 
+@pytest.mark.parametrize("most", [None, 0])
+def test_a_scenario_without_any_cell_is_named(campaign: Path, most: int | None) -> None:
+    """That of one and of many cells; without it nothing in the folder says that it is absent."""
+    told = "Missing: no model was asked about vru_crossing, which this campaign was planned with"
+    expected = ("cut_in", "vru_crossing")
+    assert told in write_report(campaign, most=most, expected=expected).read_text()
+    assert "Missing: no model" not in write_report(campaign, expected=expected[:1]).read_text()
+
+
 def test_ranks_over_different_cells_say_who_lacks_some(campaign: Path, bags: list[Path]) -> None:
     evaluated(campaign, bags[:1], 'one={"backend": "constant_velocity"}')
     page = write_report(campaign).read_text()

@@ -130,6 +130,7 @@ class _Wanted:
     formats: Sequence[str]
     reference: str | None
     options: Options
+    expected: Sequence[str] = ()
 
 
 @click.command()
@@ -153,6 +154,14 @@ class _Wanted:
     multiple=True,
     metavar="DIR",
     help="Another campaign with repetitions of the same cells; any number.",
+)
+@click.option(
+    "--expect",
+    "expected",
+    multiple=True,
+    metavar="SCENARIO",
+    help="Scenario that the campaign was planned with; the report says so where no cell of it is "
+    "there. Any number.",
 )
 @click.option(
     "--tables",
@@ -207,6 +216,7 @@ def report(
     from_cells: Path | None,
     out: Path | None,
     repeats: tuple[Path, ...],
+    expected: tuple[str, ...],
     tables: Path | None,
     formats: tuple[str, ...],
     figures: Path | None,
@@ -236,6 +246,8 @@ def report(
             raise click.UsageError("--block is of labels, of which --from-cells knows nothing")
         if out is None and (_is_given("resamples") or _is_given("seed")):
             raise click.UsageError("--resamples and --seed need --out DIR: figures draw nothing")
+        if out is None and expected:
+            raise click.UsageError("--expect needs --out DIR: figures name no scenario")
         if PHASES in only:
             raise click.UsageError(f"{PHASES} needs the frames of a campaign, not --from-cells")
         if out is None and (drawn is None or tables is not None):
@@ -246,7 +258,7 @@ def report(
             draw_figures(drawn, rows)
         if out is None:
             return 0
-        wanted = _Wanted(tables or out / TABLES, formats, reference, options)
+        wanted = _Wanted(tables or out / TABLES, formats, reference, options, expected)
         _analyse(rows, (), wanted, statistics=out)
         return 0
     if out_dir is None:
@@ -274,7 +286,7 @@ def report(
             draw_figures(drawn, shown, out_dir, data[: len(cell_files(out_dir))])
         repeated = answers_in(data[len(cell_files(out_dir)) :])
         if tables is not None:
-            wanted = _Wanted(tables, formats, reference, options)
+            wanted = _Wanted(tables, formats, reference, options, expected)
             audits = named_audits((out_dir, *repeats), (cell.facts for cell in data))
             known = [label_table(data, audits)]
             if (responses := response_table(audits)) is not None:
@@ -292,6 +304,7 @@ def report(
             analysis=analysis,
             on_cell=check,
             repeated=repeated,
+            expected=expected,
         )
     for folder, why in changed.items():
         console.report_error(f"{folder}: refused: {why}")
@@ -356,7 +369,7 @@ def _analyse(
     constants: Sequence[OfScenario] = (),
 ) -> list[Table]:
     """Computes everything before anything is written."""
-    told = notices(rows, data)
+    told = notices(rows, data, wanted.expected)
     shown_rows = [*rows, *constant_rows(constants)]
     plain = [*all_tables(shown_rows, wanted.reference), notice_table(told)]
     if constants:

@@ -40,6 +40,7 @@ def write_report(
     analysis: Sequence[Table] = (),
     on_cell: Callable[[CellData], None] = lambda cell: None,
     repeated: Sequence[Asked] = (),
+    expected: Sequence[str] = (),
 ) -> Path:
     """Writes ``index.html`` into a campaign folder, and for a large one files beside it.
 
@@ -47,6 +48,7 @@ def write_report(
         on_step: told how many pictures or cells are done, and of how many.
         most: cells up to which everything goes into the one file; None: MOST_IN_ONE_FILE.
         repeated: answers of other campaigns, which count for what moved those of this one.
+        expected: scenarios that the campaign was planned with; one without a cell is named.
 
     Returns:
         The page.
@@ -59,8 +61,8 @@ def write_report(
         cells = load_cells(out)
         for cell in cells:
             on_cell(cell)
-        return _write_one(out, cells, on_step, analysis, repeated)
-    return _write_large(out, files, on_step, analysis, on_cell, repeated)
+        return _write_one(out, cells, on_step, analysis, repeated, expected)
+    return _write_large(out, files, on_step, analysis, on_cell, repeated, expected)
 
 
 def _write_one(
@@ -69,6 +71,7 @@ def _write_one(
     on_step: Callable[[int, int], None],
     analysis: Sequence[Table],
     repeated: Sequence[Asked],
+    expected: Sequence[str],
 ) -> Path:
     views = {cell.id: record_views(cell) for cell in cells}
     used = sorted({v.frame for of_cell in views.values() for v in of_cell if v.frame is not None})
@@ -83,7 +86,7 @@ def _write_one(
     named = named_audits([out], (cell.facts for cell in cells))
     moved = compared([*answers_in(cells), *repeated])
     details = Details(views, pictures)
-    write_text(target, render(cells, details, audits, analysis, named, moved))
+    write_text(target, render(cells, details, audits, analysis, named, moved, expected))
     return target
 
 
@@ -94,6 +97,7 @@ def _write_large(
     analysis: Sequence[Table],
     on_cell: Callable[[CellData], None],
     repeated: Sequence[Asked],
+    expected: Sequence[str],
 ) -> Path:
     """Details of one cell after the other, so that memory holds one cell's pictures of words."""
     audits = audit_pages(out, (load_facts(file) for file in files))
@@ -113,7 +117,7 @@ def _write_large(
     cells = in_order(load_lightly(files, write))
     target = make_folder(out) / PAGE
     moved = compared([*changed, *repeated])
-    write_text(target, render(cells, None, audits, analysis, named, moved))
+    write_text(target, render(cells, None, audits, analysis, named, moved, expected))
     details.remove_others()
     return target
 

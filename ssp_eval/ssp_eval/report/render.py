@@ -495,6 +495,7 @@ def render(
     analysis: Sequence[Table] = (),
     named: Sequence[Audit] = (),
     moved: Moved | None = None,
+    expected: Sequence[str] = (),
 ) -> str:
     """The page as HTML.
 
@@ -504,6 +505,7 @@ def render(
         details: None: they lie in files beside the page, and its cells are browsed.
         named: the audits that the cells go by.
         moved: what moved the answers; None: nothing was asked with a cause changed.
+        expected: scenarios that the campaign was planned with.
     """
     cell_rows = rows_from_cells(cells)
     constants = constants_of_cells(cell_rows, cells)
@@ -526,7 +528,7 @@ def render(
             moved=moved_part(moved),
             most=MOST_NOTICES,
             version=__version__,
-            **_tables(cells, cell_rows, constants),
+            **_tables(cells, cell_rows, constants, expected),
             **drawn,
         )
     )
@@ -539,7 +541,10 @@ def _of_recordings(constants: Sequence[OfScenario]) -> dict[Place, float]:
 
 
 def _tables(
-    cells: list[CellData], rows: Sequence[CellRow], constants: Sequence[OfScenario]
+    cells: list[CellData],
+    rows: Sequence[CellRow],
+    constants: Sequence[OfScenario],
+    expected: Sequence[str],
 ) -> dict[str, Any]:
     """The tables that the files have too, and what must be known before reading them."""
     found = {table.name: table for table in all_tables([*rows, *constant_rows(constants)])}
@@ -557,7 +562,7 @@ def _tables(
     )
     seeing, answerers = found.get(SEEING), found.get(ANSWERERS)
     return {
-        "notices": notices(rows, cells),
+        "notices": notices(rows, cells, expected),
         "means": means,
         "means_notes": common,
         "folded": _FOLDED,

@@ -63,13 +63,17 @@ class Notice:
     everywhere: bool = False
 
 
-def notices(rows: Sequence[CellRow], cells: Sequence[CellData] = ()) -> list[Notice]:
+def notices(
+    rows: Sequence[CellRow], cells: Sequence[CellData] = (), expected: Iterable[str] = ()
+) -> list[Notice]:
     """Everything to be told, what stands under every table first.
 
     Args:
         cells: the cells behind the rows; none where only component scores are known.
+        expected: scenarios that the campaign was planned with.
     """
     found = [
+        *_of_plan(rows, expected),
         *_of_rows(rows),
         *_comparability(rows, cells),
         *_label_plans(rows, cells),
@@ -108,6 +112,15 @@ def stand_in_text(recordings: Sequence[str]) -> str:
     if not recordings:
         return ""
     return f"Physical is a software stand-in here, not a vehicle: {some(recordings)}."
+
+
+def _of_plan(rows: Sequence[CellRow], expected: Iterable[str]) -> Iterable[Notice]:
+    if absent := sorted(set(expected) - {row.scenario for row in rows}):
+        text = (
+            f"Missing: no model was asked about {some(absent)}, which this campaign was planned "
+            "with. Every mean is over the other scenarios."
+        )
+        yield Notice(LEFT_OUT, text, tuple(absent), everywhere=True)
 
 
 def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
