@@ -26,7 +26,7 @@ BROUGHT_BY = {
     "zstandard": "mcap",
 }
 # Extras of the project, imported only where they are installed.
-EXTRA = {"carla", "pyarrow", "ray"}
+EXTRA = {"carla", "ray"}
 OURS = {*PACKAGES, "ssp_core"}
 # A file is a topic.
 MOST_LINES = 650
@@ -207,7 +207,7 @@ def test_the_tests_add_packages_and_change_none() -> None:
     of_tests, of_all = pins("test.lock"), pins("requirements.lock")
     shared = of_tests.keys() & of_all.keys()
     assert {name: of_tests[name] for name in shared} == {name: of_all[name] for name in shared}
-    assert not {"mypy", "ruff", "ray", "pyarrow", "hypothesis"} & of_all.keys()
+    assert not {"mypy", "ruff", "ray", "hypothesis"} & of_all.keys()
 
 
 def test_every_place_names_the_same_versions_of_python() -> None:

@@ -269,7 +269,7 @@ def test_every_command_takes_a_bag_without_an_index(session, tmp_path, capsys):
         span = ("--start", f"{at(2)}ns", "--end", f"{at(5)}ns")
         assert main(["bag", "cut", str(bag), *span, "--out", str(tmp_path / name)]) == 0
         out = tmp_path / f"{name}_tables"
-        assert main(["bag", "export", str(bag), "--csv", "--parquet", "--out", str(out)]) == 0
+        assert main(["bag", "export", str(bag), "--csv", "--out", str(out)]) == 0
     with BagReader(tmp_path / "indexed") as ours, BagReader(tmp_path / "plain") as theirs:
         assert list(ours.messages()) == list(theirs.messages())
     tables = [file.relative_to(tmp_path / "plain_tables") for file in out.iterdir()]

@@ -24,7 +24,7 @@ from ssp_core.console import note, out, progress
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import new_folder
 from ssp_monitor.bag_tools.selection import chosen_span, chosen_topics, span_options
-from ssp_monitor.bag_tools.tables import CsvFile, Layout, ParquetFile, TableFile, layout_of
+from ssp_monitor.bag_tools.tables import CsvFile, Layout, layout_of
 
 Span = tuple[int | None, int | None]  # log times, ns
 
@@ -219,7 +219,7 @@ class Export:
     span: Span = (None, None)
     frames: str | None = None
     video: bool = False
-    tables: Sequence[type[CsvFile | ParquetFile]] = ()
+    tables: bool = False
     advance: Callable[[int], None] = lambda _: None
     report: ExportReport = field(default_factory=ExportReport)
 
@@ -229,7 +229,7 @@ class Export:
         Raises:
             InputError: the folder exists, the bag is damaged where it is read, or nothing in it
                 can be exported as it was asked for.
-            HostError: the disk doesn't take it, or pyarrow is missing for Parquet.
+            HostError: the disk doesn't take it.
         """
         files = FileNames()
         names = {topic: files.of(topic) for topic in self.topics}
@@ -286,7 +286,7 @@ class Export:
         else:
             images = image_topics(self.bag)
             can = f"images are in {_some(images)}" if images else "the bag holds no images"
-            can += "; --csv and --parquet export tables of any topic"
+            can += "; --csv exports a table of any topic"
         why = f": {'; '.join(self.report.notes[:3])}" if self.report.notes else ""
         return InputError(f"nothing to export{why}", file=self.bag.path, remedy=can)
 
@@ -320,13 +320,11 @@ class Export:
         """Tables in one pass."""
         damaged: Counter[str] = Counter()
         first: dict[str, str] = {}
-        tables: dict[str, dict[str, TableFile]] = {topic: {} for topic in layouts}
+        tables: dict[str, CsvFile] = {}
         with ExitStack() as stack:
             for topic, layout in layouts.items():
-                for kind in self.tables:
-                    name = f"{names[topic]}{kind.suffix}"
-                    tables[topic][name] = kind(folder / name, layout.columns)
-                    stack.callback(tables[topic][name].close)
+                tables[topic] = CsvFile(folder / f"{names[topic]}.csv", layout.columns)
+                stack.callback(tables[topic].close)
             for message in self.bag.messages(list(layouts), *self.span):
                 try:
                     decoded = self.bag.decode(message)
@@ -335,11 +333,10 @@ class Export:
                     first.setdefault(message.topic, str(error))
                     continue
                 for row in layouts[message.topic].rows(message, decoded):
-                    for table in tables[message.topic].values():
-                        table.write(row)
+                    tables[message.topic].write(row)
                 self.advance(1)
-        for topic, made in tables.items():
-            self.report.written += [Written(topic, n, t.rows, "rows") for n, t in made.items()]
+        for topic, table in tables.items():
+            self.report.written.append(Written(topic, f"{names[topic]}.csv", table.rows, "rows"))
         for topic, count in damaged.items():
             self.report.notes.append(
                 f"{topic}: {count} messages left out; the first: {first[topic]}"
@@ -361,7 +358,6 @@ def _some(topics: Iterable[str], most: int = 8) -> str:
 )
 @click.option("--video", is_flag=True, help="An MP4 per image topic, at the recorded times.")
 @click.option("--csv", is_flag=True, help="A table per topic as CSV.")
-@click.option("--parquet", is_flag=True, help="A table per topic as Parquet (needs pyarrow).")
 @click.option(
     "-o", "--out", "target", type=click.Path(path_type=Path), required=True, help="New folder."
 )
@@ -375,7 +371,6 @@ def export_command(
     frames: str | None,
     video: bool,
     csv: bool,
-    parquet: bool,
     target: Path,
     json_: bool,
 ) -> None:
@@ -384,8 +379,8 @@ def export_command(
     Tables have one row per message, or per item where a message is an array of messages; nested
     fields have dotted names, and times stand in ns and in s.
     """
-    if not (frames or video or csv or parquet):
-        raise click.UsageError("nothing to export: give --frames, --video, --csv or --parquet")
+    if not (frames or video or csv):
+        raise click.UsageError("nothing to export: give --frames, --video or --csv")
     with BagReader(source) as bag:
         span = chosen_span(bag, start, end)
         chosen = chosen_topics(bag, topics, exclude)
@@ -397,7 +392,7 @@ def export_command(
                 span,
                 f".{frames}" if frames else None,
                 video,
-                [CsvFile] * csv + [ParquetFile] * parquet,
+                csv,
                 lambda count: bar.advance(task, count),
             )
             report = export.into(target)

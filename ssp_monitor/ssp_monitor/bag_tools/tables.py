@@ -1,4 +1,4 @@
-"""The table of a message type: its columns, the rows of a message, and CSV and Parquet files."""
+"""The table of a message type: its columns, the rows of a message, and its CSV file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -16,7 +16,6 @@ from rosbags.typesys.store import Typestore
 
 from ssp_core.bag.types import BagMessage
 from ssp_core.clock import NS_PER_S
-from ssp_core.errors import HostError
 
 # A table with more isn't one that anybody reads.
 MOST_COLUMNS = 2000
@@ -25,27 +24,38 @@ _BYTES = ("uint8", "int8", "octet", "byte", "char")
 # A UUID has 16, an array that is data rather than a value has more.
 _FEW_BYTES = 32
 
-# Beside Arrow's own names: nanoseconds that are shown as seconds.
-SECONDS = "seconds"
-LIST = "list of "
+
+def _decimal_seconds(time_ns: int) -> str:
+    sign, rest = ("-", -time_ns) if time_ns < 0 else ("", time_ns)
+    return f"{sign}{rest // NS_PER_S}.{rest % NS_PER_S:09d}"
+
+
+# The text of a cell; a value whose column has None is written as `csv` writes it.
+Text = Callable[[Any], str] | None
+
+# float32 as the shortest text that means the same float32, not as the float64 it was read as.
+_TEXTS: dict[str, Text] = {
+    "float32": lambda value: str(np.float32(value)),
+    "bool": lambda value: "true" if value else "false",
+}
 
 
 class Column(NamedTuple):
-    """One column: name, Arrow's name of what it holds, how the value is got from a message."""
+    """One column: its name, the value of a message, and the text of a value in the file."""
 
     name: str
-    kind: str
     value: Callable[[Any], Any]
+    text: Text = None
 
 
-def _time_columns(name: str, kind: str, time_ns: Callable[[Any], int]) -> tuple[Column, Column]:
-    return Column(f"{name}_ns", kind, time_ns), Column(f"{name}_s", SECONDS, time_ns)
+def _time_columns(name: str, time_ns: Callable[[Any], int]) -> tuple[Column, Column]:
+    return Column(f"{name}_ns", time_ns), Column(f"{name}_s", time_ns, _decimal_seconds)
 
 
 _ABOUT: tuple[Column, ...] = (
-    *_time_columns("log_time", "uint64", attrgetter("log_time_ns")),
-    *_time_columns("publish_time", "uint64", attrgetter("publish_time_ns")),
-    Column("publish_sequence", "int64", attrgetter("sequence")),
+    *_time_columns("log_time", attrgetter("log_time_ns")),
+    *_time_columns("publish_time", attrgetter("publish_time_ns")),
+    Column("publish_sequence", attrgetter("sequence")),
 )
 
 
@@ -64,15 +74,15 @@ class Layout:
     left_out: tuple[str, ...]
 
     @property
-    def columns(self) -> dict[str, str]:
-        """What each column holds by its name, in order."""
-        index = [Column(f"{self.items}.index", "int64", len)] if self.items else []
+    def columns(self) -> dict[str, Text]:
+        """Map the name of each column to the text of its values, in order."""
+        index = [Column(f"{self.items}.index", len)] if self.items else []
         # A field may have the name of one of ours, or end in _ns beside a time.
-        unique: dict[str, str] = {}
-        for name, kind, _ in (*_ABOUT, *self.head, *index, *self.item):
+        unique: dict[str, Text] = {}
+        for name, _, text in (*_ABOUT, *self.head, *index, *self.item):
             while name in unique:
                 name += "_"
-            unique[name] = kind
+            unique[name] = text
         return unique
 
     def rows(self, message: BagMessage, decoded: Any) -> Iterator[list[Any]]:
@@ -121,7 +131,7 @@ class _Fields:
     left_out: list[str] = field(default_factory=list)
 
     def with_arrays(self) -> tuple[Column, ...]:
-        as_json = (Column(name, "string", _as_json(path)) for name, path, _ in self.arrays)
+        as_json = (Column(name, _as_json(path)) for name, path, _ in self.arrays)
         return (*self.columns, *as_json)
 
     def add(self, msgtype: str, prefix: str = "", within: str = "") -> None:
@@ -130,9 +140,9 @@ class _Fields:
         for own, (kind, what) in self.store.fielddefs[msgtype][1]:
             name, path = prefix + own, within + own
             if kind == Nodetype.BASE:
-                self.columns.append(Column(name, _arrow(what[0]), attrgetter(path)))
+                self.columns.append(Column(name, attrgetter(path), _TEXTS.get(what[0])))
             elif kind == Nodetype.NAME and what in _TIMES:
-                self.columns += _time_columns(name, "int64", _nanoseconds(attrgetter(path)))
+                self.columns += _time_columns(name, _nanoseconds(attrgetter(path)))
             elif kind == Nodetype.NAME:
                 self.add(what, f"{name}.", f"{path}.")
             else:
@@ -144,17 +154,13 @@ class _Fields:
         kind, what = items
         if kind == Nodetype.NAME and what in _TIMES:
             get, time_ns = attrgetter(path), _nanoseconds(lambda item: item)
-            self.columns.append(
-                Column(f"{name}_ns", f"{LIST}int64", lambda m: [*map(time_ns, get(m))])
-            )
+            self.columns.append(Column(f"{name}_ns", lambda m: [*map(time_ns, get(m))], json.dumps))
         elif kind != Nodetype.BASE:
             self.arrays.append((name, path, what))
         elif what[0] in _BYTES and not 0 < length <= _FEW_BYTES:
             self.left_out.append(name)
         else:
-            kind = _arrow(what[0])
-            kind = "float64" if kind == "float32" else kind
-            self.columns.append(Column(name, LIST + kind, _as_list(path)))
+            self.columns.append(Column(name, _as_list(path), json.dumps))
 
 
 def _nanoseconds(get: Callable[[Any], Any]) -> Callable[[Any], int]:
@@ -163,13 +169,6 @@ def _nanoseconds(get: Callable[[Any], Any]) -> Callable[[Any], int]:
         return int(time.sec) * NS_PER_S + int(time.nanosec)
 
     return time_ns
-
-
-def _arrow(base: str) -> str:
-    """Arrow's name of a base type."""
-    named = {"wstring": "string", "float128": "float64"}
-    own = ("bool", "string", "uint64", "float32", "float64")
-    return named.get(base, base if base in own else "int64")
 
 
 def _as_list(path: str) -> Callable[[Any], list[Any]]:
@@ -203,41 +202,12 @@ def _plain(value: Any) -> Any:
     return value
 
 
-class TableFile(Protocol):
-    """A table being written."""
-
-    rows: int
-
-    def write(self, row: Sequence[Any]) -> None:
-        """Appends one row, with a value or None for each column."""
-
-    def close(self) -> None:
-        """Writes what is left."""
-
-
-def _decimal_seconds(time_ns: int) -> str:
-    sign, rest = ("-", -time_ns) if time_ns < 0 else ("", time_ns)
-    return f"{sign}{rest // NS_PER_S}.{rest % NS_PER_S:09d}"
-
-
-# float32 as the shortest text that means the same float32, not as the float64 it was read as.
-_TEXTS: dict[str, Callable[[Any], str]] = {
-    "float32": lambda value: str(np.float32(value)),
-    "bool": lambda value: "true" if value else "false",
-    SECONDS: _decimal_seconds,
-}
-
-
 class CsvFile:
     """A CSV file with a head line; lists stand in a cell as JSON, seconds with all their digits."""
 
-    suffix = ".csv"
-
-    def __init__(self, path: Path, columns: dict[str, str]) -> None:
+    def __init__(self, path: Path, columns: dict[str, Text]) -> None:
         self.rows = 0
-        self._texts = [
-            json.dumps if kind.startswith(LIST) else _TEXTS.get(kind) for kind in columns.values()
-        ]
+        self._texts = list(columns.values())
         # What no UTF-8 can hold must not end the export.
         self._stream = path.open("w", encoding="utf-8", errors="backslashreplace", newline="")
         self._csv = csv.writer(self._stream, lineterminator="\n")
@@ -254,75 +224,3 @@ class CsvFile:
 
     def close(self) -> None:
         self._stream.close()
-
-
-# Cells of a Parquet file that wait in memory for the next row group.
-_GROUP_BYTES = 4 << 20
-_CELL_BYTES = 64
-
-
-class ParquetFile:
-    """A Parquet file with typed columns; seconds are float64, lists are lists.
-
-    Raises:
-        HostError: pyarrow is not installed.
-    """
-
-    suffix = ".parquet"
-
-    def __init__(self, path: Path, columns: dict[str, str]) -> None:
-        try:
-            import pyarrow as pa  # type: ignore[import-untyped]
-            import pyarrow.parquet as pq  # type: ignore[import-untyped]
-        except ModuleNotFoundError as error:
-            raise HostError(
-                "pyarrow is not installed, which Parquet needs; `pip install pyarrow` adds it, "
-                "and --csv does without"
-            ) from error
-
-        def arrow(kind: str) -> Any:
-            if kind.startswith(LIST):
-                return pa.list_(arrow(kind.removeprefix(LIST)))
-            return pa.float64() if kind == SECONDS else pa.type_for_alias(kind)
-
-        self.rows = 0
-        self._kinds = list(columns.values())
-        self._schema = pa.schema([(name, arrow(kind)) for name, kind in columns.items()])
-        self._array, self._table = pa.array, pa.Table
-        self._writer = pq.ParquetWriter(path, self._schema, compression="zstd")
-        self._clear()
-
-    def _clear(self) -> None:
-        self._waiting: list[list[Any]] = [[] for _ in self._kinds]
-        self._bytes = 0
-
-    def write(self, row: Sequence[Any]) -> None:
-        for value, kind, column in zip(row, self._kinds, self._waiting, strict=True):
-            column.append(_fitting(value, kind))
-            self._bytes += _CELL_BYTES + (8 * len(value) if hasattr(value, "__len__") else 0)
-        self.rows += 1
-        if self._bytes >= _GROUP_BYTES:
-            self._flush()
-
-    def _flush(self) -> None:
-        arrays = [
-            self._array(column, field.type)
-            for column, field in zip(self._waiting, self._schema, strict=True)
-        ]
-        self._writer.write_table(self._table.from_arrays(arrays, schema=self._schema))
-        self._clear()
-
-    def close(self) -> None:
-        if self._waiting[0]:
-            self._flush()
-        self._writer.close()
-
-
-def _fitting(value: Any, kind: str) -> Any:
-    if value is None:
-        return None
-    if kind == SECONDS:
-        return value / NS_PER_S
-    if kind == "string":  # what no UTF-8 can hold must not end the export
-        return value.encode("utf-8", "backslashreplace").decode()
-    return value
