@@ -9,8 +9,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from ssp_core import names
 from ssp_core.bag.metadata import offered_qos
@@ -35,9 +33,7 @@ from ssp_monitor.replay.plan import (
 )
 from ssp_monitor.replay.player import Lateness, MessageSource, Player, Progress, ReadAhead
 from ssp_monitor.replay.terminal import (
-    KEYS,
     ReplayOutcome,
-    parse_keys,
     plan_lines,
     progress_line,
 )
@@ -227,19 +223,6 @@ def test_without_a_word_in_the_bag_the_name_decides():
     assert offer_of("/ssp/vut/state", "{no list}") == PublisherQos()
 
 
-@given(st.text(st.sampled_from(["\x1b", "[", "C", "O", "s", "q", "+", "-", " ", "x", "A"])))
-def test_keys_are_found_among_anything(typed):
-    found = list(parse_keys(typed))
-    assert len(found) <= len(typed)
-    assert list(parse_keys(typed.replace("\x1b", ""))).count("quit") == typed.count("q")
-
-
-def test_every_key_is_understood_on_its_own_and_in_a_row():
-    assert list(parse_keys("".join(KEYS))) == list(KEYS.values())
-    assert all(hasattr(Player, command) for command in {*KEYS.values()} - {"quit"})
-    assert list(parse_keys("\x1b[A\x1b")) == []
-
-
 @pytest.fixture
 def bag(tmp_path):
     """Five latched and fifty other messages in five seconds."""
@@ -407,7 +390,7 @@ def test_a_paused_player_takes_steps_and_a_new_rate_and_ends_at_the_end(bag):
             player.set_rate(0.0)
         assert player.progress().rate == 1000.0
         assert not over.is_set()
-        player.toggle_paused()
+        player.resume()
         assert over.wait(600.0)
         player.stop()
     assert len(sent) == 55

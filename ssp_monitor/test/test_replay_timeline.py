@@ -20,8 +20,6 @@ from ssp_monitor.replay.player import (
     Send,
     Tick,
     Timeline,
-    faster,
-    slower,
 )
 
 times = st.integers(0, 10**15)
@@ -108,11 +106,6 @@ def test_a_rate_that_cannot_be_is_refused_and_changes_nothing(rate):
     line = Timeline(0, 0)
     with pytest.raises(ValueError, match="rate must be from"):
         line.set_rate(rate, 0)
-
-
-def test_rates_go_up_and_down_by_steps_and_end():
-    assert [faster(1.0), faster(2.0), faster(3.0), faster(FASTEST)] == [2.0, 5.0, 5.0, FASTEST]
-    assert [slower(1.0), slower(5.0), slower(3.0), slower(SLOWEST)] == [0.5, 2.0, 2.0, SLOWEST]
 
 
 @given(

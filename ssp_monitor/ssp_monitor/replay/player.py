@@ -161,10 +161,6 @@ class ReadAhead(Iterator[BagMessage]):
 
 
 SLOWEST, FASTEST = 0.01, 1000.0
-_RATES = (
-    *(base * power for power in (0.01, 0.1, 1.0, 10.0, 100.0) for base in (1.0, 2.0, 5.0)),
-    FASTEST,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,16 +212,6 @@ class Timeline:
     def moved_to(self, bag_ns: int) -> Timeline:
         """A paused timeline at another bag time; a timeline that runs stays as it is."""
         return replace(self, bag_ns=bag_ns) if self.paused else self
-
-
-def faster(rate: float) -> float:
-    """The next rate of 1, 2, 5, 10 and so on above this one."""
-    return next((known for known in _RATES if known > rate * 1.001), FASTEST)
-
-
-def slower(rate: float) -> float:
-    """The next rate of that row below this one."""
-    return next((known for known in reversed(_RATES) if known < rate * 0.999), SLOWEST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -484,18 +470,9 @@ class Player:
     def resume(self) -> None:
         self._command(lambda playback, now_ns: playback.set_paused(False, now_ns))
 
-    def toggle_paused(self) -> None:
-        self._command(lambda play, now_ns: play.set_paused(not play.timeline.paused, now_ns))
-
     def set_rate(self, rate: float) -> None:
         """Raises ValueError for a rate that can't be."""
         self._command(lambda playback, now_ns: playback.set_rate(rate, now_ns))
-
-    def faster(self) -> None:
-        self._command(lambda play, now_ns: play.set_rate(faster(play.timeline.rate), now_ns))
-
-    def slower(self) -> None:
-        self._command(lambda play, now_ns: play.set_rate(slower(play.timeline.rate), now_ns))
 
     def step(self) -> None:
         """One more message, then a pause."""

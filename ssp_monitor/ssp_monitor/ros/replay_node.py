@@ -1,4 +1,4 @@
-"""The node ``replay``: publishes a bag, listens to the keyboard and to its services."""
+"""The node ``replay``: publishes a bag and offers services that control it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import replace
 
 import click
@@ -31,13 +30,7 @@ from ssp_core.environment import adopt
 from ssp_core.errors import HostError
 from ssp_monitor.replay.plan import ReplayOptions, make_plan, session_signs
 from ssp_monitor.replay.player import MessageSource, Player
-from ssp_monitor.replay.terminal import (
-    HELP,
-    Keyboard,
-    ReplayOutcome,
-    plan_lines,
-    progress_line,
-)
+from ssp_monitor.replay.terminal import ReplayOutcome, plan_lines, progress_line
 from ssp_monitor.ros.conversions import message_class, profile_of, why_not_installed
 from ssp_monitor.ros.parameters import REPLAY
 
@@ -47,7 +40,7 @@ NODE = "replay"
 LOOK_S = 1.5
 COMMANDS_LOOK_S = 3.0
 WATCH_S = 1.0
-KEYS_S = 0.1
+PROGRESS_S = 0.1
 MATCH_S = 5.0
 WAIT_FOR_S = 30.0
 ACKNOWLEDGED_S = 3.0
@@ -72,8 +65,6 @@ class ReplayNode(Node):
         self._error: HostError | None = None
         self._plan = make_plan(reader.topics, wishes, why_not_installed)
         self._tape = MessageSource(reader, self._plan.lines, wishes)
-        self._keyboard = Keyboard()
-        self._stack = ExitStack()
         for line in plan_lines(self._plan):
             note(line)
         self._look()
@@ -97,9 +88,6 @@ class ReplayNode(Node):
             lambda before_ns, after_ns: note(f"{leap_text(before_ns, after_ns)}; skipped"),
         )
         self._offer_commands()
-        self._stack.enter_context(self._keyboard)
-        if self._keyboard.is_there:
-            note(HELP)
         if stop.reason is None:
             self.player.start()
 
@@ -173,7 +161,8 @@ class ReplayNode(Node):
         self.add_on_set_parameters_callback(self._set_parameters)
         # Steady: /clock may be paused, or be published by this very node.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(KEYS_S, self._each_moment, clock=steady)
+        if err.is_terminal:
+            self.create_timer(PROGRESS_S, self._show_progress, clock=steady)
         if not self._wishes.beside_session:
             self.create_timer(WATCH_S, self._watch, clock=steady)
 
@@ -202,14 +191,8 @@ class ReplayNode(Node):
             self.player.progress(), tape.bag_start_ns, tape.end_ns, len(self._plan.lines)
         )
 
-    def _each_moment(self) -> None:
-        for command in self._keyboard.pressed():
-            if command == "quit":
-                self._stop.set("quit")
-            else:
-                getattr(self.player, command)()
-        if err.is_terminal:
-            err.print(f"\r{self._line()}", end="\x1b[K", markup=False)
+    def _show_progress(self) -> None:
+        err.print(f"\r{self._line()}", end="\x1b[K", markup=False)
 
     def close(self) -> None:
         """Ends the replay and says how it went.
@@ -219,7 +202,6 @@ class ReplayNode(Node):
             InputError: the bag is damaged.
         """
         self.player.stop()
-        self._stack.close()
         until = time.monotonic() + ACKNOWLEDGED_S
         late = [
             line.topic
