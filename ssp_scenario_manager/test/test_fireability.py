@@ -1,4 +1,4 @@
-"""Conditions that can't come true in a run are refused at load, each with its field and reason."""
+"""Unknown ids, times that can't come and edges that can't be are refused at load, by field."""
 
 from __future__ import annotations
 
@@ -52,12 +52,6 @@ def found(mapping: dict[str, Any], *conditions: dict[str, Any], **of_first: Any)
     return cannot_fire(RunSpec.model_validate({**mapping, "triggers": triggers}))
 
 
-def add_walker(mapping: dict[str, Any], y_m: float = -8.0) -> None:
-    """ot2, which stands beside the road and has no motion of its own."""
-    start = {"x_m": 120.0, "y_m": y_m, "yaw_rad": 1.57}
-    mapping["targets"].append({"id": "ot2", "object_class": "pedestrian", "start": start})
-
-
 @pytest.mark.parametrize(
     "condition",
     [
@@ -72,8 +66,13 @@ def add_walker(mapping: dict[str, Any], y_m: float = -8.0) -> None:
         region("ot1", 200.0, 5.5),
         after(39.9),
         every(GAP, speed("vut", "above", 5.0), speed("vut", "below", 9.0), after(3.0)),
-        # One part is enough; the others may be out of reach.
-        either(speed("ot1", "above", 99.0), after(99.0), phase("trigger"), GAP),
+        # One part is enough.
+        either(after(99.0), GAP),
+        # What the traffic brings about isn't judged: the compiler simulates each plan.
+        speed("ot1", "above", 99.0),
+        region("ot1", 150.0, 0.0),
+        every(GAP, phase("trigger")),
+        TTC,
     ],
 )
 def test_what_may_fire_is_loaded(run_mapping: dict[str, Any], condition: dict[str, Any]) -> None:
@@ -89,51 +88,13 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
         {**HEADWAY, "object_id": "vut"},
         "triggers[0].condition.object_id: vut is no target of this run",
     ),
-    "too fast for the VUT": (
-        speed("vut", "above", 10.0),
-        "triggers[0].condition.value_mps: vut is never faster than 10 m/s",
-    ),
-    "too fast for the OT": (
-        speed("ot1", "above", 7.0),
-        "triggers[0].condition.value_mps: ot1 is never faster than 7 m/s",
-    ),
-    "slower than nothing": (
-        speed("vut", "below", 0.0),
-        "triggers[0].condition.value_mps: nothing is slower than 0 m/s",
-    ),
-    "region beside the path": (
-        region("vut", 200.0, 4.0),
-        "triggers[0].condition.polygon: vut comes no nearer than 2.0 m",
-    ),
-    "region beyond the path": (
-        region("ot1", 300.0, 3.5),
-        "triggers[0].condition.polygon: ot1 comes no nearer than 48.0 m",
-    ),
-    "region that only the own manoeuvre reaches": (
-        region("ot1", 150.0, 0.0),
-        "triggers[0].condition.polygon: ot1 comes no nearer than 1.5 m",
-    ),
-    "ttc of who stays in its lane": (
-        TTC,
-        "triggers[0].condition.object_id: ot1 stays beside the VUT's corridor, so that there is "
-        "no TTC",
-    ),
-    "phase that needs this trigger": (
-        every(GAP, phase("trigger")),
-        "triggers[0].condition.of[1].phase: trigger is never reached: no trigger of ot1, whose "
-        "manoeuvre it needs, fires without it",
-    ),
     "after the end": (
         after(40.0),
         "triggers[0].condition.after_s: 40 s is not before the end of the run (40 s)",
     ),
-    "two speeds at once": (
-        every(speed("ot1", "above", 5.0), GAP, speed("ot1", "below", 5.0)),
-        "triggers[0].condition: ot1 is never above 5 m/s and below 5 m/s at once",
-    ),
-    "anchor behind, nested": (
-        every(GAP, {**ARRIVAL, "anchor": (3.6, 0.0)}),
-        "triggers[0].condition.of[1].anchor: lies behind the VUT's start",
+    "after the end, nested": (
+        every(GAP, after(40.0)),
+        "triggers[0].condition.of[1].after_s: 40 s is not before the end of the run (40 s)",
     ),
 }
 
@@ -144,94 +105,11 @@ def test_what_cannot_fire_is_refused(run_mapping: dict[str, Any], name: str) -> 
     assert found(run_mapping, condition) == [says]
 
 
-def test_an_anchor_that_is_reached_too_late(run_mapping: dict[str, Any]) -> None:
-    run_mapping["end"] = {"at_latest_s": 6.6}
-    assert found(run_mapping, ARRIVAL) == [
-        "triggers[0].condition.anchor: the VUT isn't 3 s away from it before the end of the run "
-        "(6.6 s)"
-    ]
-    run_mapping["end"] = {"at_latest_s": 6.7}
-    assert found(run_mapping, ARRIVAL) == []
-
-
 def test_any_is_refused_with_the_reasons_of_all_its_parts(run_mapping: dict[str, Any]) -> None:
-    problems = found(run_mapping, either(after(50.0), speed("ot1", "above", 9.0)))
+    problems = found(run_mapping, either(after(50.0), every(GAP, after(60.0))))
     assert [p.split(": ")[0] for p in problems] == [
         "triggers[0].condition.of[0].after_s",
-        "triggers[0].condition.of[1].value_mps",
-    ]
-
-
-@pytest.mark.parametrize("condition", [GAP, HEADWAY, TTC])
-def test_an_object_that_is_never_ahead(
-    run_mapping: dict[str, Any], condition: dict[str, Any]
-) -> None:
-    ot1 = run_mapping["targets"][0]
-    ot1["start"] |= {"x_m": -60.0}
-    ot1["approach"]["path"] = [(-60.0, 3.5), (-1.0, 3.5)]
-    assert found(run_mapping, condition) == [
-        "triggers[0].condition.object_id: ot1 is never ahead of the VUT"
-    ]
-    ot1["start"] |= {"y_m": 0.0}
-    ot1["approach"]["path"] = [(-60.0, 0.0), (0.5, 0.0)]
-    assert found(run_mapping, condition) == []
-
-
-def test_one_trigger_may_make_another_possible(run_mapping: dict[str, Any]) -> None:
-    """The cut-in of t0 gives a TTC, brings ot1 into the VUT's lane and causes the phases."""
-    for condition in (TTC, region("ot1", 150.0, 0.0), phase("conflict")):
-        assert found(run_mapping, GAP, condition) == []
-
-
-def test_triggers_that_wait_for_each_other_are_both_refused(run_mapping: dict[str, Any]) -> None:
-    add_walker(run_mapping)
-    into = region("ot1", 150.0, 0.0)  # where only the first's manoeuvre takes ot1
-    walked = region("ot2", 120.0, 0.0)
-    walk = {"kind": "follow_path", "motion": {"path": [(120.0, -8.0), (120.0, 8.0)],
-                                               "cruise_mps": 1.4}}  # fmt: skip
-    first = run_mapping["triggers"][0]
-    run_mapping["initiator"] = "ot1"
-    run_mapping["triggers"] = [
-        {**first, "id": "a", "condition": walked},
-        {**first, "id": "b", "condition": into, "object_id": "ot2", "manoeuvre": walk},
-    ]
-    problems = cannot_fire(RunSpec.model_validate(run_mapping))
-    assert [p.split(":")[0] for p in problems] == [
-        "triggers[0].condition.polygon",
-        "triggers[1].condition.polygon",
-    ]
-    run_mapping["triggers"][0]["condition"] = GAP
-    assert cannot_fire(RunSpec.model_validate(run_mapping)) == []
-
-
-def test_a_speed_that_is_not_left_again(run_mapping: dict[str, Any]) -> None:
-    """From 5 s on ot1 drives 7 m/s, and comes to its path's end after the run's."""
-    run_mapping["end"] = {"at_latest_s": 29.0}
-    slow = speed("ot1", "below", 5.0)
-    assert found(run_mapping, slow, not_before_s=5.0) == [
-        "triggers[0].condition.value_mps: ot1 has no motion that makes it slower than that again"
-    ]
-    assert found(run_mapping, slow, edge="rising") != []
-    assert found(run_mapping, slow, not_before_s=1.0) == []
-    assert found(run_mapping, slow, GAP, not_before_s=5.0) != []  # its lane change drives 6 m/s
-    assert found(run_mapping, speed("ot1", "below", 6.5), GAP, not_before_s=5.0) == []
-    run_mapping["end"] = {"at_latest_s": 31.0}
-    assert found(run_mapping, slow, not_before_s=5.0) == []
-
-
-def test_who_never_gets_so_fast_does_not_become_slower(run_mapping: dict[str, Any]) -> None:
-    assert found(run_mapping, speed("ot1", "below", 8.0), edge="rising") == [
-        "triggers[0].condition.value_mps: ot1 is always slower, never faster than 7 m/s"
-    ]
-
-
-def test_a_driver_from_outside_may_drive_as_fast_as_the_site_allows(
-    run_mapping: dict[str, Any],
-) -> None:
-    run_mapping["driver"]["external"] = True
-    assert found(run_mapping, speed("vut", "above", 14.9)) == []
-    assert found(run_mapping, speed("vut", "above", 15.0)) == [
-        "triggers[0].condition.value_mps: vut is never faster than 15 m/s"
+        "triggers[0].condition.of[1].of[1].after_s",
     ]
 
 
@@ -241,7 +119,7 @@ def test_a_driver_from_outside_may_drive_as_fast_as_the_site_allows(
         (after(0.0), "rising", "rising, but it holds all the while from the first state on"),
         (either(GAP, after(0.0)), "falling", "falling, but it holds all the while from the first"),
         (after(3.0), "falling", "falling, but times and phases don't cease to hold"),
-        (speed("ot1", "below", 15.1), "rising", "ot1 is always slower"),
+        (speed("ot1", "below", 15.1), "rising", "holds all the while"),
         (every(speed("ot1", "below", 15.1)), "falling", "holds all the while"),
     ],
 )
