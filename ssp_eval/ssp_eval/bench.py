@@ -20,7 +20,7 @@ from ssp_core.errors import HostError, PeerError
 
 # In the order in which the data flow.
 BENCHMARKS = (
-    "topology", "wire", "consistency", "dispatch", "iso", "sil", "sil_in_process", "adaptation",
+    "topology", "wire", "consistency", "dispatch", "iso", "sil", "sil_in_process",
     "recorder", "recording", "seek", "replay", "memory", "scoring", "analysis", "extraction",
     "page", "report_page", "growth",
 )  # fmt: skip

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from collections.abc import Iterator
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -16,49 +11,37 @@ from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run.in_process import InProcessSession, run_in_process
 from ssp_scenario_manager.session import outbox
+from tests.support.adaptation import (
+    NOISE,
+    TOLERANCE_S,
+    Case,
+    Scenario,
+    case_of,
+    measure_case,
+    run_of,
+    specified_gap_s,
+)
 
-BENCH = Path(__file__).parents[1] / "bench"
 # Seeds whose VUT is far enough off to tell with from without.
-SEEDS = {"cut_in": (4, 8), "vru_crossing": (0, 3)}
-
-
-@pytest.fixture(scope="module")
-def study() -> Iterator[ModuleType]:
-    """tests/bench/adaptation.py."""
-    sys.path.insert(0, str(BENCH))
-    try:
-        spec = importlib.util.spec_from_file_location("bench_adaptation", BENCH / "adaptation.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module
-        spec.loader.exec_module(module)
-        yield module
-    finally:
-        sys.path.remove(str(BENCH))
-        sys.modules.pop("bench_adaptation", None)
+SEEDS: dict[Scenario, tuple[int, int]] = {"cut_in": (4, 8), "vru_crossing": (0, 3)}
 
 
 @pytest.mark.parametrize("scenario", SEEDS)
-def test_the_time_gap_holds_with_adaptation_and_does_not_without(
-    study: ModuleType, scenario: str
-) -> None:
-    gap_s = study.specified_gap_s(scenario)
-    adapted = [study.measure_case(scenario, gap_s, True, seed) for seed in SEEDS[scenario]]
-    fixed = [study.measure_case(scenario, gap_s, False, seed) for seed in SEEDS[scenario]]
+def test_the_time_gap_holds_with_adaptation_and_does_not_without(scenario: Scenario) -> None:
+    gap_s = specified_gap_s(scenario)
+    adapted = [measure_case(scenario, gap_s, True, seed) for seed in SEEDS[scenario]]
+    fixed = [measure_case(scenario, gap_s, False, seed) for seed in SEEDS[scenario]]
     assert [r.verdict for r in adapted] == ["valid"] * len(adapted)
     assert all(r.right_order for r in adapted)
-    assert max(abs(r.error_s) for r in adapted) <= study.TOLERANCE_S
-    assert max(abs(r.error_s) for r in fixed) > study.TOLERANCE_S
+    assert max(abs(r.error_s) for r in adapted) <= TOLERANCE_S
+    assert max(abs(r.error_s) for r in fixed) > TOLERANCE_S
     assert all(r.adapted > 0 for r in adapted)
     assert all(r.adapted == 0 for r in fixed)
 
 
-def with_links(study: ModuleType, wish: dict[str, Any], links: LinkDisturbance) -> RunSpec:
+def with_links(wish: dict[str, Any], links: LinkDisturbance) -> RunSpec:
     """A crossing whose VUT is too slow, adapted as wished, over disturbed links of the OT."""
-    run: RunSpec = study.run_of(
-        "vru_crossing", study.Case(1, 0.85, 0.95, 0.5), 1.0, LinkDisturbance()
-    )
+    run = run_of("vru_crossing", Case(1, 0.85, 0.95, 0.5), 1.0, LinkDisturbance())
     trigger = run.triggers[0]
     assert trigger.adaptation is not None
     adaptation = trigger.adaptation.model_copy(update=wish)
@@ -79,10 +62,10 @@ def with_links(study: ModuleType, wish: dict[str, Any], links: LinkDisturbance) 
     ],
 )
 def test_slow_and_lossy_links_end_no_run_at_twenty_hertz(
-    study: ModuleType, links: LinkDisturbance, lead_s: float
+    links: LinkDisturbance, lead_s: float
 ) -> None:
     wish = {"rate_hz": 20.0, "dead_band_s": 0.0, "lead_time_s": lead_s}
-    run = with_links(study, wish, links)
+    run = with_links(wish, links)
     trigger = run.triggers[0].model_copy(update={"lead_time_s": 0.4})
     result, _ = run_in_process(run.model_copy(update={"triggers": [trigger]}))
     assert (result.verdict, result.reasons) == (Verdict.VALID, ())
@@ -90,13 +73,13 @@ def test_slow_and_lossy_links_end_no_run_at_twenty_hertz(
     assert result.passing.time_gap_s == pytest.approx(1.0, abs=0.15)
 
 
-def test_a_link_that_is_too_slow_ends_the_adaptation_and_not_the_run(study: ModuleType) -> None:
+def test_a_link_that_is_too_slow_ends_the_adaptation_and_not_the_run() -> None:
     """Adapted references come too late whatever their lead; the manoeuvre itself doesn't."""
     from ssp_core.world.plant import make_plant
 
     wish = {"lead_time_s": 0.02, "rate_hz": 20.0}
     links = LinkDisturbance(command_delay_s=0.42, state_delay_s=0.02)
-    run = with_links(study, wish, links)
+    run = with_links(wish, links)
     trigger = run.triggers[0].model_copy(update={"lead_time_s": 0.6})
     limits = run.limits.model_copy(update={"ack_s": 1.0, "heartbeat_s": 1.0})
     run = run.model_copy(update={"triggers": [trigger], "limits": limits})
@@ -112,9 +95,9 @@ def test_a_link_that_is_too_slow_ends_the_adaptation_and_not_the_run(study: Modu
     assert sum(r.purpose == "adapted" for r in session.of_kind(Reference)) < 40
 
 
-def test_the_adapted_references_are_the_same_in_every_run(study: ModuleType) -> None:
-    gap_s = study.specified_gap_s("vru_crossing")
-    run = study.run_of("vru_crossing", study.case_of(3), gap_s, study.NOISE)
+def test_the_adapted_references_are_the_same_in_every_run() -> None:
+    gap_s = specified_gap_s("vru_crossing")
+    run = run_of("vru_crossing", case_of(3), gap_s, NOISE)
     first, second = run_in_process(run)[1], run_in_process(run)[1]
     assert first.arrived("ot1") == second.arrived("ot1")
     assert any(s.reference_id == "ot1-3" for s in first.arrived("ot1"))

@@ -1,11 +1,8 @@
-"""Does conflict timing hold when the VUT isn't as fast as planned? With and without adaptation.
+"""Seeded sessions in one process whose VUT isn't as fast as planned, with and without adaptation.
 
-    python adaptation.py [--seeds N] [--jobs N]
-
-Each run is a whole session in one process, with everything that a session has. The VUT doesn't
-respond: its cruise speed is off by a seeded share of up to 20 % from the start, and by another one
-some time after the trigger. States and references pass links that delay and lose them, and are
-noisy. The time gap and the passing order are measured on the true states (METHOD 1).
+The VUT doesn't respond: its cruise speed is off by a seeded share of up to 20 % from the start, and
+by another one some time after the trigger. States and references pass links that delay and lose
+them, and are noisy. The time gap and the passing order are measured on the true states (METHOD 1).
 
 The runs are the shipped ones with room to adapt in: the trigger fires earlier by as much as the
 manoeuvre waits longer (cut_in), or as the gap is longer (vru_crossing: at the shipped one, a VUT
@@ -14,17 +11,13 @@ that doesn't respond hits the pedestrian). The specified gap is that of the run 
 
 from __future__ import annotations
 
-import argparse
 import math
-import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from measure import LONG, report
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline
@@ -63,7 +56,6 @@ CHANGES_S = (0.3, 2.0)
 # How quickly it changes, m/s^2.
 CHANGE_MPS2 = 1.2
 TOLERANCE_S = 0.15
-ASKED_SHARE = 0.95
 NOISE = LinkDisturbance(
     state_delay_s=0.04,
     state_loss=0.01,
@@ -354,97 +346,3 @@ def measure_case(scenario: Scenario, gap_s: float, adapt: bool, seed: int) -> Re
         result.verdict.name.lower(),
         result.reasons,
     )
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of the table."""
-
-    scenario: Scenario
-    adapted: bool
-    gap_s: float
-    results: tuple[Result, ...]
-
-    @property
-    def errors_s(self) -> list[float]:
-        """Sizes of the errors, ascending."""
-        return sorted(abs(r.error_s) for r in self.results)
-
-    def percentile_s(self, share: float) -> float:
-        """Size of the error that this share of the runs doesn't pass, by the nearest rank."""
-        errors = self.errors_s
-        return errors[min(len(errors) - 1, max(0, math.ceil(share * len(errors)) - 1))]
-
-    @property
-    def share_within(self) -> float:
-        return sum(e <= TOLERANCE_S for e in self.errors_s) / len(self.results)
-
-    @property
-    def wrong_orders(self) -> int:
-        return sum(not r.right_order for r in self.results)
-
-
-def study(seeds: int, jobs: int) -> list[Row]:
-    """Every scenario, without and with adaptation."""
-    rows = []
-    with ProcessPoolExecutor(max_workers=jobs) as pool:
-        for scenario in SCENARIOS:
-            gap_s = specified_gap_s(scenario)
-            for adapt in (False, True):
-                one = partial(measure_case, scenario, gap_s, adapt)
-                rows.append(Row(scenario, adapt, gap_s, tuple(pool.map(one, range(seeds)))))
-                print(f"{scenario} {'with' if adapt else 'without'}", file=sys.stderr)
-    return rows
-
-
-def table(rows: Sequence[Row]) -> str:
-    """The table as Markdown."""
-    lines = [
-        "| scenario | adaptation | specified gap | median error | 95 % are within "
-        f"| within {TOLERANCE_S} s | wrong order | adapted references | valid runs |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        n = len(row.results)
-        sent = sum(r.adapted for r in row.results) / n
-        valid = sum(r.verdict == "valid" for r in row.results)
-        lines.append(
-            f"| {row.scenario} | {'with' if row.adapted else 'without'} | {row.gap_s:.2f} s "
-            f"| {row.percentile_s(0.5):.3f} s | {row.percentile_s(0.95):.3f} s "
-            f"| {round(row.share_within * n)} of {n} | {row.wrong_orders} | {sent:.1f} | {valid} |"
-        )
-    return "\n".join(lines)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, default=100 if LONG else 10)
-    parser.add_argument("--jobs", type=int, default=2)
-    asked = parser.parse_args()
-    rows = study(asked.seeds, asked.jobs)
-    print(table(rows), flush=True)
-    for without, adapted in zip(rows[::2], rows[1::2], strict=True):
-        report(
-            f"adaptation: {adapted.scenario}, within {TOLERANCE_S} s",
-            adapted.share_within,
-            None,
-            "1",
-            f"{len(adapted.results)} runs; median {adapted.percentile_s(0.5):.3f} s, 95 % within "
-            f"{adapted.percentile_s(0.95):.3f} s; without adaptation {without.share_within:.2f}, "
-            f"{without.percentile_s(0.5):.3f} s and {without.percentile_s(0.95):.3f} s",
-            lower=False,
-            limit=ASKED_SHARE,
-        )
-        report(
-            f"adaptation: {adapted.scenario}, wrong order",
-            float(adapted.wrong_orders),
-            None,
-            "runs",
-            f"without adaptation {without.wrong_orders}",
-            lower=True,
-            limit=0.0,
-        )
-
-
-if __name__ == "__main__":
-    main()
