@@ -603,12 +603,6 @@ def test_what_another_centre_sent_isnt_driven() -> None:
     assert (other.monr.state, other.monr.speed_mps) == (ControlState.RUNNING, 0.0)
 
 
-def test_a_trajectory_of_its_own_is_driven() -> None:
-    played = IsoObject(rules_of(), T0, Datum(PLACE), TRAJ)
-    centre = started_without_a_trajectory(Centre(played))
-    assert centre.played.body.speed_mps > 3.0
-
-
 # -- whatever comes -------------------------------------------------------------------------------
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from ssp_core.cli import main
 from ssp_core.errors import HostError, InputError
@@ -183,14 +184,12 @@ def test_a_file_that_is_no_trajectory_is_refused(tmp_path: Path, text: str, culp
 @pytest.mark.parametrize(
     ("options", "status", "culprit"),
     [
-        (["--port", "1"], 2, "must have a port below it"),
-        (["--run", "."], 1, "run.yaml"),
-        (["--run", ".", "--class", "car"], 2, "--class and --start are the run's"),
-        (["--trajectory", "nowhere.csv"], 1, "nowhere.csv"),
-        (["--fault", "moon"], 1, "--fault"),
-        (["--object", "Ö"], 1, "--object"),
-        (["--start", "nan", "0", "0"], 1, "x_m"),
-        (["--log", "nowhere/log.csv"], 1, "can't be written"),
+        (["--run", "run.yaml", "--port", "1"], 2, "must have a port below it"),
+        (["--run", "nowhere"], 1, "nowhere"),
+        ([], 2, "Missing option '--run'"),
+        (["--run", "run.yaml", "--fault", "moon"], 1, "--fault"),
+        (["--run", "run.yaml", "--object", "Ö"], 1, "--object"),
+        (["--run", "run.yaml", "--log", "nowhere/log.csv"], 1, "can't be written"),
     ],
 )
 def test_wrong_options_are_named(
@@ -200,7 +199,9 @@ def test_wrong_options_are_named(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
+    run_mapping: Callable[..., dict[str, Any]],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    Path("run.yaml").write_text(yaml.safe_dump(run_mapping()))
     assert main(["iso", "object", *options]) == status
     assert culprit in " ".join(capsys.readouterr().err.split())

@@ -119,7 +119,6 @@ class IsoObject:
 
     Args:
         datum: of frame map; None: nobody knows, and the frame of the centre's OSEM is frame map.
-        trajectory: one that it holds from the beginning, as a TRAJ that came.
 
     Attributes:
         body: where the object is.
@@ -132,7 +131,6 @@ class IsoObject:
         rules: ObjectRules,
         now_ns: int,
         datum: Datum | None = None,
-        trajectory: Traj | None = None,
     ) -> None:
         self.object_id = rules.spec.id
         self.body = BodyState.at_rest(rules.spec.start.pose)
@@ -166,11 +164,6 @@ class IsoObject:
         self._moved_ns = now_ns - _STOOD_NS
         self._new_rules = False
         self._target = self._new_target(rules)
-        if trajectory is not None:
-            refused = self._on_traj(trajectory)
-            if refused is not None:
-                self._note(f"its own trajectory is refused: {refused.text}")
-        self._held = self._plan
 
     # -- the control centre --------------------------------------------------------------------
 
@@ -202,7 +195,7 @@ class IsoObject:
         self._osem = self._heard_ns = None
         self._tight, self.closes = self._rules, False
         # What another centre sent is not driven for this one.
-        self._plan, self._plan_refused = self._held, False
+        self._plan, self._plan_refused = None, False
         self._note(f"{host} is connected")
         return True
 
@@ -300,9 +293,9 @@ class IsoObject:
 
     def _on_traj(self, traj: Traj) -> Refused | None:
         running = self._target.state is ControlState.RUNNING
-        if self._host is not None and self._osem is None:
+        if self._osem is None:
             return not_now("there was no OSEM")
-        if running and (self._osem is None or self._osem.test_mode != OsemTestMode.ONLINE):
+        if running and self._osem.test_mode != OsemTestMode.ONLINE:
             return not_now("trajectories aren't taken while it runs, test_mode isn't ONLINE")
         if not running and self._target.state not in _BEFORE_START:
             return not_now(f"trajectories aren't taken in {self.state.name}")

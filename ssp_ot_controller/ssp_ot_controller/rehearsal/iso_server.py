@@ -14,7 +14,6 @@ import click
 from ssp_core.errors import HostError
 from ssp_core.files import Closing
 from ssp_core.run_file.model import RunSpec
-from ssp_ot_controller.bodies.iso22133.messages import Traj
 from ssp_ot_controller.objects.rules import ObjectRules
 from ssp_ot_controller.rehearsal.iso_faults import FaultyObject
 from ssp_ot_controller.rehearsal.iso_object import STEP_S, IsoObject
@@ -214,12 +213,10 @@ class PlayedIsoObjects(Closing):
         self._log.close()
 
 
-def object_of_run(
-    run: RunSpec, object_id: str, now_ns: int, trajectory: Traj | None = None
-) -> IsoObject:
-    """An object target of a run, judged by the run's limits and fence."""
+def object_of_run(run: RunSpec, object_id: str, now_ns: int) -> IsoObject:
+    """Make an object target of a run, with the run's limits and fence."""
     spec = next(t for t in run.targets if t.id == object_id)
     fence = tuple(run.geofence)
     rules = ObjectRules(spec, run.limits, fence, STEP_S, run.event_version)
     datum = None if run.datum is None else run.datum.datum
-    return IsoObject(rules, now_ns, datum, trajectory)
+    return IsoObject(rules, now_ns, datum)
