@@ -1,6 +1,7 @@
 """METHOD 6.13: means, ranks, changes of rank, relative differences."""
 
 import random
+from dataclasses import fields
 
 import pytest
 from hypothesis import given, settings
@@ -19,7 +20,8 @@ from ssp_eval.score.aggregate import (
     ranks,
     relative_difference,
 )
-from ssp_eval.score.metrics import METRIC_NAMES
+from ssp_eval.score.metrics import METRIC_NAMES, CellMetrics
+from ssp_eval.statistics.rows import GIVEN, Scores
 from ssp_eval.statistics.tables import uneven
 
 
@@ -162,3 +164,9 @@ def test_a_subject_that_a_scenario_lacks_has_no_change_of_rank():
 def test_relative_difference(value, reference, expected):
     result = relative_difference(value, reference)
     assert result is None if expected is None else result == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_written_fields_are_the_metrics_of_the_table():
+    of_cell = [field.name for field in fields(CellMetrics)]
+    assert of_cell == ["n", "matched", *METRIC_NAMES, "semantic_denominator", "cia_denominator"]
+    assert tuple(field.name for field in fields(Scores)) == GIVEN

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, make_dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -174,24 +174,35 @@ def exact_totals(column: Numbers, start: Whole) -> Numbers:
 
 
 _DENOMINATORS = ("semantic", "cia")
-_WHOLE = ("n", "matched", *(f"{name}_denominator" for name in _DENOMINATORS))
-_FIELDS = ("n", "matched", *METRIC_NAMES, *_WHOLE[2:])
 
 
-class CellMetrics(
-    make_dataclass(  # type: ignore[misc]  # its fields are the metrics
-        "CellMetrics",
-        [(name, int if name in _WHOLE else float | None) for name in _FIELDS],
-        frozen=True,
-    )
-):
+@dataclass(frozen=True)
+class CellMetrics:
     """The metrics of a cell by the keys of METHOD 6.14; None where a denominator is 0.
 
-    Beside them ``n``, ``matched``, ``semantic_denominator`` and ``cia_denominator``.
+    The fields between ``matched`` and the denominators are those of METRICS, in their order.
     """
 
+    n: int
+    matched: int
+    jovr: float | None
+    sem_cov: float | None
+    sem_acc_cond: float | None
+    sem_acc_eff: float | None
+    sem_acc_soft: float | None
+    cia_eff: float | None
+    act_acc_eff: float | None
+    stfr: float | None
+    tqsr: float | None
+    atc_eff: float | None
+    rsr: int
+    rl_s: float | None
+    ivcs: float | None
+    semantic_denominator: int
+    cia_denominator: int
+
     def to_json(self) -> dict[str, Any]:
-        """The score output of METHOD 6.14: its keys, in its order, nothing rounded."""
+        """Give the score output of METHOD 6.14: its keys, in its order, nothing rounded."""
         return {
             **{name: getattr(self, name) for name in ("n", "matched", *METRIC_NAMES)},
             "denominators": {n: getattr(self, f"{n}_denominator") for n in _DENOMINATORS},

@@ -7,7 +7,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, make_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -39,12 +39,26 @@ OTHER_LABELS = "not comparable: labels at other places of the phases in other do
 GIVEN = tuple(name for name in METRIC_NAMES if name != "ivcs")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Scores:
+    """The metrics of GIVEN, in their order; None where one is null or not known."""
+
+    jovr: float | None = None
+    sem_cov: float | None = None
+    sem_acc_cond: float | None = None
+    sem_acc_eff: float | None = None
+    sem_acc_soft: float | None = None
+    cia_eff: float | None = None
+    act_acc_eff: float | None = None
+    stfr: float | None = None
+    tqsr: float | None = None
+    atc_eff: float | None = None
+    rsr: float | None = None
+    rl_s: float | None = None
+
+
 @dataclass(frozen=True)
-class CellRow(
-    make_dataclass(  # type: ignore[misc]  # its scores are the metrics
-        "Scores", [(name, float | None, None) for name in GIVEN], frozen=True, kw_only=True
-    )
-):
+class CellRow(Scores):
     """One cell, scenario × domain × model, with its scores by the keys of METHOD 6.14.
 
     A score is None where it is null or not known. RSR is 1 or 0; where several runs of a cell are
