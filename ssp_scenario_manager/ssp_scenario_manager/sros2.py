@@ -34,7 +34,7 @@ _LIFECYCLE = (
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """What one node may do; topics and services are relative to /ssp, or absolute.
+    """The rights of one node; topics and services are relative to /ssp, or absolute.
 
     Args:
         enclave: of its host.
@@ -58,7 +58,7 @@ class Rights:
 
 
 def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
-    """By node name, for the objects of a run.
+    """List the rights by node name, for the objects of a run.
 
     Args:
         run: in mode live.

@@ -29,7 +29,9 @@ _MOST_ROWS = 25
 
 
 def _login_name() -> str | None:
-    """Who is logged in, None where nobody has a name (a container's bare user id)."""
+    """Return the name of the user who is logged in, None where there is none (a container's bare
+    user id).
+    """
     try:
         return getpass.getuser()
     except (OSError, KeyError):
@@ -133,7 +135,7 @@ def _default_folder(compiled: Compiled) -> Path:
 
 
 def _refused(error: NotChosen | EventRefused, as_json: bool) -> None:
-    """What was found out before the refusal; the message itself comes from the command line."""
+    """Print what was found before the refusal; the message itself comes from the command line."""
     if isinstance(error, NotChosen):
         if as_json:
             scores = [score.model_dump(mode="json") for score in error.scores]

@@ -72,7 +72,7 @@ def check(files: tuple[str, ...], as_json: bool) -> int:
 
 
 def _report(name: str) -> dict[str, Any]:
-    """What is to be said about one file; one that can't be read has an error."""
+    """Report on one file; one that can't be read has an error."""
     report: dict[str, Any] = {"file": name, "ok": False, "version": None, "error": None}
     try:
         value, path = read_event_file(name)
@@ -101,7 +101,7 @@ def _print_report(report: dict[str, Any]) -> None:
 
 
 def _print_group(group: Sequence[Failure], file: str) -> None:
-    """What one action mends, said once; `--json` has every failure by itself."""
+    """Print once the failures that one action mends; `--json` has every failure by itself."""
     first = group[0]
     fields = [failure.field for failure in group]
     said = {name: getattr(first, name) for name in ("evidence", "reason", "origin", "remedy")}

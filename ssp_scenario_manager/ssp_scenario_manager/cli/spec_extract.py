@@ -315,7 +315,7 @@ def _finish(reviewed: EventUnderReview, end: End) -> int:
 
 
 def _promoted(reviewed: EventUnderReview) -> Path:
-    """Where the K* stands: a candidate's own file keeps its name, the K* gets its."""
+    """Name the file of the K*: a candidate's own file keeps its name, the K* gets its own."""
     if not reviewed.path.name.endswith(_CANDIDATE):
         return reviewed.path
     path = reviewed.path.with_name(f"{_stem(reviewed.path)}.event.yaml")

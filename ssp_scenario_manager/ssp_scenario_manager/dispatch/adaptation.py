@@ -1,4 +1,4 @@
-"""When and how an object target's manoeuvre is adapted to a VUT of another speed."""
+"""The adaptation of an object target's manoeuvre to a VUT of another speed."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ MOST_LEAD_S = 0.4
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What follows from one state of the VUT.
+    """The consequence of one state of the VUT.
 
     Args:
         pace: to be sent; None: all stays as it is.
@@ -146,7 +146,9 @@ class AdaptedManoeuvre:
             self.pace = self.taken
 
     def _wrong_order(self, track: VutTrack) -> str:
-        """Who will wrongly arrive first whatever is done, once this isn't just noise."""
+        """Name the participant that will wrongly arrive first whatever is done, once this isn't
+        just noise.
+        """
         if self._settled:
             return ""
         object_ns = self.pace.reached_ns(self.planned_motion.arrival_s)
@@ -165,7 +167,7 @@ class AdaptedManoeuvre:
         return f"{who} would be {ahead_s:.2f} s too early for the passing order"
 
     def _why_over(self, track: VutTrack, now_ns: int) -> str:
-        """Why it is over, empty while it isn't."""
+        """Give the reason why the adaptation is over, empty while it isn't."""
         wish, braking = self._wish, -track.acceleration_mps2
         decisive_ns = self.pace.reached_ns(self._decisive_s)
         if decisive_ns <= now_ns + seconds_to_ns(wish.freeze_s):
@@ -187,7 +189,7 @@ class AdaptedManoeuvre:
         return now_ns - self._braking_ns < seconds_to_ns(SUSPICION_S)
 
     def _due_ns(self, track: VutTrack, size: Size) -> float:
-        """When the decisive instant must be, for the gap to be as specified; inf: never."""
+        """Compute the time of the decisive instant that gives the specified gap; inf: never."""
         zone, gap_ns = self.planned_motion.zone, self._wish.gap_s * NS_PER_S
         if self._wish.first == "initiator":
             return arrival_ns(track, self._conflict_m) - gap_ns
@@ -269,7 +271,9 @@ class AdaptedManoeuvre:
         )
 
     def _stops_inside(self, played: FloatArray, planned: FloatArray) -> bool:
-        """Where it is faster than planned; where it isn't, the object has found that it does."""
+        """Tell whether it stops inside the fence where it is faster than planned; the object
+        checks the rest.
+        """
         at = planned[4, -(played.shape[1] - 1) :] if played.shape[1] > 1 else planned[4, :0]
         faster = played[:, 1:][:, played[4, 1:] > at + _SAME_SPEED_MPS]
         if faster.shape[1] == 0:

@@ -67,7 +67,8 @@ def out_of_fence(
     now_ns: int,
     fence: Sequence[tuple[float, float]],
 ) -> Reference:
-    """From where the object will be straight ahead until it is outside the fence, and a stop there.
+    """Make a reference straight ahead from the object's next place to beyond the fence, with a stop
+    there.
 
     Args: as for ``stale``, and the fence, m, frame map.
     """

@@ -83,7 +83,7 @@ def planned_motion_of(
     vut: ParticipantSpec,
     path: Polyline,
 ) -> PlannedMotion | None:
-    """Where and when a manoeuvre meets the VUT's corridor, None where it doesn't come into it.
+    """Find where and when a manoeuvre meets the VUT's corridor, None where it doesn't come into it.
 
     Args:
         current: the reference that is driven until the manoeuvre begins; None: it stands.
@@ -120,7 +120,9 @@ def planned_motion_of(
 def _until_it_left(
     columns: FloatArray, target: ParticipantSpec, half_m: float, path: Polyline
 ) -> tuple[FloatArray, FloatArray]:
-    """As ``_clearance``, of no more points than it takes to see it come in and leave."""
+    """Compute ``_clearance`` for no more points than it takes to see the object come in and
+    leave.
+    """
     clearance, heading = np.empty(0), np.empty(0)
     count = int(np.searchsorted(columns[0], _LOOKED_AT_S, side="right"))
     for i in range(0, count, _PIECE):
@@ -294,7 +296,7 @@ class _Leg:
         )
 
     def over(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As ``at``, for an array of times; shape (n,) each."""
+        """Evaluate ``at`` for an array of times; shape (n,) each."""
         w = self.omega_1ps
         off = self.rate - self.wanted
         slope = self.change_1ps + w * off
@@ -316,7 +318,7 @@ class _Leg:
         return t
 
     def when_each(self, own_s: FloatArray) -> FloatArray:
-        """As ``when``, for an array of own times; shape (n,)."""
+        """Evaluate ``when`` for an array of own times; shape (n,)."""
         t = np.maximum(own_s - self.own_s, 0.0) / self.wanted
         for _ in range(_NEWTON_STEPS):
             reached, rate, _ = self.over(t)
@@ -326,7 +328,7 @@ class _Leg:
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How a manoeuvre's own time passes in session time.
+    """The relation of a manoeuvre's own time to session time.
 
     Args:
         start_ns: session time from which on this holds.

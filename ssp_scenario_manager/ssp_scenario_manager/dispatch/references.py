@@ -29,7 +29,7 @@ ON_PATH_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """What every reference of one dispatch carries beside its points."""
+    """The parts that all references of one dispatch share, beside their points."""
 
     reference_id: str
     object_id: str
@@ -64,7 +64,9 @@ def prepare(spec: RunSpec) -> None:
 
 
 def approach_reference(address: Address, motion: Motion) -> Reference:
-    """From standstill along the path to its end, where it stands again."""
+    """Make the reference from standstill along the path to its end, where the object stands
+    again.
+    """
     return reference(address, approach_points(motion))
 
 
@@ -131,7 +133,7 @@ def run_out_end_m(
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where an object will be along its path: arc length, offset to the left, heading off it."""
+    """A place along an object's path: arc length, offset to the left, heading off it."""
 
     station_m: float
     offset_m: float
@@ -222,11 +224,11 @@ class PendingReferences:
 
     @property
     def due(self) -> tuple[Reference, ...]:
-        """What hasn't been answered, in the order of dispatch."""
+        """List the references that haven't been answered, in the order of dispatch."""
         return tuple(self._due.values())
 
     def again(self, now_ns: int, step_s: float) -> list[Reference]:
-        """What is to be sent once more now.
+        """List the references to send again now.
 
         Args:
             step_s: of the world; an answer needs two steps.

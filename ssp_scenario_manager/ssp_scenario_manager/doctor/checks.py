@@ -38,7 +38,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a check found, and what to do about it."""
+    """The result of one check, and the remedy."""
 
     name: str
     status: Status
@@ -261,7 +261,7 @@ def _listed_seconds(listed: Path, utc_ns: int) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class LinkMeasurement:
-    """What two processes on this host measured of each other."""
+    """The measurements that two processes on this host made of each other."""
 
     matched_s: float
     p50_ms: float

@@ -1,4 +1,4 @@
-"""What is connected to a session, judged without ROS: rates, stamps, frames, clocks, links.
+"""The judgement of a session's connections without ROS: rates, stamps, frames, clocks, links.
 
 ``ssp doctor --session`` listens for some seconds and gives what it heard to ``session_findings``;
 the last finding says what would keep the session from arming, by the manager's own rules.
@@ -43,7 +43,7 @@ _ARMED = (SessionPhase.ARMED, SessionPhase.RUNNING, SessionPhase.STOPPING)
 
 @dataclass
 class Stream:
-    """What was heard on one topic, arrivals and stamps in ns on the system clock.
+    """The messages heard on one topic, arrivals and stamps in ns on the system clock.
 
     Args:
         frame_id: the frame that its messages must name, None where any will do.
@@ -81,7 +81,9 @@ class Stream:
 
     @property
     def longest_pause_s(self) -> float:
-        """Between two news, or after the last one while messages still came."""
+        """Measure the longest pause between two news, or after the last one while messages still
+        came.
+        """
         ends = [*self.news_ns, *self.arrivals_ns[-1:]]
         pairs = pairwise(ends)
         return max((ns_to_seconds(b - a) for a, b in pairs), default=0.0)
@@ -175,7 +177,7 @@ def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
 def _stream(
     silent: Finding, stream: Stream, nominal_hz: float, oldest_s: float, lost: int = 0
 ) -> Finding:
-    """As grave as the gravest problem of a stream; ``silent`` where nothing comes."""
+    """Judge a stream by its gravest problem; ``silent`` where nothing comes."""
     if not stream.arrivals_ns:
         return silent
     problems = _stream_problems(stream, nominal_hz, oldest_s)
@@ -239,7 +241,7 @@ def _stream_text(stream: Stream) -> str:
 def _stream_problems(
     stream: Stream, nominal_hz: float, oldest_s: float
 ) -> list[tuple[Status, str]]:
-    """What is wrong with a stream, each with how grave it is."""
+    """List the problems of a stream, each with its gravity."""
     problems = []
     if stream.rate_hz < RATE_SHARE * nominal_hz:
         problems.append((Status.FAIL, f"the run wants {nominal_hz:g} Hz"))
@@ -295,7 +297,7 @@ def _manager_finding(heard: SessionHeard) -> Finding:
 
 
 def _rules_finding(object_id: str, heard: SessionHeard) -> Finding:
-    """Whether an object judges by what this run's file says."""
+    """Tell whether an object judges by the limits of this run's file."""
     name, rules = f"rules of {object_id}", heard.rules.get(object_id, untold(object_id))
     if not rules.digest:
         return fail(name, rules.problem, "start its object_target, of this version, on its host")
@@ -321,7 +323,7 @@ def _link_finding(spec: RunSpec, object_id: str, heard: SessionHeard) -> Finding
 
 
 def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
-    """What the manager would say to ``arm`` now, by the same rules; an armed one is not asked."""
+    """Report the manager's answer to ``arm`` now, by the same rules; an armed one is not asked."""
     if heard.session in _ARMED:
         text = f"the session is {heard.session.name} already, so that nothing is asked of arming"
         return ok("arming", text)

@@ -69,12 +69,12 @@ class Span:
         return 0.5 * (self.low + self.high)
 
     def holds(self, other: Span | float) -> bool:
-        """Whether a value, or all of another span, lies inside."""
+        """Tell whether a value, or all of another span, lies inside."""
         low, high = (other.low, other.high) if isinstance(other, Span) else (other, other)
         return self.low <= low + _EPS and high <= self.high + _EPS
 
     def meets(self, other: Span) -> bool:
-        """Whether both have a value in common."""
+        """Tell whether both have a value in common."""
         return self.low <= other.high + _EPS and other.low <= self.high + _EPS
 
     def nearest(self, value: float) -> float:
@@ -146,7 +146,7 @@ def put(value: Any, path: str, new: Any) -> None:
 
 
 def has(value: Any, path: str) -> bool:
-    """Whether a mapping has something at a path, null included."""
+    """Tell whether a mapping has an entry at a path, null included."""
     try:
         get(value, path)
     except LookupError:
@@ -185,13 +185,13 @@ def owner(path: str, entries: Mapping[str, Any]) -> str | None:
 
 
 def within(path: str, ancestor: str) -> bool:
-    """Whether a path is the ancestor or lies below it."""
+    """Tell whether a path is the ancestor or lies below it."""
     return path == ancestor or path.startswith((ancestor + ".", ancestor + "["))
 
 
 @lru_cache(maxsize=1 << 14)
 def matches(path: str, pattern: str) -> bool:
-    """Whether a path is of a pattern's shape; ``*`` stands for one name each."""
+    """Tell whether a path is of a pattern's shape; ``*`` stands for one name each."""
     names, wanted = path.split("."), pattern.split(".")
     pairs = zip(names, wanted, strict=False)
     return len(names) == len(wanted) and all(want in ("*", name) for name, want in pairs)
@@ -230,7 +230,7 @@ Shape = Literal["range", "floor", "ceiling", "exact"]
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What a quantity measures, how it is given, and what the platforms can do (SI units)."""
+    """A quantity's meaning, its form, and the values that the platforms can do (SI units)."""
 
     dimension: Dimension
     shape: Shape
@@ -283,7 +283,7 @@ _MANOEUVRE = {
 
 
 def rule_of(path: str, trigger_quantity: str, manoeuvre_units: Mapping[str, str]) -> Rule | None:
-    """How the quantity at a path is to be given; None where nobody knows.
+    """Return the rule of the quantity at a path; None where it is not known.
 
     Args:
         path: of the quantity.

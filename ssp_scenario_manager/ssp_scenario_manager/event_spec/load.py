@@ -90,7 +90,7 @@ def event_version(event: Event) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Without negative zeros, which are equal to 0 and would be written otherwise."""
+    """Replace negative zeros, which are equal to 0 and would be written otherwise."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -282,7 +282,7 @@ def uncovered(event: Event, value: Mapping[str, Any] | None = None) -> list[str]
 
 
 def seals(event: Event, value: Mapping[str, Any] | None = None) -> dict[str, str]:
-    """What the seal of every entry must be; entries that name no field are left out."""
+    """Compute the seal of every entry; entries that name no field are left out."""
     value = body(event) if value is None else value
     entries = event.uncertainty
     below = _below(entries)

@@ -76,7 +76,7 @@ _KINDS = (".event", ".candidate", ".labels", ".site")
 
 
 def log_path(subject: str | Path) -> Path:
-    """Where the log of a K*, a candidate or a labels file stands by default."""
+    """Return the default path of the log of a K*, a candidate or a labels file."""
     path = Path(subject)
     stem = path.stem
     for kind in _KINDS:
@@ -137,7 +137,7 @@ def append_record(path: str | Path, record: Record) -> None:
 
 
 def append_records(path: str | Path, records: Iterable[Record]) -> None:
-    """As append_record, for several that belong together."""
+    """Append several records that belong together, as append_record does one."""
     path = Path(path)
     data = "".join(record_line(record) + "\n" for record in records).encode()
     make_folder(path.parent)

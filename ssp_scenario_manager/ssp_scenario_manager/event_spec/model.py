@@ -66,7 +66,7 @@ Lanes = Annotated[int, Field(ge=0, le=16, strict=True)]
 
 
 class Count(Strict):
-    """How many, from min to max."""
+    """A count, from min to max."""
 
     min: Lanes
     max: Lanes
@@ -100,7 +100,7 @@ class WordField(RoadField, Generic[Word]):
         return own if self.varies is None else tuple(dict.fromkeys((*own, *self.varies)))
 
     def admits(self, found: str) -> bool:
-        """Whether a place with this word agrees with K*."""
+        """Tell whether a place with this word agrees with K*."""
         return found == self.value if self.varies is None else found in self.varies
 
 
@@ -112,13 +112,13 @@ class CountField(RoadField):
 
     @property
     def range(self) -> Count | None:
-        """How many a place may have; None where nobody knows."""
+        """Return the counts that a place may have; None where they are not known."""
         if self.varies is not None:
             return self.varies
         return None if self.value == UNRESOLVED else Count(min=self.value, max=self.value)
 
     def admits(self, found: int) -> bool:
-        """Whether a place with so many agrees with K*."""
+        """Tell whether a place with so many agrees with K*."""
         allowed = self.range
         return allowed is not None and allowed.min <= found <= allowed.max
 
@@ -131,34 +131,36 @@ class QuantityField(RoadField):
 
     @property
     def range(self) -> Interval | None:
-        """What a place may have; None where nobody knows."""
+        """Return the values that a place may have; None where they are not known."""
         if self.varies is not None:
             return self.varies
         return self.value if isinstance(self.value, Interval) else None
 
     def admits(self, found: float) -> bool:
-        """Whether a place with this value, m or 1/m, agrees with K*."""
+        """Tell whether a place with this value, m or 1/m, agrees with K*."""
         return self.range is not None and self.range.si.holds(found)
 
 
 class ManoeuvresField(RoadField):
-    """What the road permits; ``varies`` names what a place may permit or not."""
+    """The manoeuvres that the road permits; ``varies`` names those that a place may permit or
+    not.
+    """
 
     value: Annotated[list[ManoeuvreWord], Field(min_length=1)] | Unresolved
     varies: Annotated[list[ManoeuvreWord], Field(min_length=1)] | None = None
 
     @property
     def permitted(self) -> frozenset[str]:
-        """What the source's road permits; empty where nobody knows."""
+        """Return the manoeuvres that the source's road permits; empty where they are not known."""
         return frozenset(() if self.value == UNRESOLVED else self.value)
 
     @property
     def needed(self) -> frozenset[str]:
-        """What every place must permit."""
+        """Return the manoeuvres that every place must permit."""
         return self.permitted - frozenset(self.varies or ())
 
     def admits(self, found: frozenset[str]) -> bool:
-        """Whether a place that permits this agrees with K*."""
+        """Tell whether a place that permits this agrees with K*."""
         return self.value != UNRESOLVED and self.permitted ^ found <= frozenset(self.varies or ())
 
 
@@ -193,7 +195,9 @@ class Topology(Strict):
 
 
 class Region(Strict):
-    """Where a participant is when the clip begins, in words and intervals relative to the VUT."""
+    """A participant's region at the begin of the clip, in words and intervals relative to the
+    VUT.
+    """
 
     place: Literal[
         "vut_lane", "left_lane", "right_lane", "right_kerb", "left_kerb", "oncoming_lane"
@@ -247,7 +251,7 @@ class Interaction(Strict):
 
 
 class Evidence(Strict):
-    """Where in the source something can be seen: frame numbers or a span of time."""
+    """The part of the source that shows a fact: frame numbers or a span of time."""
 
     frames: tuple[FrameNumber, FrameNumber] | None = None
     span_s: tuple[Number, Number] | None = None
@@ -278,7 +282,7 @@ class Events(Strict):
 
 
 class TriggerNeed(Strict):
-    """What fires the manoeuvre, as an interval that the compiler chooses from."""
+    """The condition that fires the manoeuvre, as an interval that the compiler chooses from."""
 
     quantity: Literal["relative_distance", "time_to_arrival"]
     object: ObjectId = Field(description="relative_distance: to it; time_to_arrival: at its path")
@@ -286,14 +290,14 @@ class TriggerNeed(Strict):
 
 
 class Thresholds(Strict):
-    """When a conflict begins (METHOD 1); null: this event isn't judged by it."""
+    """The start of a conflict (METHOD 1); null: this event isn't judged by it."""
 
     ttc: Interval | None = Interval(min=2.5, max=2.5, unit="s")
     arrival_gap: Interval | None = Interval(min=1.5, max=1.5, unit="s")
 
 
 class CameraNeed(Strict):
-    """What the forward camera must deliver."""
+    """The images that the forward camera must deliver."""
 
     hfov: Interval
     width: Interval
@@ -302,7 +306,7 @@ class CameraNeed(Strict):
 
 
 class SiteNeed(Strict):
-    """What a place must offer."""
+    """The features that a place must offer."""
 
     length: Interval
     lateral_clearance: Interval = Field(description="beyond the kerb, for VRUs and run-off")

@@ -102,7 +102,7 @@ def _road(event: Event, value: dict[str, Any]) -> dict[str, Any]:
 
 
 def _strips(event: Event) -> list[_Strip]:
-    """From the VUT's left to its right."""
+    """List the strips from the VUT's left to its right."""
     t = event.topology
     starts = {who.region.place for who in event.participants.values()}
     several, vut_lane = _lanes(t.lanes_same_direction) > 1, t.vut_lane.value
@@ -122,7 +122,7 @@ def _strips(event: Event) -> list[_Strip]:
 
 
 def _lanes(field: CountField) -> int:
-    """As many as the source shows; where that isn't known, as there may be."""
+    """Return as many lanes as the source shows; where that isn't known, as many as there may be."""
     if field.value != UNRESOLVED:
         return field.value
     return field.varies.max if field.varies else 1

@@ -259,7 +259,7 @@ def _evidence(run: RunSpec, folder: Path) -> tuple[Evidence, list[str]]:
 
 
 def _finished(folder: Path, key: str) -> list[str] | None:
-    """What a finished run of this file left behind; None when there is none."""
+    """Read the outcome that a finished run of this file left behind; None when there is none."""
     try:
         cell = read_mapping(folder / CELL_FILE)
     except InputError:

@@ -1,4 +1,4 @@
-"""What a run left behind, as far as a judgement of a fault needs it: bag, result, notes, stopping
+"""The evidence of a run that a judgement of a fault needs: bag, result, notes, stopping
 distances.
 """
 
@@ -53,7 +53,7 @@ class Track:
         return float(self.speed_mps[i]) if i >= 0 else 0.0
 
     def box(self, index: int, size: Size) -> Box:
-        """Where the object was at one of its states."""
+        """Return the object's box at one of its states."""
         pose = Pose2(float(self.x_m[index]), float(self.y_m[index]), float(self.yaw_rad[index]))
         return Box(pose, size.front_m, size.rear_m, size.width_m)
 
@@ -61,19 +61,19 @@ class Track:
         return len(self.t_s) == 0 or abs(float(self.speed_mps[-1])) <= STANDSTILL_MPS
 
     def first_motion_s(self, since_s: float) -> float | None:
-        """When it first moves at or after an instant; None when it doesn't."""
+        """Find the time of its first motion at or after an instant; None when it doesn't move."""
         moving = np.flatnonzero((self.t_s >= since_s) & (np.abs(self.speed_mps) > STANDSTILL_MPS))
         return float(self.t_s[moving[0]]) if len(moving) else None
 
     def farthest_outside_m(self, size: Size, fence: list[tuple[float, float]]) -> float:
-        """How far it ever stuck out of the fence, m; 0 when it never did."""
+        """Measure how far it ever stuck out of the fence, m; 0 when it never did."""
         if len(self.t_s) == 0:
             return 0.0
         return float(way_excess_m(self.x_m, self.y_m, self.yaw_rad, size, fence).max())
 
 
 def touch(a: Track, a_size: Size, b: Track, b_size: Size) -> bool:
-    """Whether the boxes of two objects ever overlap, by their true states."""
+    """Tell whether the boxes of two objects ever overlap, by their true states."""
     _, ours, theirs = np.intersect1d(a.t_s, b.t_s, return_indices=True)
     reach = sum(max(s.front_m, s.rear_m) + 0.5 * s.width_m for s in (a_size, b_size))
     away = np.hypot(a.x_m[ours] - b.x_m[theirs], a.y_m[ours] - b.y_m[theirs])
@@ -85,7 +85,7 @@ def touch(a: Track, a_size: Size, b: Track, b_size: Size) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """How an object stopped.
+    """The stop of an object.
 
     Args:
         speed_mps: the highest from the fault until it had to be noticed.
@@ -156,7 +156,7 @@ class FaultNote:
 
 @dataclass(frozen=True, slots=True)
 class HeardEvent:
-    """What the runner heard, with the wall's clock: a session state or a safety event."""
+    """An event that the runner heard, with the wall's clock: a session state or a safety event."""
 
     kind: str
     name: str
@@ -207,11 +207,11 @@ class Evidence:
     has_wall: bool = True
 
     def reached(self, state: SessionPhase) -> float | None:
-        """When the session came to a state first; None when it didn't."""
+        """Return the time at which the session came to a state first; None when it didn't."""
         return next((t for t, s in self.session if s is state), None)
 
     def phase_at(self, phase: Phase) -> float | None:
-        """When a phase of the event began; None when it didn't."""
+        """Return the time at which a phase of the event began; None when it didn't."""
         return next((t for t, p in self.phases if p is phase), None)
 
 
@@ -268,7 +268,7 @@ def read_evidence(folder: Path) -> Evidence:
 
 
 def _of_bag(reader: BagReader, found: Evidence, problems: list[str]) -> Evidence:
-    """What the topics say; what can't be read is a problem each."""
+    """Read the topics; each one that can't be read is a problem."""
 
     def told(*topics: str, take: Callable[[Any], Any], raw: bool = False) -> list[Any]:
         values = []
@@ -366,7 +366,7 @@ def _witnessed(witness: dict[str, Any]) -> dict[str, Track]:
 
 
 def _longer(bag: dict[str, Track], heard: dict[str, Track]) -> dict[str, Track]:
-    """Of each object the row that reaches farther: a struck recorder's bag ends early."""
+    """Choose for each object the longer track: a struck recorder's bag ends early."""
     truth = dict(bag)
     for object_id, track in heard.items():
         known = truth.get(object_id)

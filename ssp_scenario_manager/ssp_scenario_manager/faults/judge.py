@@ -1,4 +1,4 @@
-"""When a cell's fault strikes, and whether what a run left is what the matrix says. Pure."""
+"""The time at which a cell's fault strikes, and the comparison of its run with the matrix. Pure."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ENDING = (SessionPhase.ABORTING, SessionPhase.ABORTED)
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """How soon a fault was answered.
+    """The delay with which a fault was answered.
 
     Args:
         seconds: from the fault, or the motion that shows it, to the first sign of an answer; None
@@ -44,7 +44,7 @@ class Reaction:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What came of a cell.
+    """The outcome of a cell.
 
     Args:
         verdict: of the run.
@@ -160,7 +160,7 @@ def _of_end(evidence: Evidence) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Instant:
-    """From where time and distance are counted.
+    """The instant from which time and distance are counted.
 
     Args:
         t_s: session time, None where it isn't known.
@@ -283,7 +283,7 @@ def _blind_s(expected: Expected, run: RunSpec) -> float:
 
 
 def _stopping(run: RunSpec, object_id: str) -> Stopping:
-    """How an object stops: targets as they say, the simulated VUT as its driver does."""
+    """Return how an object stops: targets as they declare, the simulated VUT as its driver does."""
     for target in run.targets:
         if target.id == object_id:
             return stopping_of(target.cls, run.limits, run.step_s)

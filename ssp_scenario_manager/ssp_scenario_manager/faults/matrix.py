@@ -16,7 +16,7 @@ _FILE = Path(__file__).parent.parent / "library" / "faults" / "matrix.yaml"
 
 
 class Stage(Enum):
-    """When in a run a fault strikes; the value is the word of tables and options."""
+    """The time in a run at which a fault strikes; the value is the word of tables and options."""
 
     ARMED = "armed"
     BEFORE = "before"
@@ -25,7 +25,7 @@ class Stage(Enum):
 
     @property
     def title(self) -> str:
-        """For people."""
+        """Name the stage for people."""
         return _TITLES[self]
 
 
@@ -62,7 +62,7 @@ class Within:
 
     @property
     def text(self) -> str:
-        """For people: where the number comes from."""
+        """Tell people where the number comes from."""
         parts = [self.limit] if self.limit else []
         parts.append(f"{self.extra_s:g} s")
         return " + ".join(parts) + (" on the wall's clock" if self.clock == "wall" else "")
@@ -74,7 +74,7 @@ From = Literal["fault", "motion", "trigger", "abort"]
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What must come of a cell.
+    """The outcome that a cell must have.
 
     Args:
         verdicts: any of them.
@@ -155,7 +155,7 @@ class Row:
     standing: dict[Stage, Cell] = field(default_factory=dict)
 
     def cell(self, stage: Stage, moves: bool) -> Cell:
-        """What is expected of this row at a stage.
+        """Return the expected outcome of this row at a stage.
 
         Args:
             stage: when the fault strikes.

@@ -93,7 +93,7 @@ def measured_parts(judged: Judged) -> list[str]:
 
 
 def _scenarios(results: Sequence[CellResult]) -> list[dict[str, Any]]:
-    """Of each scenario and mode its title, its stages, and by row the results by stage."""
+    """Collect for each scenario and mode its title, its stages, and by row the results by stage."""
     found: dict[str, dict[str, Any]] = {}
     for result in results:
         way = result.scene.mode if result.scene.way == "sessions" else "in one process"
@@ -108,7 +108,9 @@ def _scenarios(results: Sequence[CellResult]) -> list[dict[str, Any]]:
 
 
 def _expectations(results: Sequence[CellResult], run: RunSpec) -> list[tuple[str, list[str]]]:
-    """By row: stages, verdict, who reacts, within what, and why; equal cells of stages once."""
+    """Collect by row: stages, reacting participant, limit and reason; equal cells of stages
+    once.
+    """
     found: dict[str, list[tuple[Cell, list[Stage]]]] = {}
     for result in results:
         cells = found.setdefault(result.row.name, [])

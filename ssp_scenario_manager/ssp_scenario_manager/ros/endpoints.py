@@ -107,7 +107,7 @@ class PublisherWatch:
                 self._liveness.foreign[topic] = strangers.count, strangers.text
 
     def _is_asked(self, topic: str) -> bool:
-        """To count takes a twentieth of the time that to ask for names takes."""
+        """Count the publishers before asking for their names, which takes twenty times as long."""
         count = self._node.count_publishers(topic)
         return bool(count > 1 if self._rules.expected[topic] is ONE else count)
 
@@ -156,13 +156,15 @@ class DeclarationWatch:
 
 
 def _full_name(endpoint: Any) -> str:
-    """Of the node that has an endpoint; empty while the graph doesn't know it."""
+    """Return the name of the node that has an endpoint; empty while the graph doesn't know it."""
     name, namespace = endpoint.node_name, endpoint.node_namespace
     return "" if name == _UNNAMED else f"{namespace.rstrip('/')}/{name}"
 
 
 def reply_of(message: HeartbeatReply) -> tuple[Sequence[str], int, Exchange]:
-    """Whose answer, to which heartbeat, and its four stamps; now is its arrival."""
+    """Read the sender of an answer, the heartbeat that it answers, and four stamps; now is its
+    arrival.
+    """
     sent_ns, received_ns = map(ros.session_ns, (message.heartbeat_sent, message.heartbeat_received))
     replied_ns = ros.session_ns(message.header.stamp)
     exchange = Exchange(sent_ns, received_ns, replied_ns, time.time_ns())
@@ -170,7 +172,7 @@ def reply_of(message: HeartbeatReply) -> tuple[Sequence[str], int, Exchange]:
 
 
 def violation_of(message: SafetyEvent) -> tuple[Violation, str]:
-    """What another node reports, and which; ValueError for a code that is none."""
+    """Read a violation that another node reports, and its name; ValueError for an unknown code."""
     code, source = SafetyCode(message.code), message.source[:_MOST_TEXT]
     limit_name = message.limit_name[:_MOST_TEXT]
     named = MEANINGS[code].limit_name == limit_name
@@ -435,7 +437,8 @@ class Publications:
     def report_links(
         self, session: Session, links: LinkClocks, losses: LossCounters, now_ns: int
     ) -> None:
-        """What is known of the links, for operators and for the record; losses go to the log too.
+        """Report the state of the links, for operators and for the record; losses go to the log
+        too.
 
         Args:
             session: gives the newest states; nothing is published before a run is loaded.

@@ -1,4 +1,6 @@
-"""What the runner sees of a session and does to it: truth, time, fault events, odd references."""
+"""The runner's view of a session and its means to disturb it: truth, time, fault events, odd
+references.
+"""
 
 from __future__ import annotations
 

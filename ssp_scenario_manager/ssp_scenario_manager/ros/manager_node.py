@@ -293,7 +293,9 @@ class ScenarioManager(Node):
         session.step(self._now_ns)
 
     def _send_poses(self) -> None:
-        """To tf2, after what must not wait; before the world is answered, which then goes on."""
+        """Send the poses to tf2 after all that is urgent, and before the world is answered and
+        goes on.
+        """
         vut, targets = self._session.vut, self._session.targets
         states = [] if vut is None else [vut]
         self._publications.poses([*states, *(targets[key] for key in sorted(targets))])
@@ -309,7 +311,9 @@ class ScenarioManager(Node):
         )
 
     def _on_watchdog(self) -> None:
-        """On the steady clock: heartbeats outside lockstep, silence, arming, the run's script."""
+        """Watch heartbeats outside lockstep, silence, arming and the run's script, on the steady
+        clock.
+        """
         self._take_time()
         self._input.waiting()
         self._tell_incomplete_step()

@@ -61,7 +61,7 @@ _UNDER_WAY = {
 
 
 class ArmedObjects:
-    """Which objects of a run report that they are armed, while somebody wants to know.
+    """The objects of a run that report that they are armed, watched while a caller wants to know.
 
     Args:
         run: its objects are listened to.
@@ -216,7 +216,8 @@ class RunClient:
 
     @property
     def not_in_time(self) -> tuple[str, ...] | None:
-        """What kept the run from starting while the word for it held; None while it may start.
+        """Return what kept the run from starting while the word for it held; None while it may
+        start.
 
         A result that DDS loses is not waited for: nothing starts after the word has run out.
         """
@@ -484,7 +485,7 @@ class StepwiseClient:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Why the run can't start; empty while it may, or when it has."""
+        """List the reasons why the run can't start; empty while it may, or when it has."""
         asked = self._start_asked_at
         late = asked is not None and time.monotonic() - asked > START_PATIENCE_S
         if late and self._session is SessionPhase.ARMED and self._refusal:

@@ -35,7 +35,7 @@ LONGEST_WORD_S = 60.0
 
 @dataclass(slots=True)
 class OwnSession:
-    """What a command must name to be for this manager's session.
+    """The identity that a command must name to be for this manager's session.
 
     Args:
         token: of the session; empty before the first run of a manager that was given none.
@@ -52,11 +52,15 @@ class OwnSession:
     run_file: str = ""
 
     def problem(self, token: str) -> str:
-        """Why a command with this token isn't for the session; empty where it is."""
+        """Give the reason why a command with this token isn't for the session; empty where it
+        is.
+        """
         return token_problem(self.token, token, self.mode) if self.token else ""
 
     def outdated(self, shown_state: int, shown_since_ns: int) -> str:
-        """Why a press isn't for the present state; empty where it is, or nobody looked at one."""
+        """Give the reason why a press isn't for the present state; empty where it is, or no
+        state was shown.
+        """
         if not shown_state or (shown_state, shown_since_ns) == (self.state, self.since_ns):
             return ""
         known = shown_state in tuple(SessionPhase)

@@ -54,7 +54,7 @@ class StartListener:
         return {object_id: state for object_id, (state, _) in self._states.items()}
 
     def facts(self) -> Facts:
-        """What was heard beside the states, and their ages; nothing of links."""
+        """Return the facts heard beside the states, and their ages; nothing of links."""
         now_s = time.monotonic()
         heard_s = {object_id: at_s for object_id, (_, at_s) in self._states.items()}
         ages_s = {who: now_s - at_s for who, at_s in {**heard_s, **self._heard_s}.items()}

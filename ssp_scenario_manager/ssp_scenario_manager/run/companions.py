@@ -1,4 +1,4 @@
-"""What runs beside a session and is none of its own: the operators' page, shadow models."""
+"""The processes that run beside a session and aren't part of it: operators' page, shadow models."""
 
 from __future__ import annotations
 

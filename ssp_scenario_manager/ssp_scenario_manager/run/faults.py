@@ -42,7 +42,7 @@ RUNNER_KINDS = NEED_PROCESSES | {"operator_abort", "trigger_never"}
 
 @dataclass(frozen=True, slots=True)
 class Injected:
-    """That a fault began or ended.
+    """The begin or end of a fault.
 
     Args:
         index: of the fault in the run file.

@@ -57,7 +57,7 @@ LAST_WORDS_S = 8.0
 
 @dataclass(slots=True)
 class Interrupt:
-    """How often somebody wanted the run to end, and the signal that said so first."""
+    """The requests to end the run: their number, and the signal of the first."""
 
     count: int = 0
     first: str = ""
@@ -70,7 +70,7 @@ class Interrupt:
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """What a session came to.
+    """The outcome of a session.
 
     Args:
         session_s: session time that passed.
@@ -157,7 +157,7 @@ class _Following:
         return self._followed(outcome)
 
     def _wait_for_manager(self) -> RunOutcome | None:
-        """None once the manager answers; otherwise why there is no run."""
+        """Wait until the manager answers and return None; otherwise return why there is no run."""
         deadline = time.monotonic() + START_TIMEOUT_S
         parts = [part for part in (self._client, self._hands, self._by_hand) if part is not None]
         while not all(part.ready() for part in parts):
@@ -176,7 +176,9 @@ class _Following:
         return None
 
     def _failed_before(self, word: str = "") -> RunOutcome | None:
-        """Why there will be no run: a dead process, a hung manager, a person; None: nothing."""
+        """Return why there will be no run: a dead process, a hung manager, a person; None:
+        nothing.
+        """
         if ended := self._group.ended():
             return RunOutcome(Verdict.INVALID_HARNESS, (word + obituary(ended[0]),))
         # A manager that comes up isn't heard yet.
@@ -187,7 +189,7 @@ class _Following:
         return None
 
     def _silent_manager(self) -> str:
-        """Why the manager counts as hung; empty while it doesn't. One that does is ended."""
+        """End a hung manager and return why it counts as hung; empty while it doesn't."""
         if self._client.silent_s < SILENT_S:
             return ""
         silent = f"{names.SCENARIO_MANAGER} silent for {self._client.silent_s:.0f} s"
@@ -197,7 +199,7 @@ class _Following:
         return silent
 
     def _stuck_manager(self) -> str:
-        """Why the manager doesn't come to its end; empty while it has time. It is ended then."""
+        """End a manager that doesn't come to its end and return why; empty while it has time."""
         trouble = self._client.trouble
         if trouble is None or time.monotonic() - trouble[0] < RESULT_S:
             return ""
@@ -207,7 +209,7 @@ class _Following:
         return stuck
 
     def _wait_for_others_to_go(self) -> RunOutcome | None:
-        """None once there is one manager; otherwise why there is no run: two would take the goal.
+        """Wait until there is one manager and return None; otherwise return why there is no run.
 
         A publisher of a process that has ended is seen for some seconds more.
         """
@@ -433,6 +435,6 @@ class _Following:
 
 
 def obituary(node: NodeProcess) -> str:
-    """How a process ended, and its last lines."""
+    """Describe how a process ended, with its last lines."""
     tail = node.log_tail(6)
     return f"{node.name} {node.describe_exit()}" + (f"; its last lines:\n{tail}" if tail else "")

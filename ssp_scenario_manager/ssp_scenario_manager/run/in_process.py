@@ -241,7 +241,7 @@ class InProcessSession:
                 self._command_objects(fact)
 
     def of_kind(self, kind: type[Fact]) -> list[Fact]:
-        """What the session sent of one kind, in its order."""
+        """List the facts of one kind that the session sent, in its order."""
         return [fact for fact in self.sent if isinstance(fact, kind)]
 
     def _command_objects(self, command: outbox.ObjectCommand) -> None:
@@ -278,7 +278,7 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class InProcessResult:
-    """How a run ended.
+    """The ending of a run.
 
     Args:
         verdict: of the run; NONE when the session never started.
@@ -297,7 +297,9 @@ class InProcessResult:
 
     @property
     def phases(self) -> tuple[PhaseBegan, ...]:
-        """As the whole run has them; what was announced meanwhile stands in ``happened``."""
+        """Return the phases as the whole run has them; those announced meanwhile stand in
+        ``happened``.
+        """
         return self.happened.final_phases
 
     @property
@@ -359,7 +361,7 @@ def run_in_process(spec: RunSpec, work_dir: Path | None = None) -> tuple[InProce
 
 
 def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[RunOutcome, Happened]:
-    """How a session that is over ended, and what happened in it."""
+    """Judge how a session that is over ended, and what happened in it."""
     happened = Happened.seen(
         spec,
         0,
@@ -455,7 +457,7 @@ def driven(run: RunSpec) -> tuple[InProcessResult, Record]:
 
 
 def _plain(run: RunSpec) -> RunSpec:
-    """Without what needs processes of its own and doesn't change the event."""
+    """Remove from a run what needs processes of its own and doesn't change the event."""
     driver = run.driver.model_copy(update={"external": False})
     return run.model_copy(
         update={"mode": "lockstep", "camera": None, "traffic": [], "faults": [], "driver": driver}
@@ -472,7 +474,7 @@ def _without_response(run: RunSpec) -> RunSpec:
 
 
 def _no_event(run: RunSpec, seen: InProcessResult) -> list[str]:
-    """What is missing of trigger, conflict and passing order."""
+    """List what is missing of trigger, conflict and passing order."""
     who = run.initiator_id
     told = [reason for reason in seen.reasons if _code(reason) not in _OF_NO_RESPONSE]
     if told:

@@ -91,7 +91,9 @@ _ADDRESSES = "udp://HOST:PORT, iso22133://HOST[:PORT][?report=FILE] or mirror"
 
 
 def _is_address(text: str) -> bool:
-    """Whether object_target takes this for a body; it says the same, but only once it is up."""
+    """Tell whether object_target takes this for a body; it says the same, but only once it is
+    up.
+    """
     if text == "mirror" or re.fullmatch(r"iso22133://[^/\s]+", text.partition("?")[0]):
         return True
     found = re.fullmatch(r"udp://[^:/\s]+:(\d{1,5})", text)
@@ -107,7 +109,7 @@ def live_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 @dataclass(frozen=True, slots=True)
 class LiveSetup:
-    """What of a live session runs on this host, beside manager and recorder.
+    """The parts of a live session that run on this host, beside manager and recorder.
 
     Args:
         bodies: by object id, of those that are led from here: an address, or ``mirror``.
@@ -230,7 +232,7 @@ class LiveSetup:
 
 
 def describe(setup: LiveSetup, spec: RunSpec, run_file: Path, env: dict[str, str]) -> list[str]:
-    """What people must know before a live session, one line each."""
+    """List the facts that people must know before a live session, one line each."""
     server = env.get("ROS_DISCOVERY_SERVER")
     found = f"discovery server {server}" if server else "no discovery server"
     lines = [

@@ -59,7 +59,7 @@ NODE_MODULES = {
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """What a run left behind.
+    """The outcome of a run.
 
     Args:
         bag: folder of the recording, unfinished where it could be neither closed nor recovered.

@@ -1,4 +1,4 @@
-"""How long the processes of a session were kept waiting for a processor, as the kernel counts it.
+"""The time that a session's processes were kept waiting for a processor, as the kernel counts it.
 
 A process that the machine kept waiting seems silent, slow or off in time, and so does the object
 that it leads: then the machine is the reason, and no object is blamed.

@@ -1,4 +1,4 @@
-"""What a run's bag says of its triggers, tracking and states, for result.json and people."""
+"""The triggers, tracking and states in a run's bag, for result.json and people."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def receipt(states: Sequence[ObjectState]) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class ReportInput:
-    """What is read from the bag.
+    """The data read from the bag.
 
     Args:
         started_ns: session time at which the run began; 0 where it didn't.
@@ -241,7 +241,7 @@ def measured(bag: Path, spec: RunSpec, say: Callable[[str], None]) -> dict[str, 
 
 
 def told(heard: ReportInput, spec: RunSpec) -> dict[str, Any]:
-    """As ``measured``, of what was read."""
+    """Compute ``measured`` from the data that were read."""
     purposes = {name: sent.purpose for name, sent in heard.references.items()}
     return {
         "schema": SCHEMA,

@@ -1,4 +1,4 @@
-"""What happened in a run, as result.json has it of every run."""
+"""The events of a run, as result.json has them of every run."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
 @dataclass(frozen=True, slots=True)
 class Happened:
-    """What happened in a run.
+    """The events of a run.
 
     Args:
         began_ns: session time at which it began; None: it didn't, and there is no such time.
@@ -121,7 +121,9 @@ class Happened:
 
     @classmethod
     def recorded(cls, bag: BagReader, spec: RunSpec) -> Happened:
-        """As a session's bag has it. Raises InputError or ValueError for a damaged bag."""
+        """Read the events from a session's bag. Raises InputError or ValueError for a damaged
+        bag.
+        """
 
         def decoded(topic: str) -> list[Any]:
             return [bag.decode(message) for message in bag.messages([absolute(topic)])]
@@ -160,7 +162,7 @@ class Happened:
 
 
 def misses(spec: RunSpec, happened: Happened) -> list[str]:
-    """What of a run's event isn't as K* wants it (METHOD 4.4), each with quantity, value and range.
+    """List how a run's event departs from K* (METHOD 4.4), each with quantity, value and range.
 
     Empty for a run that was made by hand, of which no K* says anything.
     """
@@ -183,7 +185,7 @@ def misses(spec: RunSpec, happened: Happened) -> list[str]:
 
 
 def happened_by(bag: Path, spec: RunSpec) -> Happened | None:
-    """What happened by a session's bag; None where the bag is missing or damaged.
+    """Read the events from a session's bag; None where the bag is missing or damaged.
 
     Why it can't be read is told with the latencies (``report.measured``).
     """
@@ -195,7 +197,9 @@ def happened_by(bag: Path, spec: RunSpec) -> Happened | None:
 
 
 def participation_by(bag: Path, spec: RunSpec) -> Participation | None:
-    """What a session's participants declared; None where the bag is missing or damaged."""
+    """Read the declarations of a session's participants; None where the bag is missing or
+    damaged.
+    """
     if spec.mode != "live":
         return Participation(spec.mode, {})
     try:
@@ -254,7 +258,7 @@ def shown_gap(gap_s: float | None) -> str:
 
 
 def rounded(value: float | None) -> float | None:
-    """To a tenth of a millimetre or millisecond; None for what isn't a number."""
+    """Round to a tenth of a millimetre or millisecond; None for what isn't a number."""
     return None if value is None or not math.isfinite(value) else round(value, 4)
 
 
@@ -319,7 +323,7 @@ def _fired(message: Any) -> Triggered:
 def _reported_states(
     bag: BagReader, spec: RunSpec, began_ns: int | None, ended_ns: int | None
 ) -> dict[str, list[ObjectState]]:
-    """What everybody reported, by id, at the stamps of the VUT's states while the run lasted.
+    """Read the states that all participants reported, by id, at the stamps of the VUT's states.
 
     The others are extrapolated to them, by no more than ``limits.state_age_s``; an instant at which
     somebody is unknown is left out.
@@ -347,7 +351,7 @@ def _reported_states(
 
 
 def _true_states(bag: BagReader, spec: RunSpec) -> dict[str, list[ObjectState]]:
-    """Of each step of the simulated world once, by id."""
+    """Read the true states of each step of the simulated world once, by id."""
     found: dict[str, list[ObjectState]] = {i: [] for i in (spec.vut.id, *_ids(spec))}
     steps: dict[int, Sequence[ObjectState]] = {}
     for message in bag.messages([absolute(names.WORLD_TICK)]):

@@ -1,4 +1,4 @@
-"""What people must see before they give the word that starts a live session."""
+"""The facts that people must see before they give the word that starts a live session."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PROMPT = (
 def summary(
     spec: RunSpec, setup: LiveSetup, facts: Facts, states: Mapping[str, ObjectState]
 ) -> list[str]:
-    """Who is connected and real, mode, distances to the starts, limits, and blind distance.
+    """List who is connected and real, mode, distances to the starts, limits, and blind distance.
 
     Args:
         facts: what is heard beside the states, and their ages.
@@ -88,7 +88,7 @@ def _age_s(facts: Facts, who: str) -> float:
 
 
 def _kind(spec: RunSpec, setup: LiveSetup, object_id: str) -> str:
-    """Whether something real moves with it."""
+    """Tell whether a real object moves with it."""
     if object_id == spec.vut.id:
         topic = setup.receiver.get("odometry") or setup.receiver.get("navsat")
         return f"real, by {topic}" if topic else "taken for real, by who publishes its states"

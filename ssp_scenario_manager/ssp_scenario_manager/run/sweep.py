@@ -49,7 +49,7 @@ _WORDS = {"true": True, "false": False, "null": None}
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """What one field of the run file is given.
+    """The values that one field of the run file is given.
 
     Args:
         field: its dotted path, such as ``driver.cruise_mps`` or ``triggers.0.lead_time_s``.
@@ -119,7 +119,8 @@ def grid(variations: Sequence[Variation]) -> list[dict[str, Any]]:
 
 
 def values_of(variations: Sequence[Variation], seed: int, run: int) -> dict[str, Any]:
-    """What one run has for each varied field, in the order in which they were given.
+    """Return the value that one run has for each varied field, in the order in which they were
+    given.
 
     Args:
         run: number of the run, from 0.
@@ -183,7 +184,7 @@ Row = list[str]
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """What is run.
+    """A series of runs.
 
     Args:
         spec: the run; its seed is that of run 0, the following ones count up.
@@ -200,11 +201,11 @@ class Sweep:
         return ["run", "seed", *(v.field for v in self.variations), *_MEASURED]
 
     def values(self, run: int) -> dict[str, Any]:
-        """What a run is given."""
+        """Return the varied values of a run."""
         return values_of(self.variations, self.spec.seed, run)
 
     def given(self, run: int) -> Row:
-        """How a run's row begins: before it was run."""
+        """Begin a run's row with the values known before it was run."""
         return [str(run), str(self.spec.seed + run), *map(str, self.values(run).values())]
 
     def check(self) -> None:
@@ -306,7 +307,7 @@ def _row(sweep: Sweep, number: int) -> Row:
 
 @cache
 def _work_dir() -> tempfile.TemporaryDirectory[str]:
-    """Of this process: the road's network is made once in it."""
+    """Make this process's folder, in which the road's network is made once."""
     return tempfile.TemporaryDirectory(prefix="ssp-sweep-")
 
 
@@ -399,7 +400,7 @@ def run_one(spec: RunSpec, folder: Path, as_json: bool) -> dict[str, Any]:
 
 
 def _told(spec: RunSpec, result: InProcessResult) -> list[str]:
-    """What happened and when, and faults that were asked for and never came."""
+    """List the events of a run and their times, and requested faults that never came."""
     lines = [
         (p.stamp_ns, f"phase {p.phase.name.lower()} at {ns_to_seconds(p.stamp_ns):.2f} s")
         for p in result.phases

@@ -26,7 +26,7 @@ _MOST_BYTES = 4096
 
 
 class Word(Enum):
-    """What a person answered."""
+    """The answer of a person."""
 
     START = "start"
     ABORT = "abort"
@@ -35,7 +35,7 @@ class Word(Enum):
 
 
 def word_of(text: bytes) -> Word | None:
-    """What a text that came in one piece says; None while no line of it is ended.
+    """Read the word in a text that came in one piece; None while no line of it is ended.
 
     Args:
         text: all that came since the prompt, with line ends.
@@ -101,7 +101,9 @@ class TypedWords:
         return word
 
     def _is_terminal(self) -> bool:
-        """Whether this is a terminal that may be read: one in the background would be stopped."""
+        """Tell whether this is a terminal that may be read: one in the background would be
+        stopped.
+        """
         if self._fd is None or not os.isatty(self._fd):
             return False
         try:
@@ -128,7 +130,7 @@ class TypedWords:
         return bool(found)
 
     def _line_not_ended(self) -> bytes:
-        """What a terminal holds back until its line is ended: the rest of a paste."""
+        """Read what a terminal holds back until its line is ended: the rest of a paste."""
         if not self._is_terminal() or self._fd is None:
             return b""
         with suppress(termios.error, OSError), _unbuffered(self._fd):

@@ -1,4 +1,4 @@
-"""What one kind of interaction says about itself: facts for the checks, a plan for the compiler.
+"""The self-description of one kind of interaction: facts for the checks, a plan for the compiler.
 
 A further kind is one module with one ``Kind`` and one plan function, and a line in ``KINDS``;
 docs/architecture.md says what else knows of kinds.
@@ -29,7 +29,7 @@ class BlockPoint:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Along the block at an offset: start, cruise speed, and where to stand.
+    """A drive along the block at an offset: start, cruise speed, and where to stand.
 
     ``headway_s`` is the VUT's alone: what its driver keeps to somebody ahead.
     """
@@ -64,7 +64,7 @@ Act = LaneChange | Cross | Brake
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """What fires an act of the initiator.
+    """The condition that fires an act of the initiator.
 
     Args:
         object_id: that acts, and that a distance is measured to.

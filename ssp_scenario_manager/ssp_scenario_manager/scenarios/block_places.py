@@ -1,4 +1,4 @@
-"""Where on a block: lanes, kerbs, arc lengths, and what fits."""
+"""The places on a block: lanes, kerbs, arc lengths, and what fits."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def ahead_of(block: Block, from_s_m: float, distance_m: float, l_m: float) -> fl
 
 
 def entry_m(block: Block) -> float:
-    """How far into the block the VUT starts."""
+    """Return how far into the block the VUT starts."""
     high, low = _ENTRY_M
     return min(high, max(low, _ENTRY_SHARE * block.length_m))
 

@@ -99,7 +99,7 @@ _EDGE_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class _Along:
-    """Where the VUT starts and where its path is crossed, arc lengths in m."""
+    """The VUT's start and the crossing of its path, arc lengths in m."""
 
     start_s_m: float
     crossing_s_m: float
@@ -124,7 +124,7 @@ def _along(
     block: Block, vut: Size, lane_m: float, speed_mps: float, rate: float, below_s: float,
     hidden_m: float | None,
 ) -> _Along:  # fmt: skip
-    """At a marked crossing if there is one and the VUT has the room, else as early as can be.
+    """Choose a marked crossing if there is one and the VUT has the room, else the earliest place.
 
     Args:
         hidden_m: None: the place may be marked; else it lies away from every marking, and so does
@@ -239,7 +239,7 @@ ROOM_BEYOND_M = 20.0
 
 
 def _parked(event: Event, block: Block, size: Size, front_s_m: float, lane_m: float) -> BlockPoint:
-    """Where the occluder's reference point is: at the edge on the side of whoever crosses.
+    """Return the occluder's reference point, at the edge on the side of the one who crosses.
 
     It stands beside the carriageway, and as far on it as the strip beside it is too narrow. A verge
     has no end.
@@ -268,7 +268,7 @@ def _parked(event: Event, block: Block, size: Size, front_s_m: float, lane_m: fl
 
 
 def _hidden(name: str, occluder: str, told: Motions, seen: Prediction) -> list[str]:
-    """Why the occluder doesn't hide who crosses when the trigger fires."""
+    """List the reasons why the occluder doesn't hide the crosser when the trigger fires."""
     states = {state.object_id: state for state in seen.targets_fired}
     eye_m = Camera().forward_m
     if is_hidden(seen.vut_fired, states[name], states[occluder], eye_m):
@@ -285,7 +285,7 @@ def _hidden(name: str, occluder: str, told: Motions, seen: Prediction) -> list[s
 
 
 def crossing_manoeuvres(event: Event) -> frozenset[str]:
-    """What the road must permit for somebody to cross it."""
+    """Return the manoeuvres that the road must permit to be crossed."""
     return frozenset({"keep_lane", "crossing"})
 
 

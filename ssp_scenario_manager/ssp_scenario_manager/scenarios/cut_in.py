@@ -146,7 +146,7 @@ def _plans(setting: Setting) -> Iterator[Plan]:
     }
 
     def reach(draft: Draft, seen: Prediction) -> float:
-        """As far as it drives while it comes over."""
+        """Return how far it drives while it comes over."""
         act = draft.trigger.act
         return seen.initiator_fired_mps * act.duration_s if isinstance(act, LaneChange) else 0.0
 

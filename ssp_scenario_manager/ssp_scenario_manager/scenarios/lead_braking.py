@@ -112,7 +112,7 @@ def _plans(setting: Setting) -> Iterator[Plan]:
     }
 
     def reach(draft: Draft, seen: Prediction) -> float:
-        """As far as it drives while it brakes."""
+        """Return how far it drives while it brakes."""
         act = draft.trigger.act
         if not isinstance(act, Brake):
             return 0.0

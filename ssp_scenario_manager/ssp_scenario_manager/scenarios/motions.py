@@ -36,7 +36,7 @@ from ssp_scenario_manager.scenarios.base import (
 
 @dataclass(frozen=True)
 class Motions:
-    """What VUT and OTs do, in frame map.
+    """The motions of VUT and OTs, in frame map.
 
     Args:
         targets: OTs, in the order of their ids.

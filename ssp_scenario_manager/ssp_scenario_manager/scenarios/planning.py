@@ -57,7 +57,7 @@ from ssp_scenario_manager.scenarios.values import (
 
 
 def judge(event: Event, limits: Limits, told: Motions, seen: Prediction) -> list[str]:
-    """What is wrong with a plan that was looked ahead; empty: it goes as K* says."""
+    """List what is wrong with a plan that was looked ahead; empty: it goes as K* says."""
     c = event.constraints
     wrong = []
     if seen.early_conflict:
@@ -105,7 +105,9 @@ def judge(event: Event, limits: Limits, told: Motions, seen: Prediction) -> list
 
 
 def wrong_order(event: Event, still: Prediction) -> list[str]:
-    """What is wrong with the passing order of a plan; ``still``: of a VUT that holds its speed."""
+    """List what is wrong with the passing order of a plan; ``still``: of a VUT that holds its
+    speed.
+    """
     if initiator_first(event) == still.initiator_first:
         return []
     first, other = event.interaction.passing_order[0], event.interaction.initiator
@@ -180,7 +182,7 @@ def adaptation_of(
     anchor: Point | None,
     most_mps2: float,
 ) -> Adaptation | None:
-    """What a run's trigger is told of keeping the gap; None where there is none to keep.
+    """Make the adaptation that lets a run's trigger keep the gap; None where there is none to keep.
 
     Args:
         gap_s: as ``gap_before_response_s`` gives it.
@@ -295,7 +297,7 @@ def plans_in_lane(
     draft: Callable[[Mapping[str, float]], Draft],
     reach: Callable[[Draft, Prediction], float],
 ) -> Iterator[Plan]:
-    """As ``plans_on``, for an initiator that takes a part of the VUT's lane.
+    """Make plans as ``plans_on`` does, for an initiator that takes a part of the VUT's lane.
 
     The zone begins at the conflict point, where the initiator's rear is when it comes into the
     VUT's way, and ends where its front is when it has done what it does.

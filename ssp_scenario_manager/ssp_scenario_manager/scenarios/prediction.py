@@ -1,6 +1,4 @@
-"""What a session will do, predicted without running it: when it triggers, who meets whom, how
-close.
-"""
+"""The course of a session, predicted without running it: trigger, meetings, and distances."""
 
 from __future__ import annotations
 
@@ -31,7 +29,7 @@ _VULNERABLE = frozenset({ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST})
 
 
 def foreseen_address(object_id: str, execute_s: float) -> Address:
-    """Of a reference that nobody is sent, from a session time on."""
+    """Make the address of a reference that is never sent, from a session time on."""
     return Address(object_id, object_id, "", "foreseen", 0, seconds_to_ns(execute_s))
 
 
@@ -137,7 +135,7 @@ _MOVED_ON_M = 0.1
 
 @dataclass(frozen=True)
 class Prediction:
-    """What will happen; times are session times in s, stations are along the VUT's path in m.
+    """The predicted course; times are session times in s, stations are along the VUT's path in m.
 
     Args:
         fired_s: the trigger's condition became true.

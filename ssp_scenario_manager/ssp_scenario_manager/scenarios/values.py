@@ -23,7 +23,7 @@ _SPREAD = (0.5, 0.25, 0.75, 0.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What a quantity may be.
+    """The values that a quantity may take.
 
     Args:
         values: preferred first, then ever further from it.
@@ -139,7 +139,7 @@ def _ranks(sizes: list[int], total: int) -> Iterator[tuple[int, ...]]:
 def chosen(
     choices: Mapping[str, Choice], values: Mapping[str, float]
 ) -> dict[str, tuple[float, str, str]]:
-    """What was chosen, as a plan says it: (value, unit, why) by field."""
+    """Return the chosen values as a plan states them: (value, unit, why) by field."""
     told = {}
     for name, choice in choices.items():
         why = choice.why
@@ -165,7 +165,7 @@ def classes_of(event: Event) -> dict[str, ObjectWord]:
 
 
 def thresholds_of(event: Event) -> ConflictThresholds:
-    """When a conflict begins, by part C: the middle of what it gives."""
+    """Return the thresholds of a conflict by part C: the middle of what it gives."""
 
     def middle(interval: Interval | None) -> float | None:
         mid = math.inf if interval is None else interval.si.mid
@@ -176,7 +176,7 @@ def thresholds_of(event: Event) -> ConflictThresholds:
 
 
 def approach_acceleration(event: Event, name: str, limits: Limits) -> float:
-    """With which a participant gets to its cruise speed, m/s^2."""
+    """Return the acceleration with which a participant gets to its cruise speed, m/s^2."""
     usual = _APPROACH_MPS2.get(event.participants[name].class_, _USUAL_MPS2)
     return min(usual, limits.acceleration_mps2)
 

@@ -57,7 +57,9 @@ class StepInputs:
         return self.step is not None and self.step > self.done_step and not self.missing()
 
     def missing(self) -> list[str]:
-        """What the others have sent, or must send, for the present step, and has not arrived."""
+        """List what the others have sent, or must send, for the present step, and has not
+        arrived.
+        """
         step = self.step or 0
         silent = [name for name in self.participants if self.answers.get(name, (-1,))[0] < step]
         sent = [sum(answer[k] for answer in self.answers.values()) for k in (1, 2, 3)]

@@ -89,7 +89,7 @@ class Violation:
 
     @property
     def verdict(self) -> Verdict:
-        """Of a run whose first reason this is."""
+        """Return the verdict of a run whose first reason this is."""
         return Verdict.INVALID_HARNESS if self.by_us else verdict_for(self.code)
 
     @property
@@ -222,7 +222,9 @@ def own_lateness(found: Violation, late_s: float, heartbeat_s: float) -> Violati
 
 
 def in_session_time(reported: Violation, now_ns: int) -> Violation:
-    """What another node reports; with a stamp of another clock or run it counts as passed now."""
+    """Convert another node's report; with a stamp of another clock or run it counts as passed
+    now.
+    """
     off_s = ns_to_seconds(reported.stamp_ns - now_ns)
     if abs(off_s) <= REPORT_AGE_S:
         return reported

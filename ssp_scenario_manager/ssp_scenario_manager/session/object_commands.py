@@ -41,7 +41,7 @@ class Pending:
 
     @property
     def outcome(self) -> str:
-        """What became of it when it is given up, with the object as the subject."""
+        """Describe the outcome of a command that is given up, with the object as the subject."""
         if self.refusal:
             return f"refused: {self.refusal}"
         if self.sent_ns is None:
@@ -65,7 +65,7 @@ class Pending:
 
 
 class ObjectCommands:
-    """At most one command per object: a newer one takes the place of what waits.
+    """The pending commands, at most one per object: a newer one takes the place of what waits.
 
     A disarm is repeated until it is answered. An all-clear is repeated until it is accepted, for
     CLEAR_WAIT_S at most. An arm is sent once. Each waits until the object's service is there.

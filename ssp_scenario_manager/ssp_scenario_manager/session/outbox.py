@@ -1,4 +1,4 @@
-"""What a session wants to be sent: facts that the node turns into messages."""
+"""The facts that a session sends; the node turns them into messages."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Triggered:
 
 
 class ObjectCommand(Enum):
-    """What every object of the run is to be told, as ObjectCommand.srv has it."""
+    """The command for every object of the run, as ObjectCommand.srv has it."""
 
     ARM = 2
     DISARM = 3

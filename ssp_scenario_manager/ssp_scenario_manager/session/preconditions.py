@@ -1,4 +1,4 @@
-"""Whether everything is known to stand."""
+"""The check that every object is known to stand."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def moving(
     aborting: bool = False,
     without: Sequence[str] = (),
 ) -> list[str]:
-    """Who isn't known to stand, by id.
+    """List the objects that aren't known to stand, by id.
 
     Args:
         motion: the places of each, by id.

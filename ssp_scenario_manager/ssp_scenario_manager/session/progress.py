@@ -1,4 +1,4 @@
-"""What each instant of a run brings: limits passed, triggers, phases, adaptation, the end."""
+"""The judgement of each instant of a run: limits passed, triggers, phases, adaptation, the end."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def begin(run: Run, now_ns: int) -> list[outbox.Outgoing]:
 
 
 class CannotFire(Exception):
-    """Why a trigger that fired has no reference to send."""
+    """The reason why a trigger that fired has no reference to send."""
 
 
 def fire(

@@ -1,4 +1,4 @@
-"""What belongs to one run of a session: newest states, references, and the verdict."""
+"""The state of one run of a session: newest states, references, and the verdict."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from ssp_scenario_manager.triggers.evaluator import TriggerWatch
 
 
 def blind_text(limits: Limits) -> str:
-    """How far an object may drive before it knows that its link is cut."""
+    """Describe how far an object may drive before it knows that its link is cut."""
     return (
         f"blind distance on link loss: {limits.speed_mps * limits.heartbeat_s:.1f} m "
         f"({limits.speed_mps:g} m/s for {limits.heartbeat_s:g} s)"
@@ -86,7 +86,7 @@ class Run:
 
     @property
     def blind_text(self) -> str:
-        """As blind_text, of this run."""
+        """Return blind_text of this run."""
         return blind_text(self.spec.limits)
 
     # -- verdict -------------------------------------------------------------------------------
@@ -152,7 +152,9 @@ class Run:
         self._breaks += [violation for violation in found if violation is not None]
 
     def _crossed_fence(self, before: ObjectState, state: ObjectState) -> LimitViolation | None:
-        """What an object was outside of between two states; each state is judged by itself."""
+        """Find the violation of an object that was outside between two states; each state is
+        judged itself.
+        """
         excess_m = moved_excess_m(before.pose, state.box, self.spec.geofence)
         if excess_m > 0.0 and box_excess_m(state.box, self.spec.geofence) > 0.0:
             return None

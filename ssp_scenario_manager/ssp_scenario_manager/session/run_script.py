@@ -23,7 +23,7 @@ _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
 
 class RunScript:
-    """Which command to try next. Times are steady-clock nanoseconds.
+    """The choice of the next command to try. Times are steady-clock nanoseconds.
 
     A goal begins with loading its own file; a session that is somewhere else already is refused. A
     person's word goes on from where the session stands with this very file.
@@ -108,7 +108,7 @@ class RunScript:
 
     @property
     def waits_for(self) -> str:
-        """What keeps the next command from being accepted, for people; empty when nothing does."""
+        """Describe what keeps the next command from being accepted; empty when nothing does."""
         return "" if self.finished else "; ".join(self._refusal)
 
     def on_setback(self, reason: str) -> None:

@@ -272,7 +272,7 @@ class Session:
     def judge_triggers(
         self, now_ns: int, targets: Mapping[str, ObjectState] | None = None
     ) -> list[outbox.Outgoing]:
-        """What the triggers ask for at a state of the VUT that is new; judges nothing else.
+        """Evaluate all open triggers against the newest VUT state.
 
         The caller sends it at once, since it shall not wait for everything else that is looked at.
         ``step`` follows, and ends the run where a limit is passed: an object that has begun to

@@ -11,7 +11,7 @@ from ssp_core.vocabulary import SessionPhase
 
 
 class SessionEvent(Enum):
-    """What moves a session. The first nine are commands, the others are observed."""
+    """The events that move a session. The first nine are commands, the others are observed."""
 
     LOAD = "load"
     CONNECT = "connect"

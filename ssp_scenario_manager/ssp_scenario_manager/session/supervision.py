@@ -64,7 +64,7 @@ class LivenessMonitor:
     def hear_recorder(
         self, ready: bool, missing: tuple[str, ...], lost: int, steady_ns: int
     ) -> None:
-        """What the recorder says of itself (RecorderStatus.msg)."""
+        """Take the recorder's report on itself (RecorderStatus.msg)."""
         self.hear(names.MONITOR, steady_ns)
         self.recorder_ready, self.recorder_missing, self.recorder_lost = ready, missing, lost
 
@@ -79,12 +79,12 @@ class LivenessMonitor:
             self.foreign[names.MONITOR] = len(texts), "; ".join(texts)
 
     def hear_localisation(self, reason: str, steady_ns: int) -> None:
-        """Why no state is made of the VUT's newest fix (LocalisationStatus.msg); empty: one is."""
+        """Take the reason why no state is made of the VUT's newest fix; empty: one is made."""
         self.hear(names.VUT_ADAPTER, steady_ns)
         self._vut_refused = reason
 
     def hear_body(self, status: BodyStatus, steady_ns: int) -> None:
-        """What the process of a live object knows of its body (BodyStatus.msg)."""
+        """Take the report of a live object's process on its body (BodyStatus.msg)."""
         self._bodies[status.object_id] = status, steady_ns
 
     def told_to_arm(self) -> None:
@@ -115,7 +115,7 @@ class LivenessMonitor:
         return math.inf if heard is None else ns_to_seconds(steady_ns - heard)
 
     def facts(self, spec: RunSpec | None, steady_ns: int) -> Facts:
-        """What readiness asks for beside the states."""
+        """Return the facts that readiness asks for beside the states."""
         ids = [target.id for target in spec.targets] if spec else []
         refused = steady_ns - self._refused_ns <= seconds_to_ns(ARM_AGAIN_S)
         adapted = self.age_s(names.VUT_ADAPTER, steady_ns) <= ADAPTER_SILENT_S
@@ -176,7 +176,7 @@ class LivenessMonitor:
     def _of_link(
         self, spec: RunSpec, object_id: str, steady_ns: int, stamp_ns: int
     ) -> list[Violation | None]:
-        """What the answers to heartbeats say; a link that isn't measured is silent by its age."""
+        """Judge the answers to heartbeats; a link that isn't measured is silent by its age."""
         link, limits = self.links.link(object_id, steady_ns), spec.limits
         if not math.isfinite(link.delay_s):
             return []
@@ -196,7 +196,9 @@ _REMEMBERED_S = WINDOW_S + 0.5
 
 
 class AbortWatch:
-    """Whether anybody is left who could report the standstill that an abort ends with."""
+    """The watch that finds, after an abort, that no participant can report the standstill any
+    more.
+    """
 
     def __init__(self) -> None:
         self._since_ns: tuple[int, int] | None = None
@@ -282,7 +284,9 @@ class Supervisor:
                 self._session.fail(violation)
 
     def _not_armed(self, steady_ns: int) -> str | None:
-        """Why the session can't stay armed; None while there is nothing to say, or time left."""
+        """Give the reason why the session can't stay armed; None without one, or while time is
+        left.
+        """
         spec, targets = self._session.spec, self._session.targets
         since_ns = self._arming_since_ns
         if since_ns is None or spec is None:

@@ -1,1 +1,1 @@
-"""When a trigger fires: conditions, their evaluation, whether they could fire at all."""
+"""The firing of triggers: conditions, their evaluation, and refusals at load."""

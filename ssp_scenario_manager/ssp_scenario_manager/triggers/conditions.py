@@ -91,7 +91,7 @@ class Snapshot:
         return heard.extrapolated(self.stamp_ns)
 
     def meeting(self, object_id: str) -> Encounter | None:
-        """How an object stands to the VUT (METHOD 1); None: unknown."""
+        """Compute how an object stands to the VUT (METHOD 1); None: unknown."""
         if object_id not in self._meetings:
             vut, other = self.state(VUT_ID), self.state(object_id)
             if vut is None or other is None:
@@ -121,7 +121,9 @@ class Snapshot:
         return math.nan if meeting is None else meeting.ttc_s
 
     def arrival_s(self, station_m: float) -> float:
-        """Until the VUT's foremost point is at a station of its path, at its present speed."""
+        """Compute the time until the VUT's front is at a station of its path, at its present
+        speed.
+        """
         vut = self.state(VUT_ID)
         if vut is None:
             return math.nan
@@ -136,7 +138,7 @@ class Snapshot:
         return math.nan if state is None else state.speed_mps
 
     def room_m(self, object_id: str, polygon: list[tuple[float, float]]) -> float:
-        """How far inside a polygon an object's reference point is, negative outside."""
+        """Compute how far inside a polygon an object's reference point is, negative outside."""
         state = self.state(object_id)
         return math.nan if state is None else room_m(state.x_m, state.y_m, polygon)
 
@@ -166,7 +168,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What a single condition compares with what.
+    """The comparison that a single condition makes.
 
     Args:
         name: of the quantity, for people.
@@ -186,7 +188,7 @@ class Quantity:
 
 
 def quantity(condition: Leaf) -> Quantity:
-    """What a single condition compares with what."""
+    """Return the comparison that a single condition makes."""
     match condition:
         case RelativeDistance():
             return Quantity(f"gap vut - {condition.object_id}", "<", condition.below_m, "m")
@@ -230,7 +232,9 @@ class Question(Protocol):
         """Value and truth at a snapshot's stamp."""
 
     def changed_ns(self, before: Reading, now: Reading) -> int:
-        """When the truth changed that differs between two readings, one after the other."""
+        """Return the time at which the truth changed that differs between two successive
+        readings.
+        """
 
 
 def _nearest(numerator: int, denominator: int) -> int:

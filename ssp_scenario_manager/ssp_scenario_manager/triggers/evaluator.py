@@ -1,4 +1,4 @@
-"""When a trigger fires: nested conditions, edges and holding, over the states as they arrive.
+"""The firing of a trigger: nested conditions, edges and holding, over the states as they arrive.
 
 **Truth.** At every judged state each single condition is true, false or unknown. Between two states
 its truth changes at most once, at the instant that ``conditions`` gives; unknown lasts until the
@@ -152,7 +152,9 @@ class TriggerWatch:
 
     @property
     def values(self) -> list[tuple[Quantity, float]]:
-        """What each single condition asks, and its value at the last judged state."""
+        """Return the comparison of each single condition, and its value at the last judged
+        state.
+        """
         return [
             (asked.quantity, reading.sample.value)
             for asked, reading in zip(self._questions, self._readings, strict=False)
@@ -177,7 +179,7 @@ class TriggerWatch:
         return self._firing(stamp_ns)
 
     def _changes(self, before: list[Reading]) -> list[_Change]:
-        """What changed since the last readings; of the first ones, everything."""
+        """List the changes since the last readings; of the first ones, everything."""
         if not before:
             self._first_ns = self._readings[0].sample.stamp_ns
             return [

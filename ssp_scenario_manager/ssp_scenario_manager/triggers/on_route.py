@@ -1,4 +1,4 @@
-"""Whether everybody of a run starts on their path, and the paths lie on the run's road."""
+"""The check that everybody of a run starts on their path, and the paths lie on the run's road."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BEYOND_ENDS_M = 1.0
 
 
 def off_route(spec: RunSpec) -> list[str]:
-    """Why starts don't lie on paths or paths not on the road, each with its field.
+    """List starts that don't lie on paths and paths that leave the road, each with its field.
 
     Args:
         spec: a run whose paths have a length.

@@ -139,7 +139,7 @@ class View:
         }
 
     def rule(self, path: str) -> Rule | None:
-        """How the quantity at a path is to be given."""
+        """Return the rule of the quantity at a path."""
         units = self.kind.manoeuvre if self.kind else {}
         return rule_of(path, self.event.constraints.trigger.quantity, units)
 
@@ -186,7 +186,7 @@ class View:
         return "; ".join(f"{path} = {self._shown(path)}" for path in paths)
 
     def origin(self, path: str) -> Origin:
-        """Where a wrong value of this one field comes from, by its provenance in part U."""
+        """Name the origin of a wrong value of this one field, by its provenance in part U."""
         entry = owner(path, self.event.uncertainty)
         provenance = self.event.uncertainty[entry].provenance if entry else ""
         return ORIGINS.get(provenance, "contradiction in the structure")
@@ -199,7 +199,7 @@ class View:
 
 
 def _is_sound(span: Span, rule: Rule) -> bool:
-    """In order, closed where the rule wants it, and inside the platform."""
+    """Tell whether a span is in order, closed where the rule wants it, and inside the platform."""
     given = [end for end in (span.low, span.high) if math.isfinite(end)]
     in_order = span.low <= span.high and len(given) == len(rule.needs)
     return in_order and all(rule.limit.holds(end) for end in given)
@@ -244,7 +244,7 @@ class Fail:
 
 
 def known(word: str | None) -> bool:
-    """Whether a word says something: neither missing nor unresolved nor `any`."""
+    """Tell whether a word has a meaning: it is neither missing nor unresolved nor `any`."""
     return word not in (None, UNRESOLVED, "any")
 
 

@@ -240,7 +240,9 @@ def places_exist(view: View) -> Iterator[Failure]:
 
 
 def first_seen_where_they_start(view: View) -> Iterator[Failure]:
-    """In the approach, an OT is seen where part A puts it, and is of a class that may be there."""
+    """Require that an OT is first seen where part A puts it, and is of a class that may be
+    there.
+    """
     for who, participant, phase, cell in view.cells():
         if phase != "approach" or participant.role == "VUT":
             continue
@@ -323,7 +325,9 @@ _COURSES = {
 
 @dataclass(frozen=True, slots=True)
 class _Meaning:
-    """What a motion class says about the other words of its cell; an empty set: nothing."""
+    """The restrictions that a motion class puts on the other words of its cell; an empty set:
+    none.
+    """
 
     heading: frozenset[str]
     lateral: frozenset[str]
@@ -392,7 +396,7 @@ def vut_keeps_its_lane(view: View) -> Iterator[Failure]:
 
 
 def gap_fits_speeds(view: View) -> Iterator[Failure]:
-    """Whether the gap closes or opens follows from who is ahead, the headings and the speeds."""
+    """Require that the gap closes or opens as its sides, headings and speeds imply."""
     vut = view.event.vut_id
     for who, participant, phase, cell in view.cells():
         at = f"motion.{who}.{phase}"
@@ -422,7 +426,9 @@ def gap_fits_speeds(view: View) -> Iterator[Failure]:
 
 
 def who_stands_is_passed(view: View) -> Iterator[Failure]:
-    """Who stands throughout stays on its side of the VUT's path, and only ever falls behind."""
+    """Require that an object which stands throughout keeps its side of the VUT's path and falls
+    behind.
+    """
     for who, participant in view.event.participants.items():
         cells = {phase: view.cell(who, phase) for phase in PHASES}
         if any(cell is None or cell.speed_trend != "standing" for cell in cells.values()):

@@ -70,7 +70,7 @@ def fields_say_whether_they_vary(view: View) -> Iterator[Failure]:
 
 
 def _holds(view: View, name: str) -> bool:
-    """Whether a varying field's own value, where it is known, is one that a place may have."""
+    """Tell whether a varying field's own value, where it is known, is one that a place may have."""
     field = view.event.topology.by_name[name]
     if isinstance(field, WordField):
         return field.value == UNRESOLVED or field.admits(field.value)

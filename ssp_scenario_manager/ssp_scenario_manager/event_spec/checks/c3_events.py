@@ -156,7 +156,9 @@ def _evidence(view: View) -> Iterator[tuple[str, str, Evidence]]:
 
 
 def _span_s(evidence: Evidence, rate: Span | None) -> Span | None:
-    """When something can be seen, from its span or, with the source's rate, from its frames."""
+    """Return the span of an evidence, from its times or, with the source's rate, from its
+    frames.
+    """
     if evidence.span_s is not None:
         return Span(*evidence.span_s)
     if evidence.frames is not None and rate is not None:
@@ -218,7 +220,9 @@ def _lateral_speed(view: View) -> tuple[str, float]:
 
 
 def conflict_follows_the_trigger(view: View) -> Iterator[Failure]:
-    """At the trigger the conflict's threshold isn't reached yet, so that it can follow."""
+    """Require that the conflict's threshold isn't reached yet at the trigger, so that it can
+    follow.
+    """
     names = ["constraints.trigger.below", "constraints.thresholds.ttc"]
     speeds = [f"constraints.speeds.{i}.approach" for i in (view.event.vut_id, view.initiator)]
     found, both = view.spans(*names), view.spans(*speeds)
@@ -271,7 +275,9 @@ def trigger_can_fire(view: View) -> Iterator[Failure]:
 
 
 def vut_comes_steadily(view: View) -> Iterator[Failure]:
-    """Until the conflict the VUT doesn't speed up, but in answer to the trigger if it may."""
+    """Require that the VUT doesn't speed up until the conflict, except in a permitted response
+    to it.
+    """
     vut = view.event.vut_id
     may = "accelerate" in view.event.interaction.longitudinal_responses
     for phase in ("approach", "trigger"):
@@ -308,7 +314,7 @@ def speeds_follow_trends(view: View) -> Iterator[Failure]:
 
 
 def _course(before: Span, held: str, now: Span, trend: str) -> tuple[str, str] | None:
-    """What is wrong with a range of speed after another, if anything: (reason, remedy)."""
+    """Name a contradiction between two successive ranges of speed, if any: (reason, remedy)."""
     steady = held in ("constant", "standing")
     if trend == "constant" and held == "constant" and before != now:
         return "a speed that stays constant has one range", "the range of the phase before"

@@ -54,7 +54,7 @@ def words_fit_the_kind(view: View) -> Iterator[Failure]:
 
 
 def intent_fits_the_kind_and_the_motion(view: View) -> Iterator[Failure]:
-    """What the VUT means to do is what the kind has it do, and no cell or response denies it."""
+    """Require the VUT's intent to be that of the kind, and no cell or response to deny it."""
     vut, interaction = view.event.vut_id, view.event.interaction
     path, intent = f"participants.{vut}.intent", view.event.participants[vut].intent
     if not known(intent):
@@ -99,7 +99,7 @@ def dominant_motion_is_seen(view: View) -> Iterator[Failure]:
 
 
 def conflict_is_closing(view: View) -> Iterator[Failure]:
-    """From the trigger into the conflict the gap between VUT and initiator closes."""
+    """Require that the gap between VUT and initiator closes from the trigger into the conflict."""
     for phase in ("trigger", "conflict"):
         cell, path = (
             view.cell(view.initiator, phase),
@@ -111,7 +111,7 @@ def conflict_is_closing(view: View) -> Iterator[Failure]:
 
 
 def passing_order_fits(view: View) -> Iterator[Failure]:
-    """Who may arrive first at the conflict point does."""
+    """Require that the participant which arrives first at the conflict point may do so."""
     kind, interaction = view.kind, view.event.interaction
     if kind is None or kind.first == "either":
         return
@@ -159,7 +159,7 @@ def responses_have_room(view: View) -> Iterator[Failure]:
 
 
 def vut_does_what_is_admissible(view: View) -> Iterator[Failure]:
-    """In the conflict, the VUT's motion in part M is one of the admissible responses."""
+    """Require that the VUT's motion in the conflict (part M) is one of the admissible responses."""
     vut, interaction = view.event.vut_id, view.event.interaction
     cell, at = view.cell(vut, "conflict"), f"motion.{vut}.conflict"
     if cell is None:
@@ -178,7 +178,7 @@ def vut_does_what_is_admissible(view: View) -> Iterator[Failure]:
 
 
 def vut_keeps_its_lane_untouched(view: View) -> Iterator[Failure]:
-    """Before the conflict, and where no response leaves the lane, the VUT doesn't either."""
+    """Require that the VUT keeps its lane before the conflict, and where no response leaves it."""
     vut, responses = view.event.vut_id, "interaction.lateral_responses"
     allowed = set(view.event.interaction.lateral_responses)
     for phase in ("trigger", "resolution"):
@@ -189,7 +189,9 @@ def vut_keeps_its_lane_untouched(view: View) -> Iterator[Failure]:
 
 
 def vut_gives_way_in_the_conflict(view: View) -> Iterator[Failure]:
-    """Who gives way does so in the conflict, and not only once that is resolved."""
+    """Require that the one who gives way does so in the conflict, and not only once it is
+    resolved.
+    """
     vut, order = view.event.vut_id, view.event.interaction.passing_order
     conflict, resolution = view.cell(vut, "conflict"), view.cell(vut, "resolution")
     if conflict and resolution and order[0] != vut and resolution.speed_trend == "decreasing":
@@ -242,7 +244,9 @@ def thresholds_fit_the_kind(view: View) -> Iterator[Failure]:
 
 
 def a_response_is_feasible(view: View) -> Iterator[Failure]:
-    """At the trigger the VUT can still brake within the safety limit, without a collision."""
+    """Require that the VUT can still brake at the trigger within the safety limit, without a
+    collision.
+    """
     vut, c = view.event.vut_id, "constraints"
     approach = f"{c}.speeds.{view.initiator}.approach"
     names = [f"{c}.trigger.below", f"{c}.safety.acceleration", f"{c}.speeds.{vut}.trigger"]

@@ -38,7 +38,7 @@ def vocabulary(path: str) -> tuple[str, ...]:
 
 
 def allowed(path: str) -> str:
-    """What a field may hold once it is known, in words for a remedy."""
+    """Describe the values that a field may hold once it is known, in words for a remedy."""
     return wanted(_annotation(split(path))).removesuffix(f" or {UNRESOLVED}")
 
 
@@ -118,7 +118,7 @@ def _words(annotation: Any) -> tuple[Any, ...]:
 
 
 def wanted(annotation: Any) -> str:
-    """What a type allows, in words for a remedy."""
+    """Describe the values that a type allows, in words for a remedy."""
     texts = [text for member in _members(annotation) if (text := _wanted(member))]
     return " or ".join(dict.fromkeys(texts)) or "nothing"
 

@@ -1,3 +1,1 @@
-"""How a K* begins: from a video by questions to a vision model, blank from its kind, or from an
-older form.
-"""
+"""The beginnings of a K*: a video and questions to a vision model, its kind, or an older form."""

@@ -33,7 +33,7 @@ _MAX_PROBLEMS = 8
 
 @dataclass(frozen=True)
 class Scope:
-    """What live vocabularies are made of.
+    """The context that live vocabularies are made from.
 
     Args:
         frames: number of frames that the model is shown.
@@ -81,7 +81,7 @@ def words_of(ask: Ask, scope: Scope) -> tuple[str, ...]:
 
 
 def answer_model(question: Question, scope: Scope) -> type[BaseModel]:
-    """What an answer to a question must look like."""
+    """Make the model that an answer to a question must fit."""
     if question.layout == "list":
         words = {ask.key: (_value(ask, scope), ...) for ask in question.asks}
         item = _model(
@@ -229,7 +229,7 @@ def _got(error: Any) -> str:
 
 
 def reply_text(body: bytes, where: str) -> str:
-    """What the model wrote.
+    """Return the text that the model wrote.
 
     Args:
         where: file in which the body stands, for messages.

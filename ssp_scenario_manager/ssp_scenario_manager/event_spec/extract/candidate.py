@@ -1,4 +1,4 @@
-"""From what a model said to a candidate K*: intervals, ``unresolved`` where it can't know, and
+"""The candidate K* from a model's answers: intervals, ``unresolved`` where it can't know, and
 documented defaults for part C.
 """
 
@@ -61,7 +61,9 @@ ROAD_RANGES = {
 
 
 def road_words(name: str, shown: Collection[str]) -> dict[str, object]:
-    """How a field of words may differ: any word; of manoeuvres, what the source doesn't show."""
+    """Return how a field of words may differ: any word; of manoeuvres, those that the source
+    doesn't show.
+    """
     words = ROAD_WORDS[name]
     if name == "permitted_manoeuvres":
         words = tuple(word for word in words if word not in shown)
@@ -83,7 +85,9 @@ SAFETY = SafetyNeed(
 
 
 def thresholds(kind: Kind) -> Thresholds:
-    """When a conflict begins: METHOD 1's defaults, the arrival gap where the kind compares one."""
+    """Give the start of a conflict: METHOD 1's defaults, the arrival gap where the kind compares
+    one.
+    """
     default = Thresholds()
     return default if kind.uses_arrival_gap else default.model_copy(update={"arrival_gap": None})
 
@@ -94,7 +98,7 @@ _NO_SCALE = "one camera gives no absolute speed or distance"
 
 @dataclass(frozen=True)
 class Origin:
-    """What is known about the clip besides its pixels.
+    """The facts known about the clip besides its pixels.
 
     Args:
         original: version or name of the original.

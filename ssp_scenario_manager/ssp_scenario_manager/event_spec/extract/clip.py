@@ -26,7 +26,7 @@ WIDE_SPACING_S = 1.0
 
 @dataclass(frozen=True)
 class Crop:
-    """What part of a video is the clip, and how much of it is shown.
+    """The part of a video that is the clip, and the share of it that is shown.
 
     Args:
         start_s: source time of the clip's first frame.
@@ -129,7 +129,7 @@ def sample(video: Path, crop: Crop, advance: Callable[[], None] = lambda: None) 
 
 
 def _length_s(source: Video, path: Path, crop: Crop) -> float:
-    """What the container promises, else what decoding finds."""
+    """Return the length that the container states, else the one that decoding finds."""
     if source.info.frames:
         return source.info.frames / source.info.fps
     with Video(path) as again:
@@ -180,7 +180,7 @@ Sentence = Annotated[str, Field(min_length=1, max_length=10_000)]
 
 
 class AnnotatedEvent(Strict):
-    """What somebody wrote about one event of a video."""
+    """The annotation of one event of a video."""
 
     description: Sentence
     justification: Sentence
@@ -194,7 +194,9 @@ class Annotation(Strict):
 
     @property
     def text(self) -> str:
-        """As a model may be shown it: descriptions alone, which say what is to be seen."""
+        """Return the text that a model may be shown: descriptions of what is to be seen, nothing
+        else.
+        """
         return "\n".join(f"- {event.description}" for event in self.events)
 
 

@@ -26,7 +26,7 @@ DECISIONS_FILE = "decisions.json"
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be extracted.
+    """A request to extract an event.
 
     Args:
         annotation: EMM-AU file, None: there is none.
@@ -54,7 +54,7 @@ class Order:
 
 @dataclass(frozen=True)
 class GateFinding:
-    """What the model said about one of the gate's reasons; a person refuses, not the model."""
+    """The model's answer about one of the gate's reasons; a person refuses, not the model."""
 
     reason: str
     answer: str
@@ -166,7 +166,7 @@ def extract(
 
 
 def gate_findings(interview: Interview, clip: Clip) -> list[GateFinding]:
-    """What the model said about each of the gate's reasons (METHOD 1), in their order."""
+    """List the model's answers about the gate's reasons (METHOD 1), in their order."""
     return [
         GateFinding(
             reason=GATE_REASONS[key],

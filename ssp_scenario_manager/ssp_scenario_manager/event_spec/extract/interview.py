@@ -66,7 +66,7 @@ def with_pictures(message: Mapping[str, Any], clip: Clip) -> dict[str, Any]:
 
 
 def kind_texts() -> dict[str, str]:
-    """What each known kind of interaction is: the first line of its module."""
+    """Describe each known kind of interaction by the first line of its module."""
     texts = {}
     for name, kind in KINDS.items():
         about = sys.modules[kind.plans.__module__].__doc__ or name
@@ -348,7 +348,7 @@ class Interviewer:
         return request
 
     def _filled(self, filling: Mapping[str, Any]) -> dict[str, str]:
-        """What stands in a question's braces."""
+        """Return the texts that replace a question's braces."""
         begins = ["approach (from frame 1)"]
         for phase, frame in self._earlier.get("phases", {}).items():
             since = "beginning unresolved" if frame == UNRESOLVED else f"from frame {frame}"

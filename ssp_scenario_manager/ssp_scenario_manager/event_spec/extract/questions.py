@@ -1,4 +1,4 @@
-"""What a vision model is asked about a clip, and in which words it may answer.
+"""The questions to a vision model about a clip, and the words in which it may answer.
 
 This is the one definition of the questions; its hash stands in the log with every extraction, and
 a changed word here is a changed hash. The order is METHOD 1's: the road, the VUT, each OT, then

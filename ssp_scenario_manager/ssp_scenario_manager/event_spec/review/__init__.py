@@ -1,1 +1,3 @@
-"""From a candidate to a K* (METHOD 1, review): a person decides each safety-critical field."""
+"""The way from a candidate to a K* (METHOD 1, review): a person decides each safety-critical
+field.
+"""

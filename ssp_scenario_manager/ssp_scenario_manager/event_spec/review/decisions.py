@@ -1,4 +1,4 @@
-"""What a decision does to an event, and a field's value as a person types it."""
+"""The effect of a decision on an event, and a field's value as a person types it."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def with_value(event: Event, path: str, value: Any) -> Event:
 
 
 def _follow_type(event: Event) -> tuple[Event, list[Change]]:
-    """What a kind of interaction settles: relation, zone, trigger quantity, its manoeuvre."""
+    """Apply what a kind of interaction settles: relation, zone, trigger quantity, its manoeuvre."""
     kind = KINDS.get(event.interaction.type)
     if kind is None:
         return event, []

@@ -218,7 +218,7 @@ class EventUnderReview:
 
 
 class Terminal(Protocol):
-    """Where questions go and answers come from; tests have their own."""
+    """The source of answers and the place of questions; tests have their own."""
 
     def say(self, text: str) -> None:
         """Shows a line, or several."""
@@ -265,7 +265,7 @@ HELP = """  a  accept the value as it is
 
 
 class End(Enum):
-    """How a review ended."""
+    """The ending of a review."""
 
     THROUGH = "all fields were shown"
     QUIT = "stopped by the person, or at the end of input"
@@ -375,7 +375,9 @@ class Session:
         return self._checked[1]
 
     def _hint(self, path: str) -> str:
-        """What may be typed for a field: its words, or a range with its units and limits."""
+        """Describe what may be typed for a field: its words, or a range with its units and
+        limits.
+        """
         rule = View(self.reviewed.event).rule(path)
         if rule is None:
             return ", ".join(vocabulary(path))
