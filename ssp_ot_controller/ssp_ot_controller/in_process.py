@@ -95,7 +95,7 @@ class InProcessPlant:
         self._pool.take_heartbeat(beat, 0)
 
     def _report(self, session: SessionPhase, before_ns: int) -> StepReport:
-        """What VUT and objects make of the world's present state."""
+        """Report the reaction of VUT and objects to the world's present state."""
         world, now_ns = self._world, self._world.now_ns
         limits, driver = [], world.driver
         faults = [change.fact(names.SIL_WORLD, before_ns) for change in driver.fault_changes]

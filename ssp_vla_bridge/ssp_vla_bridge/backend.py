@@ -171,7 +171,9 @@ def interface_of(name: str, options: Mapping[str, Any]) -> str:
 
 
 def is_blind(options: Mapping[str, Any]) -> bool:
-    """Whether options, or the decoding that an answer records, say that no picture is shown."""
+    """Tell whether options, or the decoding that an answer records, say that no picture is
+    shown.
+    """
     return options.get("images") == NO_IMAGES
 
 

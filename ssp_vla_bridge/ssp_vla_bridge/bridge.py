@@ -1,4 +1,6 @@
-"""What a bridge decides: which request is next, how its backend fares, what shadow mode asks."""
+"""The decisions of a bridge: the next request, the state of its backend, the plan of shadow
+mode.
+"""
 
 from __future__ import annotations
 
@@ -231,7 +233,7 @@ class ShadowRequests:
         return request
 
     def answered(self, response: Response) -> Response:
-        """What came of a request; a failed one leaves nothing to carry on.
+        """Take the outcome of a request; a failed one leaves nothing to carry on.
 
         Returns:
             The response, with what its request held among the decoding facts: no request of a

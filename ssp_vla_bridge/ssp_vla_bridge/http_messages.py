@@ -1,4 +1,4 @@
-"""What goes over the wire to a model behind HTTP, and back: ``ssp.vla_http/1`` (docs/bridges.md).
+"""The messages to and from a model behind HTTP: ``ssp.vla_http/1`` (docs/bridges.md).
 
     GET  {url}/health  ->  {schema, model_id, ready, detail}
     POST {url}/answer  <-  {schema, request_id, stamp_ns, frames, camera, history, ego_provenance,
@@ -28,7 +28,7 @@ HTTP_SCHEMA = "ssp.vla_http/1"
 
 @dataclass(frozen=True)
 class Health:
-    """What a service says of itself: its exact model and version, and why it isn't ready."""
+    """A service's report of itself: its exact model and version, and why it isn't ready."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
     model_id: str

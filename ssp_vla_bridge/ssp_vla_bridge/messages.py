@@ -1,4 +1,4 @@
-"""What goes to a model and what comes back: driving task, requests, responses, their JSON form."""
+"""The messages to and from a model: driving task, requests, responses, their JSON form."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ _UNIT = re.compile("_(s|m|mps|rad|radps)$")
 
 
 def bare_name(name: str) -> str:
-    """What a field is called in a message, which has units in its comments."""
+    """Return the name of a field in a message, which has units in its comments."""
     return _UNIT.sub("", name)
 
 
@@ -123,7 +123,7 @@ _INSTRUCTION = (
 
 @dataclass(frozen=True)
 class DrivingTask:
-    """What a model is to answer, independent of its native prompt (METHOD 5.1, 5.4).
+    """The questions to a model, independent of its native prompt (METHOD 5.1, 5.4).
 
     Args:
         trajectory_step_s: time between the points asked for, s.
@@ -158,7 +158,7 @@ RESPONSE_SCHEMA = "ssp.response/1"
 
 
 class ErrorCode(IntEnum):
-    """Why there is no answer, by the numbers of VlaResponse.msg."""
+    """The reason why there is no answer, by the numbers of VlaResponse.msg."""
 
     NONE = 0
     TIMEOUT = 1
@@ -193,7 +193,7 @@ class NativeArray:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a backend makes of one request: raw text, raw arrays and decoding facts."""
+    """A backend's answer to one request: raw text, raw arrays and decoding facts."""
 
     text: str
     arrays: tuple[NativeArray, ...] = ()
@@ -342,7 +342,7 @@ class Request:
 
 
 def request_problems(request: Request) -> tuple[str, ...]:
-    """What makes a request unanswerable, one clause each; nothing for a good one.
+    """List the faults that make a request unanswerable, one clause each; none for a good one.
 
     Frames are decoded at an eighth of their size, which finds what can't be decoded at a
     fraction of the cost.
@@ -376,7 +376,9 @@ def request_problems(request: Request) -> tuple[str, ...]:
 
 
 def _all_decode(jpegs: Sequence[bytes]) -> list[bool]:
-    """Which pictures decode. OpenCV gives the interpreter free, so several are tried at a time."""
+    """Tell which pictures decode. OpenCV releases the interpreter, so several are tried at a
+    time.
+    """
     if len(jpegs) < 2:
         return [_decodes(jpeg) for jpeg in jpegs]
     with ThreadPoolExecutor(min(len(jpegs), _AT_ONCE)) as pool:

@@ -1,4 +1,4 @@
-"""What a native prompt and its adapter share: the history as a system prints it, earlier stages."""
+"""The parts that a native prompt and its adapter share: the printed history, earlier stages."""
 
 from __future__ import annotations
 
@@ -162,7 +162,9 @@ def stage_text(response: Response, name: str) -> str | None:
 
 
 def previous_stage(request: Request, name: str) -> Said | None:
-    """What the request's earlier answer said in a stage; None: nothing, or it wasn't earlier."""
+    """Return what the request's earlier answer said in a stage; None: nothing, or it wasn't
+    earlier.
+    """
     previous = request.previous
     if previous is None or previous.error_code or previous.stamp_ns >= request.stamp_ns:
         return None

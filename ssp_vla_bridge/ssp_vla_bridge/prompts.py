@@ -71,7 +71,7 @@ def shown(request: Request, blind: bool) -> Request:
 
 
 def _frames(request: Request) -> str:
-    """How many frames there are, and when each was taken."""
+    """Describe how many frames there are, and when each was taken."""
     if not request.frames:
         return (
             "You are given no picture. Answer from what is told here and from what is usual on "
@@ -114,7 +114,7 @@ def _task_demand(task: DrivingTask) -> str:
 
 
 def _intent(request: Request) -> str:
-    """What OpenEMMA asks about the intent: a first one, or whether the one before holds."""
+    """Write OpenEMMA's question about the intent: a first one, or whether the one before holds."""
     previous = previous_stage(request, "intent")
     if previous is None:
         return (
@@ -181,7 +181,7 @@ def _waypoints_past(request: Request) -> str:
 
 @dataclass(frozen=True)
 class _Native:
-    """What an interface tells of the past, and the form of the rows that it asks for."""
+    """An interface's account of the past, and the form of the rows that it asks for."""
 
     past: Callable[[Request], str]
     form: str
@@ -204,7 +204,7 @@ class _Words(str):
 
 
 class _Braces(dict[str, str]):
-    """What a prompt's braces stand for, worked out where they are met."""
+    """The values of a prompt's braces, computed where they are met."""
 
     def __init__(self, interface: str, request: Request, before: Mapping[str, str]) -> None:
         super().__init__({f"before_{name}": text for name, text in before.items()})
@@ -299,7 +299,7 @@ _ASKS_STEPS = "openai"
 
 
 def native_prompt(interface: str, request: Request) -> str | None:
-    """What an interface asks in words, where it asks in one step; None where it doesn't.
+    """Write an interface's prompt where it asks in one step; None where it doesn't.
 
     Raises:
         InputError: it can't ask what the task asks.

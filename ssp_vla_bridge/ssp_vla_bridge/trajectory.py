@@ -91,7 +91,7 @@ def interpolate(
 def locate(
     times_s: Sequence[float], t_s: float, tolerance_s: float = TOLERANCE_S
 ) -> tuple[int, float]:
-    """Where a time lies among the samples of a valid trajectory.
+    """Find the place of a time among the samples of a valid trajectory.
 
     Returns:
         Index of a sample, and the share of the way from it to the next; 0 at the sample itself.

@@ -1,4 +1,4 @@
-"""Which frames and which history a request holds for each interface; the camera's geometry."""
+"""The frames and the history that a request holds for each interface; the camera's geometry."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SLACK_NS = 1_000_000
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """Which frames and which ego samples a request holds.
+    """The choice of frames and ego samples for a request.
 
     Args:
         frames: at most this many.
@@ -108,7 +108,7 @@ def _sample(state: ObjectState, origin: ObjectState) -> EgoSample:
 
 @dataclass(frozen=True)
 class Interface:
-    """What a family of models expects and gives.
+    """The inputs and outputs of a family of models.
 
     Args:
         adapter: that reads its answers, ``name`` or ``name:mode``.
@@ -168,7 +168,7 @@ def find_interface(name: str) -> Interface:
 
 
 def mounting_of(transform: Any) -> Mounting:
-    """Where a camera is mounted, of a geometry_msgs/Transform."""
+    """Read a camera's mounting from a geometry_msgs/Transform."""
     move, turn = transform.translation, transform.rotation
     return Mounting.of_transform(
         (float(move.x), float(move.y), float(move.z)),

@@ -1,4 +1,6 @@
-"""What an object_target needs of a body; and a mirror, which does exactly what it is told."""
+"""The interface of a body for an object_target; and a mirror, which does exactly what it is
+told.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ from ssp_ot_controller.bodies.dynamics import LIMITS, Command
 
 @dataclass(frozen=True, slots=True)
 class BodyReading:
-    """What a body knows of itself at one instant; its reference point in frame map.
+    """A body's reading of itself at one instant; its reference point in frame map.
 
     Args:
         stamp_ns: when it was measured, on the body's clock, which is that of the session.
@@ -45,7 +47,7 @@ class BodyReading:
 
 @dataclass(frozen=True, slots=True)
 class BodyCheck:
-    """What a body with a control state of its own is found to be, for the object target.
+    """The judgement of a body with a control state of its own, for the object target.
 
     Args:
         armed: it reports that it is armed.
@@ -65,7 +67,7 @@ class BodyCheck:
 
 @dataclass(frozen=True, slots=True)
 class Decided:
-    """What the object target decided, for a body that follows trajectories by itself.
+    """The object target's decision, for a body that follows trajectories by itself.
 
     Args:
         session: as the manager's last heartbeat said.
@@ -85,7 +87,8 @@ class Body(Protocol):
         """The newest reading since the last call, None when there is no new one."""
 
     def command(self, command: Command, now_ns: int) -> None:
-        """What to do until the next command; a body that hears none for long brakes by itself.
+        """Take the command that holds until the next; a body that hears none for long brakes by
+        itself.
 
         Args:
             command: finite.
@@ -93,7 +96,8 @@ class Body(Protocol):
         """
 
     def problems(self) -> tuple[str, ...]:
-        """Why none of what it says becomes a reading, as sentences; empty where nothing is known.
+        """List why none of its messages becomes a reading, as sentences; empty where nothing is
+        known.
 
         Asked for while no reading comes.
         """

@@ -49,7 +49,7 @@ class BodyState:
 
 @dataclass(frozen=True, slots=True)
 class BodyLimits:
-    """What a body can do at most, and how quickly it follows.
+    """The limits of a body's motion, and how quickly it follows.
 
     Args:
         deceleration_mps2: hardest service braking, > 0.
@@ -78,7 +78,7 @@ class BodyLimits:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What a controller asks of a body until the next command (ActuatorCommand.msg).
+    """A controller's request to a body until the next command (ActuatorCommand.msg).
 
     Args:
         acceleration_mps2: along the heading, braking is negative.
@@ -103,7 +103,7 @@ class Command:
 
 
 class Moving(Protocol):
-    """What braking needs to know; BodyState and ObjectState both have it."""
+    """The motion that braking needs to know; BodyState and ObjectState both have it."""
 
     @property
     def yaw_rad(self) -> float: ...

@@ -1,4 +1,4 @@
-"""From latitude, longitude and a heading to a fix in frame map, with a quality gate; without ROS.
+"""The way from latitude, longitude and heading to a fix in frame map, with a quality gate; no ROS.
 
 Drivers of receivers publish ``NavSatFix`` for the place and ``Imu`` for the heading, as orientation
 against east, north and up. Velocity is ``TwistStamped`` in the unit's axes with some and in those
@@ -38,7 +38,7 @@ _HIGHEST_M = 1e5
 
 
 class FixType(IntEnum):
-    """How a place was found, by the numbers of NavSatStatus."""
+    """The kind of a fix, by the numbers of NavSatStatus."""
 
     UNKNOWN = -2
     NO_FIX = -1
@@ -49,7 +49,7 @@ class FixType(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class NavSat:
-    """Where the antenna, or the unit, is (NavSatFix).
+    """The place of the antenna, or of the unit (NavSatFix).
 
     Args:
         stamp_ns: when it was measured, session time.
@@ -66,7 +66,7 @@ class NavSat:
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """How the unit is turned (Imu).
+    """The orientation of the unit (Imu).
 
     Args:
         quaternion: orientation (x, y, z, w) against east, north, up.
@@ -80,7 +80,7 @@ class Heading:
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """How fast the unit moves over ground, m/s, in whatever direction."""
+    """The speed of the unit over ground, m/s, in whatever direction."""
 
     stamp_ns: int
     speed_mps: float
@@ -88,7 +88,7 @@ class Speed:
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """What a fix must have to become a state; its standard deviation is judged with the states.
+    """The requirements on a fix; its standard deviation is judged with the states.
 
     Args:
         least: fix type.

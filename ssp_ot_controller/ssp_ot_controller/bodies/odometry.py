@@ -1,4 +1,4 @@
-"""From a GNSS/INS fix to the VUT's state at its reference point, without ROS.
+"""The way from a GNSS/INS fix to the VUT's state at its reference point, without ROS.
 
 The receiver gives pose and velocity of its own frame (where antenna or unit sit, x forward).
 The session speaks of the reference point: on the ground, under the rear axle. A lever arm joins the
@@ -60,7 +60,7 @@ class Fix:
 
 @dataclass(frozen=True, slots=True)
 class LeverArm:
-    """Where the unit sits, from the reference point, in the vehicle's frame; m and rad.
+    """The unit's place from the reference point, in the vehicle's frame; m and rad.
 
     Args:
         forward_m: + is ahead of the rear axle.
@@ -144,7 +144,7 @@ class VutStates:
         )
 
     def _acceleration(self, stamp_ns: int, speed_mps: float) -> float:
-        """Of differences of speed; 0 at first and after a pause."""
+        """Compute the acceleration from differences of speed; 0 at first and after a pause."""
         if self._last is None:
             return 0.0
         dt_s = ns_to_seconds(stamp_ns - self._last.stamp_ns)

@@ -39,7 +39,7 @@ _EMERGENCY_STOP = 1
 
 
 class Reason(Enum):
-    """Why a datagram is not taken."""
+    """The reason why a datagram is refused."""
 
     LENGTH = "length"
     MAGIC = "magic"
@@ -53,7 +53,7 @@ class Reason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """What every datagram carries.
+    """The fields that every datagram carries.
 
     Args:
         object_id: whose body; ASCII, at most ID_BYTES bytes.

@@ -71,7 +71,7 @@ class BodyServer:
 
     @property
     def silent_s(self) -> float:
-        """For how long the last command has been too old, 0 while it holds."""
+        """Return for how long the last command has been too old, 0 while it holds."""
         return max(0.0, ns_to_seconds(self._now_ns - self._brakes_at_ns))
 
     def place(self, pose: Pose2) -> None:

@@ -1,4 +1,4 @@
-"""Which ticks become frames, how far objects have travelled by then, and JPEG encoding."""
+"""The choice of ticks that become frames, the objects' travel by then, and JPEG encoding."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Schedule:
     last_ns: int = 0
 
     def decide(self, step: int, running: bool, now_ns: int) -> tuple[bool, Schedule]:
-        """Whether this tick becomes a frame, and the schedule from then on.
+        """Decide whether this tick becomes a frame; return it with the schedule from then on.
 
         A frame step is taken once when the world runs. While it holds at step 0 the same tick
         comes again and again, and gives one frame per second of steady time.

@@ -107,7 +107,7 @@ class Redrawing:
 
     @property
     def reaches_no_further(self) -> bool:
-        """Whether an object changes no other pixels than ``touched`` has.
+        """Tell whether an object changes no other pixels than ``touched`` has.
 
         At dusk its lamps light up what is round it, wet ground mirrors it, and motion blur spreads
         it.
@@ -146,7 +146,8 @@ def _fill(mask: Array, view: View, triangles: Array) -> None:
 
 
 def _planes(view: View) -> Array:
-    """What bounds a picture and as much again on each side, in the camera's frame.
+    """Compute the planes that bound a picture and as much again on each side, in the camera's
+    frame.
 
     Shape (5, 4): a point (x, y, z) is inside where its product with each row's first three numbers
     plus the fourth isn't negative. Farther out OpenCV's coordinates would not suffice.

@@ -37,7 +37,7 @@ _SLOW_MPS = 0.3
 
 @dataclass(frozen=True, slots=True)
 class BrakeMonitor:
-    """When a braking began and at what speed."""
+    """The begin of a braking and its speed."""
 
     since_ns: int
     from_mps: float
@@ -149,7 +149,7 @@ class StoppingRoom:
         self._blind_s = blind_s(limits)
 
     def outside_m(self, state: ObjectState) -> float:
-        """How far the object sticks out of the fence, here or on its way from the last state on.
+        """Compute how far the object sticks out of the fence, here or since the last state.
 
         0 for inside, inf for nowhere.
         """
@@ -164,7 +164,8 @@ class StoppingRoom:
         return self._swept_m([last, here])
 
     def excess_m(self, state: ObjectState, left_m: float | None, track: Track | None) -> float:
-        """How far a stop from here would lead outside at the worst; 0 when all of it is inside.
+        """Compute how far a stop from here would lead outside at the worst; 0 when all of it is
+        inside.
 
         Args:
             state: of the object, with finite values.
@@ -185,7 +186,7 @@ class StoppingRoom:
     def _stop_excess_m(
         self, here: Pose2, curvature_1pm: float, way_m: float, clear: _Clear
     ) -> float:
-        """How far the object sticks out anywhere on an arc."""
+        """Compute how far the object sticks out anywhere on an arc."""
         there = _on_arc(here, curvature_1pm, way_m)
         # Ends of the object's axis included, the arc strays no further from its chord.
         size, bend = self._size, abs(curvature_1pm)
@@ -200,7 +201,9 @@ class StoppingRoom:
         return self._swept_m([_on_arc(here, curvature_1pm, way_m * share) for share in shares])
 
     def _axis(self, start: Pose2, end: Pose2) -> tuple[Point, Point]:
-        """From the middle of its rear at one pose to the middle of its front at another."""
+        """Return the line from the middle of its rear at one pose to the middle of its front at
+        another.
+        """
         return start.to_parent(-self._size.rear_m, 0.0), end.to_parent(self._size.front_m, 0.0)
 
     def _swept_m(self, way: Sequence[Pose2]) -> float:

@@ -43,7 +43,7 @@ _PIECE = 1 << _PIECE_BITS
 
 
 class Point(NamedTuple):
-    """Where an object is to be and how fast; fields as in ReferencePoint."""
+    """The place of an object and its speed at one time; fields as in ReferencePoint."""
 
     x_m: float
     y_m: float
@@ -96,7 +96,7 @@ class Track:
 
     @property
     def end(self) -> Pose2:
-        """Where the path ends."""
+        """Return the end of the path."""
         return Pose2(*self._row(len(self._times_s) - 1)[:3])
 
     def accelerations(self, times_s: FloatArray) -> FloatArray:
@@ -142,11 +142,11 @@ class Track:
         )
 
     def curvature_1pm(self, t_s: float) -> float:
-        """As ``at``, of the curvature alone."""
+        """Evaluate ``at`` for the curvature only."""
         return self._value(t_s, 5)
 
     def speed_mps(self, t_s: float) -> float:
-        """As ``at``, of the speed alone."""
+        """Evaluate ``at`` for the speed only."""
         return 0.0 if t_s >= self._times_s[-1] else self._value(t_s, 3)
 
     def left_m(self, t_s: float, ahead_m: float) -> float:
@@ -203,7 +203,7 @@ def lateral_gains(lag_s: float, dt_s: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _rounded(values: FloatArray) -> FloatArray:
-    """To ten digits: linear algebra differs in the last ones from machine to machine."""
+    """Round to ten digits: linear algebra differs in the last ones from machine to machine."""
     return np.array([float(f"{v:.10g}") for v in values.ravel()]).reshape(values.shape)
 
 
@@ -387,7 +387,9 @@ class Tracker:
         return self._bounded(self._feed_forward(now.track, now.t_s) - back)
 
     def _feed_forward(self, track: Track, t_s: float) -> float:
-        """What the reference's accelerations from now on ask for, linear between two steps."""
+        """Compute the command for the reference's accelerations from now on, linear between two
+        steps.
+        """
         steps = t_s / self._dt_s
         k = math.floor(steps)
         share = steps - k

@@ -159,12 +159,12 @@ class LiveObjects:
 
     @property
     def mirrored(self) -> tuple[str, ...]:
-        """Of the objects without a body of their own, whose motion is modelled here."""
+        """List the objects without a body of their own, whose motion is modelled here."""
         return tuple(i for i, body in self._bodies.items() if isinstance(body, MirrorBody))
 
     @property
     def test_object_ids(self) -> tuple[str, ...]:
-        """Of the objects whose bodies speak ISO 22133."""
+        """List the objects whose bodies speak ISO 22133."""
         return tuple(self._test_objects)
 
     def listen(self, now_ns: int) -> bool:
@@ -201,7 +201,7 @@ class LiveObjects:
         return WorldTick(now_ns, self._step, True, False, 0, 0, tuple(truths))
 
     def _is_due(self, object_id: str, now_ns: int, only_new: bool) -> bool:
-        """Whether an object is stepped now."""
+        """Tell whether an object is stepped now."""
         stepped_ns, taken_ns = self._stepped_ns.get(object_id, 0), self._taken_ns[object_id]
         if ns_to_seconds(now_ns - stepped_ns) < self._apart_s:
             return False
@@ -240,7 +240,7 @@ class LiveObjects:
                 yield FrameBatch(frames[-1].stamp_ns, object_id, tuple(frames))
 
     def statuses(self, now_ns: int) -> list[BodyStatus]:
-        """What keeps each object from being seen and armed."""
+        """List what keeps each object from being seen and armed."""
         found = []
         for object_id, body in self._bodies.items():
             taken_ns = self._taken_ns.get(object_id)
@@ -257,7 +257,9 @@ class LiveObjects:
         return found
 
     def _deaf(self, object_id: str) -> tuple[str, ...]:
-        """Whether a body says that it hears no command; one of ISO 22133 says it by its state."""
+        """Tell whether a body says that it hears no command; one of ISO 22133 says it by its
+        state.
+        """
         if not self._newest[object_id].brakes_by_itself:
             return ()
         return (
@@ -266,7 +268,7 @@ class LiveObjects:
         )
 
     def _late(self, object_id: str, now_ns: int) -> tuple[str, ...]:
-        """Why the newest reading was too old when it came."""
+        """Say why the newest reading was too old when it came."""
         late_s = self._late_s[object_id]
         if late_s <= self._oldest_s:
             return ()

@@ -1,4 +1,4 @@
-"""What an object watches by itself: may it go on, or must it stop without being told?
+"""The safety decision that an object makes by itself: go on, or stop.
 
 The predicates are those of ssp_core.safety.limits, which the manager judges by too; here is which
 of them count when.
@@ -47,7 +47,7 @@ def is_idle(control_state: ControlState, reference: Reference | None, now_ns: in
 
 @dataclass(frozen=True, slots=True)
 class SafetyInputs:
-    """What an object knows at one step.
+    """The inputs of an object's safety decision at one step.
 
     Args:
         heartbeat_age_s: since the manager's last heartbeat, inf before the first.

@@ -1,4 +1,4 @@
-"""What the objects of a process hear, and how they answer heartbeats.
+"""The messages that the objects of a process hear, and their answers to heartbeats.
 
 MessageBuffer hands messages on in the order in which they belong together. ManagerArbiter decides
 which heartbeats are our manager's: two managers that both lead would pull an object to and fro,
@@ -169,7 +169,7 @@ class ManagerArbiter:
         return True
 
     def command_problem(self, token: str, steady_ns: int) -> str:
-        """Why a command isn't of our manager's session; empty where it is.
+        """Say why a command isn't of our manager's session; empty where it is.
 
         Args:
             token: that came with it.
@@ -181,7 +181,7 @@ class ManagerArbiter:
         return steady_ns - self._heard_ns > self._silence_ns
 
     def strangers(self, steady_ns: int) -> int:
-        """How many others were heard of late."""
+        """Count the other managers that were heard of late."""
         if not self._strangers:
             return 0
         oldest_ns = steady_ns - seconds_to_ns(_REMEMBERED_S)

@@ -42,7 +42,7 @@ class Stopped:
     stop: LimitViolation
 
     def fact(self, source: str, now_ns: int) -> LimitFact:
-        """As the node of that name tells it."""
+        """Make the fact that the node of that name reports."""
         stop = self.stop
         return LimitFact(
             stop.code, source, self.object_id, stop.measured, stop.limit, now_ns, stop.words
@@ -51,7 +51,7 @@ class Stopped:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """What was sent so far (StepDone.msg)."""
+    """The counts of messages sent so far (StepDone.msg)."""
 
     states: int = 0
     acks: int = 0
@@ -60,7 +60,7 @@ class Counts:
 
 @dataclass(frozen=True, slots=True)
 class PoolStep:
-    """What the objects of a process send for one step, each in the order of the object ids.
+    """The messages of a process's objects for one step, each in the order of the object ids.
 
     Args:
         answered: by StepDone; in lockstep, also while the world holds and wants to hear everybody.
@@ -126,7 +126,7 @@ class _Member:
             self.target.on_session_state(beat.session_state, beat.abort_id)
 
     def silence_s(self, steady_ns: int) -> float:
-        """Since the last heartbeat on the steady clock, inf before the first."""
+        """Return the time since the last heartbeat on the steady clock, inf before the first."""
         if self.heartbeat_arrived_ns is None:
             return float("inf")
         return ns_to_seconds(steady_ns - self.heartbeat_arrived_ns)
@@ -321,7 +321,7 @@ class ObjectPool:
         return self.halt(steady_ns, limit_s)
 
     def halt(self, steady_ns: int, limit_s: float = 0.0) -> PoolStep | None:
-        """Whatever may move stops, latched and announced; None when nothing does."""
+        """Stop every object that may move, latched and announced; None when there is none."""
         silence_s = ns_to_seconds(steady_ns - self._tick_arrived_ns)
         stop = LimitViolation(SafetyCode.STATE_STALE, silence_s, limit_s)
         moving = {i: m.target for i, m in self._members.items() if m.target.state in _MAY_MOVE}
@@ -343,7 +343,9 @@ class ObjectPool:
     # -- inside --------------------------------------------------------------------------------
 
     def _heartbeat_age_s(self, member: _Member, tick: WorldTick, steady_ns: int) -> float:
-        """On session time in lockstep, where the manager beats once a step; else steady."""
+        """Return the heartbeat's age on session time in lockstep, where one comes per step; else
+        steady.
+        """
         if not in_step(tick):
             return member.silence_s(steady_ns)
         if member.heartbeat_stamp_ns is None:

@@ -114,7 +114,9 @@ class RefusalCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a reference is not taken: number and one sentence with measured value and limit."""
+    """The reason why a reference is refused: number and one sentence with measured value and
+    limit.
+    """
 
     code: RefusalCode
     message: str
@@ -284,7 +286,7 @@ def _check_fence(
 
 
 def _check_stops(reference: Reference, stop_room: StoppingRoom) -> Refusal | None:
-    """From each of its points the object must be able to stop inside the fence."""
+    """Check that the object can stop inside the fence from each of a reference's points."""
     lack = stop_room.lack(reference.columns)
     if lack is None:
         return None
@@ -319,7 +321,7 @@ class ReferenceQueue:
 
     @property
     def planned(self) -> tuple[Reference, ...]:
-        """What is driven, and what waits, by their time."""
+        """List the reference that is driven, and those that wait, by their time."""
         return (*(() if self.current is None else (self.current,)), *self._waiting)
 
     @property

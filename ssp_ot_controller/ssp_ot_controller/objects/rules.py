@@ -1,4 +1,4 @@
-"""What an object target is judged by: the part of a run that concerns it."""
+"""The rules that an object target is judged by: the part of a run that concerns it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ssp_core.run_file.participants import ParticipantSpec
 
 
 class Rules(Protocol):
-    """What a Target needs of a run; every ``RunSpec`` has it."""
+    """The part of a run that a Target needs; every ``RunSpec`` has it."""
 
     @property
     def targets(self) -> Sequence[ParticipantSpec]: ...

@@ -154,7 +154,7 @@ def cannot_arm(
 
 
 def other_rules(ours: str, compared: str) -> CommandResponse | None:
-    """Why an object can't be armed by a manager that knows other rules of it; None: it knows these.
+    """Refuse arming by a manager that knows other rules of the object; None: it knows these.
 
     Args:
         ours: digest of what the object judges by.

@@ -66,7 +66,7 @@ _WHEN_RUNNING = {
 
 @dataclass(frozen=True, slots=True)
 class TargetStep:
-    """What one step led to: the command for the body, the state to report, a limit passed."""
+    """The result of one step: the command for the body, the state to report, a limit passed."""
 
     command: Command
     report: ObjectState
@@ -167,7 +167,7 @@ class Target:
         return CommandResponse(True)
 
     def on_session_state(self, session: SessionPhase, abort_id: str = "") -> None:
-        """What the manager's heartbeat says of the session: start, stop, abort.
+        """Obey the session's state in the manager's heartbeat: start, stop, abort.
 
         Args:
             abort_id: names the session's newest abort.
@@ -208,7 +208,7 @@ class Target:
     def check(
         self, reference: Reference, now_ns: int, control_state: ControlState
     ) -> Refusal | None:
-        """Why a reference would be refused, None when it would be taken; changes nothing.
+        """Say why a reference would be refused, None when it would be taken; changes nothing.
 
         Args:
             control_state: that the object has when it gets the reference.
@@ -235,7 +235,7 @@ class Target:
 
     @property
     def decided(self) -> Decided:
-        """What a body is told that follows trajectories by itself."""
+        """Return the decision for a body that follows trajectories by itself."""
         return Decided(self.session, self.state, self._queue.planned)
 
     def last_report(self) -> ObjectState | None:
@@ -334,7 +334,9 @@ class Target:
         return TargetStep(command, self._report(own), stopped)
 
     def _turned(self, own: ObjectState, *, running: bool) -> LimitViolation | None:
-        """How far the object faces off its start's heading, where its first metre shows it."""
+        """Judge how far the object faces off its start's heading, where its first metre shows
+        it.
+        """
         if self._heading is None or not own.is_finite:
             return None
         if not running:
@@ -343,13 +345,13 @@ class Target:
         return self._heading.see(own, stands=has_stood(own, self._motion))
 
     def _body_violation(self) -> LimitViolation | None:
-        """What the body does that it must not; each is told once."""
+        """Find a violation by the body itself; each is reported once."""
         found, told = self.body.violation, self._told
         self._told = found
         return None if found == told else found
 
     def _running_s(self, now_ns: int) -> float:
-        """Since the first step in RUNNING, 0 elsewhere."""
+        """Return the time since the first step in RUNNING, 0 elsewhere."""
         if self.state is not ControlState.RUNNING:
             self._running_since_ns = None
             return 0.0

@@ -215,7 +215,7 @@ class FaultyObject:
     # -- from the object -----------------------------------------------------------------------
 
     def take_sent(self, now_ns: int) -> list[Sent]:
-        """What is to be sent by now, in order."""
+        """Return the messages that are due by now, in order."""
         self.advance(now_ns)
         for sent in self._played.take_sent(now_ns):
             self._out.append((now_ns + self._delay_ns(now_ns), self._changed(sent, now_ns)))
@@ -248,7 +248,7 @@ class FaultyObject:
         return Sent(sent.udp, _with_checksum(bytes(data)))
 
     def _changes(self, now_ns: int) -> dict[str, Any]:
-        """Of a MONR's fields."""
+        """Return the changed fields of a MONR."""
         changes: dict[str, Any] = {}
         odd, factor = self._has("driving_state", now_ns), self._has("speed_factor", now_ns)
         if factor is not None:

@@ -169,7 +169,7 @@ class IsoObject:
 
     @property
     def state(self) -> ControlState:
-        """As it is reported: INIT until a control centre is connected."""
+        """Return the reported state: INIT until a control centre is connected."""
         state = self._target.state
         alone = self._host is None or self.closes
         return ControlState.INIT if alone and state is ControlState.DISARMED else state
@@ -181,7 +181,7 @@ class IsoObject:
 
     @property
     def monr_address(self) -> Any:
-        """Where heartbeats come from, and MONR goes; None until the first."""
+        """Return the address that heartbeats come from, and MONR goes to; None until the first."""
         return self._heab_address
 
     def connect(self, host: str, now_ns: int) -> bool:
@@ -423,7 +423,7 @@ class IsoObject:
             self._take(self._decoder.resync())
 
     def take_sent(self, now_ns: int) -> list[Sent]:
-        """What is to be sent by now, in order."""
+        """Return the messages that are due by now, in order."""
         self.advance(now_ns)
         heard = self._heab_address is not None and not self.closes
         if heard and self._osem is not None and self._now_ns >= self._next_monr_ns:
@@ -489,7 +489,7 @@ class IsoObject:
         self._note(f"stops by itself: {name} {stop.measured:.3f}, limit {stop.limit:.3f}")
 
     def _settle(self) -> None:
-        """What has to wait until the object stands."""
+        """Do what has to wait until the object stands."""
         if self.body.speed_mps > 0.0:
             self._moved_ns = self._now_ns
         if self.body.speed_mps > STANDSTILL_MPS:
@@ -520,7 +520,9 @@ class IsoObject:
     # -- reports -------------------------------------------------------------------------------
 
     def _silence_s(self) -> float:
-        """Since the last heartbeat, inf before the first and without a connection."""
+        """Return the time since the last heartbeat, inf before the first and without a
+        connection.
+        """
         if self._heard_ns is None or self._host is None:
             return math.inf
         return ns_to_seconds(self._now_ns - self._heard_ns)

@@ -49,7 +49,7 @@ def _points(value: Any) -> Any:
 
 
 class _Place(Strict):
-    """What a probe needs of a site file or a run file."""
+    """The part of a site file or a run file that a probe needs."""
 
     geofence: Annotated[Outline, BeforeValidator(_points)]
     datum: SiteDatum | None = None

@@ -200,7 +200,7 @@ class PlayedIsoObjects(Closing):
 
     @property
     def addresses(self) -> dict[str, str]:
-        """Of each object, as ``ssp run --body`` takes it."""
+        """Return each object's address, as ``ssp run --body`` takes it."""
         return {s.played.object_id: f"iso22133://{s.host}:{s.port}" for s in self._servers}
 
     def serve(self, until: Callable[[], bool]) -> None:

@@ -1,4 +1,4 @@
-"""What a control centre's OSEM asks of an object: can it be kept, and what follows from it?"""
+"""The requests of a control centre's OSEM: whether they can be kept, and what follows from them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NOT_ZERO = (
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Why a message isn't obeyed."""
+    """The reason why a message isn't obeyed."""
 
     code: ResponseCode
     text: str
@@ -48,7 +48,7 @@ def unsupported(text: str) -> Refused:
 
 
 def problem_of(osem: Osem, now_ns: int) -> Refused | None:
-    """Why settings can't be kept, None when they can."""
+    """Say why settings can't be kept, None when they can."""
     for name in _NOT_ZERO:
         if getattr(osem, name) == 0:
             return invalid(f"{name} is 0")

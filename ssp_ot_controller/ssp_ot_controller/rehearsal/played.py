@@ -32,7 +32,7 @@ _LONGEST_S = 1.0
 
 
 def is_away(body: BodyState, start: Pose2) -> bool:
-    """Whether a body stands elsewhere than at its start."""
+    """Tell whether a body stands elsewhere than at its start."""
     away_m = math.hypot(body.x_m - start.x_m, body.y_m - start.y_m)
     return body.speed_mps == 0.0 and away_m > _AT_START_M
 
@@ -166,7 +166,7 @@ class PlayedBodies(Closing):
 
     @property
     def addresses(self) -> dict[str, str]:
-        """Of each object's body, as ``ssp run --body`` takes it."""
+        """Return the address of each object's body, as ``ssp run --body`` takes it."""
         found = {}
         for body, sock in self._served:
             host, port = sock.getsockname()

@@ -1,1 +1,1 @@
-"""What talks to ROS: nodes, their parameters, and conversions of messages."""
+"""The ROS side: nodes, their parameters, and conversions of messages."""

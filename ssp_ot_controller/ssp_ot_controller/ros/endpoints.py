@@ -1,4 +1,4 @@
-"""What several nodes send and hear: frames of a camera, and states of objects."""
+"""The endpoints that several nodes share: frames of a camera, and states of objects."""
 
 from __future__ import annotations
 

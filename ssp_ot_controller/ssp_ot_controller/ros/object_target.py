@@ -93,7 +93,7 @@ class ObjectPublishers:
         }
 
     def tell_rules(self, rules: Mapping[str, ObjectRules]) -> None:
-        """What each object judges by."""
+        """Publish the rules that each object judges by."""
         for object_id, one in rules.items():
             self._rules[object_id].publish(rules_to_msg(one, object_id, self._node.get_name()))
 
@@ -139,11 +139,11 @@ class ObjectPublishers:
         self._reply.publish(message)
 
     def offer_statuses(self) -> None:
-        """Of live objects: their bodies are real, and may not be there."""
+        """Offer the statuses of live objects: their bodies are real, and may not be there."""
         self._status = self._node.create_publisher(BodyStatusMsg, names.BODY_STATUS, ros.STATE)
 
     def tell(self, status: BodyStatus, now_ns: int) -> None:
-        """What keeps an object from being seen and armed."""
+        """Publish what keeps an object from being seen and armed."""
         self._status.publish(body_status_message(status, now_ns))
 
     def _send_states(self, states: tuple[State, ...]) -> None:
@@ -178,7 +178,7 @@ class ObjectPublishers:
 
 
 class TestObjectEndpoints:
-    """What test objects need beside the steps: heartbeats, reports as they come, raw frames.
+    """The endpoints of test objects beside the steps: heartbeats, reports as they come, raw frames.
 
     Args:
         on_report: called when a test object has said something new.
@@ -268,7 +268,7 @@ class ObjectProcess:
             self._test_objects = TestObjectEndpoints(node, self._live, self._on_report)
 
     def _entities(self) -> list[tuple[Any, Callable[[Any], bool]]]:
-        """What the node has, each with what ends it."""
+        """List the node's entities, each with the function that ends it."""
         node = self._node
         return [
             *((one, node.destroy_timer) for one in node.timers),
@@ -290,7 +290,7 @@ class ObjectProcess:
             self._live = None
 
     def halt(self) -> None:
-        """Whatever may move stops, and stays stopped until it is cleared."""
+        """Stop every object that may move, until it is cleared."""
         self.pool.active = False
         self._send(self.pool.halt(time.monotonic_ns()))
 

@@ -198,7 +198,7 @@ class SilWorld(Node):
             )
 
     def _may_start(self) -> bool:
-        """Until then the VUT says nothing of itself, so that no session can start.
+        """Tell whether a session may start; until then the VUT reports nothing of itself.
 
         Its driver is heard; in lockstep also everybody whom the world is going to wait for.
         """

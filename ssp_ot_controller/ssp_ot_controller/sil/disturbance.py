@@ -1,4 +1,4 @@
-"""What comes between an object and its true state, its manager and its body: one place for all.
+"""The disturbances between an object and its true state, its manager and its body, in one place.
 
 A ``Channel`` belongs to whoever stands for the object (its process, or ``sil_world`` for the VUT):
 localisation, clock and links. An ``Actuator`` belongs to the simulated body. Both are counted in
@@ -55,7 +55,7 @@ class FaultChange:
     unit: str
 
     def fact(self, source: str, now_ns: int) -> FaultFact:
-        """As the node of that name tells it."""
+        """Make the fact that the node of that name reports."""
         name = f"{self.number} {self.kind}"
         return FaultFact(source, name, self.target, self.active, self.value, self.unit, now_ns)
 
@@ -167,7 +167,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, slots=True)
 class LinkQuality:
-    """How well a link carries.
+    """The quality of a link.
 
     Args:
         delay_s: each message arrives that much later, to the nearest step.
@@ -267,7 +267,7 @@ ACTUATOR_FAULTS: tuple[FaultKind, ...] = ("actuator_stuck",)
 
 @dataclass(frozen=True, slots=True)
 class LinkSizes:
-    """What a clock and a link measurement would find: one-way delays and the clock, s.
+    """The true one-way delays and clock offset that a measurement would find, s.
 
     Args:
         clock_offset_s: the object's clock minus the manager's.
@@ -333,7 +333,7 @@ class Channel:
         return self._faults.begin(now_ns, running=running, armed=armed)
 
     def clock_ns(self, now_ns: int) -> int:
-        """What the object's own clock says at a session time: its states and acks carry it."""
+        """Return the object's own clock at a session time: its states and acks carry it."""
         step_ns = seconds_to_ns(self._faults.total("clock_step"))
         return now_ns + step_ns + (self._offset_ns if self._running else 0)
 
@@ -350,7 +350,7 @@ class Channel:
     # -- localisation --------------------------------------------------------------------------
 
     def measure(self, truth: ObjectState, now_ns: int) -> ObjectState:
-        """What the object's localisation makes of its true state.
+        """Compute the state that the object's localisation makes of its true state.
 
         Noise, then dropout (the last state again, with its old stamp), jump to the left, frozen
         position, not a number, and the object's own clock on the stamp.
@@ -437,7 +437,7 @@ class Actuator:
         self._last: Command | None = None
 
     def actuate(self, command: Command, now_ns: int) -> Command:
-        """What the body does of a command.
+        """Compute the body's response to a command.
 
         A stuck actuator keeps the fault's acceleration, or without one the last command's; steering
         still works, and so does an emergency stop, which has a brake of its own.

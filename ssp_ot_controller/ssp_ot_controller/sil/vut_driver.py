@@ -96,7 +96,9 @@ def _is_beside(
 
 
 def _occupied_s(other: _Extent, half_m: float) -> tuple[float, float] | None:
-    """From when to when (s from now) an extent is within half_m of the path; None for never."""
+    """Find from when to when (s from now) an extent is within half_m of the path; None for
+    never.
+    """
     if other.across_mps > _STEPPING_MPS:
         enter = (-half_m - other.left_m) / other.across_mps
         leave = (half_m - other.right_m) / other.across_mps
@@ -260,7 +262,7 @@ def needed_deceleration(speed_mps: float, obstacle: Obstacle) -> float:
 def brakes_in_emergency(
     active: bool, speed_mps: float, obstacles: Iterable[Obstacle], driver: Driver
 ) -> bool:
-    """Whether the emergency brake is on in the next step.
+    """Tell whether the emergency brake is on in the next step.
 
     Args:
         active: it is on.
@@ -307,7 +309,7 @@ class VutDriver:
         *,
         drives: bool,
     ) -> Command:
-        """What the VUT does until the next step.
+        """Compute the VUT's command until the next step.
 
         Args:
             vut: its true state; the stamp is session time.

@@ -31,7 +31,7 @@ def _lag_scale(run: RunSpec, object_id: str) -> float:
 
 
 class TrafficSimulation(Protocol):
-    """What the world needs of SUMO: takes the poses of our objects, moves the traffic."""
+    """The part of SUMO that the world needs: takes the poses of our objects, moves the traffic."""
 
     def step(self, poses: list[ObjectState]) -> list[ObjectState]: ...
 
@@ -208,11 +208,13 @@ class StepBarrier:
             self._commanded[object_id] = max(self._commanded[object_id], step)
 
     def drop(self, participant: str) -> None:
-        """From now on the world goes on without this participant."""
+        """Let the world go on without this participant from now on."""
         self.dropped.add(participant)
 
     def unheard(self) -> list[str]:
-        """Whose answer to step 0 is missing; the leader's, which starts the run, comes later."""
+        """List those whose answer to step 0 is missing; the leader's, which starts the run,
+        comes later.
+        """
         missing = [name for name in self.waiting_for(0) if name != self._leader]
         if self._recorder is not None and self._recorded is None:
             missing.append(self._recorder)
@@ -223,7 +225,7 @@ class StepBarrier:
         return missing
 
     def lost(self, step: int) -> list[str]:
-        """Of those that are waited for, the ones that don't wait for another one themselves.
+        """List, of those that are waited for, the ones that don't wait for another one themselves.
 
         The leader answers a step when the others have: while one of them is missing, its own
         silence says nothing.

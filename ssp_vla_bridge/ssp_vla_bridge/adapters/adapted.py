@@ -1,4 +1,6 @@
-"""What every adapter gives, whether an answer was cut off, and paths from speeds and curvatures."""
+"""The result of every adapter, the detection of cut answers, and paths from speeds and
+curvatures.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from ssp_vla_bridge.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class AdapterInfo:
-    """How a response was read; goes into the behaviour record (METHOD 5.3).
+    """The way in which a response was read; goes into the behaviour record (METHOD 5.3).
 
     Args:
         origin_added: True when the frame's origin was put in as the point at t = 0 (METHOD 5.4).
@@ -45,7 +47,7 @@ class Adapted:
 def without_trajectory(
     response: Response, info: AdapterInfo, reason: str, note: str = ""
 ) -> Adapted:
-    """What an adapter gives where it can't read a trajectory.
+    """Make the result of an adapter that can't read a trajectory.
 
     Args:
         response: raw; of one with an error, the error is the note.
@@ -128,7 +130,7 @@ def _is_limit(reason: object) -> bool:
 
 
 def motion_is_cut(response: Response) -> bool:
-    """Whether the text that holds the motion ends where the tokens did."""
+    """Tell whether the text that holds the motion ends where the tokens did."""
     return not {MOTION, _WHOLE}.isdisjoint(cut_parts(response))
 
 

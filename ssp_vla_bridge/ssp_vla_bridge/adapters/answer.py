@@ -51,7 +51,7 @@ FROM_ORIGIN: tuple[float, ...] = (0.0,)
 
 @dataclass(frozen=True)
 class Form:
-    """What an interface's list looks like.
+    """The form of an interface's list.
 
     Args:
         meaning: of the two columns, unless the answer states otherwise.
@@ -225,7 +225,7 @@ def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) 
 
 
 def _leading_echo(rows: Rows, history: Rows, count: int) -> int:
-    """How many rows at the beginning of a list are the history, followed by others."""
+    """Count the rows at the beginning of a list that are the history, followed by others."""
     whole = len(history)
     if not history:
         return 0
@@ -266,7 +266,9 @@ def _is_echo(rows: Rows, history: Rows, of_past: bool, notes: list[str]) -> bool
 
 
 def _is_rounded(rows: Rows, history: Rows) -> bool:
-    """Whether rows are the whole history with fewer decimals, and vary enough to be no chance."""
+    """Tell whether rows are the whole history with fewer decimals, and vary enough to be no
+    chance.
+    """
     if len(rows) != len(history) or len(set(rows)) < _LEAST_ECHO or _equal(rows, history):
         return False
     pairs = [

@@ -1,4 +1,4 @@
-"""What holds the rows of a list together, and what is stated beside them (METHOD 5.4b, *Whole*)."""
+"""The text between a list's rows, and the statements beside them (METHOD 5.4b, *Whole*)."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def read_row(start: int, end: int, inside: str, brackets: str) -> Row | None:
 
 
 def may_begin_row(inside: str) -> bool:
-    """Whether what follows an opened bracket may be a row that isn't finished."""
+    """Tell whether the text after an opened bracket may be a row that isn't finished."""
     if len(inside) > _LONGEST_BEGUN:
         return False
     begun = inside.rstrip().rstrip("+" + _MINUS)
@@ -229,7 +229,7 @@ class NumberList:
 
 @dataclass(slots=True)
 class _Gap:
-    """What stands between two rows, before the first one, or behind the last one."""
+    """The text between two rows, before the first one, or behind the last one."""
 
     prose: bool = False
     comma: bool = False

@@ -1,4 +1,4 @@
-"""Whose list it is that a text gives, by the words before it (METHOD 5.4b, *Own plan*)."""
+"""The owner of a list in a text, by the words before it (METHOD 5.4b, *Own plan*)."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ _OWNER = tuple(
 
 
 class Owner(StrEnum):
-    """Whose a list is."""
+    """The owner of a list."""
 
     OWN = "own"
     UNSAID = "unsaid"
@@ -182,13 +182,13 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
 
 
 def _behind(text: str, end: int) -> str:
-    """What stands in round brackets right behind a list."""
+    """Return the text in round brackets right behind a list."""
     match = re.compile(r"[\])}\s]{0,4}?[\])}]?[ \t]*(\([^()\n]{1,60}\))").match(text, end)
     return f" {match[1]}" if match and not re.search(r"\d\s*,", match[1]) else ""
 
 
 def _siblings(text: str, start: int, end: int) -> str:
-    """What keys beside a list's own one state of times, units and axes, in words."""
+    """Return what the keys beside a list's own state of times, units and axes, in words."""
     begin = max(text.rfind("{", max(0, start - _LOOKED_AT), start), 0)
     stop = text.find("}", end, end + _LOOKED_AT)
     found = ""
@@ -237,7 +237,7 @@ def _parents(text: str, begin: int, start: int) -> list[str]:
 
 
 def _owner(words: str, is_key: bool = False) -> Owner:
-    """Whose a list is by its label or the sentence before it, in lower case."""
+    """Find the owner of a list by its label or the sentence before it, in lower case."""
     said = words.replace("’", "'").replace("*", " ").replace("`", " ").strip()
     said = _ASIDE.sub(" ", said)
     own = _OWN.search(said) is not None

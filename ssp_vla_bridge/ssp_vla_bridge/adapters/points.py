@@ -73,7 +73,7 @@ def _start(
     times_s: Sequence[float], xs_m: Sequence[float], ys_m: Sequence[float], step_s: float,
     speed_mps: float | None,
 ) -> tuple[str, str]:  # fmt: skip
-    """Why a plan doesn't begin at the vehicle, and what is to be noted of its beginning."""
+    """Say why a plan doesn't begin at the vehicle, and what is to be noted of its beginning."""
     if not times_s or not xs_m or not ys_m:
         return "", ""
     away_m, first_s = math.hypot(xs_m[0], ys_m[0]), times_s[0]

@@ -1,4 +1,4 @@
-"""What a list's rows and heading state of its axes, order, units and times (METHOD 5.4b)."""
+"""The axes, order, units and times that a list's rows and heading state (METHOD 5.4b)."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ _UNREADABLE = frozenset({"map", "picture", "polar", "backward", "difference"})
 
 @dataclass(frozen=True)
 class Meaning:
-    """What an interface's columns are, unless the answer states otherwise.
+    """The meaning of an interface's columns, unless the answer states otherwise.
 
     Args:
         columns: two of ``forward``, ``left``, ``right``, ``speed``, ``curvature``.
@@ -184,7 +184,7 @@ def convert(one: NumberList, heading: str, meaning: Meaning, accepted: frozenset
 
 
 def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[str, ...] | str:
-    """What each column is; or why that can't be told."""
+    """Return the meaning of each column; or the reason why it isn't known."""
     if "forward" in meaning.columns and (frame := _OTHER_FRAME.search(said)) is not None:
         return f"the list is in {frame.group()}"
     if "forward" in meaning.columns and _DIFFERENCES.search(said) is not None:
@@ -257,7 +257,9 @@ def _arranged(
 def _factors(
     one: NumberList, said: str, meaning: Meaning, accepted: frozenset[str]
 ) -> tuple[tuple[float, float], str] | str:
-    """What the two columns are multiplied by, and the units' names; or why there is no telling."""
+    """Return the factors of the two columns and the units' names; or the reason why they aren't
+    known.
+    """
     stated = {*one.units, *_UNIT.findall(said)} - {"s"}
     if "forward" in meaning.columns and len({_LENGTHS_M.get(unit) for unit in one.units}) > 1:
         return f"the rows are in {' and '.join(sorted(one.units))}"

@@ -83,7 +83,7 @@ def _as(word: str, before: str) -> str:
 
 
 def before_trajectory(text: str) -> str:
-    """What a text says before the first row of numbers, the label of that row included.
+    """Return the text before the first row of numbers, the label of that row included.
 
     Raises:
         PeerError: it gives no numbers, or says nothing before them.

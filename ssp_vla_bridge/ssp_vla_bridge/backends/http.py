@@ -58,7 +58,7 @@ Read = TypeVar("Read")
 
 @dataclass(frozen=True)
 class HttpReply:
-    """What came back, with the headers by lower-case name."""
+    """A service's reply, with the headers by lower-case name."""
 
     status: int
     headers: Mapping[str, str]
@@ -66,7 +66,7 @@ class HttpReply:
 
     @property
     def retry_after_s(self) -> float | None:
-        """What a busy service asks for, in seconds; None where it says nothing, or a date."""
+        """Return the wait that a busy service asks for, s; None where it states none, or a date."""
         text = self.headers.get("retry-after", "")
         whole = text.isascii() and text.isdigit() and len(text) < 7
         return float(text) if whole and self.status in _BUSY else None
@@ -248,7 +248,7 @@ class HttpService:
             return HttpReply(response.status, named, bytes(read))
 
     def _read(self, reply: HttpReply, path: str, read: Callable[[Any], Read]) -> Read:
-        """What a reply says; raises PeerError where it is none of the exchange's."""
+        """Read a reply; raises PeerError for one that isn't of the exchange."""
         self._check_status(reply, path)
         try:
             return read(parse_json(reply.body))
@@ -284,7 +284,7 @@ class HttpService:
             raise PeerError(self._text(f"{path} is compressed ({self._short(encoding)}), unasked"))
 
     def _said(self, body: bytes) -> str:
-        """What a service says of its failure, ``{"error": …}`` or any text."""
+        """Return the service's description of its failure, ``{"error": …}`` or any text."""
         with suppress(InputError):
             value = parse_json(body)
             if isinstance(value, dict) and isinstance(value.get("error"), str):

@@ -70,7 +70,7 @@ _OURS = frozenset({"model", "messages", "stream", "n", *_DECODING})
 
 @dataclass(frozen=True)
 class Options:
-    """What to ask whom, and how.
+    """The settings of requests to a chat service.
 
     Args:
         base_url: up to and with ``/v1``.
@@ -101,7 +101,7 @@ class Options:
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """What goes into every request besides model and messages."""
+        """Return the parameters of every request besides model and messages."""
         sent = {name: value for name, value in self.decoding.items() if value is not None}
         return {**sent, "stream": False, **self.extra}
 
@@ -350,7 +350,7 @@ class OpenAIBackend:
 
 
 def _kind_of(error: PeerError) -> type[PeerError]:
-    """What to raise in the place of an error of the chat."""
+    """Choose the exception to raise in the place of an error of the chat."""
     if isinstance(error, BrokenOffError | DeclinedError):
         return type(error)
     if isinstance(error, NoAnswer) and error.filtered:
@@ -361,7 +361,7 @@ def _kind_of(error: PeerError) -> type[PeerError]:
 
 
 def _read(reply: Reply) -> tuple[Completion, str]:
-    """What a reply says, and its text.
+    """Read a reply and its text.
 
     Raises:
         PeerError: there is no text in it.

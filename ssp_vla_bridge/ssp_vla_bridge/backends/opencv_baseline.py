@@ -49,7 +49,7 @@ _BLIND_SENTENCE = "I can't see anything in the picture."
 
 @dataclass(frozen=True)
 class Perception:
-    """What was made of the frames, for people who want to look at it.
+    """The intermediate results from the frames, for people who want to look at them.
 
     Args:
         blind: the newest frame shows nothing.

@@ -124,7 +124,7 @@ def point_times(task: DrivingTask) -> tuple[float, ...]:
 
 
 def circle_point(distance_m: float, curvature_per_m: float) -> tuple[float, float]:
-    """Where a path of constant curvature has come to: x = sin(κs)/κ, y = (1 − cos κs)/κ, m."""
+    """Compute the end of a path of constant curvature: x = sin(κs)/κ, y = (1 − cos κs)/κ, m."""
     turn = distance_m * curvature_per_m
     if abs(turn) < 1e-9:
         return distance_m, distance_m * turn / 2.0

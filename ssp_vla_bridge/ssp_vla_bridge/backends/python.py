@@ -56,7 +56,7 @@ class PythonFunction:
         self._first_time_s = first_time_s
 
     def answer(self, request: Request) -> Answer:
-        """What the function gave; raises PeerError where that is nothing that can be sent."""
+        """Return the function's answer; raises PeerError where it can't be sent."""
         given = self._function(request)
         if isinstance(given, Answer):
             return given

@@ -1,1 +1,1 @@
-"""What talks to ROS: the bridge node, its parameters, and conversions of messages."""
+"""The ROS side: the bridge node, its parameters, and conversions of messages."""

@@ -13,7 +13,9 @@ from ssp_vla_bridge.window import find_interface
 
 @dataclass(frozen=True)
 class BridgeParams:
-    """What one bridge serves; BRIDGE says what each is, and ``backend`` is never empty."""
+    """The configuration of one bridge; BRIDGE explains each field, and ``backend`` is never
+    empty.
+    """
 
     model: str
     backend: str
@@ -70,7 +72,7 @@ NODES = {"vla_bridge": BRIDGE}
 
 
 def bridge_params(given: Mapping[str, Any]) -> BridgeParams:
-    """What the values of BRIDGE mean.
+    """Convert the values of BRIDGE to the bridge's configuration.
 
     Raises:
         InputError: the backend's options are no JSON object, or there is no such interface.

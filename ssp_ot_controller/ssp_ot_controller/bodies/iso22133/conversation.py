@@ -1,4 +1,4 @@
-"""What a control centre says to one test object, and what it finds wrong with its answers.
+"""The messages of a control centre to one test object, and the faults that it finds in the answers.
 
 It has no socket and reads no clock: it is told the time, what the object target decided and what
 the object reports, and says what is sent. The object target stays the judge of the motion; here is
@@ -70,7 +70,7 @@ _EARLY = (P.UNKNOWN, P.IDLE, P.LOADED)
 
 @dataclass(frozen=True, slots=True)
 class Reported:
-    """What an object was last heard to say.
+    """The newest report of an object.
 
     Args:
         connected: its control connection stands.
@@ -92,18 +92,20 @@ class Reported:
 
     @property
     def state(self) -> ControlState | None:
-        """None before the first MONR, and for a number without a name."""
+        """Return the reported state; None before the first MONR, and for a number without a
+        name.
+        """
         return state_of(self.number)
 
     @property
     def text(self) -> str:
-        """Of a reason, for people."""
+        """Describe a reason for people."""
         return f"reports {state_text(self.number)}"
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What is told to an object when it is connected, and what is asked of it.
+    """The settings told to an object when it is connected, and the requirements on it.
 
     Args:
         device_id: given to the object.
@@ -154,7 +156,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How quickly an object does what it was told, s; None where it wasn't told or didn't yet.
+    """The delays with which an object obeys, s; None where it wasn't commanded or didn't obey yet.
 
     Args:
         start_error_s: from a STRT's time until RUNNING is reported, negative when it was early.
@@ -166,7 +168,7 @@ class Timing:
 
 
 class Conversation:
-    """From connection to connection with one object."""
+    """The conversation with one object, from connection to connection."""
 
     def __init__(self, settings: Settings) -> None:
         self.timing = Timing()
@@ -202,7 +204,7 @@ class Conversation:
         self._lost = True
 
     def step(self, decided: Decided, reported: Reported, now_ns: int) -> None:
-        """What the object target decided and the object said; what follows is sent by ``due``."""
+        """Take the object target's decision and the object's report; ``due`` sends what follows."""
         before, self._decided, self._reported = self._decided, decided, reported
         self._now_ns = now_ns
         if decided.state is not before.state:
@@ -236,7 +238,7 @@ class Conversation:
 
     @property
     def status(self) -> CentreStatus:
-        """What the heartbeat says of us."""
+        """Return the status that the heartbeat carries."""
         session, state = self._decided.session, self._decided.state
         if state is C.ABORTING:
             return CentreStatus.ABORT
@@ -248,7 +250,7 @@ class Conversation:
 
     @property
     def check(self) -> BodyCheck:
-        """What the object target is told of the object."""
+        """Return the judgement of the object for the object target."""
         reported = self._reported
         lacks: list[str] = []
         if not reported.connected:
@@ -415,7 +417,7 @@ class Conversation:
         return LimitViolation(SafetyCode.OBJECT_CONTRADICTS, measured, patience_s, words)
 
     def _judge(self, now_ns: int) -> LimitViolation | None:
-        """What is wrong with the object's own state."""
+        """Find a violation in the object's own state."""
         decided, reported = self._decided, self._reported
         if decided.state in (C.ABORTING, C.OFF, C.INIT):
             return None

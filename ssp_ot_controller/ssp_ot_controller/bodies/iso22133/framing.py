@@ -40,7 +40,7 @@ EVIDENCE_BYTES = 64
 
 
 class Reason(Enum):
-    """Why bytes are not taken."""
+    """The reason why bytes are refused."""
 
     SYNC = "sync word"
     VERSION = "version"
@@ -67,7 +67,7 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What every message carries.
+    """The header of every message.
 
     Args:
         message_id: 16 bits; see ``messages.MessageId``.
@@ -232,7 +232,7 @@ class StreamDecoder:
                 at += len(SYNC)
 
     def _next_sync(self, at: int) -> int:
-        """Where the next sync word begins, or may begin with bytes to come."""
+        """Find where the next sync word begins, or may begin with bytes to come."""
         start = self._buffer.find(SYNC, at)
         if start >= 0:
             return start
@@ -240,7 +240,7 @@ class StreamDecoder:
         return end - 1 if end > at and self._buffer[-1] == SYNC[0] else end
 
     def _read(self, at: int) -> Frame | Rejected | None:
-        """What begins at a sync word; None when it isn't complete."""
+        """Read the frame that begins at a sync word; None when it isn't complete."""
         buffer = self._buffer
         if len(buffer) - at < _HEADER.size:
             return None

@@ -73,7 +73,7 @@ class IsoAddress:
 
     @staticmethod
     def parse(text: str) -> IsoAddress | None:
-        """None for what isn't one."""
+        """Parse an address; None for any other text."""
         match = _ADDRESS.fullmatch(text)
         if match is None:
             return None
@@ -118,7 +118,9 @@ class MonrStatistics:
         )
 
     def text(self) -> str:
-        """For people: rate, 1st and 99th percentile of the intervals, median and worst ages."""
+        """Describe for people the rate, the 1st and 99th percentile of the intervals, and the
+        ages.
+        """
         if len(self._intervals_s) < 2:
             return f"{self.count} MONR"
         low, middle, high = np.percentile(self._intervals_s, (1, 50, 99)) * 1e3
@@ -220,7 +222,7 @@ class IsoBody:
 
     @property
     def sockets(self) -> list[socket.socket]:
-        """What may be waited for."""
+        """List the sockets that may be waited for."""
         return list(self._link.sockets)
 
     @property
@@ -269,7 +271,7 @@ class IsoBody:
             self._told.clear()
 
     def follow(self, decided: Decided, now_ns: int) -> None:
-        """What the object target decided."""
+        """Take the object target's decision."""
         before = self._conversation.timing
         self._conversation.step(decided, self._reported, now_ns)
         if self._conversation.timing != before:

@@ -1,4 +1,4 @@
-"""How a dataclass of a message lies on the wire: one annotation for each of its fields.
+"""The layout of a message's dataclass on the wire: one annotation for each of its fields.
 
     speed_mps: Annotated[float | None, Wire(0x80, "i16", per_unit=100, none=-32768)]
 
@@ -33,7 +33,7 @@ TURN = 36_000
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """Where and how one value stands in a payload.
+    """The place and form of one value in a payload.
 
     Args:
         value_id: of the item.

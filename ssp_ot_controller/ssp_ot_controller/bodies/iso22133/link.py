@@ -54,7 +54,7 @@ Tap = Callable[[bool, int, bytes], None]
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """What came from the object.
+    """A message that came from the object.
 
     Args:
         stamp_ns: when it was read (time.time_ns).
@@ -157,7 +157,9 @@ class Link:
             self._lose(os.strerror(code))
 
     def poll(self) -> list[Received]:
-        """What came since the last call, in order for each socket; also sends what waited."""
+        """Return the messages since the last call, in order for each socket; also send what
+        waited.
+        """
         found = self._read_udp()
         if self._tcp is not None and not self._connected:
             self._finish_connecting(self._tcp)

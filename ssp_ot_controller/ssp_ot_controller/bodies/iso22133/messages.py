@@ -82,7 +82,7 @@ class OsemTestMode(IntEnum):
 
 
 class ObjectCommand(IntEnum):
-    """What an OSTM asks for."""
+    """The request of an OSTM."""
 
     ARM = 2
     DISARM = 3
@@ -91,7 +91,7 @@ class ObjectCommand(IntEnum):
 
 
 class CentreStatus(IntEnum):
-    """What a HEAB says of the control centre."""
+    """The state of the control centre in a HEAB."""
 
     INIT = 0
     READY = 1
@@ -125,7 +125,7 @@ class ObjectError(IntFlag):
 
 
 class ResponseCode(IntEnum):
-    """What a GREM answers."""
+    """The answer of a GREM."""
 
     OK = 1
     GENERAL_ERROR = 2
@@ -331,7 +331,7 @@ class Rcmm:
 @_message(MessageId.SYPM)
 @dataclass(frozen=True, slots=True)
 class Sypm:
-    """Where on its trajectory an object meets another one, and until when it adapts."""
+    """The point of its trajectory where an object meets another, and the end of its adaptation."""
 
     sync_point_t_s: Annotated[float, _milliseconds(0x01)]
     freeze_t_s: Annotated[float, _milliseconds(0x02)]
@@ -340,7 +340,7 @@ class Sypm:
 @_message(MessageId.MTSP)
 @dataclass(frozen=True, slots=True)
 class Mtsp:
-    """When the other one is expected at the meeting point."""
+    """The time at which the other one is expected at the meeting point."""
 
     time_of_week_ns: Annotated[int | None, _time_of_week(0x01)]
 
@@ -390,7 +390,7 @@ class Exac:
 @_message(MessageId.MONR)
 @dataclass(frozen=True, slots=True)
 class Monr:
-    """What an object reports of itself, in the test's coordinate system (UDP)."""
+    """An object's report of itself, in the test's coordinate system (UDP)."""
 
     time_of_week_ns: Annotated[int | None, _time_of_week(0x80)]
     x_m: Annotated[float | None, _position(0x80)]
@@ -423,7 +423,7 @@ class Treo:
 @_message(MessageId.DRES)
 @dataclass(frozen=True, slots=True)
 class Dres:
-    """Who an object is."""
+    """The identity of an object."""
 
     vendor: Annotated[str, Wire(0x90, "text")]
     product: Annotated[str, Wire(0x91, "text")]

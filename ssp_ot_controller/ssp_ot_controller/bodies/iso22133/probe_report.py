@@ -53,7 +53,7 @@ class Stage(StrEnum):
 
 
 class Outcome(StrEnum):
-    """What a clause came to."""
+    """The outcome of a clause."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -128,17 +128,19 @@ def _measured(report: ProbeReport, clause: str) -> float | None:
 
 
 def stops_on_abort_s(report: ProbeReport) -> float | None:
-    """From the abort to the first slowing, of an object that then stood; None: it didn't stop."""
+    """Return the time from the abort to the first slowing of an object that then stood; None: it
+    didn't.
+    """
     return _measured(report, STOP_ON_ABORT)
 
 
 def stops_on_heartbeat_loss_s(report: ProbeReport) -> float | None:
-    """As ``stops_on_abort_s``, from the last heartbeat, with the timeout that the OSEM gave."""
+    """Return ``stops_on_abort_s`` from the last heartbeat, with the timeout that the OSEM gave."""
     return _measured(report, STOP_ON_HEARTBEAT_LOSS)
 
 
 def honours_start_time(report: ProbeReport) -> float | None:
-    """By how much it started late (+), s, where that is within the bound; None: it isn't shown."""
+    """Return how late it started (+), s, where that is within the bound; None: it isn't shown."""
     row = report.row(START_TIME)
     return row.measured if row is not None and row.verdict is Outcome.PASS else None
 

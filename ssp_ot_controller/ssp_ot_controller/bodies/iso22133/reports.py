@@ -1,4 +1,4 @@
-"""What an object reports: MONR as readings of a body, and GREM as answers to what was sent."""
+"""The reports of an object: MONR as readings of a body, and GREM as answers to messages."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class Answer:
 
 
 class Answers:
-    """Which messages with an acknowledge request were answered. Reads no clock.
+    """The messages with an acknowledge request, and their answers. Reads no clock.
 
     Counters have 8 bits, so that no more than 256 messages of a kind are ever waited for.
     """
@@ -127,7 +127,7 @@ class Answers:
             self._sent[key] = header, now_ns
 
     def on_grem(self, grem: Grem, now_ns: int) -> Answer | None:
-        """What it answers; None for an answer to nothing that waits for one."""
+        """Match a GREM with its message; None for an answer to no message that waits for one."""
         sent = self._sent.pop((grem.transmitter_id, grem.counter, grem.message_id), None)
         return None if sent is None else Answer(grem, sent[0], now_ns - sent[1])
 

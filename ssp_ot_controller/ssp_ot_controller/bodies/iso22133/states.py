@@ -33,7 +33,7 @@ STATUS_OF: dict[SessionPhase, CentreStatus] = {
 
 
 class Fit(Enum):
-    """How an object's state suits a session's."""
+    """The relation of an object's state to a session's."""
 
     AGREES = "agrees"
     # It may lead there by itself or by a message under way; for how long is a limit of the session.
@@ -77,7 +77,7 @@ def state_text(number: int | None) -> str:
 
 
 def fit(session: SessionPhase, state: ControlState | None) -> Fit:
-    """How an object's state suits the session's; one that isn't known contradicts."""
+    """Tell how an object's state suits the session's; one that isn't known contradicts."""
     agree, come = _FITS[session]
     if state in agree:
         return Fit.AGREES
@@ -88,7 +88,7 @@ def fit(session: SessionPhase, state: ControlState | None) -> Fit:
 
 
 class Stimulus(Enum):
-    """What moves an object: messages, the connection, and from ON what it notices itself."""
+    """A stimulus of an object: messages, the connection, and from ON what it notices itself."""
 
     CONNECTED = "control centre connected"
     DISCONNECTED = "connection or heartbeats lost"

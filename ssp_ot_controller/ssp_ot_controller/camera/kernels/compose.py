@@ -24,7 +24,7 @@ _LEVEL = -1e-4  # rays that fall less than this per metre are taken for level
 
 
 class Surroundings(NamedTuple):
-    """What of a frame doesn't change in its run.
+    """The parts of a frame that don't change in its run.
 
     Args:
         ground: of the road.
@@ -112,7 +112,7 @@ def _light_ground(
 
 @inlined
 def _one_owner(owner: Array, j: np.uint64, u: int, number: int) -> bool:
-    """Whether all samples of a pixel show one triangle."""
+    """Tell whether all samples of a pixel show one triangle."""
     one = np.uint64(1)
     i = np.uint64(SAMPLES * u)
     same: bool = (

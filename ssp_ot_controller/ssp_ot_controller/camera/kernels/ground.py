@@ -364,7 +364,7 @@ def _fill_plain(
 def _straight_place(
     depth: float, growth: float, position: Array, rays: Array, dx: float, dy: float
 ) -> tuple[float, float, float, float]:
-    """Where a ray meets a straight road, along and across it, and a pixel's extents there.
+    """Find where a ray meets a straight road, along and across it, and a pixel's extents there.
 
     Args:
         depth: at which it meets the ground.

@@ -92,5 +92,5 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """As compiled, for small helpers of inner loops: callers take them in whole."""
+    """Compile a small helper of inner loops so that callers inline it."""
     return _jit(function, forceinline=True)

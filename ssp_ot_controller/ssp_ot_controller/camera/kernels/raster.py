@@ -55,7 +55,7 @@ class Eye(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """What is nearest at each sample, SAMPLES times finer than the frame, and working memory.
+    """The nearest surface at each sample, SAMPLES times finer than the frame, and working memory.
 
     Args:
         inverse_depth: shape (rows, columns), float32, 1/m, 0 is infinitely far.

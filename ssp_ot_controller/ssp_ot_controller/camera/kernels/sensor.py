@@ -1,4 +1,5 @@
-"""From light to the numbers of a frame: exposure, vignette, sensor noise, rounding; and roll.
+"""The way from light to the numbers of a frame: exposure, vignette, sensor noise, rounding; and
+roll.
 
 A camera that leans sees the level picture turned about its principal point. Turning about the
 direction of view is a rotation of the image plane, so that this is exact but for the resampling.
@@ -42,7 +43,7 @@ def mixed(state: np.uint64) -> np.uint64:
 
 
 class Film(NamedTuple):
-    """How light becomes numbers.
+    """The conversion of light into numbers.
 
     Args:
         exposure: factor on the light.

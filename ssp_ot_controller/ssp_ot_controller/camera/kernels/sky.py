@@ -15,7 +15,7 @@ _AZIMUTHS = 4096
 
 
 class SkyLight(NamedTuple):
-    """What the sky's painter wants to know; colours are blue, green, red."""
+    """The sky's parameters for its painter; colours are blue, green, red."""
 
     zenith: Colour
     horizon: Colour

@@ -43,7 +43,7 @@ _TAIL: Surface = (rgb("7d1418"), GLOSSY)
 
 @dataclass(frozen=True)
 class Lights:
-    """What is switched on."""
+    """The lights that are switched on."""
 
     brake: bool
     lamps: bool
@@ -61,7 +61,7 @@ class Lights:
         return (rgb("fffbe8"), LAMP) if self.lamps else (rgb("dfe6ea"), GLOSSY)
 
     def turn(self, side: float) -> Surface:
-        """Of the indicators of one side, + is left."""
+        """Return the surface of the indicators of one side, + is left."""
         lit = self.left if side > 0.0 else self.right
         return (rgb("ffae1c"), LAMP) if lit else (rgb("8a4f1a"), GLOSSY)
 
@@ -79,12 +79,12 @@ class _Frame:
         return share * self.size.width_m / 2
 
     def ys(self, side: float, inner: float, outer: float) -> Range:
-        """Between two shares of one side, + is left, in rising order."""
+        """Return the range between two shares of one side, + is left, in rising order."""
         a, b = side * self.y(inner), side * self.y(outer)
         return min(a, b), max(a, b)
 
     def across(self, share: float) -> Range:
-        """As far to both sides."""
+        """Return the range that reaches as far to both sides."""
         return -self.y(share), self.y(share)
 
     def zs(self, low: float, high: float) -> Range:

@@ -113,7 +113,7 @@ def light_field(stage: Stage, look: Look, view: View, bodies: Sequence[Body]) ->
 
 
 def develop(field: Array, look: Look, noise_state: np.uint64) -> Array:
-    """From light, shape (height, width, 3), to numbers, uint8."""
+    """Convert light, shape (height, width, 3), to numbers, uint8."""
     height, width, _ = field.shape
     out = np.empty((height, width, 3), np.uint8)
     rows = np.ascontiguousarray(field, dtype=np.float32).reshape(height, -1)

@@ -67,7 +67,7 @@ def exposed(
 
 
 def subframes(scene: Scene, camera: Camera) -> int:
-    """How many pictures an exposure is the mean of: by the motion of what moves most in it, px."""
+    """Count the pictures that an exposure is the mean of, by the largest motion in it, px."""
     if camera.exposure_time_s <= 0.0:
         return 1
     moves = [0.0]
@@ -126,7 +126,7 @@ def render(
 
 
 def _at_once(look: Look, camera: Camera) -> bool:
-    """Whether nothing comes between what is drawn and the sensor."""
+    """Tell whether nothing comes between the drawing and the sensor."""
     return (
         camera.exposure_time_s == 0.0
         and camera.roll_right_rad == 0.0

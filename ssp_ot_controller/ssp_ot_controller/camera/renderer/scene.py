@@ -1,4 +1,4 @@
-"""What there is to draw at one instant, and which indicators blink then.
+"""The content of a picture at one instant, and the indicators that blink then.
 
 A motor vehicle indicates while it moves sideways along the road: no picture shows a lane change
 before it can be observed.
@@ -29,14 +29,14 @@ _WITH_INDICATORS = frozenset(
 
 
 class Indicator(Enum):
-    """Which side blinks."""
+    """The side that blinks."""
 
     LEFT = "left"
     RIGHT = "right"
 
 
 def is_lit(stamp_ns: int) -> bool:
-    """Whether a blinking lamp shines at this time; all blink together."""
+    """Tell whether a blinking lamp shines at this time; all blink together."""
     return stamp_ns % _PERIOD_NS < _PERIOD_NS // 2
 
 
@@ -52,7 +52,7 @@ def sideways_mps(state: ObjectState, line: ReferenceLine) -> float:
 
 
 class Indicators:
-    """What blinks, frame by frame."""
+    """The indicators, frame by frame."""
 
     def __init__(self, road: Road) -> None:
         self._line = ReferenceLine.of_road(road)
@@ -72,7 +72,7 @@ class Indicators:
 
 @dataclass(frozen=True)
 class Scene:
-    """What is there at one instant.
+    """The content of the world at one instant.
 
     Args:
         vut: state of the vehicle that carries the camera; it isn't drawn, but casts a shadow.

@@ -1,4 +1,4 @@
-"""What stands beside the road: what the map has, in its place; the rest is placed by seed.
+"""The scenery beside the road: the map's in its place, the rest placed by seed.
 
 Everything stands outside carriageway and sidewalks, and follows the road where it bends. Poses are
 in the block's frame. Where the map has things of a kind, none of that kind are placed by seed, and
@@ -134,7 +134,7 @@ class _Side:
 
 
 class _Roadside:
-    """Where things find room beside a road; ``items`` are the map's, at ``poses``."""
+    """The free places beside a road; ``items`` are the map's, at ``poses``."""
 
     def __init__(self, road: Road, bend: Bend | None) -> None:
         self.left = _Side(1.0, road.left_edge_m + max(road.sidewalk_left_m, 1.0))
@@ -165,7 +165,7 @@ class _Roadside:
         return [Prop(mesh.placed(pose), pose.x_m, pose.y_m, 1.5 * reach, shadow)]
 
     def _is_taken(self, pose: Pose2, low: Array, high: Array) -> bool:
-        """Whether something of the map's stands where a mesh of these extents would."""
+        """Tell whether an item of the map stands where a mesh of these extents would."""
         half_x, half_y = ((high - low) / 2).tolist()[:2]
         x, y = pose.to_parent(*((low + high) / 2).tolist()[:2])
         room = (half_x + _ROOM_M, half_x + _ROOM_M, 2.0 * (half_y + _ROOM_M))
@@ -226,7 +226,7 @@ def build_scenery(
 
 
 def _signs(beside: _Roadside, road: Road) -> list[Prop]:
-    """What the road's numbers call for, beside those who drive on the right towards it."""
+    """Place the signs that the road's numbers call for, for traffic on the right towards them."""
     limit = roadside.sign("speed_limit", max(5, 5 * round(road.speed_limit_mps * 3.6 / 5)))
     going, found = {lane.direction for lane in road.lanes}, []
     ways = (

@@ -80,7 +80,7 @@ def shadow_on_ground(corners: Array, sun: Sun) -> Array:
 
 @dataclass(frozen=True)
 class Detail:
-    """What the surroundings hold beside the road itself; tests turn it off."""
+    """The detail of the surroundings beside the road itself; tests turn it off."""
 
     scenery: bool = True
     texture: bool = True

@@ -1,4 +1,4 @@
-"""What dusk and rain put on a picture: the light of lamps, streaks, and wet ground.
+"""The effects of dusk and rain on a picture: the light of lamps, streaks, and wet ground.
 
 A road in the rain mirrors what stands beyond it, the more the flatter one looks.
 """

@@ -1,4 +1,4 @@
-"""From foreign pixels to things that stand on the road, with metric position and size."""
+"""The way from foreign pixels to objects on the road, with metric position and size."""
 
 from __future__ import annotations
 

@@ -270,7 +270,9 @@ def _filled(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np
 def foreign_pixels(
     frames: Sequence[NDArray[np.float32]], surface: Surface, index: NDArray[np.int32]
 ) -> list[Mask]:
-    """Per frame, 1 where a pixel of the strips looks like none of the strips around it."""
+    """Mark per frame with 1 the pixels of the strips that look like none of the strips around
+    them.
+    """
     last = len(surface.colours) - 1
     places = np.flatnonzero(index >= 0)
     strips = index.ravel()[places]
@@ -291,7 +293,7 @@ def foreign_pixels(
 
 @dataclass(frozen=True)
 class _Reference:
-    """What ground is expected at some pixels."""
+    """The expected appearance of the ground at some pixels."""
 
     inverse_luma: NDArray[np.float32]
     cr: NDArray[np.float32]

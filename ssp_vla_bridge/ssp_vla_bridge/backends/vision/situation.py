@@ -1,4 +1,4 @@
-"""From tracks to the closed slots: which road users there are, what the critical one does."""
+"""The way from tracks to the closed slots: the road users, and what the critical one does."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Situation:
 
 
 def judge(tracks: Sequence[Track], ego_mps: float | None) -> Situation:
-    """What matters, from everything that was tracked.
+    """Select the tracked objects that matter.
 
     Args:
         tracks: velocities over ground if ego_mps is known, else relative to the VUT.
@@ -91,7 +91,7 @@ def judge(tracks: Sequence[Track], ego_mps: float | None) -> Situation:
 
 
 def _road_user(track: Track, ego_mps: float | None) -> RoadUser | None:
-    """None for what is no road user or none that could matter."""
+    """Make a road user of a track; None for what is no road user or none that could matter."""
     vx = track.vx_mps
     ground = vx if ego_mps is not None else None
     closing = None if vx is None else (ego_mps or 0.0) - vx
@@ -111,7 +111,7 @@ def _road_user(track: Track, ego_mps: float | None) -> RoadUser | None:
 
 
 def _moves(track: Track, ground_mps: float | None) -> tuple[bool, bool]:
-    """Whether it surely moves across the road, and along it."""
+    """Tell whether it surely moves across the road, and along it."""
     if track.sightings < 3:
         return False, False
     crossing = abs(track.vy_mps or 0.0) > _CROSSING_MPS

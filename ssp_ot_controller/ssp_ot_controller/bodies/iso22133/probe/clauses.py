@@ -300,7 +300,7 @@ def _disarmed(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
 
 
 def _disarms(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
-    """After lost heartbeats the last that was heard isn't ARMED, or it ends the connection."""
+    """Check that the object isn't ARMED in its last report after lost heartbeats, or hangs up."""
     if "lost" in step.marks:
         waited_s = ns_to_seconds(step.marks["lost"] - step.marks["stimulus"])
         return within(clause, waited_s, "ended the connection")

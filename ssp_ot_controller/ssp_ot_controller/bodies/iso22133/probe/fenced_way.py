@@ -1,4 +1,4 @@
-"""Where a probe may move an object: its way, and the fence that no stop may end outside of."""
+"""The way on which a probe may move an object, and the fence that no stop may end outside of."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def motion_of(points: Points) -> Motion | None:
 
 @dataclass(frozen=True, slots=True)
 class FencedWay:
-    """Where an object may be moved.
+    """The region in which an object may be moved.
 
     Args:
         fence: polygon, m, frame of the datum.
@@ -86,7 +86,7 @@ class FencedWay:
         return points
 
     def outside_m(self, points: Points) -> float:
-        """How far the object would stick out of the fence at the worst, with every stop."""
+        """Compute how far the object would stick out of the fence at the worst, with every stop."""
         _, x, y, yaw, speed = points.columns[:5]
         way = speed * REACTION_S + speed**2 / (2.0 * DECELERATION_MPS2) + MARGIN_M
         # The way itself, and each stop: straight on, so that its two ends sweep all of it.
@@ -102,7 +102,7 @@ class FencedWay:
         return not box_excess_m(box, self.fence) > 0.0
 
     def _rest(self, pose: Pose2) -> Motion | str:
-        """What is left of its way from here."""
+        """Return the part of its way that is left from here."""
         if self.motion is None:
             ahead = pose.to_parent(DEFAULT_WAY_M, 0.0)
             return _motion([(pose.x_m, pose.y_m), ahead], DEFAULT_MPS)

@@ -38,7 +38,7 @@ _BEGUN_M = 0.2
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """Where an object said that it was: arrivals and its own stamps in ns, places in m.
+    """The reported places of an object: arrivals and its own stamps in ns, places in m.
 
     What it doesn't state is NaN.
     """
@@ -56,7 +56,9 @@ class _Track:
         return ways
 
     def speeds_mps(self) -> FloatArray:
-        """Over the last fifth of a second before each place; NaN where there is no such place."""
+        """Compute the speed over the last fifth of a second before each place; NaN without such
+        a place.
+        """
         before = np.searchsorted(self.stamp_ns, self.stamp_ns - _SPAN_NS, side="right") - 1
         dx, dy = self.x_m - self.x_m[before], self.y_m - self.y_m[before]
         dt_s = (self.stamp_ns - self.stamp_ns[before]) / NS_PER_S
@@ -129,7 +131,7 @@ def _monr_at(step: Step, track: _Track, index: int) -> tuple[bytes, ...]:
 
 
 def stops(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
-    """From the step's mark to where it became slower for good, if it stands at the end.
+    """Measure from the step's mark to where it became slower for good, if it stands at the end.
 
     An uneven pace is no stop: one that speeds up again hasn't begun to brake.
     """
@@ -168,7 +170,7 @@ def stops(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
 
 
 def _slows_by_itself_s(step: Step, track: _Track, mark_ns: int) -> float | None:
-    """When the trajectory ends its cruise, from the mark on; None where that isn't known."""
+    """Find when the trajectory ends its cruise, from the mark on; None where that isn't known."""
     begun = _begun(step, track)
     if begun is None:
         return None
@@ -178,7 +180,9 @@ def _slows_by_itself_s(step: Step, track: _Track, mark_ns: int) -> float | None:
 
 
 def unheard(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
-    """As ``stops``; where it also ceases to report, by where it is found again."""
+    """Measure as ``stops`` does; an object that also ceases to report is judged by where it is
+    found.
+    """
     track, mark_ns = _track(step), step.marks.get("stimulus")
     again = steps.get(f"{clause.step}_again")
     if mark_ns is None or not len(track.x_m):
@@ -333,7 +337,7 @@ def ends_run(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
 
 
 def _moving_until_ns(track: _Track) -> int:
-    """When it came to where it stands at the end of the step."""
+    """Find when it came to where it stands at the end of the step."""
     ways = np.hypot(track.x_m - track.x_m[-1], track.y_m - track.y_m[-1])
     moving = np.flatnonzero(ways > STANDS_M)
     return int(track.arrived_ns[moving[-1]]) if len(moving) else 0

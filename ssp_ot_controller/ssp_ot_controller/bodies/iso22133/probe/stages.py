@@ -72,11 +72,11 @@ _WAY_NS = NS_PER_S // 5
 
 
 class Ended(Exception):
-    """Why a probe goes no further."""
+    """The reason why a probe goes no further."""
 
 
 class Wire(Protocol):
-    """What a probe needs of a ``Link``."""
+    """The part of a ``Link`` that a probe needs."""
 
     problem: str
     receiver_id: int
@@ -100,7 +100,7 @@ class Clock:
         return time.time_ns()
 
     def wait(self, wire: Wire, seconds: float) -> None:
-        """Until something may have come, and no longer than that."""
+        """Wait until something may have come, and no longer than that."""
         select.select(wire.sockets, [], [], max(seconds, 0.0))
 
 
@@ -234,14 +234,14 @@ class Probe:
             self._places.popleft()
 
     def _enu(self) -> Pose2 | None:
-        """Where it reports to be."""
+        """Return the place that the object reports."""
         m = self._monr
         if m is None or m.x_m is None or m.y_m is None or m.yaw_rad is None:
             return None
         return Pose2(m.x_m, m.y_m, m.yaw_rad)
 
     def _pose(self) -> Pose2 | None:
-        """As ``_enu``, in the datum's frame."""
+        """Return the pose of ``_enu`` in the datum's frame."""
         enu = self._enu()
         return None if enu is None else self._datum.of_enu(enu)
 
@@ -281,7 +281,7 @@ class Probe:
         self._guard = self._stays_here()
 
     def _osem(self) -> Osem:
-        """As in a session, but for trajectories that replace each other."""
+        """Make an OSEM as in a session, except for trajectories that replace each other."""
         limits = LIMITS.model_copy(update={"heartbeat_s": self._heartbeat_s})
         stands = Traj(0, TrajectoryInfo.RELATIVE_TO_ORIGIN, "", ())
         settings = Settings(DEVICE_ID, self._datum, limits, None, stands)
@@ -289,7 +289,7 @@ class Probe:
         return replace(message, test_mode=OsemTestMode.PREPLANNED)
 
     def _stays_here(self) -> Callable[[], str]:
-        """Nobody has started it."""
+        """Make the check that the object, which was not started, stays here."""
         pose = self._pose()
 
         def moved() -> str:
@@ -440,7 +440,7 @@ class Probe:
         return 0.0 if self._monr is None else abs(self._monr.speed_mps or 0.0)
 
     def _moved_mps(self) -> float:
-        """By the newest places that it reported."""
+        """Compute its speed from the newest places that it reported."""
         if not self._places:
             return 0.0
         (first_ns, *first), (last_ns, *last) = self._places[0], self._places[-1]
@@ -471,7 +471,7 @@ class Probe:
         return judge
 
     def _wait_for_standstill(self, name: str, limit_s: float) -> None:
-        """Until it has not moved for a second, by the places that it reports."""
+        """Wait until it has not moved for a second, by the places that it reports."""
         here: list[tuple[int, Pose2]] = []
 
         def stands() -> bool:
@@ -496,7 +496,7 @@ class Probe:
 def report_of(
     probe: Probe, host: str, port: int, started_ns: int, stages: tuple[Stage, ...]
 ) -> ProbeReport:
-    """What a probe that has ended found."""
+    """Report the findings of a probe that has ended."""
     return ProbeReport(
         host=host,
         port=port,

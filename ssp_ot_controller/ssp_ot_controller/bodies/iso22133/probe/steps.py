@@ -1,4 +1,4 @@
-"""What a probe records of its steps, and what a clause is. No I/O, no clock.
+"""The records of a probe's steps, and the definition of a clause. No I/O, no clock.
 
 Times are those at which this machine sent and read.
 """
@@ -26,7 +26,7 @@ class Sent:
 
 @dataclass(slots=True)
 class Step:
-    """What happened in one step of a probe.
+    """The record of one step of a probe.
 
     Args:
         marks: instants of the step by their names, ns.
@@ -52,7 +52,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a clause came to; see ``Row``."""
+    """The finding of a clause; see ``Row``."""
 
     verdict: Outcome
     text: str = ""
