@@ -173,7 +173,7 @@ def plain_width(text: str) -> str:
 
 
 class Ending(StrEnum):
-    """Why a server says that an answer ended."""
+    """The reason that a server gives for the end of an answer."""
 
     WHOLE = "whole"
     LIMIT = "limit"

@@ -127,7 +127,7 @@ class Chat(Protocol):
 
 
 def pause_s(policy: Policy, trouble: Trouble, tries: int, left_s: float | None) -> float | None:
-    """How long to wait before the next try; None: there is none."""
+    """Compute how long to wait before the next try; None: there is none."""
     if tries >= policy.tries or not (trouble.safe or (trouble.lost and policy.retry_lost)):
         return None
     if trouble.wait_s is not None:
@@ -227,7 +227,7 @@ class OpenAIChat:
             self._sleep(wait_s)
 
     def _trouble(self, came: Received | Failed) -> Trouble | bytes:
-        """What came, as trouble without the key in it, or the body of an answer."""
+        """Return a failed reply as trouble without the key in it, or the body of an answer."""
         kinds = self._http.Failure
         if isinstance(came, self._http.Failed):
             late = came.failure is kinds.LATE
@@ -284,7 +284,7 @@ _TOPICS = (
 
 
 def _topic(code: int, said: str, body: bytes) -> str:
-    """What an error's message names as its cause; empty where that is nothing known here."""
+    """Name the cause that an error's message states; empty where it is none that is known here."""
     if code not in _SAY_WHY:
         return ""
     if code != 500 and _FILTERED.search(body[:_LOOKED_AT].decode("utf-8", "replace")):
@@ -295,7 +295,7 @@ def _topic(code: int, said: str, body: bytes) -> str:
 
 
 def _said(body: bytes) -> str:
-    """What an error's body says, on one line: its message, else its text."""
+    """Return an error's message on one line, else its text."""
     text = body[:_LOOKED_AT].decode("utf-8", "replace")
     if looks_like_html(body):
         return "(a page of HTML)"
@@ -330,7 +330,7 @@ class BrokenOff(NoCompletion):
 
 @dataclass(frozen=True)
 class Completion:
-    """What a server says in answer to one request.
+    """A server's answer to one request.
 
     Args:
         text: of the model; None: the reply holds none.

@@ -29,7 +29,7 @@ _ERROR_BYTES = 1 << 16  # of a reply that is an error; the rest is not read
 
 
 class Failure(Enum):
-    """Why there is no reply, by what a second request would cost.
+    """The reason why there is no reply, by the cost of a second request.
 
     UNREACHABLE: no connection, so nothing was asked.
     LOST: it was asked; a whole reply didn't come, though it may have been made.

@@ -1,4 +1,4 @@
-"""What people see on the terminal: progress, tables, errors. The one place that knows rich."""
+"""The output on the terminal: progress, tables, errors. The one place that knows rich."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def note(message: str) -> None:
 
 
 class _Description(ProgressColumn):
-    """What is being done, with names from files in it."""
+    """The description of a progress bar, with names from files in it."""
 
     def render(self, task: Task) -> Text:
         return Text(visible(task.description))

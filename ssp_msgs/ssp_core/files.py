@@ -172,7 +172,7 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
 
 
 def parse_mapping(data: bytes, file: str | Path) -> dict[str, Any]:
-    """As read_mapping, for what lies in a bag or an archive.
+    """Read a mapping as read_mapping does, from data in a bag or an archive.
 
     Args:
         data: UTF-8, at most 8 MiB.
@@ -191,7 +191,7 @@ def _mapping(text: str, file: str | Path) -> dict[str, Any]:
 
 
 def parse_value(text: str, file: str | Path) -> Any:
-    """What stands in a YAML or JSON text: no aliases, no tags, no key twice.
+    """Read the value of a YAML or JSON text: no aliases, no tags, no key twice.
 
     Args:
         text: at most 8 MiB, which the caller sees to.
@@ -264,7 +264,9 @@ def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
 
 
 def parse_whole_model(model: type[Model], value: Any, file: str | Path) -> Model:
-    """As parse_model, but all failures are named: for what people write by hand, field by field."""
+    """Parse as parse_model and name all failures: for files that people write by hand, field by
+    field.
+    """
     try:
         return model.model_validate(value)
     except ValidationError as error:
@@ -275,7 +277,7 @@ _NO_NUMBER = ("float_type", "float_parsing", "int_type", "int_parsing", "int_fro
 
 
 def _failures(error: ValidationError, value: Any) -> list[InputError]:
-    """What is wrong, each with its field and value."""
+    """List the failures, each with its field and value."""
     found = []
     for failure in error.errors():
         is_missing = failure["type"] == "missing"
@@ -376,7 +378,7 @@ def _created_alone(file: Path) -> int:
 
 
 def _is_left_behind(file: Path) -> bool:
-    """Whether the process that created it is gone; it is removed then."""
+    """Tell whether the process that created a file is gone; the file is removed then."""
     try:
         handle = os.open(file, os.O_WRONLY)
     except FileNotFoundError:
@@ -482,7 +484,7 @@ def write_bytes(path: str | Path, data: bytes) -> None:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """As write_bytes, UTF-8."""
+    """Write a text as write_bytes does, in UTF-8."""
     write_bytes(path, text.encode())
 
 

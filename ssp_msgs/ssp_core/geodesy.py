@@ -1,4 +1,4 @@
-"""Where a site lies on the Earth: geodetic places to the site's metres, and back.
+"""The place of a site on the Earth: geodetic places to the site's metres, and back.
 
 The site's plane stands on the normal of the WGS 84 ellipsoid at the datum: x east, y north, z up,
 before it is turned by its yaw. The conversion is exact but for rounding, below a micrometre within
@@ -40,7 +40,8 @@ class Place:
 
     @property
     def problem(self) -> str | None:
-        """What keeps its numbers from being a place on the Earth, with the remedy; None: nothing.
+        """Say what keeps its numbers from being a place on the Earth, with the remedy; None:
+        nothing.
 
         NaN is no place either.
         """
@@ -102,7 +103,7 @@ class Datum:
     def all_to_site(
         self, latitude_deg: FloatArray, longitude_deg: FloatArray, altitude_m: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As ``to_site``, for many places: arrays of shape (n,), each."""
+        """Convert as ``to_site`` for many places: arrays of shape (n,), each."""
         apart = _earth_centred(latitude_deg, longitude_deg, altitude_m) - self._origin[:, None]
         east, north, up = self._axes @ apart
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)

@@ -46,7 +46,7 @@ def yaw_of(quaternion: tuple[float, float, float, float]) -> float:
 
 
 def wrap_angles(angles_rad: FloatArray) -> FloatArray:
-    """As ``wrap_angle``, for an array of any shape."""
+    """Wrap as ``wrap_angle`` for an array of any shape."""
     turned = angles_rad - 2.0 * math.pi * np.round(angles_rad / (2.0 * math.pi))
     return np.where(turned <= -math.pi, math.pi, turned)
 
@@ -142,13 +142,13 @@ def point_in_polygon(x_m: float, y_m: float, polygon: Sequence[Point]) -> bool:
 def points_in_polygon(
     x_m: FloatArray, y_m: FloatArray, polygon: Sequence[Point]
 ) -> NDArray[np.bool_]:
-    """As ``point_in_polygon`` for n points, shape (n,)."""
+    """Judge as ``point_in_polygon`` for n points, shape (n,)."""
     inside: NDArray[np.bool_] = _even_odd(x_m, y_m, polygon) & np.ones(len(x_m), dtype=bool)
     return inside
 
 
 def _even_odd(x_m: Any, y_m: Any, polygon: Sequence[Point]) -> Any:
-    """Of numbers or of arrays of one shape; what is no number is outside."""
+    """Judge numbers or arrays of one shape by the even-odd rule; NaN is outside."""
     inside: Any = False
     xa, ya = polygon[-1]
     for xb, yb in polygon:
@@ -165,7 +165,8 @@ TOUCHING_M = 1e-9
 
 
 def outline_problem(points: Sequence[Point]) -> tuple[str, str] | None:
-    """Why points, in order, are no legal outline of an area, and the remedy; None for a legal one.
+    """Say why points, in order, are no legal outline of an area, and the remedy; None for a legal
+    one.
 
     Only edges that follow each other share a point, the corner between them: an outline that
     crosses or touches itself has no inside that everybody agrees on. A spike touches the edge that
@@ -203,7 +204,7 @@ def outline_problem(points: Sequence[Point]) -> tuple[str, str] | None:
 
 
 def _meeting(a: Point, b: Point, c: Point, d: Point) -> str:
-    """How two edges meet: ``crosses``, ``touches``, or not at all."""
+    """Tell how two edges meet: ``crosses``, ``touches``, or not at all."""
     if _turn(a, b, c) * _turn(a, b, d) < 0.0 and _turn(c, d, a) * _turn(c, d, b) < 0.0:
         return "crosses"
     nearest = min(
@@ -325,7 +326,9 @@ class Polyline:
         return self.project_all([(x_m, y_m)])[0]
 
     def project_all(self, points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-        """As ``project`` for several points at once, with the same results to the last bit."""
+        """Project as ``project`` for several points at once, with the same results to the last
+        bit.
+        """
         if len(self._pieces) <= _FEW_PIECES:
             return [self._project_one(x, y) for x, y in points]
         xy = np.array(points, dtype=np.float64)
@@ -401,7 +404,9 @@ class Polyline:
         return found
 
     def _project_one(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """As ``project_all``, piece by piece: on a short path that is quicker than with arrays."""
+        """Project as ``project_all``, piece by piece: on a short path that is quicker than with
+        arrays.
+        """
         best: float | None = None
         found, found_t, found_side = self._pieces[0], 0.0, 0.0
         for piece in self._pieces:
@@ -418,13 +423,13 @@ class Polyline:
         return station, math.copysign(offset, found_side) if found_side else offset
 
     def project_beyond(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """As project, but the path goes on straight beyond both its ends."""
+        """Project as ``project`` onto the path extended straight beyond both its ends."""
         return self.project_all_beyond([(x_m, y_m)])[0]
 
     def project_all_beyond(
         self, points: Sequence[tuple[float, float]]
     ) -> list[tuple[float, float]]:
-        """As ``project_beyond`` for several points at once."""
+        """Project as ``project_beyond`` for several points at once."""
         found = self.project_all(points)
         for k, (station, _) in enumerate(found):
             if not 0.0 < station < self.length_m:

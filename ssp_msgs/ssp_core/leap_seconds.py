@@ -22,7 +22,7 @@ TABLE_GOOD_UNTIL = "2026-06-28"
 
 
 def day_ns(day: str) -> int:
-    """When a day of UTC begins; written as 2017-01-01."""
+    """Return the begin of a day of UTC, written as 2017-01-01."""
     return int(datetime.fromisoformat(day).replace(tzinfo=UTC).timestamp()) * NS_PER_S
 
 

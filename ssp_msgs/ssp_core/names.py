@@ -63,17 +63,17 @@ def ack_topic(object_id: str) -> str:
 
 
 def rules_topic(object_id: str) -> str:
-    """Where an object tells what it judges by."""
+    """Name the topic on which an object publishes its rules."""
     return f"{object_id}/rules"
 
 
 def declared_topic(participant: str) -> str:
-    """Where a participant of a live session declares its kind (ssp_core.run_file.participation)."""
+    """Name the topic on which a participant of a live session declares its kind."""
     return f"declared/{participant}"
 
 
 def iso_frames_topic(object_id: str) -> str:
-    """Where the raw frames of an object that speaks ISO 22133 are told."""
+    """Name the topic with the raw frames of an object that speaks ISO 22133."""
     return f"{object_id}/iso_frames"
 
 

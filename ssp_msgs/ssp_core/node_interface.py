@@ -1,4 +1,4 @@
-"""What a node states of itself, without ROS: its table of parameters and its diagnostic status.
+"""The self-description of a node, without ROS: its parameters and its diagnostic status.
 
 A node has one table of parameters, in its package's ``ros/parameters.py``.
 """
@@ -50,7 +50,7 @@ class Parameter:
 
     @property
     def constraint(self) -> str:
-        """What is taken, in words."""
+        """Describe in words the values that are accepted."""
         if self.is_number:
             return f"{self.least:.10g} to {self.most:.10g}"
         return self.text or _WORDS.get(type(self.default), "a list of texts")
@@ -92,7 +92,7 @@ RUN_FILE = Parameter("run_file", "", "the run", text="path of an ssp.run/1 file"
 
 
 class Qos(NamedTuple):
-    """What reliable publishers offer: messages kept, and whether late joiners get them."""
+    """The offer of reliable publishers: messages kept, and whether late joiners get them."""
 
     depth: int
     latched: bool = False
@@ -110,7 +110,7 @@ QOS = {
 
 
 class Level(IntEnum):
-    """By the numbers of diagnostic_msgs/DiagnosticStatus."""
+    """The levels, by the numbers of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1

@@ -1,4 +1,4 @@
-"""What click lacks for command-line options."""
+"""The additions to click for command-line options."""
 
 from __future__ import annotations
 

@@ -168,7 +168,9 @@ _LIBC = ctypes.CDLL(None)
 
 
 def die_with_parent() -> None:
-    """For a child's preexec_fn: it receives SIGTERM when its parent dies, however that happens."""
+    """Let a child receive SIGTERM when its parent dies, however that happens; for its
+    preexec_fn.
+    """
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
@@ -191,7 +193,7 @@ class NodeProcess:
         return self.process.poll()
 
     def describe_exit(self) -> str:
-        """How it ended, for people."""
+        """Describe for people how it ended."""
         code = self.returncode
         if code is None:
             return "still running"

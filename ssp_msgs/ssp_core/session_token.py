@@ -25,7 +25,7 @@ def _kind(mode: str) -> str:
 
 
 def mode_problem(token: str, mode: str) -> str:
-    """Why a run of this mode isn't one of this session; empty where it is.
+    """Say why a run of this mode isn't one of this session; empty where it is.
 
     Args:
         token: of the session; empty: of one without, which may be of any kind.
@@ -39,7 +39,7 @@ def mode_problem(token: str, mode: str) -> str:
 
 
 def token_problem(own: str, given: str, mode: str) -> str:
-    """Why a command isn't for this session; empty where it is.
+    """Say why a command isn't for this session; empty where it is.
 
     Without a token of its own, a receiver takes any token of a session of its kind. A command
     without a token is taken in a simulated session alone, where nothing real moves.

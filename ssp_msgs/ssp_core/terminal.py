@@ -1,4 +1,4 @@
-"""What the terminal may do to a program: ask it to end, close, or read no more of its output."""
+"""The terminal's effects on a program: it may ask it to end, close, or stop reading its output."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def catch_stop_signals(handler: Callable[[signal.Signals], None]) -> dict[signal
 
 @contextmanager
 def on_stop_signals(handler: Callable[[signal.Signals], None]) -> Iterator[None]:
-    """As catch_stop_signals, as long as the block runs."""
+    """Catch the stop signals as catch_stop_signals does, as long as the block runs."""
     before = catch_stop_signals(handler)
     try:
         yield
@@ -66,14 +66,14 @@ def on_stop_signals(handler: Callable[[signal.Signals], None]) -> Iterator[None]
 
 
 def own_command() -> str:
-    """How a shell calls our command line: installed, or by the launcher of this environment."""
+    """Return our command line as a shell calls it: installed, or by this environment's launcher."""
     root = os.environ.get("SSP_ROOT")
     installed = shutil.which("ssp") or root is None
     return "ssp" if installed else shlex.quote(str(Path(str(root)) / "ssp"))
 
 
 def ignore_stop_signals() -> None:
-    """For a process of a pool: they reach the whole group, and who leads it ends it in order."""
+    """Ignore stop signals in a process of a pool: the leader of the group ends it in order."""
     for number in _ASK_TO_END:
         if number != signal.SIGTERM:
             signal.signal(number, signal.SIG_IGN)
@@ -94,7 +94,7 @@ class _Output(io.FileIO):
 
 
 def survive_lost_output() -> None:
-    """From here on no failure of standard output or error raises in who prints.
+    """Let no failure of standard output or error raise from here on in the code that prints.
 
     A pipe that nobody reads, a terminal that is gone, and a full disk are no reason to leave a
     session or a recording behind. Streams that a test has put there stay.
@@ -114,7 +114,7 @@ def survive_lost_output() -> None:
 
 
 def lost_output() -> str:
-    """Why not all that was printed on standard output could be written; empty for unread output."""
+    """Say why part of the standard output couldn't be written; empty for unread output."""
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
     if not isinstance(raw, _Output):
         return ""

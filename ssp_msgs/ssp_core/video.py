@@ -40,7 +40,7 @@ _STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
 
 @dataclass(frozen=True, slots=True)
 class VideoInfo:
-    """What the container says: size in px, mean frames per second, number of frames.
+    """The container's statements: size in px, mean frames per second, number of frames.
 
     Args:
         width_px: of the picture as it is shown, with square pixels.
@@ -177,7 +177,7 @@ def _square(stored_px: tuple[int, int], aspect: float) -> tuple[int, int]:
 
 
 def _zero_s(container: av.container.InputContainer) -> float:
-    """Where the time line of a container begins, on the clock of its stamps."""
+    """Find where the time line of a container begins, on the clock of its stamps."""
     if container.format.name in _STREAMED and container.start_time is not None:
         return container.start_time / 1e6
     return 0.0
@@ -215,7 +215,9 @@ def _first_time_s(path: Path) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Soundness:
-    """What strict decoding found: times of frames, and errors of packets or frames among them."""
+    """The findings of strict decoding: times of frames, and errors of packets or frames among
+    them.
+    """
 
     times_s: tuple[float, ...]
     damaged: int
@@ -301,7 +303,7 @@ def sound_video(path: Path, end_s: float | None = None) -> Soundness:
 
 
 def _against_times(times_s: Sequence[float], rate: float, slack_s: float) -> str:
-    """What of the frames' times can't be; empty: nothing."""
+    """Say which of the frames' times can't be; empty: none."""
     steps_s = [b - a for a, b in pairwise(times_s)]
     if not steps_s:
         return ""
@@ -357,13 +359,13 @@ def _moov(path: Path) -> bytes:
 
 
 def _against_moov(path: Path, slack_s: float) -> str:
-    """Where an MP4 states its lengths in units that contradict each other; empty: nowhere.
+    """Say where an MP4 states its lengths in units that contradict each other; empty: nowhere.
 
     FFmpeg works with some of them and lets the others be.
     """
 
     def length_s(box: bytes) -> float | None:
-        """Of mvhd or mdhd; None: it doesn't say."""
+        """Read the length that mvhd or mdhd states; None: it states none."""
         scale, length = struct.unpack_from(*((">IQ", box, 20) if box[0] else (">II", box, 12)))
         if scale == 0:
             raise ZeroDivisionError
@@ -410,7 +412,7 @@ def _against_moov(path: Path, slack_s: float) -> str:
 
 
 def _against_edits(edits: bytes, scale: int, media_s: float, units: int, slack_s: float) -> str:
-    """Whether an MP4's edit list shows more than there is, or, where it shows all, less."""
+    """Say whether an MP4's edit list shows more than there is or, where it shows all, less."""
     form = ">QqI" if edits[0] else ">IiI"
     shown = [
         (a / scale, start) for a, start, _ in struct.iter_unpack(form, edits[8:]) if start >= 0

@@ -118,7 +118,7 @@ for _tag, _form, _starts, _construct in (
 
 
 def number_remedy(value: object) -> str | None:
-    """What to write where a number is wanted and this stands; None: nothing is known."""
+    """Say what to write where a number is wanted and this stands; None: nothing is known."""
     if isinstance(value, bool):
         return "write a number; true and false are none"
     if not isinstance(value, str):

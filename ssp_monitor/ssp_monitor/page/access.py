@@ -1,4 +1,4 @@
-"""Who may read the page and command through it: decisions without a server."""
+"""The right to read the page and to command through it: decisions without a server."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def make_token() -> str:
 
 
 def same_token(given: str, token: str) -> bool:
-    """Whether it is the token, in a time that doesn't tell how much of it was right."""
+    """Compare a token in a time that doesn't tell how much of it was right."""
     # Bytes that are no text reach us as lone surrogates.
     return hmac.compare_digest(given.encode("utf-8", "surrogatepass"), token.encode())
 
@@ -48,14 +48,14 @@ def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a server that binds to this can be reached from this machine alone."""
+    """Tell whether a server that binds to this can be reached from this machine alone."""
     found = _address(host)
     return host in _LOOPBACK_NAMES if found is None else found.is_loopback
 
 
 @dataclass(frozen=True, slots=True)
 class AccessRules:
-    """What is let in.
+    """The rules of access to the page.
 
     Args:
         bound: the address that the server was bound to, as it was given.
@@ -73,7 +73,7 @@ class AccessRules:
         return is_loopback(self.bound)
 
     def knows_host(self, host: str | None) -> bool:
-        """Whether a request's Host names this server by an address or a name that is its own.
+        """Tell whether a request's Host names this server by an address or a name that is its own.
 
         A page of somebody else whose name was made to point here (DNS rebinding) sends its own
         name, and is refused.
@@ -90,7 +90,7 @@ class AccessRules:
         return name in (*_LOOPBACK_NAMES, self.bound, *self.own_names)
 
     def knows_origin(self, origin: str | None, host: str, fetch_site: str | None) -> bool:
-        """Whether a request comes from this page, or from no page at all (a program)."""
+        """Tell whether a request comes from this page, or from no page at all (a program)."""
         if fetch_site is not None and fetch_site not in ("same-origin", "none"):
             return False
         return origin is None or origin == f"http://{host}"
@@ -111,7 +111,7 @@ class TokenBucket:
     _at_ns: int = 0
 
     def take(self, now_ns: int) -> bool:
-        """Whether one more passes now (steady clock)."""
+        """Tell whether one more passes now (steady clock)."""
         if self._left < 0.0:
             self._left, self._at_ns = self.size, now_ns
         passed_s = max(0, now_ns - self._at_ns) / 1e9

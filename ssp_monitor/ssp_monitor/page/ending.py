@@ -56,7 +56,7 @@ def verdict_of(board: Board, word: EndWord | None) -> tuple[Verdict, tuple[str, 
 
 
 def _has_left(board: Board, now_ns: int) -> bool:
-    """Whether the session is over and its manager, which could begin another, has gone."""
+    """Tell whether the session is over and its manager, which could begin another, has gone."""
     if board.session is None or board.session.state not in OVER:
         return False
     unheard = board.offered is not None and "abort" not in board.offered
@@ -83,7 +83,7 @@ def _verdict(board: Board, word: EndWord | None) -> str:
 
 
 def _is_by_hand(board: Board) -> bool:
-    """Whether the first safety event of this run is a person's abort."""
+    """Tell whether the first safety event of this run is a person's abort."""
     since_ns = board.started_ns or 0
     for _, event in board.events:
         if event.kind == "safety" and event.stamp_ns >= since_ns:

@@ -72,7 +72,7 @@ _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
-    """Whether it tells of more than what a stranger sent: he is answered, and nobody else cares."""
+    """Tell whether a log record is more than the answer to a stranger's bad request."""
     error = record.exc_info[1] if record.exc_info else None
     return not isinstance(error, (HttpProcessingError, web.RequestPayloadError))
 
@@ -82,7 +82,7 @@ _LOG.addFilter(_is_ours)
 
 
 class Commands(Protocol):
-    """Who passes commands on to the manager."""
+    """The way of commands to the manager."""
 
     def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
         """Sends one of names.SESSION_COMMANDS; may be called in any thread.
@@ -123,7 +123,7 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """Where it is, without the token."""
+        """Return its address, without the token."""
         host = f"[{self.door.bound}]" if ":" in self.door.bound else self.door.bound
         return f"http://{host}:{self.door.port}/"
 
@@ -322,7 +322,7 @@ def _listen_on(host: str, port: int) -> sockets.socket:
 
 
 def _is_left(host: str, port: int) -> bool:
-    """Whether a page whose run has ended held the port, and has left it."""
+    """Tell whether a page whose run has ended held the port, and has left it."""
     name = host if host else "127.0.0.1"
     deadline = time.monotonic() + LEAVE_S
     with suppress(OSError, HTTPException):

@@ -1,4 +1,4 @@
-"""What the page shows, as JSON values: the site once, snapshots of the session, and its camera."""
+"""The page's content as JSON values: the site once, snapshots of the session, and its camera."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class Snapshots:
         return silent
 
     def _is_blind(self, now_ns: int) -> bool:
-        """Of nothing that moves is anything known."""
+        """Tell whether nothing is known of any moving object."""
         board = self._board
         return all(object_age_s(board, one, now_ns) > STALE_S for one in board.objects.values())
 
@@ -151,7 +151,9 @@ class Snapshots:
         return not board.replay and board.offered is not None and "abort" not in board.offered
 
     def _commands(self, state: SessionPhase) -> list[str]:
-        """What may be asked for now; a service that isn't found yet would only give an error."""
+        """List the commands that may be given now; one without a service would only give an
+        error.
+        """
         board = self._board
         if board.replay:
             return []
@@ -268,7 +270,7 @@ def _order(state: ObjectState) -> tuple[bool, bool, list[tuple[int, str]]]:
 
 
 def _phase(phase: Phase) -> str:
-    """In words; what the recording's end alone can tell is said to be provisional."""
+    """Describe a phase; one that only the recording's end can confirm is said to be provisional."""
     if phase is Phase.UNKNOWN:
         return ""
     return phase.name + (", PROVISIONAL" if phase.is_provisional else "")

@@ -157,7 +157,7 @@ class Hub:
 
 
 class Echoes:
-    """What a viewer has confirmed: never more than one bundle is on its way to it."""
+    """The confirmations of a viewer: never more than one bundle is on its way to it."""
 
     def __init__(self) -> None:
         self._sent = 0
@@ -186,7 +186,7 @@ class Echoes:
         )
 
     def hear(self, text: object) -> bool:
-        """Whether this is the echo that is waited for; each counts once."""
+        """Tell whether this is the echo that is waited for; each counts once."""
         if _object_of(text) != {"echo": self._sent} or self._heard.is_set():
             return False
         self._heard_ns = time.monotonic_ns()
@@ -194,7 +194,7 @@ class Echoes:
         return True
 
     async def wait(self) -> None:
-        """Until the last bundle is confirmed. Raises TimeoutError when it takes too long."""
+        """Wait until the last bundle is confirmed. Raises TimeoutError when it takes too long."""
         try:
             await asyncio.wait_for(self._heard.wait(), ECHO_S)
         except TimeoutError:

@@ -1,4 +1,4 @@
-"""Which topics of a bag are published, with which QoS, and which are omitted and why."""
+"""The topics of a bag that are published, their QoS, and those that are omitted and why."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ SESSION_SERVICES = frozenset(("ssp_msgs/srv/ObjectCommand", "ssp_msgs/srv/LoadSc
 
 
 def is_command(topic: str, msgtype: str) -> bool:
-    """Whether an object may act on messages of a topic as it was recorded.
+    """Tell whether an object may act on messages of a topic as it was recorded.
 
     What isn't the project's own is judged by words, so that it is rather left out than sent.
     """
@@ -80,7 +80,7 @@ def is_command(topic: str, msgtype: str) -> bool:
 
 
 def is_command_name(name: str) -> bool:
-    """Whether any part of a name, of a topic or of a type, sounds like something to act on."""
+    """Tell whether any part of a name, of a topic or of a type, sounds like something to act on."""
     words = {word.lower() for word in _WORD.findall(name)}
     return not _COMMAND_WORDS.isdisjoint(words) or any(
         stem in name.lower() for stem in _COMMAND_STEMS
@@ -90,7 +90,7 @@ def is_command_name(name: str) -> bool:
 def session_signs(
     nodes: Iterable[tuple[str, str]], services: Iterable[tuple[str, Iterable[str]]]
 ) -> list[str]:
-    """What on the graph belongs to a session that is under way, for people; empty: nothing.
+    """List the signs on the graph of a session that is under way, for people; empty: none.
 
     Services tell of nodes that were given other names.
     """
@@ -126,8 +126,8 @@ _TRANSIENT_LOCAL = ("transient_local", 1)
 
 @dataclass(frozen=True, slots=True)
 class PublisherQos:
-    """What the publisher offers. Deadline, lifespan and liveliness are left at their defaults: a
-    replay that is paused or slowed down couldn't keep them.
+    """The publisher's offer. Deadline, lifespan and liveliness are left at their defaults: a replay
+    that is paused or slowed down couldn't keep them.
 
     Args:
         reliable: lost packets are sent again.
@@ -189,7 +189,7 @@ Missing = Callable[[str, str], str | None]
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """What a person asked for.
+    """The options that a person chose.
 
     Args:
         topics: names or expressions; empty: all.
@@ -243,7 +243,7 @@ class OmittedTopic:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is published.
+    """The topics that are published.
 
     Args:
         clock_hz: of a /clock that is made here; 0: the recorded one, or none.
@@ -326,7 +326,7 @@ def _remapped(recorded: Mapping[str, TopicInfo], remap: Mapping[str, str]) -> di
 
 
 def is_name(topic: str) -> bool:
-    """Whether the middleware takes it as the absolute name of a topic."""
+    """Tell whether the middleware takes it as the absolute name of a topic."""
     return len(topic) <= _MOST_NAME and _NAME.match(topic) is not None
 
 

@@ -56,8 +56,9 @@ class MessageSource:
             )
 
     def kept(self) -> list[BagMessage]:
-        """What latched publishers kept from before the start: the newest messages of each, as many
-        as it offered, in order of time."""
+        """Return the messages that latched publishers kept from before the start: the newest of
+        each, as many as it offered, in order of time.
+        """
         self._static = {
             line.recorded: StaticTransforms()
             for line in self._lines
@@ -188,7 +189,7 @@ class Timeline:
         return self.bag_ns + math.floor((steady_ns - self.steady_ns) * self.rate)
 
     def due_ns(self, bag_ns: int) -> int | None:
-        """When something of the bag is due, steady clock; None while paused."""
+        """Return when a time of the bag is due, steady clock; None while paused."""
         if self.paused:
             return None
         return self.steady_ns + math.ceil((bag_ns - self.bag_ns) / self.rate)
@@ -284,7 +285,7 @@ class Playback:
         self._reached_ns = timeline.bag_ns
 
     def behind_ns(self, now_ns: int) -> int:
-        """How long the next message has been due; 0 when it isn't yet."""
+        """Return how long the next message has been due; 0 when it isn't yet."""
         due_ns = None if self._next is None else self.timeline.due_ns(self._next.log_time_ns)
         return 0 if due_ns is None else max(now_ns - due_ns, 0)
 
@@ -312,7 +313,7 @@ class Playback:
         self._to_frame = True
 
     def act(self, now_ns: int) -> Action:
-        """What to do at this time of the steady clock."""
+        """Choose the action at this time of the steady clock."""
         # Fetched only now: damage in the bag must not keep the message before it from going out.
         if self._next is None:
             self._next = next(self._messages, None)
@@ -369,7 +370,7 @@ class Lateness:
         self._counts[math.ceil(_STEPS * math.log2(late_ns)) if late_ns else -1] += 1
 
     def quantile_ns(self, share: float) -> int:
-        """At least this share of the messages was not later than this; at most 4 % too large.
+        """Return a lateness that at least this share of the messages keeps; at most 4 % too large.
 
         Args:
             share: from 0 to 1.
@@ -385,7 +386,7 @@ class Lateness:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where the replay is.
+    """The progress of the replay.
 
     Args:
         behind_ns: how long the next message has been due.

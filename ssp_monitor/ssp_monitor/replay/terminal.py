@@ -16,7 +16,7 @@ _MOST_NAMED = 8
 
 
 def plan_lines(plan: Plan) -> list[str]:
-    """What is published and what isn't, for people."""
+    """List the topics that are published and those that aren't, for people."""
     said = []
     commands = [one for one in plan.left_out if one.is_command]
     if commands:
@@ -56,7 +56,7 @@ def progress_line(progress: Progress, start_ns: int, end_ns: int, topics: int) -
 
 @dataclass(frozen=True, slots=True)
 class ReplayOutcome:
-    """How a replay ended.
+    """The ending of a replay.
 
     Args:
         why: ``end`` of the bag, or what stopped it.

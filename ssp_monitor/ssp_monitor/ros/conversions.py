@@ -1,4 +1,4 @@
-"""From the terms of recorder and replay to those of ROS: QoS profiles, message classes, status."""
+"""The conversion from recorder and replay to ROS: QoS profiles, message classes, status."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def adapted_profile(topic: TopicSpec, publishers: Sequence[TopicEndpointInfo]) -
 
 
 def is_latched(publishers: Sequence[TopicEndpointInfo]) -> bool:
-    """Whether all publishers keep their last messages for those that join later."""
+    """Tell whether all publishers keep their last messages for those that join later."""
     return bool(publishers) and all(
         publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         for publisher in publishers
@@ -84,7 +84,7 @@ def is_latched(publishers: Sequence[TopicEndpointInfo]) -> bool:
 
 
 def is_heard(publisher: TopicEndpointInfo, msgtype: str, wanted: QoSProfile) -> bool:
-    """Whether a reader of this type and profile hears a publisher."""
+    """Tell whether a reader of this type and profile hears a publisher."""
     compatible = qos_check_compatible(publisher.qos_profile, wanted)[0]
     return bool(publisher.topic_type == msgtype and compatible != QoSCompatibility.ERROR)
 
@@ -133,7 +133,7 @@ def _seconds(duration: Duration) -> dict[str, int]:
 
 
 def why_not_recordable(msgtype: str) -> str | None:
-    """Why messages of a type can't be recorded here, None when they can.
+    """Say why messages of a type can't be recorded here, None when they can.
 
     Args:
         msgtype: as the graph names it: anybody may have sent it.
@@ -192,7 +192,7 @@ def profile_of(offer: PublisherQos) -> QoSProfile:
 
 
 def why_not_installed(msgtype: str, type_hash: str) -> str | None:
-    """Why messages of a recorded type can't be published here, None where they can.
+    """Say why messages of a recorded type can't be published here, None where they can.
 
     Args:
         type_hash: of the definition that they were written with, empty where it isn't known.

@@ -114,13 +114,15 @@ class MonitorNode(Node):
         return not self._plan.simulated_time and self._state < SessionPhase.ARMED
 
     def _keep_pace(self, data: bytes) -> None:
-        """In lockstep the world doesn't run further ahead of the recorder than it says it is."""
+        """Report to a world in lockstep, every RECORDER_STEPS, that the recorder keeps pace."""
         tick = decode_tick_head(data)
         if tick.lockstep and tick.step % RECORDER_STEPS == 0:
             self._done.publish(encode_done(steps.StepDone(names.MONITOR, tick.step)))
 
     def _await_last_word(self) -> None:
-        """Who ends all nodes at once must not lose how the session ends, and the braking."""
+        """Wait so that an end of all nodes at once doesn't lose the session's ending and the
+        braking.
+        """
         deadline = time.monotonic() + LAST_WORD_S
         while self._last_word.is_due and time.monotonic() < deadline:
             if self.recording.intake.error is not None:

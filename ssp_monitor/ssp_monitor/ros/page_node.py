@@ -66,7 +66,9 @@ class ManagerCommands:
         return frozenset(word for word, one in self._clients.items() if one.service_is_ready())
 
     def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
-        """As PageServer's Commands; an answer that never comes leaves the future as it is."""
+        """Send a command as PageServer's Commands; an answer that never comes leaves the future
+        as it is.
+        """
         answer: Future[Answer] = Future()
         client = self._clients[command]
         if not client.service_is_ready():
@@ -89,7 +91,7 @@ def _pass_on(answer: Future[Answer], asked: Any) -> None:
 
 
 def _forget(client: Client, asked: Any, answer: Future[Answer]) -> None:
-    """Nobody waits any more for an answer that never came."""
+    """Forget a request whose answer never came."""
     if answer.cancelled():
         client.remove_pending_request(asked)
 

@@ -153,7 +153,7 @@ def session_plan(given: Mapping[str, Any], full_name: Callable[[str], str]) -> R
 
 
 def topic_rules(arguments: Sequence[str]) -> list[str]:
-    """Of a process's arguments those that rename topics, and none that renames nodes.
+    """Select from a process's arguments those that rename topics, and none that renames nodes.
 
     Args:
         arguments: as in sys.argv, ``-r from:=to`` among them.

@@ -123,7 +123,9 @@ class Recording:
         return sum(n for name, n in counts.items() if not self._own or name in self._own)
 
     def session_is(self, state: SessionPhase) -> None:
-        """From arming to the end of a session, each topic has one publisher where it should."""
+        """Require, from arming to the end of a session, one publisher of each topic that should
+        have one.
+        """
         if state in WATCHED:
             self._rivals.begin(self.intake.returned_by_topic())
         elif state in (SessionPhase.FINISHED, SessionPhase.ABORTED):
@@ -297,7 +299,7 @@ class Recording:
         return {name: (count - before.get(name, 0)) / span_s for name, count in received.items()}
 
     def _current_warnings(self, state: RecorderState, topics: int) -> list[str]:
-        """What a person should look at now; all of it is remembered for the bag's report."""
+        """List the warnings that a person should see now; the bag's report keeps all of them."""
         found = [*self._survey.all_warnings(), *state.warnings]
         if self._outlook.warning is not None:
             found.insert(0, self._outlook.warning)

@@ -120,7 +120,8 @@ class SerializedTaker:
         self._free(ctypes.byref(self._buffer))
 
     def take(self, subscription: int) -> tuple[list[Taken], bool]:
-        """What has arrived at a subscription, oldest first, and whether there may be more.
+        """Take the messages that arrived at a subscription, oldest first, and tell whether more may
+        come.
 
         Args:
             subscription: address of its rcl_subscription_t, which must stay valid meanwhile.
@@ -277,7 +278,7 @@ class RecordingSubscriptions:
         return {name: arrivals.lost for name, arrivals in self._arrivals.items()}
 
     def returned_by_topic(self) -> dict[str, int]:
-        """How often a publisher of each topic spoke again after another one had."""
+        """Count how often a publisher of each topic spoke again after another one had."""
         return {name: arrivals.returned for name, arrivals in self._arrivals.items()}
 
     def received_by_topic(self) -> dict[str, int]:
@@ -328,7 +329,7 @@ class RecordingSubscriptions:
             self._sources.append(source)
 
     def _take_all(self, source: _Source) -> bool:
-        """Whether there was anything."""
+        """Take all that arrived, and tell whether there was anything."""
         source.quiet += 1
         more = True
         while more:

@@ -121,7 +121,7 @@ class ReplayNode(Node):
             self._stop.set("session")
 
     def _unmatched(self, topic: str, publisher: Publisher, wait_for: int) -> int:
-        """How many subscribers of a topic are still to be connected."""
+        """Count the subscribers of a topic that are still to be connected."""
         found = 0
         for subscriber in self.get_subscriptions_info_by_topic(topic):
             fits = qos_check_compatible(publisher.qos_profile, subscriber.qos_profile)[0]
@@ -129,7 +129,7 @@ class ReplayNode(Node):
         return max(found, wait_for) - int(publisher.get_subscription_count())
 
     def _await_subscribers(self) -> None:
-        """Until everybody who is there hears it, and as many as were asked for."""
+        """Wait until all present subscribers are connected, and as many as were asked for."""
         wait_for = self._wishes.wait_for
         limit_s = WAIT_FOR_S if wait_for else MATCH_S
         until = time.monotonic() + limit_s

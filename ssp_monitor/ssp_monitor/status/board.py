@@ -90,7 +90,7 @@ class LinkFact:
 
 @dataclass(frozen=True, slots=True)
 class TopicFact:
-    """What the recorder has of a topic that it lost something of, or doesn't hear."""
+    """The recorder's facts on a topic that it lost messages of, or doesn't hear."""
 
     name: str
     lost: int
@@ -147,7 +147,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What became of a command.
+    """The outcome of a command.
 
     Args:
         accepted: the manager does it.
@@ -263,11 +263,11 @@ class Board:
         self.recorder, self.recorder_at_ns = fact, at_ns
 
     def hear_localisation(self, reason: str, at_ns: int) -> None:
-        """Why no state is made of the VUT's newest fix (LocalisationStatus.msg); empty: one is."""
+        """Take the reason why no state is made of the VUT's newest fix; empty: one is made."""
         self.vut_refused, self.vut_refused_at_ns = reason, at_ns
 
     def hear_body(self, status: BodyStatus, at_ns: int) -> None:
-        """What the process of a live object knows of its body (BodyStatus.msg)."""
+        """Take the report of a live object's process on its body (BodyStatus.msg)."""
         if status.object_id in self.bodies or len(self.bodies) < MOST_OBJECTS:
             self.bodies[status.object_id] = status, at_ns
 
@@ -303,7 +303,9 @@ class Newest:
         self._waiting[source] = (data, at_ns)
 
     def take(self) -> tuple[list[tuple[list[ObjectState], int]], list[str]]:
-        """What came since the last time, with times of arrival; and what of it was no message."""
+        """Return the messages since the last time, with times of arrival; and those that can't
+        be read.
+        """
         waiting, self._waiting = self._waiting, {}
         states, problems = [], []
         for source, (data, at_ns) in waiting.items():
@@ -323,7 +325,7 @@ LINKS_FRESH_S = 3.0
 
 
 def age_s(now_ns: int, at_ns: int | None) -> float:
-    """How long ago something was heard; inf: never."""
+    """Return how long ago something was heard; inf: never."""
     return math.inf if at_ns is None else max(0, now_ns - at_ns) / 1e9
 
 
@@ -333,7 +335,7 @@ def links_of(board: Board, now_ns: int) -> dict[str, LinkFact]:
 
 
 def object_age_s(board: Board, heard: Received, now_ns: int) -> float:
-    """How old an object's state is: the worst of what arrival, stamp and manager say of it.
+    """Return an object's age: the worst of what arrival, stamp and manager say of it.
 
     A state that was held up on its way arrives late and looks new by its arrival alone.
     """

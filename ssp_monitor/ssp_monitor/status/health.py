@@ -62,7 +62,7 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
 
 
 def _facts(board: Board, now_ns: int) -> Facts:
-    """What was heard, as the manager's rules ask for it."""
+    """Collect the facts heard, as the manager's rules ask for them."""
     run, recorder = board.run, board.recorder or RecorderFact(ready=False)
     ages_s = {who: age_s(now_ns, heard.at_ns) for who, heard in board.objects.items()}
     ages_s[names.MONITOR] = age_s(now_ns, board.recorder_at_ns)
@@ -122,7 +122,7 @@ _REPLAY = Status("ssp: replay", "replay", Level.WARN, "a bag is replayed: nothin
 
 @dataclass(slots=True)
 class ClockWatch:
-    """Whether session time goes on: the newest stamp, and when it last changed."""
+    """The clock of the session: the newest stamp, and when it last changed."""
 
     stamp_ns: int | None = None
     changed_at_ns: int = 0

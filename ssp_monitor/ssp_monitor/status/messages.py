@@ -1,4 +1,4 @@
-"""From the messages of a session to the page's plain values."""
+"""The conversion of a session's messages to the page's plain values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _short(text: str) -> str:
 
 
 def _read(kind: type[Fact], message: Any, **known: Any) -> Fact:
-    """What a message says under the names that the fact has, its texts shortened.
+    """Read a message under the names that the fact has, its texts shortened.
 
     Args:
         kind: of the fact.
@@ -143,7 +143,7 @@ def recorder_fact(message: Any) -> RecorderFact:
 
 
 def localisation(message: Any) -> str:
-    """Why a LocalisationStatus says that no state is made."""
+    """Return why a LocalisationStatus says that no state is made."""
     return _short(message.reason)
 
 
@@ -176,6 +176,6 @@ def jpeg_of(data: bytes) -> bytes:
 
 @decoder
 def source_of(data: bytes, at: int) -> tuple[str, int]:
-    """Who sent a serialised ObjectStates; the states are passed over."""
+    """Read the sender of a serialised ObjectStates; the states are passed over."""
     _, at = read_header(data, at)
     return read_text(data, at)[0], len(data)

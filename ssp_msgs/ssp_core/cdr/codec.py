@@ -100,7 +100,9 @@ def text_bytes(text: str) -> bytes:
 
 @lru_cache(maxsize=256)
 def padded_text(text: str) -> bytes:
-    """As ``text_bytes``, up to the next multiple of 4: where a field of 4 bytes or more follows."""
+    """Encode as ``text_bytes``, up to the next multiple of 4: for a field of 4 bytes or more
+    after it.
+    """
     raw = text_bytes(text)
     return raw + bytes(-len(raw) % 4)
 

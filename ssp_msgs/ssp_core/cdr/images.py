@@ -40,7 +40,7 @@ IMAGE_TYPES = (COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE)
 
 @dataclass(frozen=True, slots=True)
 class RawLayout:
-    """How the pixels of a raw image lie: size in px, bytes from row to row."""
+    """The layout of a raw image's pixels: size in px, bytes from row to row."""
 
     width_px: int
     height_px: int

@@ -1,4 +1,4 @@
-"""What is read out of messages without ROS: of decoded ones from any reader, and of raw bytes.
+"""The fields read out of messages without ROS: of decoded ones from any reader, and of raw bytes.
 
 A message decoded by rclpy and one decoded by rosbags have the same attributes, so that one function
 serves both.
@@ -40,7 +40,7 @@ def leading_stamp_ns(cdr: bytes, at: int = _ENCAPSULATION_BYTES) -> int | None:
 
 
 def peek_stamp_ns(cdr: bytes) -> int:
-    """As leading_stamp_ns, for a message that must have a stamp.
+    """Read a stamp as leading_stamp_ns does, of a message that must have one.
 
     Raises:
         ValueError: it has none.

@@ -48,7 +48,7 @@ class WorldTick:
 
 @dataclass(frozen=True, slots=True)
 class BodyCommand:
-    """What one body is to do; fields as in ActuatorCommand.msg, m/s^2, 1/m, rad."""
+    """The command of one body; fields as in ActuatorCommand.msg, m/s^2, 1/m, rad."""
 
     object_id: str
     step: int
@@ -60,7 +60,9 @@ class BodyCommand:
 
 @dataclass(frozen=True, slots=True)
 class BodyCommands:
-    """What an object_target asks of its bodies for one step; fields as in ActuatorCommands.msg."""
+    """The commands of an object_target to its bodies for one step; fields as in
+    ActuatorCommands.msg.
+    """
 
     stamp_ns: int
     participant: str

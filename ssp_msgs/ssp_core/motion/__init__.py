@@ -1,1 +1,1 @@
-"""How objects move: states, references, speed profiles, manoeuvres and encounters."""
+"""The motion of objects: states, references, speed profiles, manoeuvres and encounters."""

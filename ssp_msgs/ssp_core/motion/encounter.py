@@ -1,4 +1,4 @@
-"""How an object stands to the VUT: gap, TTC, arrivals at the conflict zone (METHOD 1).
+"""The relation of an object to the VUT: gap, TTC, arrivals at the conflict zone (METHOD 1).
 
 Everything is measured along the VUT's path, so that it holds for straight and curved roads.
 """
@@ -86,7 +86,7 @@ def is_crossing(direction_rad: float) -> bool:
 def swept_stations(
     other: ObjectState, path: Polyline, half_m: float, reach_m: float = 0.0
 ) -> tuple[float, float] | None:
-    """What an object's swept corridor covers of a corridor along a path (METHOD 1).
+    """Return the part of a corridor along a path that an object's swept corridor covers (METHOD 1).
 
     Where the object crosses, this is the conflict zone: the union of it over recorded states, or,
     with a reach, what the object will cover if it goes on straight.

@@ -42,7 +42,7 @@ _POINT_SPACING_M = 0.5
 
 
 class Thresholds(Protocol):
-    """When a conflict begins, s; None takes no part (run_file.model.ConflictThresholds)."""
+    """The start of a conflict, s; None takes no part (run_file.model.ConflictThresholds)."""
 
     @property
     def ttc_s(self) -> float | None: ...
@@ -363,7 +363,7 @@ class Corridor:
         return cls(Polyline(points), corridor_half_m(vut[0].size.width_m))
 
     def extent(self, state: ObjectState) -> Extent:
-        """What an object's box covers."""
+        """Return the stations and offsets that an object's box covers."""
         projected = self.path.project_all_beyond(state.box.corners())
         stations = [station for station, _ in projected]
         offsets = [offset for _, offset in projected]
@@ -403,7 +403,7 @@ class Zone:
 
 @dataclass(frozen=True, slots=True)
 class Passing:
-    """How another participant's path meets the corridor of the one that it is seen from.
+    """The passing of another participant through the observer's corridor.
 
     Args:
         relation: merge, crossing, following, oncoming, or none where the paths don't meet.
@@ -428,7 +428,7 @@ class Passing:
 
 
 def passing_since(instants: Sequence[Instant], corridor: Corridor, since_s: float) -> Passing:
-    """How the two pass from a time on: an object that is in the corridor by then is followed."""
+    """Follow how the two pass from a time on, with an object that is in the corridor by then."""
     seen = _Seen(instants, corridor)
     start = next((i for i, now in enumerate(instants) if now.t_s >= since_s), None)
     if start is None:
@@ -442,7 +442,7 @@ def passing_since(instants: Sequence[Instant], corridor: Corridor, since_s: floa
 def passing_of(
     instants: Sequence[Instant], corridor: Corridor, event: RecordedEvent | None
 ) -> Passing:
-    """How the two pass in a recording: by the event's own entry, else by the first one.
+    """Find how the two pass in a recording: by the event's own entry, else by the first one.
 
     One that was in the corridor ahead from the beginning is followed; its zone is where it was when
     its manoeuvre began.
@@ -465,7 +465,7 @@ def passing_of(
 
 
 class _Seen:
-    """Where both are along the corridor at each instant."""
+    """The places of both along the corridor at each instant."""
 
     def __init__(self, instants: Sequence[Instant], corridor: Corridor) -> None:
         self._instants = instants
@@ -520,7 +520,9 @@ class _Seen:
         return Passing(relation, zone, arrival_s, own_s, gap_s)
 
     def _crossed(self, entry: int) -> Zone:
-        """What both swept corridors share, from before the entry to after the exit."""
+        """Compute the zone that both swept corridors share, from before the entry to after the
+        exit.
+        """
         start_m, end_m = self._extents[entry].s_min_m, self._extents[entry].s_max_m
         for way in (range(entry, len(self._instants)), range(entry - 1, -1, -1)):
             for i in way:
@@ -532,7 +534,7 @@ class _Seen:
         return Zone(start_m, end_m)
 
     def _reached_s(self, station_m: float) -> float | None:
-        """When the front of the one that it is seen from reaches a station, between instants.
+        """Find when the observer's front reaches a station, between instants.
 
         None: never; the first instant's time where it is beyond from the beginning.
         """

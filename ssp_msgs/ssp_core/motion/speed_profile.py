@@ -98,7 +98,7 @@ class SpeedProfile:
         return pieces
 
     def _sharp(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Of the trapezoid: distance, speed, acceleration and integral of distance.
+        """Evaluate the trapezoid: distance, speed, acceleration and integral of distance.
 
         Before t = 0 it has its start speed.
         """

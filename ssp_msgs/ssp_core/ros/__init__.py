@@ -1,4 +1,4 @@
-"""What all nodes share of ROS: QoS by name, stamps, parameters, subscriptions, signals, executor.
+"""The ROS parts that all nodes share: QoS, stamps, parameters, subscriptions, signals, executor.
 
 A package's ``ros`` folder is the only place in it that imports rclpy, messages or this package.
 """

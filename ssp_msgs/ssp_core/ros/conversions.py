@@ -54,7 +54,7 @@ def fault_event(fault: FaultFact) -> FaultEvent:
 
 
 def body_status_message(status: BodyStatus, now_ns: int) -> BodyStatusMsg:
-    """What the process of an object tells of its body."""
+    """Convert the report of an object's process on its body."""
     message = BodyStatusMsg(
         object_id=status.object_id,
         no_state=list(status.no_state),
@@ -77,7 +77,7 @@ def body_status_of(message: BodyStatusMsg) -> BodyStatus:
 
 
 def rules_to_msg(rules: ObjectRules, object_id: str, participant: str) -> ObjectRulesMsg:
-    """What an object judges by, as the node that leads it tells it now."""
+    """Convert the rules of an object, as the node that leads it publishes them now."""
     message = ObjectRulesMsg(
         object_id=object_id,
         participant=participant,
@@ -91,7 +91,7 @@ def rules_to_msg(rules: ObjectRules, object_id: str, participant: str) -> Object
 
 
 def rules_from_msg(message: ObjectRulesMsg) -> tuple[str, ObjectRules]:
-    """Whose they are, and what an object judges by; ValueError for one that contradicts itself."""
+    """Read an object's id and its rules; ValueError for a message that contradicts itself."""
     values = dict(zip(message.names, message.values, strict=True))
     rules = ObjectRules(message.software, values)
     if rules.digest != message.digest:

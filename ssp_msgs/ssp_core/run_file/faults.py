@@ -17,7 +17,7 @@ FAULTS_SCHEMA: Literal["ssp.faults/1"] = "ssp.faults/1"
 
 
 class FaultFile(Strict):
-    """What is to go wrong in a run, in a file of its own."""
+    """The faults that are to strike in a run, in a file of its own."""
 
     schema_: Literal["ssp.faults/1"] = Field(FAULTS_SCHEMA, alias="schema")
     faults: list[Fault] = Field([], description="added to those of the run")
@@ -29,7 +29,7 @@ class FaultFile(Strict):
 
 @dataclass(frozen=True, slots=True)
 class _Rule:
-    """What a kind of fault takes.
+    """The parameters of a kind of fault.
 
     Args:
         objects: what it strikes: the VUT, or any object.
@@ -135,7 +135,7 @@ def _check_times(run: RunSpec, faults: list[Fault], file: str | Path) -> None:
 
 
 def _wrong_value(rule: _Rule, fault: Fault) -> tuple[str, str] | None:
-    """What is wrong with a fault's value, and the remedy."""
+    """Say what is wrong with a fault's value, and the remedy."""
     value, low, high = fault.value, rule.low, rule.high
     if value is None:
         needed = rule.value == "always"

@@ -107,7 +107,7 @@ class ConflictThresholds(Strict):
 
 
 class WantedPassing(Strict):
-    """What K* says of how VUT and initiator pass the conflict zone (METHOD 1, 4.4)."""
+    """K*'s requirement on how VUT and initiator pass the conflict zone (METHOD 1, 4.4)."""
 
     first: Literal["initiator", "vut"] = Field(description="who arrives first")
     least_gap_s: Finite | None = Field(
@@ -141,7 +141,7 @@ class WantedPassing(Strict):
         *,
         vut_arrived: bool,
     ) -> list[str]:
-        """What of a passing isn't as K* wants it, each with quantity, value and range.
+        """List how a passing departs from K*, each with quantity, value and range.
 
         A gap is asked for only where K* bounds it; one that never came is a miss then too.
 
@@ -196,7 +196,7 @@ class Camera(Strict):
 
 
 class Look(Strict):
-    """What the surroundings look like. Nothing here changes what happens."""
+    """The appearance of the surroundings. Nothing here changes what happens."""
 
     palette: Literal["suburb", "proving_ground", "dusk_city"] = "suburb"
     fog_per_m: NonNegative = 0.002
@@ -348,7 +348,7 @@ class RunSpec(Strict):
 
     @property
     def live_problem(self) -> str | None:
-        """What a live run must not hold: disturbances and faults would move real objects wrongly.
+        """Name a disturbance, a fault or traffic that a live run must not have.
 
         None where there is nothing of it, and in a simulated run.
         """

@@ -1,4 +1,4 @@
-"""Who takes part in a run: their manoeuvres, the triggers that start these, and conditions."""
+"""The participants of a run: their manoeuvres, the triggers that start these, and conditions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ssp_core.vocabulary import ObjectClass, ObjectWord
 
 
 class SpeedChange(Strict):
-    """From this session time on the driver wants another speed."""
+    """A new speed of the driver from this session time on."""
 
     at_s: NonNegative
     cruise_mps: NonNegative
@@ -47,7 +47,7 @@ class Driver(Strict):
 
 
 class Motion(Strict):
-    """Along a path: from standstill to cruise_mps, held, and to a standstill at its end."""
+    """A drive along a path: from standstill to cruise_mps, held, and to a standstill at its end."""
 
     path: Path2
     cruise_mps: Positive
@@ -59,7 +59,7 @@ _RUN_OUT = "drives on for so long after it, and stops; null: goes on to its path
 
 
 class LaneChange(Strict):
-    """From the tracked path sideways while driving on, then parallel to it."""
+    """A move sideways from the tracked path while driving on, then parallel to it."""
 
     kind: Literal["lane_change"]
     lateral_shift_m: Finite = Field(description="+ is left")
@@ -70,14 +70,14 @@ class LaneChange(Strict):
 
 
 class FollowPath(Strict):
-    """Along a path of its own that starts where the object stands."""
+    """A drive along a path of its own that starts where the object stands."""
 
     kind: Literal["follow_path"]
     motion: Motion
 
 
 class Brake(Strict):
-    """Along the tracked path, to a lower speed at once."""
+    """A braking along the tracked path, to a lower speed at once."""
 
     kind: Literal["brake"]
     to_mps: NonNegative = Field(description="speed to end at; 0 is a standstill")
@@ -189,7 +189,7 @@ class AllOf(Strict):
 
 
 class AnyOf(Strict):
-    """At least one of these conditions holds."""
+    """A condition that holds while at least one of these does."""
 
     type: Literal["any"]
     of: Annotated[list[Condition], Field(min_length=1)]
@@ -211,7 +211,8 @@ AnyOf.model_rebuild()
 
 
 class Adaptation(Strict):
-    """After the trigger: keeps the time gap at the conflict point in spite of the VUT's speed.
+    """The adaptation after the trigger: it keeps the time gap at the conflict point for any VUT
+    speed.
 
     The manager sends the OT references for the same path with another speed profile, so that it
     meets the VUT as specified. It ends when the one that decides the gap is about to arrive, and

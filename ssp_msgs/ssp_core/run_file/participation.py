@@ -1,4 +1,4 @@
-"""Who took part in a session, and as what: real, simulated or played (METHOD 4.4b).
+"""The participants of a session and their kinds: real, simulated or played (METHOD 4.4b).
 
 Each participant of a live session declares its kind in a latched message on a topic of its own.
 Programs of this project declare ``simulated`` or ``played`` in code, and nothing for what they hear
@@ -18,7 +18,7 @@ POSITIONING, CAMERA = f"{VUT_ID}/positioning", f"{VUT_ID}/camera"
 
 
 class ParticipantKind(StrEnum):
-    """What a participant is."""
+    """The kind of a participant."""
 
     REAL = "real"  # a device or a vehicle
     SIMULATED = "simulated"  # a model of motion or of light
@@ -26,7 +26,7 @@ class ParticipantKind(StrEnum):
 
 
 class Standing(StrEnum):
-    """What the participants make of a session."""
+    """The kind of a session, by its participants."""
 
     REAL = "real"
     STAND_IN = "stand-in"
@@ -47,7 +47,7 @@ def declaring(run: RunSpec) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Participation:
-    """What a session's participants are.
+    """The kinds of a session's participants.
 
     Args:
         mode: of the session.
@@ -81,7 +81,7 @@ class Participation:
 
     @property
     def standing(self) -> Standing:
-        """What the session was."""
+        """Return the kind of the session."""
         if self.mode != "live" or self.substitutes:
             return Standing.STAND_IN
         return Standing.UNDECLARED if self.silent else Standing.REAL

@@ -22,7 +22,7 @@ Hash = Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")]
 
 
 class Limits(Strict):
-    """From where on a finding makes an event a candidate, each a share of 1."""
+    """The limits from which a finding makes an event a candidate, each a share of 1."""
 
     no_response: Share
     turned: Share

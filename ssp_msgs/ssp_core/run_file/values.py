@@ -155,7 +155,7 @@ def _longitude(value: float) -> float:
 
 
 class SiteDatum(Strict):
-    """Where the origin of frame map lies on the Earth (WGS 84), and how its axes are turned."""
+    """The place on the Earth of frame map's origin (WGS 84), and the orientation of its axes."""
 
     latitude_deg: Annotated[float, AfterValidator(_latitude)]
     longitude_deg: Annotated[float, AfterValidator(_longitude)]

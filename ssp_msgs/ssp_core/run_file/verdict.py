@@ -1,4 +1,4 @@
-"""How a run ended: ``verdict.json`` in a bag (``ssp.verdict/1``), and the word to the page.
+"""The ending of a run: ``verdict.json`` in a bag (``ssp.verdict/1``), and the word to the page.
 
 The recorder writes the file when it closes its bag in good order; ``ssp run``, which also sees
 processes die, writes it anew. A recorder that was killed leaves none.
@@ -81,7 +81,7 @@ def write_verdict(
 
 
 def read_verdict(bag: Path) -> RecordedVerdict | None:
-    """What the file in a bag's folder says; None where there is none.
+    """Read the verdict in a bag's folder; None where there is none.
 
     Raises:
         InputError: the file is no verdict.

@@ -1,1 +1,1 @@
-"""What keeps a session safe: codes of its events, limits, the geofence and stopping distances."""
+"""The safety of a session: codes of its events, limits, the geofence and stopping distances."""

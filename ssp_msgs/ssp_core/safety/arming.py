@@ -1,4 +1,4 @@
-"""What keeps a session from connecting, arming and starting: facts, and their words for people.
+"""The obstacles to connecting, arming and starting a session: facts, and their words for people.
 
 ``CHECKS`` is the list of everything that is asked. Whatever may end an armed session at the next
 look stands in it; the silence of participants comes from the table of ssp_core.safety.liveness.
@@ -45,7 +45,7 @@ _CONTROL = {
 
 
 class Need(Enum):
-    """What is missing, with its words; ``{detail}`` is text of its own."""
+    """A need that isn't met, with its words; ``{detail}`` is text of its own."""
 
     VUT_STATE = "no state of the VUT arrives"
     OBJECT_STATE = "no state of {who} arrives"
@@ -126,7 +126,7 @@ class Obstacle:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What is known beside the states.
+    """The facts known beside the states.
 
     Args:
         ages_s: seconds on the steady clock since the last sign of life of a node or object, by its
@@ -175,7 +175,9 @@ class Facts:
 
     @staticmethod
     def of_one_process(spec: RunSpec) -> Facts:
-        """Of a session whose parts share one process: no links, one clock, nobody else."""
+        """Make the facts of a session whose parts share one process: no links, one clock, nobody
+        else.
+        """
         ids = [target.id for target in spec.targets]
         nodes = (names.SIL_WORLD, names.MONITOR, names.FRONT_CAMERA, names.VUT_ID)
         return Facts(
@@ -290,7 +292,7 @@ def _bodies_ready(at: Situation) -> Iterator[Obstacle]:
 
 
 def _not_refused(at: Situation) -> Iterator[Obstacle]:
-    """What an object refused a moment ago isn't asked of it, and of all others, again at once."""
+    """Hold back a command that an object refused a moment ago, from it and from all others."""
     if at.gate is Gate.ARM:
         for who, text in at.facts.refusals.items():
             yield Obstacle(Need.NOT_REFUSED, who, detail=text)

@@ -1,4 +1,4 @@
-"""What the process of a live object knows of its body (BodyStatus.msg)."""
+"""The report of a live object's process on its body (BodyStatus.msg)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FORGOTTEN_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class BodyStatus:
-    """What keeps one object from being seen and armed, as sentences; empty: nothing.
+    """The obstacles to seeing and arming one object, as sentences; empty: none.
 
     Args:
         no_state: why no states are made of what its body says.

@@ -48,7 +48,7 @@ class SafetyCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class SafetyMeaning:
-    """What a code says.
+    """The meaning of a code.
 
     Args:
         limit_name: name of the predicate, as in SafetyEvent.limit_name.

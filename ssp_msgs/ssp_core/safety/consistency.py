@@ -66,7 +66,7 @@ def direction_bound_rad(object_class: ObjectClass) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What an object's stated motion is judged by.
+    """The bounds by which an object's stated motion is judged.
 
     Args:
         direction_rad: between its yaw and the way that it goes; None: not judged.
@@ -594,5 +594,5 @@ class ConsistencyWatch:
 
     @property
     def position_std_m(self) -> float:
-        """How uncertain the newest place is; no more than counts."""
+        """Return how uncertain the newest place is; no more than counts."""
         return self._std[-1] if self._std else 0.0

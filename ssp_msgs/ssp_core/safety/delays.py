@@ -20,7 +20,7 @@ _OUT_FOR_S = 10.0
 
 
 class Delays:
-    """Which of DELAYS_S explain what was seen of late.
+    """The members of DELAYS_S that explain the latest observations.
 
     One is believed until it is out; while it fits nothing else is tried.
     """

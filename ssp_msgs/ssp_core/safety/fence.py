@@ -49,7 +49,7 @@ def _to_outline_m(x_m: FloatArray, y_m: FloatArray, polygon: Sequence[Point]) ->
 
 
 def rooms_m(x_m: FloatArray, y_m: FloatArray, fence: Sequence[Point]) -> FloatArray:
-    """As ``room_m`` for n points, shape (n,)."""
+    """Compute ``room_m`` for n points, shape (n,)."""
     distance = _to_outline_m(x_m, y_m, fence)
     return np.where(points_in_polygon(x_m, y_m, fence), distance, -distance)
 
@@ -120,7 +120,7 @@ def lies_inside(inner: Sequence[Point], fence: Sequence[Point]) -> bool:
 
 
 def box_excess_m(box: Box, fence: Sequence[Point]) -> float:
-    """As ``way_excess_m`` for one box where it is."""
+    """Compute ``way_excess_m`` for one box where it is."""
     if _is_inside(box, fence):
         return 0.0
     pose, size = box.pose, Size(box.front_m, box.rear_m, box.width_m, 0.0)
@@ -129,7 +129,7 @@ def box_excess_m(box: Box, fence: Sequence[Point]) -> float:
 
 
 def moved_excess_m(before: Pose2, box: Box, fence: Sequence[Point]) -> float:
-    """As ``way_excess_m`` for one box that came from another pose."""
+    """Compute ``way_excess_m`` for one box that came from another pose."""
     pose, reach_m = box.pose, math.hypot(max(box.front_m, box.rear_m), 0.5 * box.width_m)
     moved_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
     moved_m += abs(wrap_angle(pose.yaw_rad - before.yaw_rad)) * reach_m
@@ -142,7 +142,7 @@ def moved_excess_m(before: Pose2, box: Box, fence: Sequence[Point]) -> float:
 
 
 def _is_inside(box: Box, fence: Sequence[Point]) -> bool:
-    """Whether a box is inside, edge by edge: for one box that is quicker than with arrays."""
+    """Tell whether a box is inside, edge by edge: for one box that is quicker than with arrays."""
     pose = box.pose
     if not math.isfinite(pose.x_m + pose.y_m + pose.yaw_rad):
         return False
@@ -190,7 +190,7 @@ def way_excess_m(
     size: Size,
     fence: Sequence[Point],
 ) -> FloatArray:
-    """How far a box sticks out of the fence on its way to each of its poses, m; 0 for inside.
+    """Compute how far a box sticks out of the fence on its way to each pose, m; 0 for inside.
 
     What sticks out is the farthest corner of the box outside the fence, or the deepest place of the
     fence's outline inside the box. A value that isn't finite gives infinity, there and on the way
@@ -244,7 +244,7 @@ def _parts(
 def _excess_m(
     before: FloatArray, after: FloatArray, size: Size, fence: Sequence[Point]
 ) -> FloatArray:
-    """Of n ways between two finite poses, shape (n, 3) each."""
+    """Compute the excess of n ways between two finite poses, shape (n, 3) each."""
     half_x, half_y = 0.5 * (size.front_m + size.rear_m), 0.5 * size.width_m
     corners = np.array([fence[-1], *fence], dtype=np.float64)
     there, here = (_in_box(poses, size, corners) for poses in (before, after))
@@ -287,7 +287,8 @@ def _in_box(poses: FloatArray, size: Size, points: FloatArray) -> FloatArray:
 
 
 def _deepest_m(start: FloatArray, end: FloatArray, half_x: float, half_y: float) -> FloatArray:
-    """How deep some segments go into a rectangle around the origin, shape (n,); 0 for not at all.
+    """Compute how deep segments go into a rectangle around the origin, shape (n,); 0 for not at
+    all.
 
     Args:
         start: of k segments for each of n boxes, shape (n, k, 2).
@@ -318,7 +319,7 @@ def _deepest_m(start: FloatArray, end: FloatArray, half_x: float, half_y: float)
 
 
 def _centre_crosses(there: FloatArray, here: FloatArray) -> NDArray[np.bool_]:
-    """Whether the centre's way crosses an edge, for corners seen before and after, shape (n,).
+    """Tell whether the centre's way crosses an edge, for corners seen before and after, shape (n,).
 
     In the frame of a box its centre stands in the origin, and an edge sweeps the quadrangle between
     where it was and where it is.

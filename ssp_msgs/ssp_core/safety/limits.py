@@ -223,7 +223,7 @@ STOOD_WAY_M = 0.1
 
 
 def state_contradicts(watch: ConsistencyWatch) -> LimitViolation | None:
-    """What an object states of its motion hasn't fitted its places for too long, s."""
+    """Find a motion whose statement hasn't fitted its places for too long, s."""
     found = watch.contradiction
     if found is None or not found.holds:
         return None
@@ -231,7 +231,8 @@ def state_contradicts(watch: ConsistencyWatch) -> LimitViolation | None:
 
 
 def net_way_m(watch: ConsistencyWatch) -> tuple[float, float] | None:
-    """How far an object went in STOOD_S, and the limit, where its places don't say that it stands.
+    """Return how far an object went in STOOD_S, and the limit, where its places don't show
+    standstill.
 
     None: they do, as far as they are known.
     """
@@ -246,7 +247,7 @@ def has_stood(state: ObjectState, watch: ConsistencyWatch) -> bool:
 
 
 def link_violations(offset_s: float, delay_s: float, limits: Limits) -> list[LimitViolation]:
-    """What is wrong with a link that was measured by a message and its answer, the delay first.
+    """List the violations of a link measured by a message and its answer, the delay first.
 
     The two ways may take different times. The offset is known to half of the delay, and a clock is
     wrong only if it is wrong for any share of the delay on either way.
@@ -267,7 +268,7 @@ STOOD_M = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Continuity:
-    """What is remembered of one object's states.
+    """The memory of one object's states.
 
     Args:
         before: the newest state that could be judged; None before the first.

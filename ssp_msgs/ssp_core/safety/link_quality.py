@@ -19,7 +19,7 @@ _IMPOSSIBLE_DELAY_S = -0.001
 
 @dataclass(frozen=True, slots=True)
 class LinkEstimate:
-    """What is known of the link to one object.
+    """The estimate of the link to one object.
 
     Args:
         offset_s: the object's clock minus the manager's; NaN: not measured.
@@ -125,7 +125,7 @@ class LinkClocks:
         return True
 
     def link(self, object_id: str, steady_ns: int) -> LinkEstimate:
-        """What is known of the link to an object now."""
+        """Return the present estimate of the link to an object."""
         clock = self._serving.get(object_id)
         return LinkEstimate() if clock is None else clock.link(steady_ns)
 

@@ -1,4 +1,4 @@
-"""Whose silence ends a session: one table, which arming asks and watching judges by.
+"""The silences that end a session: one table, which arming asks and watching judges by.
 
 Arming asks for half of each limit, so that nothing is armed that the next look may end.
 """

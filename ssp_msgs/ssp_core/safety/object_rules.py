@@ -1,4 +1,4 @@
-"""What an object judges by, field by field, so that two hosts can hold theirs against each other.
+"""The rules of an object, field by field, so that two hosts can compare theirs.
 
 An object has a run file of its own, on its own host. It tells what that file says
 (ObjectRules.msg), the manager compares it with its own, and arming names the digest of what was
@@ -54,7 +54,7 @@ class ObjectRules:
 
 @dataclass(frozen=True, slots=True)
 class RulesCheck:
-    """What an object judges by, held against what its manager does.
+    """The comparison of an object's rules with its manager's.
 
     Args:
         digest: of what the object judges by; empty: it isn't known.
@@ -68,7 +68,7 @@ class RulesCheck:
 
 
 def rules_of(run: RunSpec, object_id: str) -> ObjectRules:
-    """What an object of a run judges by, as its run file says it."""
+    """Return the rules of an object of a run, by its run file."""
     target = next(one for one in run.targets if one.id == object_id)
     datum = None if run.datum is None else run.datum.model_dump(mode="json")
     size, spec = target.size, target.model_dump(mode="json")
@@ -109,7 +109,7 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, str]]:
 
 
 def untold(object_id: str) -> RulesCheck:
-    """Of an object that hasn't said what it judges by."""
+    """Make the check of an object that hasn't published its rules."""
     return RulesCheck(problem=f"{object_id} has not said what it judges by")
 
 
@@ -140,7 +140,7 @@ def check_rules(ours: ObjectRules, theirs: ObjectRules | None, object_id: str) -
 
 
 class HeardRules:
-    """What was heard of the rules of objects, held against those of a run."""
+    """The rules heard from objects, compared with those of a run."""
 
     def __init__(self) -> None:
         self._heard: dict[str, ObjectRules] = {}
@@ -154,7 +154,7 @@ class HeardRules:
         self._run = None
 
     def checks(self, run: RunSpec) -> dict[str, RulesCheck]:
-        """By object of a run, how its rules are."""
+        """Return the check of each object of a run."""
         if run is not self._run:
             ids = [target.id for target in run.targets]
             self._checks = {i: check_rules(rules_of(run, i), self._heard.get(i), i) for i in ids}
@@ -167,7 +167,7 @@ def _differs(name: str, theirs: str, ours: str, object_id: str) -> str:
 
 
 def _value(rules: ObjectRules, name: str) -> str:
-    """Of a field, in words where it isn't given or has fields of its own."""
+    """Describe the value of a field, in words where it isn't given or has fields of its own."""
     if (value := rules.values.get(name)) is not None:
         return value
     return "given" if any(one.startswith(f"{name}.") for one in rules.values) else "nothing"

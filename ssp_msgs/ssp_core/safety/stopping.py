@@ -1,4 +1,4 @@
-"""How far an object may go from a fault to its standstill, and the room for a blind stop.
+"""The distance from a fault to an object's standstill, and the room for a blind stop.
 
     distance <= v t + b t^2 / 2 + (v + b t)^2 / (2 a) + margin,  t = timeout + reaction
 
@@ -50,7 +50,7 @@ SERVICE_BRAKE_MPS2: dict[ObjectClass, float] = {
 
 @dataclass(frozen=True, slots=True)
 class Stopping:
-    """How an object stops.
+    """The stop of an object.
 
     Args:
         reaction_s: from the instant at which a limit is passed to the full deceleration, as time
@@ -82,7 +82,7 @@ class Stopping:
 
 
 def stopping_of(cls: ObjectClass, limits: Limits, step_s: float) -> Stopping:
-    """How an object target of a class stops on a site.
+    """Return how an object target of a class stops on a site.
 
     Args:
         cls: with a body; KeyError for UNKNOWN.
@@ -126,18 +126,18 @@ def grown(size: Size) -> Size:
 
 
 def blind_s(limits: Limits) -> float:
-    """For how long localisation may be silent, s."""
+    """Return for how long localisation may be silent, s."""
     return max(limits.state_age_s, limits.frozen_s)
 
 
 def blind_stopping(cls: ObjectClass, limits: Limits, step_s: float) -> Stopping:
-    """How an object of a class stops once it has noticed that it is blind."""
+    """Return how an object of a class stops once it has noticed that it is blind."""
     usual = stopping_of(cls, limits, step_s)
     return Stopping(usual.reaction_s, EMERGENCY_BRAKE_MPS2[cls])
 
 
 def arc_places(way_m: float, curvature_1pm: float) -> int:
-    """How many places on an arc, its end among them, are enough to sweep it."""
+    """Count the places on an arc, its end among them, that are enough to sweep it."""
     bends = math.sqrt(abs(curvature_1pm) / (8.0 * _SAGITTA_M))
     return 2 + int(min(way_m * max(1.0 / _ARC_M, bends), _MOST_PLACES))
 
@@ -150,7 +150,7 @@ def blind_excess_m(
     fence: Sequence[tuple[float, float]],
     step_s: float,
 ) -> FloatArray:
-    """How far blind stops from a reference's points would lead outside, m; shape (n,).
+    """Compute how far blind stops from a reference's points would lead outside, m; shape (n,).
 
     All that an object sweeps on such a stop counts, from where it is on.
 

@@ -54,7 +54,7 @@ class Window:
         return abs(self.speed_mps) - self.way_mps
 
     def turned_rad(self, *, signed: bool) -> float:
-        """How far the way lies to the left of where the yaw leads."""
+        """Compute how far the way lies to the left of where the yaw leads."""
         turned = wrap_angle(math.atan2(self.vy_mps, self.vx_mps) - self.yaw_rad)
         if signed:
             return wrap_angle(turned + math.pi) if self.speed_mps < 0.0 else turned

@@ -42,7 +42,7 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Where a camera sits on a vehicle, and how it is turned there.
+    """The place of a camera on a vehicle, and its orientation there.
 
     Args:
         forward_m: ahead of the vehicle's reference point.
@@ -147,7 +147,7 @@ def view_from(pose: Pose2, camera: Camera) -> View:
 
 
 def mounted_view(pose: Pose2, lens: Intrinsics, mounting: Mounting | Camera) -> View:
-    """As ``view_from``, from the numbers that a recording holds.
+    """Make the view of ``view_from`` from the numbers that a recording holds.
 
     Args:
         pose: of the VUT's reference point.
@@ -160,7 +160,7 @@ def mounted_view(pose: Pose2, lens: Intrinsics, mounting: Mounting | Camera) -> 
 
 
 def project(view: View, points_m: ArrayLike) -> Projection:
-    """Where points appear in the image.
+    """Compute where points appear in the image.
 
     Args:
         view: camera in the points' frame.

@@ -1,4 +1,4 @@
-"""How the VUT's built-in driver keeps its speed and its gap: the law, without a world around it.
+"""The law by which the VUT's built-in driver keeps speed and gap, without a world around it.
 
 The driver uses it in every step; the compiler uses it to foresee what the driver will do.
 """

@@ -23,7 +23,7 @@ PLANT_MODULE = "ssp_ot_controller.in_process"
 
 @dataclass(frozen=True, slots=True)
 class ManagerUpdate:
-    """What the manager has to say after a step: one heartbeat, and the references before it.
+    """The manager's messages after a step: one heartbeat, and the references before it.
 
     Args:
         stamp_ns: session time.
@@ -63,7 +63,7 @@ class FaultFact:
 
 @dataclass(frozen=True, slots=True)
 class LinkFact:
-    """What a measurement of the link to an object would find; infinite where nothing passes."""
+    """The true values of the link to an object; infinite where nothing passes."""
 
     object_id: str
     offset_s: float
@@ -72,7 +72,7 @@ class LinkFact:
 
 @dataclass(frozen=True, slots=True)
 class StepReport:
-    """What reaches the manager in one step.
+    """The messages that reach the manager in one step.
 
     Args:
         step: of the world, 0 while it holds.

@@ -91,7 +91,7 @@ class Panels:
         self._sag += 1e-12 * (1.0 + np.abs(self.x[:-1]) + np.abs(self.y[:-1]))
 
     def _chord(self, index: IndexArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """From a panel's start to the place u m on: east and north, m."""
+        """Compute the way from a panel's start to the place u m on: east and north, m."""
         k, rate, yaw = self.k[index], self.rate[index], self.yaw[index]
         half = 0.5 * k * u
         across = u * np.sinc(half / np.pi)
@@ -199,7 +199,7 @@ class Panels:
     def _slip(
         self, xy: FloatArray, index: IndexArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """How far a foot has to move on, the offset there, and the stretch of the map."""
+        """Compute how far a foot has to move on, the offset there, and the stretch of the map."""
         x, y, yaw = self._on(index, u)
         c, w = np.cos(yaw), np.sin(yaw)
         dx, dy = xy[:, 0] - x, xy[:, 1] - y
@@ -336,7 +336,7 @@ class ReferenceLine:
         return self.poses([s_m])[0]
 
     def poses(self, s_m: Sequence[float]) -> list[Pose2]:
-        """As pose for each of some arc lengths."""
+        """Compute ``pose`` for each of some arc lengths."""
         _check(*s_m)
         if self._straight:
             yaw_rad = wrap_angle(self.origin.yaw_rad)
@@ -363,7 +363,7 @@ class ReferenceLine:
         return float(x), float(y)
 
     def to_map_many(self, s_m: FloatArray, l_m: float) -> FloatArray:
-        """As to_map for arc lengths of shape (n,) at one offset: shape (n, 2).
+        """Convert as to_map for arc lengths of shape (n,) at one offset: shape (n, 2).
 
         Raises:
             NotOneToOne: as to_map, for any of them.
@@ -410,7 +410,7 @@ class ReferenceLine:
         return float(s), float(offset)
 
     def to_local_many(self, xy_m: FloatArray) -> FloatArray:
-        """As to_local for shape (n, 2), with NaN where the map isn't one-to-one."""
+        """Convert as to_local for shape (n, 2), with NaN where the map isn't one-to-one."""
         xy = np.asarray(xy_m, dtype=np.float64)
         if xy.ndim != 2 or xy.shape[1] != 2 or not (np.abs(xy) <= _FARTHEST_M).all():
             raise ValueError(f"places need shape (n, 2), each within {_FARTHEST_M:g} m")

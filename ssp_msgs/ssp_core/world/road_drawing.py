@@ -76,7 +76,7 @@ class Route:
 
 @dataclass(frozen=True, slots=True)
 class StartRegion:
-    """Where an object must stand to be armed: a circle, and the heading it starts with."""
+    """The region in which an object must stand to be armed: a circle, and the heading."""
 
     object_id: str
     role: Role
@@ -325,5 +325,5 @@ class RoadView:
         return [(float(x), float(y)) for x, y in found]
 
     def svg(self, places: Sequence[Point]) -> str:
-        """As an SVG polyline has them."""
+        """Write the places as the points of an SVG polyline."""
         return " ".join(f"{x:.1f},{y:.1f}" for x, y in self.points(places))

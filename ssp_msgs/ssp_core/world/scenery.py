@@ -1,4 +1,4 @@
-"""Where a road's scenery stands, and whether that is beside the road.
+"""The places of a road's scenery, and whether they are beside the road.
 
 Nothing of a map may stand on the lanes: the camera would show an obstacle that isn't there.
 """
@@ -66,12 +66,12 @@ class Clearance:
 
     @classmethod
     def of_road(cls, road: Road) -> Clearance:
-        """That of a run's road."""
+        """Make the clearance of a run's road."""
         lanes = [(lane.y_m, lane.width_m) for lane in road.lanes]
         return cls(ReferenceLine.of_road(road), lanes)
 
     def problem(self, item: SceneryItem) -> str | None:
-        """Why an item can't stand where it is; None: it can."""
+        """Say why an item can't stand where it is; None: it can."""
         if not -BEFORE_M <= item.s_m <= self._line.length_m + BEYOND_M:
             return "lies beyond the road's ends"
         if abs(item.l_m) > FARTHEST_M:
@@ -90,7 +90,7 @@ class Clearance:
         return None
 
     def _surrounds(self, pose: Pose2, half_length_m: float, half_width_m: float) -> bool:
-        """Whether some place of the lanes lies inside of a rectangle."""
+        """Tell whether some place of the lanes lies inside of a rectangle."""
         if self._places is None:
             self._places = self._lane_places()
         away = self._places - (pose.x_m, pose.y_m)
@@ -144,7 +144,7 @@ def reversed_item(item: SceneryItem, length_m: float) -> SceneryItem:
 
 
 def left_out(road: Road) -> list[str]:
-    """What of a road's scenery can't stand where it is, and why, for people."""
+    """List the scenery of a road that can't stand where it is, and why, for people."""
     clearance = Clearance.of_road(road)
     found = []
     for i, item in enumerate(road.scenery):

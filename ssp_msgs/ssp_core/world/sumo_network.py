@@ -38,7 +38,7 @@ _CHORD_M = 0.01
 
 @dataclass(frozen=True, slots=True)
 class LanePlace:
-    """Where a lane of the run file is in the network.
+    """The place in the network of a lane of the run file.
 
     Args:
         index: of the lane in the edge, 0 is the rightmost.

@@ -95,7 +95,7 @@ def mount(camera: Camera | Mounting, stamp_ns: int = 0) -> Transform:
 
 
 def of_camera(camera: Camera | Mounting) -> tuple[Transform, Transform]:
-    """What never changes: vut/base_link → vut/front_camera → vut/front_camera_optical."""
+    """Return the static transforms: vut/base_link → vut/front_camera → vut/front_camera_optical."""
     optical = mount(camera)
     x, y, z, w = _OPTICAL
     body = _product(optical.quaternion_xyzw, (-x, -y, -z, w))
@@ -118,7 +118,9 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 class TransformFilter:
-    """Which states are news for tf2, which complains of a stamp that it has heard before."""
+    """The choice of states that are news for tf2, which complains of a stamp that it has heard
+    before.
+    """
 
     def __init__(self) -> None:
         self._told: dict[str, int] = {}

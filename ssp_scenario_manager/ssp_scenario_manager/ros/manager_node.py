@@ -293,9 +293,7 @@ class ScenarioManager(Node):
         session.step(self._now_ns)
 
     def _send_poses(self) -> None:
-        """Send the poses to tf2 after all that is urgent, and before the world is answered and
-        goes on.
-        """
+        """Send the poses to tf2, after urgent messages and before the answer to the world."""
         vut, targets = self._session.vut, self._session.targets
         states = [] if vut is None else [vut]
         self._publications.poses([*states, *(targets[key] for key in sorted(targets))])

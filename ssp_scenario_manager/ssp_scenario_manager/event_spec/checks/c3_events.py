@@ -275,9 +275,7 @@ def trigger_can_fire(view: View) -> Iterator[Failure]:
 
 
 def vut_comes_steadily(view: View) -> Iterator[Failure]:
-    """Require that the VUT doesn't speed up until the conflict, except in a permitted response
-    to it.
-    """
+    """Require a VUT that speeds up before the conflict to be allowed that response."""
     vut = view.event.vut_id
     may = "accelerate" in view.event.interaction.longitudinal_responses
     for phase in ("approach", "trigger"):
