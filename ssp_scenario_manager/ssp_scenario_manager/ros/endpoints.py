@@ -107,7 +107,7 @@ class PublisherWatch:
                 self._liveness.foreign[topic] = strangers.count, strangers.text
 
     def _is_asked(self, topic: str) -> bool:
-        """Tell by their count whether to ask for publishers' names, which takes 20 times as long."""
+        """Tell by the number of publishers whether to ask for their names, which is slow."""
         count = self._node.count_publishers(topic)
         return bool(count > 1 if self._rules.expected[topic] is ONE else count)
 
