@@ -1,4 +1,4 @@
-"""What all pages are made with: SVG elements, and pictures as data URIs."""
+"""The parts that all pages are made with: SVG elements, and pictures as data URIs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def text(x: float, y: float, content: str, **attributes: float | str) -> str:
 
 
 def title(content: str) -> str:
-    """What a pointer shows."""
+    """Make the text that a pointer shows."""
     return element("title", escape(content))
 
 
@@ -65,7 +65,7 @@ def data_uri(path: Path) -> str:
 
 
 def jpeg_uri(data: bytes, place: str | Path, max_width_px: int = MAX_WIDTH_PX) -> str:
-    """As data_uri, of a picture's bytes.
+    """Make a data URI as data_uri does, from a picture's bytes.
 
     Raises:
         InputError: it is no picture.

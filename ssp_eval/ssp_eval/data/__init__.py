@@ -1,1 +1,1 @@
-"""What the files of an evaluation say: labels, records, audits, provenance of recordings."""
+"""The files of an evaluation: labels, records, audits, provenance of recordings."""

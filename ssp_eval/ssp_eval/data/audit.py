@@ -47,7 +47,9 @@ class Property:
 
     @property
     def text(self) -> str:
-        """For people: ``straight, 2 to 4 …`` without repeating what is obvious."""
+        """Describe the property for people: ``straight, 2 to 4 …``, without repeating the
+        obvious.
+        """
         if self.words is None:
             return "not determined"
         return "; ".join(f"{part} {_either(words)}" for part, words in self.words.items())
@@ -212,7 +214,7 @@ class AgreementEntry(Strict):
 
 
 class ObservationsEntry(Strict):
-    """What persons wrote down of a recording, in files beside its bag."""
+    """The persons' observations of a recording, in files beside its bag."""
 
     observers: Annotated[list[str], Field(min_length=1)]
     files: dict[str, str] = Field(description="SHA-256 of each file")
@@ -225,7 +227,7 @@ HARDLY_VISIBLE_PX = 12.0
 
 
 class LabelSize(Strict):
-    """How large the critical object is in the newest frame at a label's time."""
+    """The size of the critical object in the newest frame at a label's time."""
 
     t_s: Finite = Field(description="clip time of the label")
     phase: PhaseWord
@@ -235,7 +237,7 @@ class LabelSize(Strict):
 
     @property
     def hardly_visible(self) -> bool:
-        """Whether it is known to be under HARDLY_VISIBLE_PX."""
+        """Tell whether the size is known to be under HARDLY_VISIBLE_PX."""
         return self.height_px is not None and self.height_px < HARDLY_VISIBLE_PX
 
 
@@ -256,7 +258,7 @@ class LabelCount(Strict):
 
 
 class SightEntry(Strict):
-    """How much of the critical phases something is visible for; null: nobody can say."""
+    """The share of the critical phases for which something is visible; null: it is not known."""
 
     fraction: Share | None
     needed: Share
@@ -353,7 +355,7 @@ class Audit(Strict):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     def contradiction(self) -> str | None:
-        """Why a status isn't what the entries' own values say; None: each follows from them.
+        """Say why a status doesn't follow from the entries' own values; None: each does.
 
         An evidence package measures its recordings again instead.
         """
@@ -375,7 +377,9 @@ class Audit(Strict):
         return None
 
     def _against(self, entry: RecordingEntry) -> Iterator[str]:
-        """What of an entry's values keeps it out by METHOD 4.4, or can't come from the others."""
+        """List the values of an entry that keep it out by METHOD 4.4, or can't come from the
+        others.
+        """
         synthetic = self.recordings[0]
         same = [other.domain for other in self.recordings if other.bag_sha256 == entry.bag_sha256]
         if same[0] != entry.domain:

@@ -1,4 +1,4 @@
-"""Where the VUT was, as the histories in requests or the states of a recording tell it."""
+"""The path of the VUT, by the histories in requests or the states of a recording."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class EgoPath:
         return None
 
     def after(self, at_s: float, horizon_s: float) -> Trajectory | None:
-        """What was driven from a time on, in the ego frame then; None where it isn't known.
+        """Return the path driven from a time on, in the ego frame then; None where it isn't known.
 
         Args:
             at_s: t = 0 of the result.

@@ -82,7 +82,7 @@ class PhasePosition:
         return f"{self.phase} {_PHASE_VARIABLES[self.phase]}={self.value:.4g}"
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands in a labels file."""
+        """Return the position as a labels file has it."""
         return {"phase": self.phase, _PHASE_VARIABLES[self.phase]: self.value}
 
 
@@ -168,7 +168,7 @@ def _is_blank(label: dict[str, Any]) -> bool:
 
 @dataclass(frozen=True)
 class Label:
-    """What is true at one time of a clip; None marks a slot that can't be evaluated there.
+    """The truth at one time of a clip; None marks a slot that can't be evaluated there.
 
     Args:
         t_s: clip time, s.
@@ -334,7 +334,7 @@ _TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class LabelComparison:
-    """What several recordings' labels allow.
+    """The comparison of several recordings' labels.
 
     Args:
         domains: how many recordings there are; one alone has nobody to be compared with.
@@ -359,7 +359,7 @@ class LabelComparison:
 
 
 def phase_counts(labels: Labels) -> dict[str, int]:
-    """How many labels each phase has."""
+    """Count the labels of each phase."""
     return {phase: sum(label.phase == phase for label in labels.labels) for phase in PHASES}
 
 
@@ -369,7 +369,7 @@ def counts_text(counts: Mapping[str, int]) -> str:
 
 
 def compare_labels(by_name: Mapping[str, Labels]) -> LabelComparison:
-    """Whether recordings of one event are comparable at label level (METHOD 5.2b).
+    """Tell whether recordings of one event are comparable at label level (METHOD 5.2b).
 
     Args:
         by_name: labels of each recording, by its domain or another name.
@@ -398,7 +398,7 @@ def compare_labels(by_name: Mapping[str, Labels]) -> LabelComparison:
 def compare_by_scenario(
     labelled: Iterable[tuple[str, str, Labels]],
 ) -> dict[str, LabelComparison]:
-    """What the labels of each scenario allow.
+    """Compare the labels of each scenario.
 
     Args:
         labelled: scenario, domain and labels of recordings; of several with the same scenario and

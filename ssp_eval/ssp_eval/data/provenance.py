@@ -1,4 +1,6 @@
-"""What a bag says about itself, run or import, and where the files that belong to it lie."""
+"""The bag's own statements, of a run or an import, and the places of the files that belong to
+it.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ Words = Annotated[str, Field(min_length=1, max_length=500, pattern=r"\S")]
 
 
 class ImportedEgo(Strict):
-    """How the VUT moved, and how that is known."""
+    """The VUT's motion, and how it is known."""
 
     provenance: Literal["measured", "declared", "unknown"]
     speed_mps: NonNegative | None = Field(description="constant; null: measured or unknown")
@@ -50,7 +52,9 @@ class ImportedCamera(Strict):
 
 
 class DomainDeclaration(Strict):
-    """Who says of which domain a recording is, when and where it was made (METHOD 4.4)."""
+    """A person's declaration of a recording's domain, and when and where it was made (METHOD
+    4.4).
+    """
 
     by: Words
     on: date = Field(description="when the recording was made")
@@ -62,7 +66,7 @@ class DomainDeclaration(Strict):
 
 
 class LogDeclaration(Strict):
-    """What a recording without our log can't show and a named person declares (METHOD 4.3)."""
+    """A named person's declaration of what a recording without our log can't show (METHOD 4.3)."""
 
     by: Words
     on: date
@@ -72,7 +76,7 @@ class LogDeclaration(Strict):
 
 
 class ImportedStates(Strict):
-    """Where the states on the objects' topics come from.
+    """The origin of the states on the objects' topics.
 
     The states themselves stand on ``<object>/state`` in the bag, frame map, on the recording's
     clock; everything that measures an event reads them there.
@@ -150,7 +154,7 @@ class ImportRecord(Strict):
 
     @property
     def accepted_text(self) -> str:
-        """What was accepted as it is, for people; empty: nothing."""
+        """Describe for people the findings that were accepted; empty: none."""
         return "; ".join(f"{one.name}: {one.text}" for one in self.accepted)
 
     @property
@@ -169,7 +173,7 @@ NO_VERDICT = f"the bag holds no {VERDICT_FILE}: the runner's word on how the run
 
 @dataclass(frozen=True)
 class Participants:
-    """Who takes part in a recording's event, by the ids of their states.
+    """The participants of a recording's event, by the ids of their states.
 
     Args:
         targets: class word of every object target, by id.
@@ -187,7 +191,7 @@ class Participants:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a clip comes from.
+    """The origin of a clip.
 
     Args:
         bag_sha256: content hash of its MCAP file or files.
@@ -241,7 +245,9 @@ class Provenance:
 
     @property
     def participants(self) -> Participants | None:
-        """Whose states the bag holds; None for a recording without states of object targets."""
+        """Return the participants whose states the bag holds; None without states of object
+        targets.
+        """
         if self.run is not None:
             return Participants(
                 self.run.vut.id,
@@ -261,7 +267,7 @@ class Provenance:
 
     @property
     def renderer(self) -> str | None:
-        """What drew the pictures; None where a camera took them, or nobody says."""
+        """Name what drew the pictures; None where a camera took them, or it is not stated."""
         if self.imported is not None:
             made_by = self.imported.generator
             if made_by.startswith(_OUR_CLIPS):
@@ -284,7 +290,7 @@ class Provenance:
 
     @property
     def refusal(self) -> str | None:
-        """Why the recording can't be scored at all; None when it can."""
+        """Say why the recording can't be scored at all; None when it can."""
         if self.twin is not None:
             return f"it is a twin, of which no score means anything: {self.twin}"
         if self.participation is not None and self.participation.contradictions:
@@ -307,7 +313,7 @@ def bag_folder(bag: Path) -> Path:
 
 
 def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
-    """What the bag's attachments and session states say.
+    """Read the provenance from the bag's attachments and session states.
 
     Args:
         digest: content_sha256 of it, for a caller who works it out meanwhile; None: here.
@@ -329,7 +335,7 @@ def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
 
 
 def _told_verdict(bag: Path) -> tuple[RecordedVerdict, str] | None:
-    """What lies in the bag's folder on how the run ended, and the file's hash; or None.
+    """Read the verdict in the bag's folder, and the file's hash; or None.
 
     Args:
         bag: the folder, or an MCAP file in it.
@@ -343,7 +349,7 @@ def _told_verdict(bag: Path) -> tuple[RecordedVerdict, str] | None:
 
 
 def _told_twin(bag: BagReader) -> str | None:
-    """What a twin's attachment says in words; None: the bag is none."""
+    """Describe a twin by its attachment; None: the bag is none."""
     data = bag.attachment(TWIN_ATTACHMENT)
     if data is None:
         return None
@@ -458,7 +464,7 @@ def find_labels(bag: Path) -> Path | None:
 
 
 def labels_places(bag: AnyPath) -> tuple[AnyPath, AnyPath, AnyPath]:
-    """Where the labels of a bag may lie, in order.
+    """List the places where the labels of a bag may lie, in order.
 
     Args:
         bag: its folder, or an MCAP file that lies by itself.
@@ -467,5 +473,5 @@ def labels_places(bag: AnyPath) -> tuple[AnyPath, AnyPath, AnyPath]:
 
 
 def beside_bag(bag: AnyPath) -> AnyPath:
-    """Where labels lie beside a bag."""
+    """Return the place of labels beside a bag."""
     return bag.parent / f"{bag.name}.labels.json"

@@ -16,8 +16,9 @@ ResponseVerdict = Literal["alike", "unlike", "not assessable"]
 
 
 class Limit(Strict):
-    """How far apart two responses may be in one respect, where that comes from, and who checked it
-    against its source."""
+    """The largest difference of two responses in one respect, its origin, and who checked it
+    against its source.
+    """
 
     limit: NonNegative
     unit: str
@@ -28,8 +29,9 @@ class Limit(Strict):
 
 
 class ResponseLimits(Strict):
-    """What two responses must share to be alike; the rating is a lower limit, the others upper
-    limits of an absolute difference."""
+    """The limits within which two responses are alike; the rating is a lower limit, the others
+    upper limits of an absolute difference.
+    """
 
     schema_: Literal["ssp.response_limits/1"] = Field(alias="schema")
     rating: Limit
@@ -62,7 +64,7 @@ class FigureEntry(Strict):
 
 
 class CauseEntry(Strict):
-    """What may explain a difference, of the comparison against the reference."""
+    """A possible explanation of a difference, in the comparison against the reference."""
 
     name: Literal["delay", "gain", "initial_speed", "initial_gap"]
     value: Finite | None

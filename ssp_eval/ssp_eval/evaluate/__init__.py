@@ -1,1 +1,1 @@
-"""From bags to scored cells: requests, raw answers, records, scores."""
+"""The way from bags to scored cells: requests, raw answers, records, scores."""

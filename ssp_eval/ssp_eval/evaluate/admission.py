@@ -1,4 +1,4 @@
-"""What the transfer audit says of a recording that is to be evaluated (METHOD 4).
+"""The transfer audit's judgement of a recording that is to be evaluated (METHOD 4).
 
 A recording is known by the hash of its bag. What an audit refused is not evaluated. What is
 ``unpaired`` or in no audit is, and stays out of domain means.
@@ -25,7 +25,7 @@ ADMITTED, REFUSED, UNPAIRED, UNAUDITED = "admitted", "refused", "unpaired", "una
 
 @dataclass(frozen=True)
 class Admission:
-    """Whether a recording enters evaluation.
+    """The admission of a recording to evaluation.
 
     Args:
         status: admitted, refused, unpaired, or unaudited where no audit knows the bag.
@@ -48,7 +48,7 @@ class Admission:
 
     @property
     def refusal(self) -> str | None:
-        """Why the recording isn't evaluated, None when it is."""
+        """Say why the recording isn't evaluated, None when it is."""
         if self.status != REFUSED:
             return None
         return f"refused by the audit: {'; '.join(self.reasons)}"
@@ -106,7 +106,7 @@ class Admission:
             )  # fmt: skip
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands in cell.json."""
+        """Return the admission as cell.json has it."""
         return {
             "status": self.status,
             "audit_sha256": self.audit_sha256,
@@ -155,7 +155,7 @@ def load_admissions(files: Iterable[Path]) -> dict[str, Admission]:
 
 
 def admission_of(entry: RecordingEntry, audit_sha256: str) -> Admission:
-    """What an audit says of one recording."""
+    """Read the admission of one recording from an audit's entry."""
     return Admission(
         status=entry.status,
         audit_sha256=audit_sha256,
@@ -167,7 +167,7 @@ def admission_of(entry: RecordingEntry, audit_sha256: str) -> Admission:
 
 
 def said_of(audit: Audit, bag: str | None, verdict_sha256: str | None) -> set[str]:
-    """What an audit says of a recording: one status, none where it doesn't know it."""
+    """Return an audit's statuses of a recording: one, or none where it doesn't know it."""
     return {
         admission_of(entry, "").held_against(verdict_sha256).status
         for entry in audit.recordings

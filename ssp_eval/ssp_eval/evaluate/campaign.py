@@ -44,7 +44,7 @@ NO_CONTROLS = "--no-controls"
 
 @dataclass(frozen=True)
 class Plan:
-    """How much there is to ask; what is stored already is counted too.
+    """The number of questions of a campaign; those whose answers are stored are counted too.
 
     Args:
         label_times: of all cells, also of those that are refused and not asked.
@@ -104,7 +104,7 @@ class Plan:
 def plan_of(
     clips: Sequence[LabelledClip], models: Sequence[ModelSpec], goes_on: bool = False
 ) -> Plan:
-    """What a campaign will ask.
+    """Plan the questions of a campaign.
 
     Args:
         goes_on: the campaign has answers already, and they count.
@@ -139,7 +139,7 @@ def plan_of(
 
 
 def _asked_for(model: ModelSpec) -> str:
-    """For what a model is asked, in the words of plan_of."""
+    """Describe the purpose of asking a model, in the words of plan_of."""
     if model.condition.startswith(TWIN):
         return "twins"
     if model.condition.startswith(REASONING):
@@ -154,7 +154,9 @@ def _asked_for(model: ModelSpec) -> str:
 
 
 def models_of(labelled: LabelledClip, models: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """Who is asked about a recording: the models, these under its twins as well, and once more."""
+    """List the models to ask about a recording: themselves, under its twins as well, and
+    repeated.
+    """
     return with_repeats(with_twin_conditions(models, list(labelled.twins)))
 
 

@@ -51,7 +51,7 @@ _LONGEST_PAUSE_S = 30.0
 
 @dataclass(frozen=True)
 class CellOptions:
-    """What a cell depends on besides its inputs.
+    """The settings that a cell depends on besides its inputs.
 
     Args:
         adapter: that reads the raw answers; empty: each model's own.
@@ -97,7 +97,7 @@ def ask_all(
 
 
 class _Conversation:
-    """What one model was asked so far; its own last answer goes into the next request."""
+    """The exchange with one model so far; its own last answer goes into the next request."""
 
     def __init__(self, place: CellPlace, clients: ModelClients, options: CellOptions) -> None:
         self._place, self._clients, self._options = place, clients, options
@@ -114,7 +114,9 @@ class _Conversation:
         self._ignored = IgnoredAnswers()
 
     def question(self, label_t_s: float) -> Question | NoQuestion:
-        """What is asked about a label time, with the model's previous answer if it takes one."""
+        """Make the question about a label time, with the model's previous answer if it takes
+        one.
+        """
         question = question_under(self._place.labelled, self._place.model, label_t_s)
         if isinstance(question, NoQuestion):
             return question
@@ -262,7 +264,7 @@ def record_of(
 
 
 def _sources(found: Extracted) -> list[str]:
-    """Which slots the rules didn't fill, and what the LLM of the extraction couldn't do."""
+    """List the slots that the rules didn't fill, and the failures of the extraction's LLM."""
     notes = []
     if found.by_reader:
         notes.append(f"{BY_READER}: {', '.join(found.by_reader)}")

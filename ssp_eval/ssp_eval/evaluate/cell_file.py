@@ -86,7 +86,7 @@ class LabelledClip:
 
     @property
     def refusal(self) -> str | None:
-        """Why this recording can't be scored against these labels; None when it can."""
+        """Say why this recording can't be scored against these labels; None when it can."""
         facts = self.clip.provenance
         if facts.refusal is not None:
             return facts.refusal
@@ -131,7 +131,7 @@ _NO_BRIDGE = frozenset({Loss.DIED, Loss.UNREACHABLE})
 
 @dataclass(frozen=True)
 class CellResult:
-    """What became of one cell.
+    """The outcome of one cell.
 
     Args:
         reasons: of a refusal or failure, the primary one first.
@@ -207,25 +207,25 @@ def holds_answers(out: Path) -> bool:
 
 
 def frame_path(out: Path, sha256: str) -> Path:
-    """Where the campaign keeps a frame."""
+    """Return the path at which the campaign keeps a frame."""
     return out / FRAMES / f"{sha256.removeprefix('sha256:')[:32]}.jpg"
 
 
 def _file_hashes(folder: Path) -> dict[str, str]:
-    """Of the files beside cell.json, so that a score can be walked back to what gave it."""
+    """Hash the files beside cell.json, so that a score can be traced back to its origin."""
     there = (folder / name for name in (*HASHED, EARLIER_FILE) if (folder / name).is_file())
     return {path.stem: sha256_file(path) for path in there}
 
 
 def sealed(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """What cell.json says, with the hash of all of it under ``hashes.cell``."""
+    """Return cell.json's content, with the hash of all of it under ``hashes.cell``."""
     hashes = {key: told for key, told in facts["hashes"].items() if key != SEAL}
     digest = sha256_json({**facts, "hashes": hashes})
     return {**facts, "hashes": {**hashes, SEAL: digest}}
 
 
 def changed_since(folder: Path, facts: Mapping[str, Any]) -> str:
-    """Which file of a cell isn't as the evaluation left it; empty where all are."""
+    """Name the file of a cell that isn't as the evaluation left it; empty where all are."""
     told = facts["hashes"]
     if SEAL not in told:
         return (
@@ -245,7 +245,7 @@ def changed_since(folder: Path, facts: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class CellPlace:
-    """What a cell is of, and where it lies.
+    """The identity of a cell, and its folder.
 
     Args:
         extractor: of the slots; its counts are of this cell.
@@ -312,7 +312,7 @@ def _facts(
     asked: Sequence[Asked],
     ignored: IgnoredAnswers | None,
 ) -> dict[str, Any]:
-    """What cell.json says; see write_cell."""
+    """Collect the content of cell.json; see write_cell."""
     labelled, model = place.labelled, place.model
     facts = labelled.clip.provenance
     answers = [one.response for one in asked if one.response is not None]

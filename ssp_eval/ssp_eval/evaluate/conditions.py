@@ -1,4 +1,4 @@
-"""What a model is asked under a condition: its question with one thing changed."""
+"""The question to a model under a condition: its own question with one thing changed."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def other_label_time(
 def question_under(
     labelled: LabelledClip, model: ModelSpec, label_t_s: float
 ) -> Question | NoQuestion:
-    """What a model is asked about a label time, under its condition."""
+    """Make the question to a model about a label time, under its condition."""
     clip, condition = labelled.clip, model.condition
     question = clip.question(label_t_s, model.rules)
     # What pictures are left out, or what is turned, is its backend's.
@@ -123,7 +123,7 @@ def question_under(
 
 
 def _about_twin(question: Question, twin: TwinClip, rules: Preprocessing) -> Question | NoQuestion:
-    """What is asked about a twin in the place of the recording's own question."""
+    """Replace the recording's own question by the one about a twin."""
     found = twin.clip.question(question.label_t_s, rules)
     if isinstance(found, Question) and found.t_s != question.t_s:
         why = f"the newest frame of the twin is that at {found.t_s:.3f} s, not {question.t_s:.3f} s"
@@ -172,7 +172,7 @@ def under(
 
 
 def _painter(condition: str) -> Callable[[Frame], bytes]:
-    """What becomes of a frame under a condition that changes each by itself."""
+    """Choose the change of a frame, for a condition that changes each by itself."""
     if condition == BLACK:
         return lambda frame: plain_like(frame.jpeg, _BLACK)
     if condition == TEXT_ONLY:

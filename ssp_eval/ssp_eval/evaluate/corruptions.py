@@ -30,7 +30,9 @@ _LOST_SPAN_S = 0.3
 
 
 def _rng(stamp_ns: int, kind: str) -> np.random.Generator:
-    """Of one picture; the strength isn't in it, so that 2 is the same noise as 1, and stronger."""
+    """Seed the noise of one picture; the strength isn't in it: 2 is the same noise as 1, and
+    stronger.
+    """
     digest = sha256_json([CONDITION_SEED, kind, stamp_ns]).removeprefix("sha256:")
     return np.random.Generator(np.random.PCG64(int(digest[:16], 16)))
 
@@ -163,7 +165,7 @@ def _plain(width_px: int, height_px: int, grey: int) -> bytes:
 
 
 def is_lost(since_start_ns: int, strength: int) -> bool:
-    """Whether a frame is lost: links fail in bursts, so that whole spans of time are.
+    """Tell whether a frame is lost: links fail in bursts, so that whole spans of time are.
 
     What is lost at strength 1 is lost at 2 as well.
 

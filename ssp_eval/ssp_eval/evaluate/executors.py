@@ -42,7 +42,7 @@ from ssp_eval.twins.files import SET_FILE, twins_folder
 
 @dataclass(frozen=True)
 class Settings:
-    """What all cells of a campaign have in common.
+    """The settings that all cells of a campaign share.
 
     Args:
         make_extractor: each worker makes its own, since a client of a service can't be sent.
@@ -62,7 +62,9 @@ class Settings:
     extractor_sha256: str = ""
 
     def to_send(self) -> Settings:
-        """As they can be sent to another process, which must have the same extractor."""
+        """Return settings that can be sent to another process, which must have the same
+        extractor.
+        """
         digest = self.options.extractor.sha256
         rules = replace(self.options, extractor=Extractor())
         return replace(self, options=rules, extractor_sha256=digest)
@@ -249,7 +251,7 @@ def _hear(
     found: dict[int, list[CellResult]],
     on_dead: Callable[[Job, str], list[CellResult]],
 ) -> None:
-    """What a worker said, or that it died."""
+    """Take a worker's message, or notice its death."""
     job = worker.job
     if job is None:
         return
@@ -338,7 +340,7 @@ def import_ray() -> Any:
 
 @contextmanager
 def joined(ray: Any, workers: int) -> Iterator[None]:
-    """Within the block this process is in the cluster that RAY_ADDRESS names, or in one of its own.
+    """Join the cluster that RAY_ADDRESS names, or start one, for the duration of the block.
 
     Raises:
         HostError: there is no cluster, or it fails while it is used.
@@ -406,7 +408,7 @@ _NOTE_S = 30.0
 
 
 class _Actor:
-    """What runs on the cluster: a JobRunner with a way to end it."""
+    """The actor on the cluster: a JobRunner with a way to end it."""
 
     def __init__(self, settings: Settings, name: str) -> None:
         self._settings, self._name = settings, name
@@ -441,7 +443,8 @@ def run_ray(
     on_dead: Callable[[Job, str], list[CellResult]],
     on_record: Callable[[], None] = lambda: None,
 ) -> list[CellResult]:
-    """As pool.run_pool, on the cluster that RAY_ADDRESS names, or on one that is started here.
+    """Run jobs as pool.run_pool does, on the cluster that RAY_ADDRESS names, or on one started
+    here.
 
     Args:
         workers: how many actors, one processor each; a cluster with fewer has fewer at a time.

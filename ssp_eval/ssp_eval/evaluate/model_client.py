@@ -27,7 +27,7 @@ MOST_REASON = 400
 
 
 class Loss(StrEnum):
-    """Why a label time has no record, in the words of tables and reports."""
+    """The reason why a label time has no record, in the words of tables and reports."""
 
     DIED = "bridge died"
     UNREACHABLE = "bridge unreachable"
@@ -54,7 +54,9 @@ _OF_CODE = {
 
 
 def loss_of(response: Response) -> tuple[Loss | None, str]:
-    """Why a response makes no record, and the same for people; (None, "") where it makes one."""
+    """Say why a response makes no record, as a loss and for people; (None, "") where it makes
+    one.
+    """
     code = response.error_code
     if not code:
         return None, ""
@@ -65,7 +67,8 @@ def loss_of(response: Response) -> tuple[Loss | None, str]:
 
 @dataclass(frozen=True)
 class ModelReply:
-    """What came of one request: a response (which may hold an error), or why there is none.
+    """The outcome of one request: a response (which may hold an error), or the reason for having
+    none.
 
     Args:
         response: None where none came or it can't be used.
@@ -180,12 +183,12 @@ MOST_NAME = 1000
 
 
 def settings_of(response: Response) -> dict[str, Any]:
-    """What an answer was decoded with, without what differs by answer."""
+    """Return the decoding settings of an answer, without those that differ by answer."""
     return {key: value for key, value in response.decoding.items() if key not in PER_ANSWER}
 
 
 def unusable(response: Response) -> str:
-    """Why an answer can't be stored, whatever it says; empty where it can."""
+    """Say why an answer can't be stored, whatever its content; empty where it can."""
     texts = (response.text, response.error_msg, response.model_id, response.model)
     characters = sum(len(text) for text in texts)
     if characters > MOST_CHARACTERS:
@@ -260,7 +263,7 @@ class RequestTracker:
         return reply
 
     def give_up(self) -> None:
-        """Nobody waits for the open request any more; an answer from now on is late."""
+        """Give the open request up; an answer from now on is late."""
         if self._open is not None:
             self._given_up.add(self._open.request_id)
             self._open = None
@@ -301,7 +304,7 @@ class Transport(Protocol):
 
 @dataclass(frozen=True)
 class Timeouts:
-    """How long a bridge is waited for."""
+    """The times to wait for a bridge."""
 
     answer_s: float
     start_s: float = CONNECT_S
@@ -410,7 +413,7 @@ class TopicClient:
         return reply
 
     def _no_time(self, reply: ModelReply) -> bool:
-        """Whether the model may be at the request still."""
+        """Tell whether the model may be at the request still."""
         if reply.response is None:
             return reply.loss is Loss.SILENT
         return reply.response.error_code == ErrorCode.TIMEOUT and not self._gives_up

@@ -85,13 +85,13 @@ def condition_of(model: str) -> tuple[str, str]:
 
 
 def is_control_name(model: str) -> bool:
-    """Whether a name alone says that it is no model but a check of the harness."""
+    """Tell whether a name alone says that it is no model but a check of the harness."""
     return model in CONTROLS or model == BEST_CONSTANT or bool(condition_of(model)[1])
 
 
 @dataclass(frozen=True)
 class ModelFacts:
-    """What reports say of a model; nothing here changes how it is asked or scored.
+    """The facts that reports state of a model; none changes how it is asked or scored.
 
     Args:
         total_b: parameters, billions; None where nobody says.
@@ -146,7 +146,7 @@ class ModelSpec:
 
     @property
     def spoken(self) -> Interface:
-        """What the model expects and gives.
+        """Return the model's interface.
 
         Raises:
             InputError: there is no such interface.
@@ -155,7 +155,7 @@ class ModelSpec:
 
     @property
     def rules(self) -> Preprocessing:
-        """Which frames and ego samples its requests hold."""
+        """Return the choice of frames and ego samples for its requests."""
         return replace(self.spoken.preprocessing, **self.preprocessing)
 
     def read_by(self, override: str = "") -> str:
@@ -456,7 +456,7 @@ def with_pictures(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
 
 
 def gives_back(spec: ModelSpec) -> bool:
-    """Whether a model can be given its own text back: over a chat, from a bridge of ours."""
+    """Tell whether a model can be given its own text back: over a chat, from a bridge of ours."""
     return spec.backend_name == _CHAT and not spec.attached
 
 

@@ -1,4 +1,4 @@
-"""What was asked and what came of it, as it is stored, and the key that finds it again."""
+"""The stored questions and their outcomes, and the key that finds them again."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _said(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def request_to_json(request: Request) -> dict[str, Any]:
-    """What was asked, with the frames as hashes and the previous answer as id and hash."""
+    """Serialise a request, with the frames as hashes and the previous answer as id and hash."""
     previous = request.previous
     return {
         "schema": REQUEST_SCHEMA,
@@ -70,7 +70,7 @@ def request_to_json(request: Request) -> dict[str, Any]:
 
 
 def asked_again(value: Mapping[str, Any], previous: Response | None) -> Request:
-    """What a stored question tells an adapter: all but the pictures themselves.
+    """Rebuild a stored question for an adapter: all but the pictures themselves.
 
     Args:
         previous: the answer that the line names as the one before.
@@ -167,7 +167,7 @@ def key_of(request_id: str) -> str:
 
 
 def model_facts(model: ModelSpec, labels_sha256: str, clip_start_ns: int) -> dict[str, Any]:
-    """What an answer depends on besides its request, as JSON values."""
+    """Return the facts that an answer depends on besides its request, as JSON values."""
     backend = model.backend_name
     options = telling_options(backend, model.options_for(labels_sha256, clip_start_ns))
     facts: dict[str, Any] = {}

@@ -54,7 +54,7 @@ class _Part(BaseModel):
 
 
 class AdmissionFacts(_Part):
-    """What the audit said of the recording; cells of an earlier version say nothing."""
+    """The audit's judgement of the recording; cells of an earlier version have none."""
 
     status: Literal["admitted", "refused", "unpaired", "unaudited"] = "unaudited"
     audit_sha256: str | None = None
@@ -102,7 +102,7 @@ class IgnoredFacts(_Part):
 
 
 class AnswerFacts(_Part):
-    """What was asked, and what came back."""
+    """The questions and the answers."""
 
     sent: Count
     reused: Count
@@ -114,7 +114,7 @@ class AnswerFacts(_Part):
 
 
 class PreprocessingFacts(_Part):
-    """Of the frames and the ego history in a request."""
+    """The frames and the ego history in a request."""
 
     frames: Count
     frame_spacing_s: Finite
@@ -123,7 +123,7 @@ class PreprocessingFacts(_Part):
 
 
 class ModelFactsRead(_Part):
-    """What the models file says of a model; nothing of it is scored."""
+    """The models file's facts about a model; none of them is scored."""
 
     total_b: Finite | None = None
     active_b: Finite | None = None
@@ -182,7 +182,7 @@ class FrameFacts(_Part):
 
 
 class PlaceFacts(_Part):
-    """Where the VUT was, in its own frame at the request, m."""
+    """The VUT's places, in its own frame at the request, m."""
 
     x_m: Finite
     y_m: Finite
@@ -230,12 +230,13 @@ class CellData:
 
     @property
     def requests(self) -> tuple[dict[str, Any], ...]:
-        """What was asked, one per label time; read anew each time, because as values they take
-        most of what the cells of a large campaign would take of memory."""
+        """Read the questions, one per label time; read anew each time, because as values they
+        take most of what the cells of a large campaign would take of memory.
+        """
         return tuple(json.loads(line) for line in self.asked)
 
     def requests_by_label(self) -> dict[float, dict[str, Any]]:
-        """What was asked at each label's clip time, s."""
+        """Return the question at each label's clip time, s."""
         return {float(request["label_t_s"]): request for request in reversed(self.requests)}
 
     @property
@@ -273,7 +274,7 @@ class CellData:
 
     @property
     def labels_per_phase(self) -> str:
-        """How many labels approach, trigger, conflict and resolution have, ``3/1/4/1``."""
+        """Count the labels of approach, trigger, conflict and resolution, as ``3/1/4/1``."""
         return counts_text(phase_counts(self.labels))
 
     @property
@@ -326,7 +327,7 @@ def cell_files(out: Path) -> list[Path]:
 
 
 def in_order(cells: Iterable[CellData]) -> list[CellData]:
-    """By scenario, domain and model, controls last."""
+    """Sort by scenario, domain and model, controls last."""
     return sorted(cells, key=lambda c: (c.scenario, domain_order(c.domain), c.is_control, c.model))
 
 
@@ -338,7 +339,7 @@ class KeptAudits:
         self._read: dict[str, Audit] = {}
 
     def against(self, facts: CellFacts) -> str:
-        """Why a cell's admission isn't what its audit says; empty where it is."""
+        """Say how a cell's admission departs from its audit; empty where it doesn't."""
         status, named = facts.admission.status, facts.admission.audit_sha256
         if facts.status != "ok" or status == UNAUDITED:
             return ""
@@ -423,7 +424,7 @@ def _refused(folder: Path, facts: CellFacts, why: str) -> CellData:
 
 
 def _unreadable(folder: Path) -> CellFacts:
-    """What the name of a cell's folder says, where its cell.json says nothing."""
+    """Read a cell's facts from the name of its folder, where its cell.json can't be read."""
     scenario, domain, model = (*folder.name.split("__", 2), UNKNOWN, UNKNOWN)[:3]
     return CellFacts(
         schema="ssp.cell/1", scenario=scenario, domain=domain, model=model, model_ids=[],
@@ -480,7 +481,7 @@ def _has_note(record: BehaviourRecord, beginning: str) -> bool:
 
 
 def _shares(records: Sequence[BehaviourRecord]) -> Iterator[str]:
-    """How many of the slots the rules didn't fill."""
+    """Describe how many of the slots the rules didn't fill."""
     given = sum(getattr(one.slots, name) is not None for one in records for name in SLOT_NAMES)
     for source, name in ((BY_READER, "learned reader"), (BY_LLM, "LLM of the extraction")):
         filled = sum(
@@ -494,7 +495,7 @@ def _shares(records: Sequence[BehaviourRecord]) -> Iterator[str]:
 
 
 def _languages(records: Iterable[BehaviourRecord]) -> Counter[str]:
-    """How many texts are in each language that the rules don't read."""
+    """Count the texts in each language that the rules don't read."""
     return Counter(
         note.removeprefix(NOT_READ).lstrip(": ")
         for record in records
@@ -504,7 +505,7 @@ def _languages(records: Iterable[BehaviourRecord]) -> Counter[str]:
 
 
 def request_lines(file: Path) -> tuple[bytes, ...]:
-    """What was asked, one line of JSON per label time.
+    """Read the questions, one line of JSON per label time.
 
     Raises:
         InputError: a line is damaged; with its number.

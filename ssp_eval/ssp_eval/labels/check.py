@@ -1,4 +1,4 @@
-"""What speaks against a labels file of the right form: phases, times, marks, risk response."""
+"""The objections to a labels file of the right form: phases, times, marks, risk response."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def phase_problems(labels: Labels) -> list[str]:
 
 
 def plan_problems(labels: Labels) -> list[str]:
-    """Where labels of a plan by phase aren't as METHOD 5.2b has them; [] for a clock grid."""
+    """List where labels of a plan by phase depart from METHOD 5.2b; [] for a clock grid."""
     problems = []
     for i, label in enumerate(labels.labels):
         if label.at is not None and label.phase != label.at.phase:
@@ -113,7 +113,8 @@ def _span(start: Interval | str, zero_s: float) -> tuple[float, float] | None:
 
 
 def response_problems(labels: Labels) -> list[str]:
-    """Why no model could get a risk response (METHOD 6.9) under these labels; empty if one can.
+    """List why no model could get a risk response (METHOD 6.9) under these labels; empty if one
+    can.
 
     It takes two labels, at or after risk onset, adjacent among those whose conflict is potential
     or active, that admit a defensive action and lie at most 0.6 s apart.

@@ -50,7 +50,7 @@ _MOST = 3
 
 @dataclass(frozen=True)
 class _Given:
-    """What a user says where a recording doesn't.
+    """The values that a user states where a recording doesn't.
 
     Args:
         truth: file of the states of the recording that holds none.
@@ -100,7 +100,7 @@ class _Planned:
 
     @property
     def times_s(self) -> list[float]:
-        """Of its labels."""
+        """Return the times of its labels."""
         return [self.timeline.time_of(at) for at in self.plan.at]
 
     def file(self, path: Path, template: bool) -> NewFile:
@@ -206,7 +206,7 @@ def new(
 
 
 def _read(paths: Sequence[Path], given: _Given) -> list[_Recording]:
-    """What is needed of recordings to plan and propose their labels.
+    """Read the parts of recordings that planning and proposing their labels need.
 
     Args:
         paths: of bags and videos; none: the truth file alone.
@@ -381,7 +381,7 @@ def _check_free(targets: Sequence[Path], force: bool) -> None:
 
 
 def _beside(source: Path, path: Path) -> Path:
-    """Where evaluation finds the labels of a bag; those of a run folder in it."""
+    """Return where evaluation finds the labels of a bag; those of a run folder in it."""
     if not is_bag(path):
         return path.with_name(f"{path.name}.labels.json")
     _, beside, in_run = labels_places(bag_folder(path))

@@ -53,7 +53,7 @@ class Timeline:
 
     @property
     def durations(self) -> str:
-        """How long its phases are, for people."""
+        """Describe for people how long its phases are."""
         approach_s = self.trigger_s - self.crop.start_s
         rest_s = self.crop.end_s - self.resolution_s
         return (
@@ -99,7 +99,7 @@ class Timeline:
 
 @dataclass(frozen=True)
 class Plan:
-    """Where the labels of a scenario lie in its phases, in time order."""
+    """The places of a scenario's labels in its phases, in time order."""
 
     at: tuple[PhasePosition, ...]
 
@@ -110,7 +110,7 @@ class Plan:
 
     @property
     def remark(self) -> str:
-        """Why it has more labels than usual; empty where it hasn't."""
+        """Say why it has more labels than usual; empty where it hasn't."""
         if len(self.at) <= USUAL_LABELS:
             return ""
         return (
@@ -216,7 +216,9 @@ def _possible(timelines: Sequence[Timeline], phase: str, lasts_s: Sequence[float
 
 
 def _gap_problem(timelines: Sequence[Timeline], places: Sequence[PhasePosition]) -> str:
-    """What is wrong with the gaps between neighbours from trigger to conflict; empty: nothing."""
+    """Say what is wrong with the gaps between neighbours from trigger to conflict; empty:
+    nothing.
+    """
     for timeline in timelines:
         times_s = [timeline.time_of(at) for at in places]
         shown_s = [timeline.shown_s(t_s) for t_s in times_s]

@@ -39,7 +39,7 @@ _TIME_GRID_S = 0.1
 
 @dataclass(frozen=True)
 class ClipScene:
-    """What doesn't change over a clip."""
+    """The parts of a clip that don't change."""
 
     truth: Truth
     event: RecordedEvent
@@ -85,7 +85,7 @@ def own_motion(
     vut_id: str,
     t_s: float,
 ) -> tuple[str, str]:
-    """What the VUT does in the second from a label time on, read as METHOD 6.6 reads a trajectory.
+    """Return the VUT's actions in the second from a label time on, read as METHOD 6.6 does.
 
     Args:
         series: (clip time in s, states by object id), times rising.
@@ -256,7 +256,7 @@ def _critical_event(
     series: Series,
     corridor: Corridor,
 ) -> RecordedEvent:
-    """Of all OTs' events the one whose conflict starts first."""
+    """Choose, of all OTs' events, the one whose conflict starts first."""
     rules, events = truth.rules, list[RecordedEvent]()
     kinds: tuple[Observable, ...] = ("lateral", "braking")
     for kind in kinds if rules.observable is None else (rules.observable,):

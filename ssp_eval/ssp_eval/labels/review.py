@@ -32,7 +32,7 @@ _DECIDED = "decided"
 
 
 def sidecar(labels: Path) -> Path:
-    """Where the mark of a labels file stands."""
+    """Return the path of the mark beside a labels file."""
     return labels.with_name(f"{labels.stem}.proposal.json")
 
 
@@ -140,7 +140,7 @@ _WORDS = {"phase": PHASES, "position": POSITIONS, "motion": MOTIONS, "conflict":
 
 
 class _BadLine(Exception):
-    """What was typed is no change of a label; the message says why."""
+    """The error for a typed line that is no change of a label; the message says why."""
 
 
 @dataclass
@@ -320,7 +320,9 @@ def _changes(text: str) -> dict[str, Any]:
 
 
 def _holder(content: dict[str, Any], field: str) -> dict[str, Any]:
-    """What holds the values that are decided: the file for risk_time_s, else labels[i]."""
+    """Return the mapping of the values that are decided: the file for risk_time_s, else
+    labels[i].
+    """
     found: dict[str, Any] = content
     if field != _RISK:
         found = content["labels"][int(field.removeprefix("labels[").removesuffix("]"))]

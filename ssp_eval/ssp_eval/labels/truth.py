@@ -1,4 +1,4 @@
-"""What labels are proposed from: states of a bag or a truth file, and the rules of K*."""
+"""The source of proposed labels: states of a bag or a truth file, and the rules of K*."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ class Source:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path names a bag rather than a video file."""
+    """Tell whether a path names a bag rather than a video file."""
     return path.is_dir() or path.suffix == ".mcap"
 
 
@@ -204,7 +204,7 @@ def video_times(path: Path, start_s: float) -> list[float]:
 
 
 class _Known(Strict):
-    """What a truth file says, as far as labels need it: a clip's maker knows more."""
+    """The part of a truth file that labels need; a clip's maker knows more."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -403,7 +403,7 @@ def _version(
 
 
 def _hfov_rad(provenance: Provenance) -> float | None:
-    """Of the forward camera; None: nobody knows it."""
+    """Return the field of view of the forward camera; None: not known."""
     run, imported = provenance.run, provenance.imported
     if run is not None:
         return None if run.camera is None else math.radians(run.camera.hfov_deg)

@@ -34,7 +34,7 @@ MAX_READ_BYTES = 256 << 20
 
 
 class Contents:
-    """What is stored, by path; the same for a package that is being made and one that is read."""
+    """The stored files by path; the same for a package that is being made and one that is read."""
 
     def __init__(self, folder: Path, files: Sequence[FileEntry]) -> None:
         self.folder = folder
@@ -66,7 +66,7 @@ class Contents:
         return nearest(found, near)
 
     def object(self, entry: FileEntry) -> Path:
-        """Where its bytes lie."""
+        """Return the path of its bytes."""
         return object_path(self.folder, entry.sha256)
 
     def data(self, entry: FileEntry) -> bytes:
@@ -261,7 +261,7 @@ class Index:
         return found
 
     def _try(self, entry: FileEntry, read: Callable[[FileEntry], Item]) -> Item | None:
-        """What is read, or None with a note: whoever names the file will be the problem."""
+        """Read a file, or return None with a note: the problem is then the file that names it."""
         try:
             return read(entry)
         except InputError as error:

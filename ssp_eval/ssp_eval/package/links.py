@@ -1,4 +1,4 @@
-"""Who names whom by a content hash, and from each score to its record, answer and frames."""
+"""The references by content hash, and the way from each score to its record, answer and frames."""
 
 from __future__ import annotations
 
@@ -202,7 +202,9 @@ class Links:
             self._version("event_version", entry.path, "event_version", audit.event_version, "K*")
 
     def _beside(self, path: str, at: str, audited: RecordingEntry) -> None:
-        """What an audit read outside the MCAP file: the runner's verdict, and observations."""
+        """Link the files that an audit read outside the MCAP file: the runner's verdict, and
+        observations.
+        """
         place = self._index.place_of(audited)
         if place is None:
             return

@@ -101,7 +101,7 @@ LATER = "after the run"
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What somebody says was changed.
+    """A change that a person states.
 
     Args:
         field: path in run.yaml, ``limits.speed_mps``.
@@ -119,7 +119,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Logged:
-    """What was entered.
+    """The entries that were made.
 
     Args:
         run_has: value in run.yaml, or in the run that was recorded.
@@ -134,7 +134,9 @@ class Logged:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a change is entered: the compiled folder, and the recording made from it, if any."""
+    """The place of a change's entry: the compiled folder, and the recording made from it, if
+    any.
+    """
 
     folder: Path
     bag: Path | None

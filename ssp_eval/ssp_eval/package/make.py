@@ -79,7 +79,7 @@ _IN_A_CELL: dict[str, Role] = {
 
 
 def role_of(path: str, file: Path, in_a_cell: bool) -> Role:
-    """What a file is."""
+    """Determine the role of a file."""
     name = PurePosixPath(path).name
     suffix = PurePosixPath(name).suffix.lower()
     if in_a_cell and name in _IN_A_CELL:

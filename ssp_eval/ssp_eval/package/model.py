@@ -240,5 +240,5 @@ def _check_paths(package: Package, file: Path) -> None:
 
 
 def object_path(folder: Path, sha256: str) -> Path:
-    """Where a file's bytes lie."""
+    """Return the path of a file's bytes."""
     return folder / OBJECTS / sha256.removeprefix("sha256:")

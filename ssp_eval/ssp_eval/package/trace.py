@@ -69,7 +69,7 @@ class Walker:
         self._checked: set[str] = set()
 
     def walk(self, cell: FileEntry, label: int) -> list[Step]:
-        """From a score of a cell back to K*.
+        """Walk from a score of a cell back to K*.
 
         Raises:
             InputError: the cell has no such score, or a file on the way was changed.

@@ -121,7 +121,7 @@ class Audits:
 
 
 def _compare(told: Audit, found: Audit) -> Iterator[_Difference]:
-    """What differs, verdicts first: they are what others go by."""
+    """List the differences, verdicts first: the others rest on them."""
     pairs = list(zip(told.recordings, found.recordings, strict=True))
     for number, (one, other) in enumerate(pairs):
         if one.status != other.status:
@@ -196,7 +196,7 @@ def _short(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Findings:
-    """What the files say.
+    """The content of the files.
 
     Args:
         missing: parts that a whole package would hold.
@@ -256,7 +256,7 @@ class Finding:
 
 @dataclass
 class Verdict:
-    """What a verification found.
+    """The result of a verification.
 
     Args:
         id: of the package, None where its table can't be read.
@@ -343,7 +343,7 @@ def _bytes(folder: Path, package: Package, progress: Progress) -> Iterable[Findi
 
 
 def _problem(path: Path, sha256: str, size: int, progress: Progress) -> tuple[str, str] | None:
-    """What is wrong with an object, None where it is as it was."""
+    """Say what is wrong with an object, None where it is as it was."""
     digest, found = hashlib.sha256(), 0
     try:
         if not stat.S_ISREG(path.lstat().st_mode):
@@ -373,7 +373,7 @@ def _superfluous(folder: Path, known: set[str], prefix: str) -> Iterable[Finding
 
 
 def _breaks(package: Package, path: str) -> tuple[str, ...]:
-    """What rests on a file, over any number of links."""
+    """List the files that rest on a file, over any number of links."""
     sources: dict[str, set[str]] = {}
     for link in package.links:
         sources.setdefault(link.target, set()).add(link.source)

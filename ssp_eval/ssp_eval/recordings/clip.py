@@ -48,7 +48,7 @@ class Question:
 
 @dataclass(frozen=True)
 class NoQuestion:
-    """Why there is nothing to ask at a label time."""
+    """The reason why there is no question at a label time."""
 
     label_t_s: float
     reason: str
@@ -141,7 +141,7 @@ class _Entry(NamedTuple):
 
 
 class _Entries:
-    """Where the messages of a topic lie, by their stamps; sixteen bytes a message.
+    """The places of a topic's messages, by their stamps; sixteen bytes a message.
 
     Args:
         entries: in any order.
@@ -195,7 +195,7 @@ class Clip(Closing):
 
     @cached_property
     def provenance(self) -> Provenance:
-        """What the bag says about itself; waits until its hash is known.
+        """Return the bag's provenance; waits until its hash is known.
 
         Raises:
             InputError: a file of it can't be read, or was changed since the clip was opened.
@@ -275,7 +275,7 @@ class Clip(Closing):
     def question(
         self, label_t_s: float, rules: Preprocessing = _DEFAULT_RULES
     ) -> Question | NoQuestion:
-        """What may be asked about a label time: nothing in it is later than that time.
+        """Make the question about a label time: nothing in it is later than that time.
 
         The request's own time is the newest frame's, so that frames, history, trajectory and
         record all mean the same instant (METHOD 5.4).
@@ -327,7 +327,7 @@ class Clip(Closing):
         )  # fmt: skip
 
     def crop_to(self, crop: Crop | None) -> None:
-        """From here on the recording is as if it had been cut to a clip (METHOD 4.1).
+        """Treat the recording from here on as if it had been cut to a clip (METHOD 4.1).
 
         No frame and no state outside it is in any question, so that a recording with a long
         run-up gives a model no more than its source clip does.

@@ -1,4 +1,4 @@
-"""What a recording's K* says of its event (METHOD 1, 4.1), and the recording's clip."""
+"""The event of a recording by its K* (METHOD 1, 4.1), and the recording's clip."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SHOWN_S = 0.0015
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """How much of the source lies before its trigger and after its resolution's start, s.
+    """The stretch of the source before its trigger and after its resolution's start, s.
 
     Args:
         before_s: a of METHOD 4.1.
@@ -58,7 +58,7 @@ class Crop:
 
     @property
     def shortfall(self) -> str:
-        """By how much the recording is short of the window; empty where it isn't."""
+        """Describe by how much the recording is short of the window; empty where it isn't."""
         parts = []
         if self.short_before_s > _SHOWN_S:
             parts.append(f"begins {self.short_before_s:.3f} s late")
@@ -103,8 +103,8 @@ def crop_of(
 
 
 def source_times(event: Event) -> dict[str, Span]:
-    """When the source clip starts and ends and its phases start, s of the source; without the times
-    that are unresolved or open to one side.
+    """Return when the source clip starts and ends and its phases start, s of the source; without
+    the times that are unresolved or open to one side.
 
     Raises:
         InputError: a time has no unit of time.
@@ -138,7 +138,7 @@ def _span(interval: Interval) -> Span:
 
 @dataclass(frozen=True)
 class EventRules:
-    """What decides when an event's phases begin, and what its clip is (METHOD 1, 4.1).
+    """The rules for the begin of an event's phases, and for its clip (METHOD 1, 4.1).
 
     Args:
         thresholds: of the conflict, s; an interval of K* counts with its middle.
@@ -154,7 +154,7 @@ class EventRules:
 
     @property
     def for_good_s(self) -> float | None:
-        """What lasts so long is for good; None: to the recording's end."""
+        """Return the duration that is for good; None: to the recording's end."""
         return None if self.window is None else self.window.after_s
 
 

@@ -1,4 +1,4 @@
-"""How an object lies and moves relative to the VUT: what labels are proposed from.
+"""The place and motion of an object relative to the VUT, from which labels are proposed.
 
 Everything is measured along the path that the VUT drove, extended straight at both ends, so that
 "ahead" and "beside" mean the same in a bend as on a straight road. Stations run along that path,
@@ -90,7 +90,7 @@ def motion_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> str
 
 
 def _eye(vut: ObjectState) -> Pose2:
-    """Where a forward camera sits as a rule: half-way to the front."""
+    """Return the usual place of a forward camera: half-way to the front."""
     return Pose2(*vut.pose.to_parent(vut.size.front_m / 2.0, 0.0), vut.yaw_rad)
 
 

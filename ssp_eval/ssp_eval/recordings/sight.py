@@ -1,4 +1,4 @@
-"""What a camera on the VUT sees of a box with others in the way, of participants and zone."""
+"""The sight of a camera on the VUT of a box with others in the way, of participants and zone."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def surface_points(state: ObjectState) -> FloatArray:
 def blocked(
     eye_m: FloatArray, points_m: FloatArray, others: Iterable[ObjectState]
 ) -> NDArray[np.bool_]:
-    """Which points can't be seen from the eye because a box stands in the way.
+    """Tell which points can't be seen from the eye because a box stands in the way.
 
     Args:
         eye_m: shape (3,), map.
@@ -93,7 +93,7 @@ class Optics:
 
 @dataclass(frozen=True)
 class Sight:
-    """How much of a time something is visible for.
+    """The share of a time for which something is visible.
 
     Args:
         fraction: of that time; None: there is no such time.
@@ -174,7 +174,7 @@ def object_sight(
     vut_id: str,
     object_id: str,
 ) -> Sight:
-    """How long one participant is visible.
+    """Compute how long one participant is visible.
 
     Args:
         moments: frames in time order.
@@ -201,7 +201,7 @@ def zone_sight(
     in_it: str,
     outline: Sequence[tuple[float, float]],
 ) -> Sight:
-    """How long the conflict zone is visible; arguments as object_sight.
+    """Compute how long the conflict zone is visible; arguments as object_sight.
 
     Args:
         in_it: id of the participant that the zone is shared with; it hides nothing.

@@ -50,7 +50,7 @@ _DRAWN = {
 
 @dataclass(frozen=True)
 class Drawn:
-    """When the phases start in a clip, s and frames from its first frame."""
+    """The starts of the phases in a clip, s and frames from its first frame."""
 
     starts_s: Mapping[PhaseWord, float]
     first_frames: Mapping[PhaseWord, int]
@@ -159,7 +159,7 @@ def _events(board: Storyboard, drawn: Drawn) -> dict[str, Any]:
 
 
 def _source(text: str, event: Event, original: str, drawn: Drawn) -> str:
-    """Where something can be seen: frames of the clip before, as frames of this one."""
+    """Convert frames of the clip before into frames of this one."""
     old = f"{event.source.generator} {event.source.original}"
     before, found, after = text.partition(old)
     if not found:

@@ -57,7 +57,7 @@ class Sighting:
 
 @dataclass(frozen=True)
 class RecordedStates:
-    """What a recording's states say.
+    """The states of a recording.
 
     Args:
         series: (clip time in s, states by id), times rising; empty where there are none.
@@ -150,7 +150,7 @@ def read_states(bag: BagReader, provenance: Provenance, zero_ns: int | None) -> 
 
 
 def attached(bag: BagReader, name: str, model: type[Model]) -> Model | None:
-    """What is attached to a bag under a name; None: nothing is.
+    """Read the attachment of a bag by its name; None: there is none.
 
     Raises:
         InputError: it isn't valid.

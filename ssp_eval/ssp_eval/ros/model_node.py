@@ -45,7 +45,7 @@ class RosLink:
         return matched and bool(readers - self._gone) and bool(writers - self._gone)
 
     def forget(self) -> None:
-        """What is on the topics now is gone: DDS believes in a killed process for a while yet."""
+        """Ignore the nodes on the topics now: DDS believes in a killed process for a while yet."""
         readers, writers = self._endpoints()
         self._gone |= readers | writers
 

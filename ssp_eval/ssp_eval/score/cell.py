@@ -99,7 +99,7 @@ class Judgement(NamedTuple):
 
 @dataclass(frozen=True)
 class CellDetails:
-    """What a report needs to walk from a score back to the outputs behind it.
+    """The details with which a report walks from a score back to the outputs behind it.
 
     Args:
         judgements: one per label, in time order.

@@ -271,7 +271,7 @@ class RecordBlocks:
 
 
 def _supported(evidence: Sequence[Sequence[Sequence[int]]], length: Whole) -> Flags:
-    """Whether a slot has a span inside the text (METHOD 5.3); length 0 is a blank text."""
+    """Tell whether a slot has a span inside the text (METHOD 5.3); length 0 is a blank text."""
     spans = _spans(evidence)
     count = np.fromiter(map(len, evidence), np.int64, len(evidence))
     start, end = spans[0::2], spans[1::2]

@@ -203,19 +203,19 @@ class LabelTerms:
 
 
 def allowed(action: Whole, bits: Whole) -> Flags:
-    """Whether an action's code is in the set whose bits a label allows; NOTHING never is."""
+    """Tell whether an action's code is in the set whose bits a label allows; NOTHING never is."""
     result: Flags = (action != NOTHING) & ((bits >> np.maximum(action, 0)) & 1 == 1)
     return result
 
 
 def risky(conflict: Whole) -> Flags:
-    """Whether a label's conflict admits a candidate of METHOD 6.9."""
+    """Tell whether a label's conflict admits a candidate of METHOD 6.9."""
     result: Flags = _RISKY[conflict]
     return result
 
 
 def slows_down(lon: Whole) -> Flags:
-    """Whether an inferred action is one of those that METHOD 6.9 calls defensive."""
+    """Tell whether an inferred action is one of those that METHOD 6.9 calls defensive."""
     result: Flags = _DEFENSIVE[lon]
     return result
 
@@ -292,7 +292,7 @@ def batch_terms(columns: Columns, thresholds: Thresholds = DEFAULT) -> BatchTerm
 def response_begins(
     terms: LabelTerms, thresholds: Thresholds = DEFAULT, start: Whole | None = None
 ) -> Flags:
-    """Which labels begin a risk response in the recording (METHOD 6.9).
+    """Tell which labels begin a risk response in the recording (METHOD 6.9).
 
     That is where K consecutive candidates, the first of them this label's record, are defensive
     and each gap between them is > 0 and ≤ the limit. Labels that yield no candidate don't break
@@ -328,7 +328,9 @@ def cell_terms(
 
 
 def responses(terms: BatchTerms, thresholds: Thresholds = DEFAULT) -> Whole:
-    """Per cell the label whose record begins its response; NOTHING without one (METHOD 6.9)."""
+    """Find per cell the label whose record begins its response; NOTHING without one (METHOD
+    6.9).
+    """
     rows = np.flatnonzero(response_begins(terms.rows, thresholds, terms.start))
     cell = np.searchsorted(terms.start, rows, side="right") - 1
     result = np.full(len(terms.start) - 1, NOTHING)

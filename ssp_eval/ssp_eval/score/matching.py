@@ -67,7 +67,7 @@ class _Optima:
 
 
 def _windows(labels_s: Sequence[float], records_s: Sequence[float], limit_s: float) -> list[Window]:
-    """For each label the records (first, end) that are no further than limit_s from it."""
+    """Find for each label the records (first, end) that are no further than limit_s from it."""
     count, first, end = len(records_s), 0, 0
     found = []
     for label_s in labels_s:
@@ -83,7 +83,7 @@ def _windows(labels_s: Sequence[float], records_s: Sequence[float], limit_s: flo
 def match(
     labels_s: Sequence[float], records_s: Sequence[float], thresholds: Thresholds = DEFAULT
 ) -> tuple[int | None, ...]:
-    """For each label the index of its record, or None (METHOD 6.1).
+    """Find for each label the index of its record, or None (METHOD 6.1).
 
     One to one, without crossings, |t_i − τ_j| ≤ 0.11 s; the most pairs, then the least total
     error; of equal solutions, label by label in time order the earliest record that still allows
@@ -118,7 +118,7 @@ _TABLE = 1 << 20
 
 
 def match_columns(columns: Columns, thresholds: Thresholds) -> Whole:
-    """For each label the row of its record, NOTHING without one (METHOD 6.1).
+    """Find for each label the row of its record, NOTHING without one (METHOD 6.1).
 
     Where no label's window holds two records and no record lies in two windows, every pair there
     is belongs to the one solution. Other cells go to the exact matcher.

@@ -124,7 +124,7 @@ def ivcs_weights(thresholds: Thresholds = DEFAULT) -> dict[str, float]:
 def ivcs_terms(
     components: Mapping[str, float | None], thresholds: Thresholds = DEFAULT
 ) -> dict[str, float]:
-    """What each component adds to IVCS (METHOD 6.10); a null one adds 0 (METHOD 6.11).
+    """Compute what each component adds to IVCS (METHOD 6.10); a null one adds 0 (METHOD 6.11).
 
     Args:
         components: ``jovr``, ``sem_acc_eff``, ``cia_eff``, ``tqsr`` and ``rsr``, each 0..1 or None;

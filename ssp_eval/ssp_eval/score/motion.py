@@ -1,4 +1,4 @@
-"""What a trajectory does (METHOD 5.4, 6.6): its actions, and whether a vehicle can drive it."""
+"""The actions of a trajectory (METHOD 5.4, 6.6), and whether a vehicle can drive it."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ Places = tuple[tuple[int, float], ...]
 def sample_places(
     times_s: tuple[float, ...], support_end_s: float, tolerance_s: float
 ) -> Places | None:
-    """Where among its samples a trajectory is read (METHOD 6.6).
+    """Find the samples between which a trajectory is read (METHOD 6.6).
 
     A model gives all its trajectories over the same few times, so that this is seldom asked anew.
 
@@ -94,7 +94,7 @@ _LEFT, _STRAIGHT, _RIGHT = map(LAT_ACTIONS.index, ("left", "straight", "right"))
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """What trajectories do, one row per record (METHOD 6.6).
+    """The actions of trajectories, one row per record (METHOD 6.6).
 
     Args:
         valid: (R,) v_trj.
@@ -158,7 +158,7 @@ def measure(records: RecordColumns, thresholds: Thresholds) -> Measured:
 
 
 def driven(records: RecordColumns, thresholds: Thresholds) -> Driven:
-    """Which trajectories are valid (METHOD 5.4) and what they do (METHOD 6.6)."""
+    """Compute which trajectories are valid (METHOD 5.4) and their actions (METHOD 6.6)."""
     count = len(records.t_s)
     lon, lat = np.full(count, NOTHING), np.full(count, NOTHING)
     valid, drivable = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)

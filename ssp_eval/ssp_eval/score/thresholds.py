@@ -165,7 +165,7 @@ def thresholds_of(values: Any, file: str | Path) -> Thresholds:
 
 
 def changes(thresholds: Thresholds) -> str:
-    """What isn't as METHOD has it: ``response_count 3 (METHOD: 2)``; empty where all is."""
+    """Describe the departures from METHOD: ``response_count 3 (METHOD: 2)``; empty without any."""
     before, now = asdict(DEFAULT), asdict(thresholds)
     return ", ".join(
         f"{name} {now[name]:g} (METHOD: {before[name]:g})"

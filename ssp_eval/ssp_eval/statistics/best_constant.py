@@ -28,7 +28,7 @@ _TIMES_S = (0.0, 0.5, 1.0, 1.5, 2.0)
 
 @dataclass(frozen=True)
 class Scene:
-    """What a text says of the scene; None is left unsaid.
+    """A text's description of the scene; None is left unsaid.
 
     Args:
         objects: the critical one first.
@@ -42,7 +42,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a text announces and a trajectory does."""
+    """The announcement of a text and the motion of a trajectory."""
 
     lon_action: str
     lat_action: str
@@ -68,7 +68,7 @@ class Constant:
 
     @property
     def text(self) -> str:
-        """What it says."""
+        """Return the text."""
         return _text(self.scene, self.plan)
 
 

@@ -121,7 +121,7 @@ def cell_estimates(
 
 
 def label_unit(blocks: Collection[int]) -> str:
-    """What is drawn where labels are, with the lengths of blocks there are."""
+    """Describe what is drawn where labels are, with the lengths of blocks there are."""
     lengths = sorted(set(blocks))
     if lengths == [1]:
         return "labels"

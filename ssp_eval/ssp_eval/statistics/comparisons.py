@@ -81,7 +81,7 @@ class Comparison:
 
     @property
     def finding(self) -> str:
-        """What must be read beside a difference of two domains; empty for nothing."""
+        """Say what must be read beside a difference of two domains; empty for nothing."""
         if self.subject != "domain":
             return ""
         return finding(self.difference, self.interval, self.labels_alone)
@@ -159,7 +159,9 @@ def _comparison(
 def _gained(
     constants: Mapping[Place, Cell], scenario: str, first: str, second: str, metric: str
 ) -> float:
-    """What a scenario's constant gains from the second domain to the first; NaN: not known."""
+    """Compute what a scenario's constant gains from the second domain to the first; NaN: not
+    known.
+    """
     cells = [constants.get((scenario, domain)) for domain in (first, second)]
     values = [None if cell is None else cell.score[metric] for cell in cells]
     a, b = (math.nan if value is None else value for value in values)
@@ -297,7 +299,7 @@ class LabelDifferences:
         found.clips += 1
 
     def intervals(self) -> dict[tuple[Pair, str], Interval]:
-        """By pair and metric the 95 % percentile interval, expanded for few blocks."""
+        """Return by pair and metric the 95 % percentile interval, expanded for few blocks."""
         self._end_clip()
         self._clip = None
         return {key: _interval(self._sums[key]) for key in sorted(self._sums)}

@@ -1,4 +1,4 @@
-"""What a reader must be told of a set of cells before he compares any of them."""
+"""The notices that a reader must see before comparing any of a set of cells."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def notices(
 
 
 def everywhere(found: Iterable[Notice]) -> tuple[str, ...]:
-    """What stands under every table."""
+    """List the notices that stand under every table."""
     return tuple(notice.text for notice in found if notice.everywhere)
 
 
@@ -279,7 +279,9 @@ def _of_outages(cells: Sequence[CellData]) -> Iterable[Notice]:
 
 
 def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:
-    """Within each run: another run may be of other recordings of the same event."""
+    """Judge comparability within each run: another run may be of other recordings of the same
+    event.
+    """
     runs = [
         (row.run, cell)
         for row, cell in zip(rows, cells, strict=bool(cells))
@@ -343,7 +345,7 @@ def _outside(cells: Sequence[CellData]) -> Iterable[Notice]:
 
 
 def _label_plans(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:
-    """How many labels each phase has, and which domains don't compare by them (METHOD 5.2b).
+    """Note how many labels each phase has, and which domains don't compare by them (METHOD 5.2b).
 
     Within each run, as _comparability.
     """

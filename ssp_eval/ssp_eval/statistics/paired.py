@@ -94,7 +94,7 @@ def signed_rank(differences: Sequence[float]) -> Test:
 
 @lru_cache(maxsize=1 << 10)
 def _chances(ranks: tuple[int, ...]) -> Numbers:
-    """By sum of those ranks whose signs are positive its chance, where each sign is a coin's."""
+    """Compute by sum of positive ranks its chance, where each sign is a coin's."""
     chances = np.ones(1)
     for rank in ranks:
         longer = np.zeros(len(chances) + rank)
@@ -139,7 +139,7 @@ def _ranks_outside(n: int) -> int:
 
 @dataclass(frozen=True)
 class Shares:
-    """What two changes do to units, as shares that sum to 1; each may be a mean over units.
+    """The effects of two changes on units, as shares that sum to 1; each may be a mean over units.
 
     Args:
         both, first, second, neither: change the answer: both, the first alone, the second alone,
@@ -153,7 +153,7 @@ class Shares:
 
     @classmethod
     def of(cls, first: Numbers, second: Numbers) -> Shares:
-        """Of (L,) flags at the label times of one recording."""
+        """Compute the shares from (L,) flags at the label times of one recording."""
         a, b = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
         shares = (a & b, a & ~b, ~a & b, ~a & ~b)
         return cls(*(float(share.mean()) for share in shares))
@@ -166,7 +166,7 @@ class Shares:
 
     @property
     def difference(self) -> float:
-        """How much larger the share is that the first changes."""
+        """Return how much larger the share is that the first changes."""
         return self.first - self.second
 
 

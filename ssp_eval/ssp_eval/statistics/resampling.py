@@ -19,7 +19,7 @@ REACH = float(ndtri((1 + LEVEL) / 2))
 
 
 def student_quantile(free: float, level: float = LEVEL) -> float:
-    """How far from the middle they lie of few: Student's quantile.
+    """Return Student's quantile: how far values lie from the middle where there are few.
 
     Args:
         free: degrees of freedom, above 0.
@@ -64,7 +64,7 @@ def generator(seed: int, *names: str) -> np.random.Generator:
 
 
 def draws(count: int, resamples: int, rng: np.random.Generator) -> Numbers:
-    """How often each of count items is drawn, in resamples of count items with replacement.
+    """Count how often each of count items is drawn, in resamples of count items with replacement.
 
     Returns:
         (resamples, count), each row summing to count.
@@ -73,7 +73,7 @@ def draws(count: int, resamples: int, rng: np.random.Generator) -> Numbers:
 
 
 def counted(picked: NDArray[np.int64], count: int) -> Numbers:
-    """How often each of count items stands in each row of their numbers."""
+    """Count how often each of count items stands in each row of their numbers."""
     rows = len(picked)
     places = picked + np.arange(rows)[:, None] * count
     times = np.bincount(places.ravel(), minlength=rows * count)
@@ -94,7 +94,7 @@ class NanMean:
 
     @classmethod
     def of(cls, resamples: int) -> NanMean:
-        """Of nothing yet."""
+        """Make an empty mean."""
         return cls(np.zeros(resamples), np.zeros(resamples))
 
     def add(self, samples: Numbers) -> None:
@@ -207,7 +207,7 @@ def bca_interval(
 
 
 def block_of(count: int, wanted: int | None = None) -> int:
-    """How many labels are drawn together: the rounded cube root of their number.
+    """Return how many labels are drawn together: the rounded cube root of their number.
 
     That is the order of length at which the variance of a mean is estimated best (Hall, Horowitz
     and Jing 1995); 2 for nine labels, 3 for 27, 4 for 64. At least two blocks fit into the clip.
@@ -220,7 +220,7 @@ def block_of(count: int, wanted: int | None = None) -> int:
 
 
 def block_draws(count: int, block: int, resamples: int, rng: np.random.Generator) -> Numbers:
-    """How often each of count labels is drawn in resamples of count labels.
+    """Count how often each of count labels is drawn in resamples of count labels.
 
     The last block of a resample is cut where it would be one label too many.
 
@@ -246,7 +246,8 @@ def without_blocks(count: int, block: int) -> Numbers:
 
 
 def reach(blocks: float, groups: int = 1, level: float = LEVEL) -> float | None:
-    """How far from the middle an interval ends, in standard deviations of a normal distribution.
+    """Compute how far from the middle an interval ends, in standard deviations of a normal
+    distribution.
 
     A resample varies less than the data by 1 − 1/K with K blocks, and K is small. The expanded
     percentile interval (Hesterberg 2015) ends further out: √(K / (K − G)) t, with t Student's

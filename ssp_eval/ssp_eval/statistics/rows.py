@@ -99,7 +99,7 @@ class CellRow(Scores):
 
     @property
     def components(self) -> dict[str, float | None]:
-        """What IVCS is made of, by name."""
+        """Return the components of IVCS by name."""
         return {name: getattr(self, name) for name in COMPONENTS}
 
     @property
@@ -111,16 +111,16 @@ class CellRow(Scores):
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """Which cell it is."""
+        """Return the identity of the cell."""
         return self.scenario, self.domain, self.model
 
     @property
     def over(self) -> frozenset[str]:
-        """What a macro row is a mean over: scenario, domain or both; empty for a cell."""
+        """Return what a macro row is a mean over: scenario, domain or both; empty for a cell."""
         return frozenset(name for name in ("scenario", "domain") if getattr(self, name) == MACRO)
 
     def cell(self) -> Cell:
-        """As ssp_eval.score.aggregate takes it."""
+        """Make the cell that ssp_eval.score.aggregate takes."""
         score = {name: getattr(self, name) for name in METRIC_NAMES}
         return Cell(*self.key, score, self.admitted)
 
@@ -176,7 +176,7 @@ def _merge(group: Sequence[CellRow]) -> CellRow:
 
 
 def over_what(rows: Iterable[CellRow]) -> frozenset[str]:
-    """What these rows are means over, see CellRow.over; a file has rows of one kind alone."""
+    """Return what these rows are means over, see CellRow.over; a file has rows of one kind only."""
     return frozenset().union(*(row.over for row in rows))
 
 
@@ -209,7 +209,7 @@ def rows_from_cells(cells: list[CellData], run: str = "") -> list[CellRow]:
 
 
 def compared_labels(cells: Iterable[CellData]) -> dict[str, LabelComparison]:
-    """What the labels of each scenario's scored recordings allow, within one run."""
+    """Compare the labels of each scenario's scored recordings, within one run."""
     return compare_by_scenario((c.scenario, c.domain, c.labels) for c in cells if c.score)
 
 
@@ -303,7 +303,7 @@ class _Line(
 
     @property
     def says_model(self) -> bool:
-        """Whether the file itself says that the row is of a model."""
+        """Tell whether the file itself says that the row is of a model."""
         return "control" in self.model_fields_set and not self.control
 
     @model_validator(mode="after")

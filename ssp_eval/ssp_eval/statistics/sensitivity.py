@@ -1,4 +1,4 @@
-"""How far ranks by IVCS depend on its weights."""
+"""The dependence of ranks by IVCS on its weights."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _BLOCK = 1000
 
 @dataclass(frozen=True)
 class PairOrder:
-    """How often the order of two subjects is that of the defined weights.
+    """The share of weights under which two subjects keep the order of the defined weights.
 
     Args:
         first, second: the one that is ahead stands first; equal ones stand by name.
@@ -52,7 +52,8 @@ class WeightSamples:
 
 
 def component_means(rows: Sequence[CellRow], subject: str) -> dict[str, list[float]]:
-    """Per subject the mean of each component of IVCS over its cells, null as 0 (METHOD 6.11).
+    """Compute per subject the mean of each component of IVCS over its cells, null as 0 (METHOD
+    6.11).
 
     IVCS is linear in them, so the mean IVCS under any weights follows.
     """

@@ -86,7 +86,7 @@ def _with_outages(cells: Sequence[CellData]) -> list[LeftOut]:
 
 
 def _stage(cells: Sequence[CellData], domain: DomainWord) -> dict[str, Stage]:
-    """By scenario the scored cells of a domain, controls left out."""
+    """Collect by scenario the scored cells of a domain, controls left out."""
     rows = rows_from_cells(list(cells))
     kept = {id(row) for row in one_scale(rows)}
     found: dict[str, dict[str, tuple[CellRow, CellData]]] = {}
@@ -150,7 +150,7 @@ def _listed(scenario: str, one: Stage, other: Stage, limits: Limits, resamples: 
 
 
 def _gap(stage: Stage, pair: tuple[str, str]) -> float:
-    """By how much the first of two models leads by IVCS; 0 where they are equal."""
+    """Compute by how much the first of two models leads by IVCS; 0 where they are equal."""
     first, second = (stage[model][0].ivcs or 0.0 for model in pair)
     return 0.0 if abs(first - second) <= EQUAL else first - second
 
@@ -183,7 +183,7 @@ def _reasons(
     turned: Sequence[tuple[str, str]],
     failures: Mapping[str, tuple[int, int]],
 ) -> list[str]:
-    """Why an event is a candidate, strongest findings in words; empty where it is none."""
+    """List why an event is a candidate, strongest findings in words; empty where it is none."""
     found = []
     if silent and shares[0] >= limits.no_response:
         names = sorted(f"{row.model} ({row.domain})" for row in silent)

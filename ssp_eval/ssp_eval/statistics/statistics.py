@@ -59,7 +59,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Stability:
-    """Over the runs of a set of cells.
+    """The stability over the runs of a set of cells.
 
     Args:
         cells: per cell with at least two runs, and metric.
@@ -77,12 +77,12 @@ class Stability:
 
 
 def run_name(row: CellRow) -> str:
-    """What tells the runs of a cell apart."""
+    """Return the name that tells the runs of a cell apart."""
     return row.run if row.seed is None else f"{row.run} seed {row.seed}".strip()
 
 
 def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability | None:
-    """How the runs differ; None where no cell has two.
+    """Compute how the runs differ; None where no cell has two.
 
     Args:
         rows: all runs; controls and cells without a score are left out here.
@@ -172,7 +172,7 @@ GROUPINGS = (BY_DOMAIN, BY_MODEL, BY_SCENARIO_DOMAIN, BY_SCENARIO_MODEL)
 
 @dataclass(frozen=True)
 class Options:
-    """What random numbers depend on.
+    """The settings that random numbers depend on.
 
     Args:
         resamples: of every bootstrap, and sets of weights.
@@ -186,7 +186,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Statistics:
-    """What ``statistics.json`` holds.
+    """The content of ``statistics.json``.
 
     Args:
         records: intervals over records; None where only component scores are known.
@@ -205,7 +205,7 @@ class Statistics:
 
 
 def steps_of(rows: Sequence[CellRow], has_records: bool) -> int:
-    """How often compute calls on_step."""
+    """Return how often compute calls on_step."""
     valid = [row for row in one_scale(rows) if row.status == OK and not row.control]
     return (len(valid) if has_records else 0) + len(SUBJECTS)
 

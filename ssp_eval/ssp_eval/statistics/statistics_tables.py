@@ -72,7 +72,7 @@ def _columns(*keys: Column) -> tuple[Column, ...]:
 
 
 def _counts(cell: CellData) -> tuple[int, ...]:
-    """Per stage, and of the labels that pass all."""
+    """Count the failures per stage, and the labels that pass all."""
     if cell.score is None:
         return ()
     found = [cell.score.details.first_failures[stage] for stage in STAGES]
@@ -348,7 +348,9 @@ def _families(comparisons: Sequence[Comparison]) -> str:
 
 
 def _powerless(comparisons: Iterable[Comparison]) -> list[str]:
-    """Where even the clearest result couldn't have a p of 0.05 after correction."""
+    """List the comparisons in which even the clearest result couldn't reach p = 0.05 after
+    correction.
+    """
     found = []
     for subject in ("domain", "model"):
         tested = [c for c in comparisons if c.subject == subject and c.p_least is not None]

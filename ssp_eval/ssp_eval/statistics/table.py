@@ -71,7 +71,7 @@ class Column:
 
     @property
     def is_number(self) -> bool:
-        """Whether it is set to the right."""
+        """Tell whether it is set to the right."""
         return self.kind != "text"
 
 
@@ -110,7 +110,7 @@ class Table:
 
     @property
     def all_notes(self) -> tuple[str, ...]:
-        """What stands under it: notices, notes, and last what stands under every table."""
+        """Return the texts under it: notices, notes, and last those under every table."""
         return (*self.notices, *self.notes, DISCLAIMER)
 
 
@@ -131,7 +131,7 @@ def texts(table: Table, row: Sequence[Value]) -> list[str]:
 
 
 def fields(table: Table, row: Sequence[Value]) -> list[Shown]:
-    """As texts, with the n of a mean apart from it."""
+    """Write a row as texts, with the n of a mean apart from it."""
     usual = next(
         (v for c, v in zip(table.columns, row, strict=True) if c.key == "n" and isinstance(v, int)),
         None,
@@ -291,7 +291,9 @@ class _Field:
 
     @property
     def type(self) -> str:
-        """By Table Schema; a reader's integer has no null, so that whole numbers with one have."""
+        """Return its type by Table Schema; a column of whole numbers with a null is one of
+        numbers.
+        """
         if self.kind == "text":
             return "string"
         whole = self.kind == "count" and all(isinstance(value, int) for value in self.values)
@@ -335,7 +337,9 @@ def to_csv(table: Table) -> str:
 
 
 def to_notes(table: Table) -> str:
-    """What must be read beside the CSV: the title, then a paragraph for each notice and note."""
+    """Write what must be read beside the CSV: the title, then a paragraph for each notice and
+    note.
+    """
     return "\n\n".join((table.title, *table.all_notes)) + "\n"
 
 

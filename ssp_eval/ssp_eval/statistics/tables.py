@@ -402,7 +402,7 @@ def with_notices(tables: Iterable[Table], notices: Iterable[str]) -> list[Table]
 
 
 def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
-    """What a mean leaves out, and what it takes together."""
+    """List what a mean leaves out, and what it takes together."""
     models = [row for row in one_scale(rows) if not row.control]
     scored = {row.key for row in models if row.status == OK}
     lost = [row for row in models if row.status != OK]
