@@ -14,7 +14,7 @@ from ssp_core.errors import InputError
 from ssp_core.hashing import BLOCK_BYTES, sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.model_client import ModelReply
+from ssp_eval.evaluate.model_replies import ModelReply
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.recordings import clip as bag_content
 from ssp_eval.recordings.clip import BagContent

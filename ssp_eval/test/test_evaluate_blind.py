@@ -14,7 +14,8 @@ from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import model_specs, reasoned
-from ssp_eval.evaluate.model_client import InProcessClients, ModelReply
+from ssp_eval.evaluate.model_client import InProcessClients
+from ssp_eval.evaluate.model_replies import ModelReply
 from ssp_eval.evaluate.models import (
     BLIND,
     as_attached,

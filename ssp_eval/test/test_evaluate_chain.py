@@ -19,15 +19,9 @@ from ssp_eval.demo import imperfect_controls
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
 from ssp_eval.evaluate.executors import Settings
-from ssp_eval.evaluate.model_client import (
-    InProcessClients,
-    Loss,
-    ModelClient,
-    ModelClients,
-    ModelReply,
-    ModelSpec,
-)
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.model_client import InProcessClients, ModelClient, ModelClients
+from ssp_eval.evaluate.model_replies import Loss, ModelReply
+from ssp_eval.evaluate.models import ModelSpec, bridge_spec
 from ssp_eval.evaluate.run import asking, show
 from ssp_eval.report.page import write_report
 from ssp_eval.score.cell import score_cell

@@ -23,7 +23,8 @@ from ssp_eval.evaluate.conditions import (
     shuffled,
     under,
 )
-from ssp_eval.evaluate.model_client import ClientsWithAnswerers, ModelReply
+from ssp_eval.evaluate.model_client import ClientsWithAnswerers
+from ssp_eval.evaluate.model_replies import ModelReply
 from ssp_eval.evaluate.models import (
     ANSWERERS,
     BLACK,

@@ -16,7 +16,8 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.cli import driving_before
 from ssp_eval.evaluate.conditions import other_label_time
-from ssp_eval.evaluate.model_client import InProcessClients, Loss
+from ssp_eval.evaluate.model_client import InProcessClients
+from ssp_eval.evaluate.model_replies import Loss
 from ssp_eval.evaluate.models import ModelSpec, bridge_spec, with_controls
 from ssp_eval.report.page import write_report
 

@@ -23,7 +23,7 @@ from ssp_eval.evaluate.corruptions import (
     is_lost,
     plain_like,
 )
-from ssp_eval.evaluate.model_client import ModelReply
+from ssp_eval.evaluate.model_replies import ModelReply
 from ssp_eval.evaluate.models import (
     CORRUPTIONS,
     DROPPED,

@@ -242,7 +242,7 @@ def _there(group: int) -> bool:
 SLOW = """
 import signal, sys, time
 from pathlib import Path
-from ssp_eval.evaluate.model_client import InProcessClients
+from ssp_eval.evaluate.model_client import (InProcessClients)
 from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.run import run_parallel

@@ -13,7 +13,7 @@ from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import reasoned
-from ssp_eval.evaluate.model_client import ModelReply
+from ssp_eval.evaluate.model_replies import ModelReply
 from ssp_eval.evaluate.models import (
     ModelSpec,
     attached_spec,

@@ -16,10 +16,10 @@ from typing import Any
 import pytest
 
 from ssp_core.processes import free_domain, session_environment
+from ssp_eval.evaluate.bridges import PROFILE, TopicClients
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
-from ssp_eval.evaluate.model_client import PROFILE, TopicClients
 from ssp_eval.evaluate.models import ModelSpec
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

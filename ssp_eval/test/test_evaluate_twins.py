@@ -22,7 +22,8 @@ from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.executors import Job, JobRunner, Settings
-from ssp_eval.evaluate.model_client import InProcessClients, ModelReply
+from ssp_eval.evaluate.model_client import InProcessClients
+from ssp_eval.evaluate.model_replies import ModelReply
 from ssp_eval.evaluate.models import ModelSpec, bridge_spec, with_controls
 from ssp_eval.evaluate.requests import key_of
 from ssp_eval.evaluate.results import load_cells, load_facts

@@ -22,11 +22,8 @@ from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import Verdict
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.model_client import (
-    InProcessClients,
-    Loss,
-    ModelReply,
-)
+from ssp_eval.evaluate.model_client import InProcessClients
+from ssp_eval.evaluate.model_replies import Loss, ModelReply
 from ssp_eval.evaluate.models import ModelFacts, ModelSpec, bridge_spec
 from ssp_eval.evaluate.results import load_cells, request_lines
 from ssp_eval.figures.projection import overlay, project, top_view

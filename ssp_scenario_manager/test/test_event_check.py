@@ -24,7 +24,9 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.site import LIBRARY
-from ssp_scenario_manager.run.in_process import InProcessSession, run_in_process, why_not
+from ssp_scenario_manager.run.feasibility import why_not
+from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.session import outbox

@@ -141,7 +141,7 @@ import sys
 for name in ("rclpy", "ssp_msgs", "libsumo"):
     sys.modules[name] = None
 from ssp_core.run_file.model import load_run
-from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_scenario_manager.run.in_process import (run_in_process)
 print(run_in_process(load_run({str(tmp_path / "run.json")!r}))[0].verdict.name)
 import ssp_scenario_manager.cli.faults
 import ssp_scenario_manager.cli.run

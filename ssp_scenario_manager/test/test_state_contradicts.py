@@ -14,7 +14,7 @@ from ssp_core.safety.start_heading import UNKNOWN_AT_REST
 from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_core.world.plant import ManagerUpdate, Plant, StepReport, make_plant
 from ssp_scenario_manager.compile.targets.folder import prepare_run
-from ssp_scenario_manager.run.in_process import InProcessSession
+from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.session.outbox import StateChanged, Triggered
 from ssp_scenario_manager.session.state_machine import STANDSTILL_GIVEN_UP
 

@@ -9,7 +9,8 @@ import pytest
 from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_core.vocabulary import Verdict
-from ssp_scenario_manager.run.in_process import InProcessSession, run_in_process
+from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.session import outbox
 from tests.support.adaptation import (
     NOISE,

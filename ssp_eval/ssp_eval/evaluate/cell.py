@@ -26,14 +26,8 @@ from ssp_eval.evaluate.cell_file import (
 )
 from ssp_eval.evaluate.conditions import question_under
 from ssp_eval.evaluate.design import stages_of
-from ssp_eval.evaluate.model_client import (
-    PASSING,
-    IgnoredAnswers,
-    Loss,
-    ModelClient,
-    ModelClients,
-    loss_of,
-)
+from ssp_eval.evaluate.model_client import ModelClient, ModelClients
+from ssp_eval.evaluate.model_replies import PASSING, IgnoredAnswers, Loss, loss_of
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.raw_store import RawStore, check_unchanged
 from ssp_eval.evaluate.requests import AnswerKeys, Asked, new_request_id
@@ -57,7 +51,7 @@ class CellOptions:
         adapter: that reads the raw answers; empty: each model's own.
         fresh: ask again even where an answer is stored.
         retry_errors: ask again at most this often after an error that may pass
-            (model_client.PASSING).
+            (model_replies.PASSING).
         retry_pause_s: before the first of these; doubled from each to the next, to 30 s at most.
     """
 

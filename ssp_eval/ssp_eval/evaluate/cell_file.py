@@ -15,7 +15,7 @@ from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.data.labels import Labels, phase_counts
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
-from ssp_eval.evaluate.model_client import MOST_REASON, OUTAGE, IgnoredAnswers, Loss, settings_of
+from ssp_eval.evaluate.model_replies import MOST_REASON, OUTAGE, IgnoredAnswers, Loss, settings_of
 from ssp_eval.evaluate.models import CONDITION_SEED, ModelSpec
 from ssp_eval.evaluate.requests import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Asked
 from ssp_eval.extract.combined.extractor import Extractor
@@ -136,7 +136,7 @@ class CellResult:
     Args:
         reasons: of a refusal or failure, the primary one first.
         score: METHOD 6.14, None unless ok.
-        losses: label times without an answer, counted by kind (model_client.Loss).
+        losses: label times without an answer, counted by kind (model_replies.Loss).
         admission: admitted, refused, unpaired or unaudited (admission.py).
         admission_reasons: of a refusal, or why an audit of the recording doesn't hold any more.
         condition: under which the model was asked; empty: none.

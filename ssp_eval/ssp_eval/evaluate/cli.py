@@ -17,7 +17,6 @@ from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CELL_FILE, CELLS
 from ssp_eval.evaluate.executors import Settings
-from ssp_eval.evaluate.model_client import CONNECT_S
 from ssp_eval.evaluate.models import (
     ANSWERERS,
     PICTURES,
@@ -40,6 +39,7 @@ from ssp_eval.evaluate.run import (
     run_parallel,
     show,
 )
+from ssp_eval.evaluate.topic_client import CONNECT_S
 from ssp_eval.extract.combined.options import extractor_of, llm_options
 from ssp_eval.score.thresholds import OTHER_THRESHOLDS, changes, load_thresholds, thresholds_option
 

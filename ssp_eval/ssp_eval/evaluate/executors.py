@@ -24,16 +24,13 @@ from ssp_core.processes import die_with_parent
 from ssp_core.terminal import ignore_stop_signals
 from ssp_eval.data.labels import labels_version
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
+from ssp_eval.evaluate.bridges import TopicClients
 from ssp_eval.evaluate.campaign import labelled_clip
 from ssp_eval.evaluate.cell import CellOptions, evaluate_again
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip
-from ssp_eval.evaluate.model_client import (
-    CONNECT_S,
-    ClientsWithAnswerers,
-    ModelClients,
-    TopicClients,
-)
+from ssp_eval.evaluate.model_client import ClientsWithAnswerers, ModelClients
 from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.topic_client import CONNECT_S
 from ssp_eval.evaluate.twin_clips import with_twins
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip

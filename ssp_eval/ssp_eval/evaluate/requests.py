@@ -11,7 +11,7 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file, sha256_json
-from ssp_eval.evaluate.model_client import Loss
+from ssp_eval.evaluate.model_replies import Loss
 from ssp_eval.evaluate.models import CONDITION_SEED, ModelSpec
 from ssp_vla_bridge.backend import telling_options
 from ssp_vla_bridge.backends.python import split

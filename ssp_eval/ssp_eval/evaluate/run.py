@@ -16,6 +16,7 @@ from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import labels_version
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.admission import ADMITTED, REFUSED, UNAUDITED, Admission, keep_audits
+from ssp_eval.evaluate.bridges import TopicClients
 from ssp_eval.evaluate.campaign import (
     NO_CONTROLS,
     Plan,
@@ -28,7 +29,7 @@ from ssp_eval.evaluate.cell import fail_cell
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers, losses_text
 from ssp_eval.evaluate.design import series_of
 from ssp_eval.evaluate.executors import Job, Settings, import_ray, run_pool, run_ray
-from ssp_eval.evaluate.model_client import ClientsWithAnswerers, TopicClients
+from ssp_eval.evaluate.model_client import ClientsWithAnswerers
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.score.cli import format_response
 from ssp_eval.score.metrics import COMPONENTS, METRIC_LABELS

@@ -17,13 +17,8 @@ from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.model_client import (
-    IgnoredAnswers,
-    InProcessClients,
-    Loss,
-    ModelClient,
-    ModelReply,
-)
+from ssp_eval.evaluate.model_client import InProcessClients, ModelClient
+from ssp_eval.evaluate.model_replies import IgnoredAnswers, Loss, ModelReply
 from ssp_eval.evaluate.models import ModelSpec, bridge_spec
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import content_id, load_table, object_path

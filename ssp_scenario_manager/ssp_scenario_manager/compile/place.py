@@ -33,7 +33,7 @@ from ssp_scenario_manager.compile.task import (
 from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.maps.block import Block
-from ssp_scenario_manager.run.in_process import why_not
+from ssp_scenario_manager.run.feasibility import why_not
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,
     CannotPlace,

@@ -33,7 +33,8 @@ from ssp_scenario_manager.faults.evidence import (
 from ssp_scenario_manager.faults.judge import Judged, Nominal, fault_of, judge, nominal_of
 from ssp_scenario_manager.faults.matrix import Cell, Expected, NotApplicable, Row, Stage
 from ssp_scenario_manager.run.faults import NEED_PROCESSES
-from ssp_scenario_manager.run.in_process import InProcessSession, Record, judged
+from ssp_scenario_manager.run.in_process import Record, judged
+from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.run.result import Happened
 from ssp_scenario_manager.run.sweep import for_one_process
 from ssp_scenario_manager.session import outbox

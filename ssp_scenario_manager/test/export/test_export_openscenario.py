@@ -29,7 +29,7 @@ from ssp_scenario_manager.compile.targets.foreseen import PLAYER_LAG_S
 from ssp_scenario_manager.compile.targets.openscenario import ACT_DELAY_S, export_openscenario
 from ssp_scenario_manager.compile.targets.ramps import legs, matched
 from ssp_scenario_manager.compile.task import PlaceLink, Task, sealed
-from ssp_scenario_manager.run.in_process import driven
+from ssp_scenario_manager.run.feasibility import driven
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 # The others write nothing on a bend that these don't.

@@ -19,7 +19,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.compile.targets.ramps import Ramp
-from ssp_scenario_manager.run.in_process import driven
+from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.triggers.conditions import condition_text
 
 # A player looks at time conditions once per step, and a step of esmini is 10 ms: half of one before

@@ -1,0 +1,239 @@
+"""The session against a plant in the same process: commands, steps, reports and sent facts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+from ssp_core import names
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.motion.reference import Reference
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.arming import Facts
+from ssp_core.safety.link_quality import LinkEstimate
+from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_core.world.plant import FaultFact, ManagerUpdate, Plant, StepReport
+from ssp_scenario_manager.run.faults import ARMED_HOLD_S, strikes_armed
+from ssp_scenario_manager.session import limits, outbox
+from ssp_scenario_manager.session.run_script import RunScript
+from ssp_scenario_manager.session.session import Session
+from ssp_scenario_manager.session.state_machine import SessionEvent
+from ssp_scenario_manager.session.supervision import AbortWatch, LivenessMonitor
+
+WHO = "run_scenario"
+HOLD_NS = seconds_to_ns(0.1)
+# A session that is over while something still rolls is watched for so long.
+ROLL_OUT_S = 20.0
+_OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
+
+OnReport = Callable[[StepReport], None]
+
+
+def _ignore(_: StepReport) -> None:
+    pass
+
+
+Fact = TypeVar("Fact", bound=outbox.Outgoing)
+
+
+class InProcessSession:
+    """One run of one session. ``run`` may be called once.
+
+    Args:
+        on_report: is given every report of the running world.
+        on_hold: is given every report of the world that holds.
+
+    Attributes:
+        sent: everything that the session sent, in its order.
+        faults: that began or ended.
+    """
+
+    def __init__(
+        self,
+        spec: RunSpec,
+        plant: Plant,
+        on_report: OnReport = _ignore,
+        on_hold: OnReport = _ignore,
+    ) -> None:
+        self.session = Session()
+        self.sent: list[outbox.Outgoing] = []
+        self.faults: list[FaultFact] = []
+        self.problems: tuple[str, ...] = ()
+        self._spec = spec
+        self._plant = plant
+        self._on_report = on_report
+        self._on_hold = on_hold
+        self._now_ns = 0
+        self._steady_ns = 0
+        self._abort = AbortWatch()
+        self._armed_ns: int | None = None
+        self._script = RunScript("", 0)
+        self._liveness = LivenessMonitor()
+        self._links: dict[str, LinkEstimate] = {}
+        self._fresh: list[Reference] = []
+        self._aborts = [fault for fault in spec.faults if fault.kind == "operator_abort"]
+
+    def run(self) -> None:
+        """Loads, connects, arms, starts, and steps until everything is over."""
+        self._prepare()
+        if self.session.state is SessionPhase.RUNNING:
+            self._play()
+
+    # -- before the start ----------------------------------------------------------------------
+
+    def _prepare(self) -> None:
+        session, script = self.session, self._script
+        while True:
+            wish = script.next(session.state, self._steady_ns)
+            if wish is SessionEvent.START and self._holds_armed():
+                wish = None
+            if wish is SessionEvent.LOAD:
+                script.on_answer(session.load(self._spec, 0))
+            elif wish is not None:
+                session.facts = self._facts()
+                script.on_answer(session.command(wish, self._now_ns, WHO, ""))
+            self._flush()
+            if session.state is SessionPhase.ARMED:
+                self._abort_by_operator(None)
+            if session.state is SessionPhase.RUNNING or script.finished:
+                break
+            self._steady_ns += HOLD_NS
+            report = self._plant.hold(self._word())
+            self._on_hold(report)
+            self._take(report)
+            if session.state in (SessionPhase.ARMED, SessionPhase.ABORTING):
+                session.step(self._now_ns)
+                self._flush()
+            if session.state in _OVER or self._waits_in_vain():
+                break
+        self.problems = script.problems
+
+    def _holds_armed(self) -> bool:
+        """A session with a fault in it before the start is held, for the limits that apply to it.
+
+        It counts from when every object says that it is armed, which is when the faults begin.
+        """
+        states = [self.session.targets.get(t.id) for t in self._spec.targets]
+        if not strikes_armed(self._spec):
+            return False
+        if self._armed_ns is None and all(
+            state is not None and state.control_state is ControlState.ARMED for state in states
+        ):
+            self._armed_ns = self._steady_ns
+        waited_ns = 0 if self._armed_ns is None else self._steady_ns - self._armed_ns
+        return waited_ns < seconds_to_ns(ARMED_HOLD_S)
+
+    def _facts(self) -> Facts:
+        """Ages as the node measures them, counted in holds."""
+        heard = self._liveness.facts(self._spec, self._steady_ns)
+        return replace(
+            Facts.of_one_process(self._spec),
+            ages_s={**heard.ages_s, names.MONITOR: 0.0, names.FRONT_CAMERA: 0.0},
+            links=dict(self._links),
+        )
+
+    # -- while it runs -------------------------------------------------------------------------
+
+    def _play(self) -> None:
+        over_since_ns: int | None = None
+        while True:
+            report = self._plant.advance(self._word())
+            self._on_report(report)
+            if not report.running:
+                self.faults += report.faults
+                return
+            self._steady_ns += report.now_ns - self._now_ns
+            self._take(report)
+            self._abort_by_operator(report.now_ns)
+            self.session.step(self._now_ns)
+            self._flush()
+            if self._waits_in_vain():
+                return
+            if self.session.state in _OVER:
+                over_since_ns = over_since_ns or self._now_ns
+                if ns_to_seconds(self._now_ns - over_since_ns) > ROLL_OUT_S:
+                    return
+
+    def _waits_in_vain(self) -> bool:
+        """An abort whose end nobody reports: of what is not heard no standstill is known."""
+        in_vain = self._abort.unconfirmed(
+            self.session, self._liveness, self._steady_ns, self._now_ns
+        )
+        if in_vain:
+            self.session.give_up_on_standstill(self._now_ns)
+            self._flush()
+        return in_vain
+
+    def _take(self, report: StepReport) -> None:
+        session = self.session
+        self._now_ns = report.now_ns
+        self.faults += report.faults
+        self._liveness.hear(names.SIL_WORLD, self._steady_ns)
+        for state in (*report.vut_states, *report.target_states):
+            self._liveness.hear(state.object_id, self._steady_ns)
+        for state in report.vut_states:
+            session.on_vut_state(state)
+        for state in report.target_states:
+            session.on_target_state(state)
+        for link in report.links:
+            self._links[link.object_id] = LinkEstimate(
+                link.offset_s, link.delay_s, 0.0 if math.isfinite(link.delay_s) else math.inf
+            )
+        for ack in report.acks:
+            session.on_ack(
+                ack.reference_id, ack.accepted, ack.error_code, ack.error_msg, ack.stamp_ns
+            )
+            self._flush()
+        for seen in report.limits:
+            of_other = f"seen by {seen.source}"
+            session.fail(
+                limits.Violation(
+                    seen.code,
+                    seen.object_id,
+                    seen.measured,
+                    seen.limit,
+                    seen.stamp_ns,
+                    of_other,
+                    words=seen.words,
+                ),
+                announced=True,
+            )
+            self._flush()
+
+    def _abort_by_operator(self, now_ns: int | None) -> None:
+        """Those aborts that are due: with None, the ones of the armed session."""
+        for fault in list(self._aborts):
+            at_s = fault.at_s
+            if at_s is None or (now_ns is not None and now_ns >= seconds_to_ns(at_s)):
+                self._aborts.remove(fault)
+                self.session.command(SessionEvent.ABORT, self._now_ns, "operator", "injected fault")
+                self._flush()
+
+    # -- sending -------------------------------------------------------------------------------
+
+    def _word(self) -> ManagerUpdate:
+        references, self._fresh = tuple(self._fresh), []
+        return ManagerUpdate(self.session.state, self._now_ns, references)
+
+    def _flush(self) -> None:
+        while self.session.outbox:
+            fact = self.session.outbox.pop(0)
+            self.sent.append(fact)
+            if isinstance(fact, Reference):
+                self._fresh.append(fact)
+            elif isinstance(fact, outbox.ObjectCommand):
+                self._command_objects(fact)
+
+    def of_kind(self, kind: type[Fact]) -> list[Fact]:
+        """List the facts of one kind that the session sent, in its order."""
+        return [fact for fact in self.sent if isinstance(fact, kind)]
+
+    def _command_objects(self, command: outbox.ObjectCommand) -> None:
+        for target in self._spec.targets:
+            refusal = self._plant.command(target.id, command.value, self._spec.event_version)
+            if refusal and command is outbox.ObjectCommand.ARM:
+                reason = f"{target.id} refused: {refusal}"
+                self._script.on_setback(reason)
+                self.session.arming_failed(self._now_ns, reason)
