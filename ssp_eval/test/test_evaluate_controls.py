@@ -38,19 +38,20 @@ OK = CellResult(Path(), "s", "d", "m", "ok", (), {}, 9, 0, {}, "admitted")
         ),
         (
             Plan(63, 7, 63, 36, 18),
-            "7 cells, 63 questions; of these 54 for controls: 18 to the models once more, with "
-            "spoilt frames, 36 to answerers of our own (--no-controls leaves them out)",
+            "7 cells, 63 questions; of these 54 for controls: 18 repeat the models' "
+            "questions with spoilt frames, 36 go to the built-in answerers "
+            "(--no-controls leaves them out)",
         ),
         (
             Plan(27, 3, 27, 0, 18),
-            "3 cells, 27 questions; of these 18 for controls: 18 to the models once more, with "
-            "spoilt frames (--no-controls leaves them out)",
+            "3 cells, 27 questions; of these 18 for controls: 18 repeat the models' "
+            "questions with spoilt frames (--no-controls leaves them out)",
         ),
         (
             Plan(153, 17, 153, 0, 18, 117),
-            "17 cells, 153 questions; of these 18 for controls: 18 to the models once more, with "
-            "spoilt frames (--no-controls leaves them out); 117 to the models once more, with "
-            "corrupted pictures",
+            "17 cells, 153 questions; of these 18 for controls: 18 repeat the models' "
+            "questions with spoilt frames (--no-controls leaves them out); 117 repeat the models' "
+            "questions with corrupted pictures",
         ),
     ],
 )

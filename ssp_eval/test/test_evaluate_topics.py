@@ -109,7 +109,7 @@ def test_the_command_line_reaches_1_with_the_perfect_bridge(
     told = " ".join(printed.err.split())
     assert "labels in approach/trigger/conflict/resolution, cut_in: simulation 4/0/5/0" in told
     assert (
-        "4 cells, 36 questions; of these 27 for controls: 27 to answerers of our own "
+        "4 cells, 36 questions; of these 27 for controls: 27 go to the built-in answerers "
         "(--no-controls leaves them out)" in told
     )
 

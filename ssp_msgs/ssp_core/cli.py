@@ -35,7 +35,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "run": ("ssp_scenario_manager.cli.run:run", "Run one session and record it into a bag."),
     "import-bag": (
         "ssp_eval.importers.cli:import_bag_command",
-        "Make a recording that can be audited of anybody's ROS 2 bag.",
+        "Turn somebody else's ROS 2 bag into a recording that can be audited.",
     ),
     "import-video": ("ssp_eval.importers.cli:import_video", "Make a bag from a video file."),
     "labels": ("ssp_eval.labels.cli:labels", "Propose and check labels files."),

@@ -144,7 +144,7 @@ def test_an_object_that_has_nothing_new_now_and_then_is_sound(live, sound):
     heard = replace(sound, streams={**sound.streams, target: drifting})
     found = finding(live, heard, f"state of {target}")
     assert (found.status, found.remedy) == (Status.OK, "")
-    assert "10 of 250 say the stamp before again" in found.text
+    assert "10 of 250 repeat the previous stamp" in found.text
     assert not failed(session_findings(live, heard))
 
 
@@ -170,8 +170,8 @@ def interleaved(made):
         (frozen, 50.0, "the run wants 50 Hz"),
         (frozen, 50.0, "s old, limit 0.3 s"),
         (frozen, 50.0, "a pause of 2.4"),
-        (doubled, 50.0, "125 of 250 say the stamp before again"),
-        (doubled, 100.0, "125 of 250 say the stamp before again"),
+        (doubled, 50.0, "125 of 250 repeat the previous stamp"),
+        (doubled, 100.0, "125 of 250 repeat the previous stamp"),
         (interleaved, 100.0, "125 stamps before the one before"),
     ],
 )

@@ -81,15 +81,15 @@ class Plan:
         controls = self.to_answerers + self.spoilt
         parts = []
         if self.spoilt:
-            parts.append(f"{self.spoilt} to the models once more, with spoilt frames")
+            parts.append(f"{self.spoilt} repeat the models' questions with spoilt frames")
         if self.to_answerers:
-            parts.append(f"{self.to_answerers} to answerers of our own")
+            parts.append(f"{self.to_answerers} go to the built-in answerers")
         told = []
         if controls:
             what = ", ".join(parts)
             told.append(f"{controls} for controls: {what} ({leave_out} leaves them out)")
         if self.corrupted:
-            told.append(f"{self.corrupted} to the models once more, with corrupted pictures")
+            told.append(f"{self.corrupted} repeat the models' questions with corrupted pictures")
         if self.about_twins:
             told.append(f"{self.about_twins} once more about twins")
         if self.given_back:

@@ -63,9 +63,9 @@ class Stream:
 
     @property
     def news_ns(self) -> list[int]:
-        """Arrivals of what doesn't say the stamp before again.
+        """List the arrivals of messages that don't repeat the previous stamp.
 
-        What is repeated is no news: a publisher that froze has no rate, and pauses to the end.
+        A repeated message is no news: a publisher that froze has no rate, and pauses to the end.
         """
         before = (None, *self.stamps_ns)
         pairs = zip(self.arrivals_ns, self.stamps_ns, before, strict=False)
@@ -102,7 +102,7 @@ class Stream:
 
     @property
     def repeated(self) -> int:
-        """Messages that say the stamp before again."""
+        """Count the messages that repeat the previous stamp."""
         return len(self.arrivals_ns) - len(self.news_ns)
 
 
@@ -258,7 +258,7 @@ def _stream_problems(
         problems.append((Status.FAIL, f"{stream.going_back} stamps before the one before"))
     if stream.repeated:
         often = stream.repeated > REPEAT_SHARE * len(stream.stamps_ns)
-        text = f"{stream.repeated} of {len(stream.stamps_ns)} say the stamp before again"
+        text = f"{stream.repeated} of {len(stream.stamps_ns)} repeat the previous stamp"
         problems.append((Status.FAIL if often else Status.OK, text))
     if stream.strange_frames:
         found = ", ".join(repr(frame) for frame in sorted(stream.strange_frames))

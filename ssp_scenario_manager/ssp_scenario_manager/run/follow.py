@@ -265,7 +265,9 @@ class _Following:
                     self._say(line)
                 shown = heard
                 if self._client.under_way:
-                    self._say("begun or aborted from elsewhere; following it")
+                    self._say(
+                        "started or aborted elsewhere, as on the page; this terminal only follows"
+                    )
                     return 0
                 if (failure := self._failed_before()) is not None:
                     return failure

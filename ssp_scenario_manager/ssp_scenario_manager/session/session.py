@@ -255,7 +255,7 @@ class Session:
         return in_steps and self._run is not None and self._run.spec.mode == "lockstep"
 
     def give_up_on_standstill(self, now_ns: int) -> None:
-        """Says, once an abort, that nobody is left to report the standstill that it ends with.
+        """Report, once per abort, that no participant can confirm standstill.
 
         The session stays ABORTING, since what isn't known to stand may move.
         """

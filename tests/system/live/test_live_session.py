@@ -133,7 +133,7 @@ def test_a_start_and_an_abort_from_elsewhere_are_followed(
     run_file = str(stage.folder / "run" / RUN_FILE)
     stage.start("pressed", [sys.executable, "-c", PRESS, run_file, "connect", "arm", "start"])
     stage.wait_for_motion(run, 1.0)
-    followed = "begun or aborted from elsewhere"
+    followed = "this terminal only follows"
     stage.wait_for(lambda: followed in stage.said("ssp_run"), "the runner's word")
     stage.start("pressed", [sys.executable, "-c", PRESS, run_file, "abort"])
     result = stage.finish(run)
