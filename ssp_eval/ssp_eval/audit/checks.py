@@ -1,4 +1,6 @@
-"""What keeps a recording out by itself (METHOD 4.4): one table of small functions."""
+"""The findings that keep a recording out by themselves (METHOD 4.4): one table of small
+functions.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,7 @@ def _of_event(one: Subject) -> Iterable[Finding]:
 def version_findings(
     recording: Recording, event: Event | None, version: str | None
 ) -> list[Finding]:
-    """Whether a recording is of the K* that the audit is of."""
+    """Check that a recording is of the K* that the audit is of."""
     facts = recording.provenance
     found = [] if facts.run is None else list(recording.attached.findings)
     # One cause, however many of its signs there are.
@@ -73,7 +75,7 @@ def _video(one: Subject) -> Iterator[Finding]:
 
 
 def _crop(one: Subject) -> Iterator[Finding]:
-    """Where the K*'s source clip isn't in the K*'s crop, whoever looks at it."""
+    """Check that the K*'s source clip is in the K*'s crop, whoever looks at it."""
     if one.event is None or not one.is_source:
         return
     imported, at = one.whole.provenance.imported, source_times(one.event)
@@ -99,7 +101,7 @@ def _crop(one: Subject) -> Iterator[Finding]:
 
 
 def _review(one: Subject) -> Iterator[Finding]:
-    """What of the K*'s source clip isn't reviewed, where it isn't measured."""
+    """List what isn't reviewed of the K*'s source clip, where it isn't measured."""
     if one.event is None or not one.is_source or one.measured is not None:
         return
     gaps, wanted = review_of(one.event).gaps, expected_properties(one.event)
@@ -239,7 +241,7 @@ def property_findings(
     phases: Phases | None,
     first_arrival_s: float | None,
 ) -> list[Finding]:
-    """What of the mandatory properties isn't preserved.
+    """List the mandatory properties that aren't preserved.
 
     Args:
         found: q(d, k) of the fields that are verified.
@@ -314,7 +316,7 @@ def _roles(parts: Mapping[str, tuple[str, str]]) -> list[Finding]:
 
 
 def phase_findings(phases: Phases, closest: str) -> list[Finding]:
-    """Which key phases can't be located, and why.
+    """List the key phases that can't be located, with reasons.
 
     Args:
         closest: how near it came to a conflict, for people; empty where nobody measured it.

@@ -116,7 +116,7 @@ def _roles(event: Event) -> Property:
 
 
 def seen_field(who: str) -> str:
-    """What the review of an OT's visibility stands under."""
+    """Name the field of the review of an OT's visibility."""
     return f"seen {who}"
 
 
@@ -151,7 +151,7 @@ def reviewed_paths(event: Event) -> dict[str, tuple[str, ...]]:
 
 @dataclass(frozen=True)
 class Review:
-    """What persons decided of a K*.
+    """The decisions of persons about a K*.
 
     Args:
         evidence: per field of KPR, and for the phases: where it can be seen, for people.
@@ -163,7 +163,9 @@ class Review:
 
 
 def review_of(event: Event) -> Review:
-    """Whether every q(k) and the phases were reviewed, with evidence, and not changed since."""
+    """Tell whether every q(k) and the phases were reviewed, with evidence, and not changed
+    since.
+    """
     sealed = seals(event)
     evidence: dict[str, str] = {}
     gaps: dict[str, tuple[str, ...]] = {}
@@ -205,7 +207,7 @@ OBSERVED_TOLERANCE_S = 0.25
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one source says of a recording.
+    """The statements of one source about a recording.
 
     Args:
         source: states, reviewed or observed.
@@ -313,7 +315,7 @@ def _may_lack(field: str, part: str) -> bool:
 
 
 def observed(agreement: Agreement) -> Evidence:
-    """What a person saw, or what several persons saw alike."""
+    """Return the evidence of one person, or of several persons who agree."""
     seen = {k: q for k, q in agreement.properties().items() if q.words is not None}
     starts = agreement.answers.phase_starts()
     return Evidence("observed", f"observed by {agreement.by}", seen, starts or None)
@@ -332,7 +334,7 @@ def is_source_clip(recording: Recording, event: Event | None) -> bool:
 
 
 def reviewed(event: Event) -> Evidence:
-    """What persons decided of the source clip."""
+    """Return the evidence of persons' decisions about the source clip."""
     review, wanted = review_of(event), expected_properties(event)
     properties = {
         name: Property(wanted[name].words, f"reviewed in the K*; evidence: {review.evidence[name]}")

@@ -52,7 +52,7 @@ class Examined(Subject):
 
     @property
     def phases_source(self) -> Source:
-        """Who says when the phases begin."""
+        """Return the source that says when the phases begin."""
         return "unverified" if self.located is None else self.located.source
 
     @property
@@ -77,7 +77,7 @@ PHASE_TOLERANCE_S = 0.15
 
 
 def examine(recording: Recording, event: Event | None, version: str | None) -> Examined:
-    """What a recording shows by METHOD 4.3, and what is wrong with it by itself.
+    """Examine what a recording shows by METHOD 4.3, and what is wrong with it by itself.
 
     Args:
         event: the K* of the audit, None: there is none at hand.
@@ -170,8 +170,9 @@ def _measured(
 
 
 def _covered(recording: Recording) -> tuple[float | None, float | None]:
-    """Where a recording with states begins and ends: a video that goes on without states shows
-    nothing that could be measured."""
+    """Return where a recording with states begins and ends; a video without states isn't
+    measured.
+    """
     start_s, end_s = recording.start_s, recording.end_s
     if start_s is None or end_s is None or not recording.series:
         return start_s, end_s
@@ -228,7 +229,7 @@ def _half_phi(event: Event | None, phases: Phases | None) -> dict[str, float]:
 
 
 def _announced(recording: Recording, phases: Phases | None) -> tuple[str, ...]:
-    """Where the phases that the run announced aren't the ones that its states show."""
+    """List the announced phases of the run that aren't those that its states show."""
     found = []
     for name in EVENT_PHASES:
         said = recording.phase_events.get(name)

@@ -1,4 +1,4 @@
-"""What happened beside the event: aborts, identity switches, changes on site (METHOD 4.4)."""
+"""The history beside the event: aborts, identity switches, changes on site (METHOD 4.4)."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _gone(
 
 
 def _within_reach(before: Sighting, now: Sighting) -> bool:
-    """Whether one object may have got from one place to the other at its speeds."""
+    """Tell whether one object may have got from one place to the other at its speeds."""
     speed_mps = max(abs(before.speed_mps), abs(now.speed_mps))
     reach_m = speed_mps * max(now.t_s - before.t_s, 0.0) + JUMP_M
     return _distance_m(before, now) <= reach_m
@@ -134,7 +134,7 @@ _AWAITED = (SafetyCode.EVENT_MISSING, SafetyCode.DURATION)
 
 @dataclass(frozen=True)
 class History:
-    """What happened beside the event."""
+    """The history beside the event."""
 
     said_by: str
     findings: tuple[Finding, ...]
@@ -143,7 +143,7 @@ class History:
 
 
 def examine_history(one: Subject) -> History:
-    """What a recording's log, its states or a named person say."""
+    """Examine the history by a recording's log, its states or a named person."""
     recording, agreement = one.recording, one.agreement
     facts = recording.provenance
     findings, identities = _switches(recording)
@@ -184,7 +184,9 @@ def examine_history(one: Subject) -> History:
 
 
 def _seen(agreement: Agreement, has_states: bool) -> tuple[list[Finding], tuple[str, ...]]:
-    """What observers say of identities; of a video alone they must be able to say it."""
+    """Check the observers' statements on identities; of a video alone they must be able to make
+    them.
+    """
     found, told = [], []
     stable = agreement.answers.identity_stable.value
     if stable is False:

@@ -93,7 +93,9 @@ def disclosures(one: Examined) -> dict[str, str]:
 
 
 def shared_renderers(found: Sequence[Mapping[str, str]], domains: Sequence[str]) -> list[str]:
-    """For each recording, which other domains were drawn by the same renderer; empty: none."""
+    """Name for each recording the other domains that were drawn by the same renderer; empty:
+    none.
+    """
     drawn = [one[RENDERER] for one in found]
     return [
         ", ".join(
@@ -405,7 +407,7 @@ def _entry(
 
 
 def _name(recording: Recording) -> str:
-    """Of the bag; of the run's folder where all bags have one name."""
+    """Name a recording by its bag, or by the run's folder where all bags have one name."""
     folder = bag_folder(recording.path.absolute())
     return folder.parent.name if folder.name == "bag" else folder.name
 
@@ -428,7 +430,7 @@ def _property(one: Examined, compared: Compared, field: str) -> PropertyEntry:
 def _varying(
     one: Examined, synthetic: Examined, varying: frozenset[str]
 ) -> dict[str, tuple[str, str]]:
-    """What of the topology may differ, here and in Synthetic (METHOD 4.2)."""
+    """Return how the topology may differ, here and in Synthetic (METHOD 4.2)."""
     here = one.properties[TOPOLOGY].words or {}
     there = synthetic.properties[TOPOLOGY].words or {}
     return {
@@ -474,7 +476,9 @@ def _phases(one: Examined) -> PhasesEntry:
 
 
 def _kpr(compared: Compared, weights: Mapping[str, float]) -> float | None:
-    """None where Synthetic's own properties don't all exist: then there is nothing to retain."""
+    """Compute the KPR; None where Synthetic's own properties don't all exist, so there is none
+    to retain.
+    """
     if any(compared.reference[field].words is None for field in FIELDS):
         return None
     try:

@@ -89,7 +89,9 @@ class Phases:
 
     @property
     def critical_s(self) -> tuple[float, float] | None:
-        """From the trigger to the resolution, or to the clip's end where there is none."""
+        """Return the span from the trigger to the resolution, or to the clip's end where there
+        is none.
+        """
         if self.trigger_s is None:
             return None
         return self.trigger_s, self.end_s if self.resolution_s is None else self.resolution_s
@@ -97,7 +99,7 @@ class Phases:
 
 @dataclass(frozen=True)
 class Measured:
-    """What the states say.
+    """The measurements from the states.
 
     Args:
         properties: q(d, k) per field; without a road there is no topology.
@@ -262,12 +264,12 @@ def _topology(
 
 
 def _most(lanes: Sequence[int | None]) -> int | None:
-    """What occurs most often; of equal ones the first."""
+    """Return the most frequent value; of equal ones the first."""
     return max(dict.fromkeys(lanes), key=lanes.count)
 
 
 def _adjacency(lanes: Lanes, origin: int | None, target: int | None) -> str:
-    """How the lane that somebody comes from lies to the VUT's."""
+    """Describe how the lane of the other's origin lies to the VUT's."""
     if origin is None or target is None:
         return "beside the lanes"
     if origin == target:

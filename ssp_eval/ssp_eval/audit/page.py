@@ -241,7 +241,7 @@ def fact_rows(audit: Audit) -> list[tuple[str, str, tuple[str, ...]]]:
 
 
 def _side_by_side(rows: Sequence[Mapping[str, str]]) -> list[tuple[str, list[str]]]:
-    """What recordings say under each name, one column per recording."""
+    """Tabulate the values of recordings under each name, one column per recording."""
     names = dict.fromkeys(name for row in rows for name in row)
     return [(name, [row.get(name, "–") for row in rows]) for name in names]
 

@@ -1,4 +1,4 @@
-"""How recorded paths lie on the road."""
+"""The place of recorded paths on the road."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Lanes:
         return lanes if votes >= 0.0 else cls(road, forward=False)
 
     def spot(self, state: ObjectState) -> Spot | None:
-        """Where the middle of an object is; None where the road has no coordinates for it."""
+        """Return the place of an object's middle; None where the road has no coordinates for it."""
         middle = (state.size.front_m - state.size.rear_m) / 2.0
         try:
             s_m, l_m = self.line.to_local(*state.pose.to_parent(middle, 0.0))
@@ -86,7 +86,9 @@ class Lanes:
         return len(self.lanes) - self.same_direction
 
     def lane_words(self, lane: int | None) -> tuple[str, ...]:
-        """Which of the lanes in the VUT's direction one is: any of rightmost, middle, leftmost."""
+        """Tell which of the lanes in the VUT's direction one is: any of rightmost, middle,
+        leftmost.
+        """
         own = [i for i in range(len(self.lanes)) if self.is_same_direction(i)]
         if not self.forward:
             own.reverse()
@@ -100,7 +102,7 @@ class Lanes:
         return tuple(words) or ("middle",)
 
     def place_word(self, spot: Spot, own_lane: int | None) -> str:
-        """Where something is, as a word of K*'s initial regions, from the VUT's lane."""
+        """Return a place as a word of K*'s initial regions, from the VUT's lane."""
         side = 1.0 if self.forward else -1.0
         if spot.lane is None:
             middle = (self.lanes[0].y_m + self.lanes[-1].y_m) / 2.0

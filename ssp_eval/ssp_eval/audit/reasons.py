@@ -1,4 +1,4 @@
-"""Why a recording is refused: one table of causes and what they bring with them (reasons.yaml).
+"""The reasons for refusing a recording: one table of causes and their consequences (reasons.yaml).
 
 The order of the table is the order of precedence. A finding stands under the first one above it
 that may have brought it about; what has nobody above it is a cause of its own, and the first of
@@ -17,8 +17,9 @@ from ssp_core.run_file.values import Strict
 
 
 class Meaning(Strict):
-    """What a code says: the finding in a few words, what is looked at, and codes that follow from
-    it where it is found."""
+    """The meaning of a code: the finding in a few words, what is looked at, and codes that
+    follow from it where it is found.
+    """
 
     text: str
     check: str
@@ -71,7 +72,7 @@ class Finding:
 
     @property
     def entry(self) -> dict[str, str]:
-        """As an audit's file has it."""
+        """Return the finding as an audit's file has it."""
         return {"code": self.code, "text": self.text, "detail": self.detail}
 
 

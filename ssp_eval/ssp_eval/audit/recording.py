@@ -58,7 +58,7 @@ from ssp_scenario_manager.maps.site import Site, SiteBlock, site_version
 
 @dataclass(frozen=True)
 class Attached:
-    """What the recorder attached to a bag, as far as it could be read.
+    """The attachments of a bag by the recorder, as far as they could be read.
 
     Args:
         task: None: there is none, or none that is valid.
@@ -97,7 +97,9 @@ def read_attached(bag: BagReader) -> Attached:
 
 
 def _told(error: InputError, bag: BagReader) -> str:
-    """What is wrong, in the same words wherever the recording lies: an audit can be made again."""
+    """Describe an error in the same words wherever the recording lies, so that an audit can be
+    repeated.
+    """
     folder = bag_folder(bag.path)
     text = str(error).replace(str(bag.path), folder.name)
     return text.replace(f"{folder.parent}/", "")
@@ -196,7 +198,7 @@ def site_changes(attached: Attached, executed: RunSpec) -> tuple[list[ChangeEntr
 
 
 def disclosed(attached: Attached) -> dict[str, str]:
-    """What the log discloses, by field or subject; and changes that were entered late."""
+    """Return what the log discloses, by field or subject; and changes that were entered late."""
     found = {
         record.field or record.subject: record.reason
         for record in attached.records

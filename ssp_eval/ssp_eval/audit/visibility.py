@@ -1,4 +1,4 @@
-"""How much of the critical phases the camera shows, by whoever can say so (METHOD 4.3, 4.4).
+"""The share of the critical phases that the camera shows, by each source (METHOD 4.3, 4.4).
 
 Projected from states, CameraInfo and mount; of the K*'s source clip as persons reviewed it; else as
 a person saw it.
@@ -147,7 +147,7 @@ def _projected(
 def _seen_otherwise(
     entry: CoverageEntry, agreement: Agreement | None, needed: float
 ) -> list[Finding]:
-    """What should be visible and wasn't, as a person saw: spray, another lens, black frames.
+    """List what should be visible and wasn't, as a person saw: spray, another lens, black frames.
 
     Of the conflict region only "never" counts: projected, it is asked for until the VUT reaches it,
     of a person until the resolution.
@@ -174,7 +174,9 @@ def _seen_otherwise(
 
 
 def _reviewed(event: Event, needed: float) -> tuple[CoverageEntry, list[Finding]]:
-    """Of the source clip: where a person reviewed in which direction an OT is seen, it is seen."""
+    """Judge the source clip: an OT is seen where a person reviewed the direction in which it is
+    seen.
+    """
     review = review_of(event)
     seen: dict[str, float | None] = {}
     for who, participant in event.participants.items():

@@ -1,1 +1,1 @@
-"""What moved the answer: a model's answers to twins of a question, compared with its own."""
+"""The causes that moved the answer: a model's answers to twins of a question, against its own."""

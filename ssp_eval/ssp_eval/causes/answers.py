@@ -1,4 +1,4 @@
-"""What a model answered to a question, and to the same one with one cause changed."""
+"""The answers of a model to a question, and to the same one with one cause changed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STRENGTHS = {"1": ", weak", "2": ", strong"}
 
 @dataclass(frozen=True)
 class Cause:
-    """What is changed, whichever object it is about and whatever class comes in its place.
+    """The changed cause, whichever object it is about and whatever class replaces it.
 
     Args:
         family: of its condition; black and shuffled are of the pictures.
@@ -60,7 +60,7 @@ class Cause:
 
     @property
     def words(self) -> str:
-        """For people."""
+        """Describe the cause for people."""
         amount = float(re.sub(r"\D", "", self.amount) or 0) / 1000
         if self.family == PICTURES:
             name = "frames decoded and encoded again" if self.is_control else self.kind
@@ -107,7 +107,7 @@ class Answer:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether text and trajectory say the same actions; None where one says none.
+        """Tell whether text and trajectory state the same actions; None where one states none.
 
         The share of True among all label times is ATC_eff (METHOD 6.8).
         """
@@ -137,7 +137,7 @@ class Asked:
 
     @property
     def place(self) -> tuple[str, str, str, str]:
-        """What its factual cell, twins and controls have in common."""
+        """Return the identity that its factual cell, twins and controls share."""
         return self.campaign, self.scenario, self.domain, self.model
 
 
@@ -156,7 +156,7 @@ def wanted_cells(folders: Iterable[str]) -> frozenset[str]:
 
 
 def asked(cell: CellData) -> Asked | None:
-    """What is kept of a cell; None: it has no answers, or is none that is compared."""
+    """Collect the answers of a cell; None: it has no answers, or isn't compared."""
     facts, condition = cell.facts, cell.facts.condition
     known = condition in ("", REPEAT) or cause_of(condition) is not None
     if cell.score is None or not known:

@@ -44,7 +44,7 @@ MARGIN_SHARE, MARGIN_M = 0.2, 0.1
 
 
 class Verdict(Enum):
-    """What is known of an effect."""
+    """The certainty of an effect."""
 
     MOVED = "moved"  # more than the noise, by the test after Holm's correction
     LESS = "less than the control"  # the same, the other way
@@ -58,7 +58,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Effect:
-    """What one cause does to one part of a model's answers.
+    """The effect of one cause on one part of a model's answers.
 
     Args:
         output: a slot, or TRAJECTORY.
@@ -108,7 +108,7 @@ class Effect:
 
     @property
     def verdict(self) -> Verdict:
-        """What is known of it."""
+        """Return the certainty of the effect."""
         if self.size is None or self.given == 0.0:
             return Verdict.NOT_GIVEN
         if not self.changed:
@@ -128,7 +128,8 @@ class Effect:
 
     @property
     def _is_clear(self) -> bool:
-        """Without any noise, at more label times than chance would choose.
+        """Tell whether there is an effect without noise, at more label times than chance would
+        choose.
 
         Of an answer that comes from nothing that was shown, the one that differs is the factual
         one, the control's or the cause's with the same chance, since they take turns: m times in a
@@ -194,7 +195,7 @@ def _of_model(model: str, cells: Sequence[Asked]) -> list[Effect]:
 
 
 def compared_answers(cause: Cause, cells: Iterable[Asked]) -> tuple[str, list[list[Compared]]]:
-    """What is compared of each recording, and what the control is.
+    """Choose the answers to compare for each recording, and the control.
 
     A recording that was asked in several campaigns, or about several objects, is one unit. Where
     some recordings have a control, those without are left out; of those left, the same with the
@@ -264,7 +265,7 @@ def _effect(
         return Effect(model, cause, output, control, 0, 0, given, None, None, None)
 
     def differing(others: Callable[[Compared], Answer | None]) -> list[np.ndarray]:
-        """By recording (L,) whether the slot differs from the factual answer's."""
+        """Tell by recording (L,) whether the slot differs from the factual answer's."""
         return [
             np.array([(o := others(x)) is not None and o.slots[place] != x.factual.slots[place]
                       for x in unit])
@@ -329,7 +330,7 @@ def _of_trajectories(
 
 
 def _whole(value_m: float) -> float:
-    """Without rounding errors, so that equal displacements are equal."""
+    """Remove rounding errors, so that equal displacements are equal."""
     return round(value_m / SAME_M) * SAME_M
 
 
@@ -364,7 +365,7 @@ def _at(path: Trajectory, times_s: np.ndarray) -> np.ndarray:
 
 
 def _corrected(effects: Sequence[Effect]) -> list[Effect]:
-    """With Holm's correction over a model's tests.
+    """Apply Holm's correction over a model's tests.
 
     A test in which no recording differs can't reject whatever the others say, and isn't counted
     (Tarone, Biometrics 46:515, 1990).

@@ -1,4 +1,4 @@
-"""Which cause moved a model's answers, in words, and what its answers can't tell."""
+"""The cause that moved a model's answers, in words, and the limits of its answers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ UNSTEADY = 0.5
 
 
 class Word(Enum):
-    """What a model's answers come from, as far as it is known."""
+    """The origin of a model's answers, as far as it is known."""
 
     OBJECT = "uses the object"
     EXPLAINS_LATER = "decides first, explains later"
@@ -46,7 +46,7 @@ class Word(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What is said of one model.
+    """The finding about one model.
 
     Args:
         tested: False: it rests on recordings too few for any test.
@@ -82,7 +82,7 @@ class Moved:
 
 
 def moved_by(cells: Iterable[CellData]) -> Moved | None:
-    """What moved the answers in these cells; None where nothing was asked with a cause changed.
+    """Find the causes that moved the answers in these cells; None where no cause was changed.
 
     Args:
         cells: with their records, in any order; of several campaigns too.
@@ -91,14 +91,14 @@ def moved_by(cells: Iterable[CellData]) -> Moved | None:
 
 
 def answers_in(cells: Iterable[CellData]) -> list[Asked]:
-    """What is kept of cells, of those that are compared."""
+    """Collect the answers of the cells that are compared."""
     listed = [*cells]
     wanted = wanted_cells(cell.id for cell in listed)
     return [kept for cell in listed if cell.id in wanted and (kept := asked(cell))]
 
 
 def compared(answers: Iterable[Asked]) -> Moved | None:
-    """As moved_by, of what was kept of cells."""
+    """Find the causes as moved_by does, from collected answers."""
     cells = tuple(answers)
     by_model: dict[str, list[Effect]] = {}
     for effect in effects_of(cells):
@@ -163,7 +163,9 @@ def _unmoved(effects: Iterable[Effect]) -> bool:
 
 
 def _is_minor(by_text: Sequence[Effect], of_object: Sequence[Effect]) -> bool:
-    """By its interval the turned text moves the trajectory far less than the object does."""
+    """Tell whether, by its interval, the turned text moves the trajectory far less than the
+    object does.
+    """
     most = max((e.size or 0.0 for e in _moved(_of(of_object, True))), default=0.0)
     highs = [e.interval.high for e in by_text if e.verdict in _SAID]
     return bool(highs) and all(high is not None and high <= MINOR * most for high in highs)
@@ -174,7 +176,7 @@ def _of(effects: Iterable[Effect], is_trajectory: bool) -> list[Effect]:
 
 
 def _noise(effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Why recordings too few for a test tell nothing of a model; empty where they do."""
+    """Say why recordings too few for a test show nothing of a model; empty where they do."""
     tried = [e for e in effects if e.cause.family == TWIN]
     if _is_tested(effects) or not tried or all(e.quiet for e in tried):
         return ()
@@ -251,7 +253,7 @@ def _by_the_object(
 
 
 def _sentence(name: str, group: Sequence[Effect]) -> str:
-    """What a group of causes moved; empty where none of it was asked."""
+    """Say what a group of causes moved; empty where none of it was asked."""
     given = [e for e in group if e.verdict in _SAID]
     if not given:
         return ""

@@ -1,4 +1,4 @@
-"""What the forest plot of a model shows: effects with their intervals, the control beside."""
+"""The content of a model's forest plot: effects with their intervals, the control beside."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ _LAST = (
 
 
 def slots_table(effects: Iterable[Effect]) -> Table:
-    """What each cause did to each slot of the text."""
+    """Tabulate the effect of each cause on each slot of the text."""
     columns = (
         *_KEYS, Column("slot", "slot", "text"), *_UNITS,
         Column("given", "given"), Column("changed", "differs"),
@@ -101,7 +101,7 @@ def slots_table(effects: Iterable[Effect]) -> Table:
 
 
 def paths_table(effects: Iterable[Effect]) -> Table:
-    """What each cause did to the trajectory."""
+    """Tabulate the effect of each cause on the trajectory."""
     columns = (
         *_KEYS, *_UNITS, Column("given", "given"),
         Column("moved_m", "moved (m)", "seconds"),
@@ -147,7 +147,9 @@ def _end(effect: Effect) -> tuple[Value, ...]:
 
 
 def agreement_table(cells: Iterable[Asked]) -> Table:
-    """How often text and trajectory say the same actions, factual and under each cause."""
+    """Tabulate how often text and trajectory state the same actions, factual and under each
+    cause.
+    """
     groups: dict[tuple[str, str], list[Answer | None]] = {}
     words: dict[str, str] = {}
     for cell in cells:

@@ -1,4 +1,4 @@
-"""Who does what: binds places, movements, conflicts and actions to the VUT or to a road user."""
+"""The owner of places, movements, conflicts and actions: the VUT or a road user."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ORDINALS = frozenset({"first", "second", "third", "last", "latest", "newest", "
 
 
 def _frames(words: list[str]) -> Iterator[str]:
-    """Which frames a text goes through: frame 2, the last image, t-1."""
+    """Yield the frames that a text mentions: frame 2, the last image, t-1."""
     for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
         if word in _FRAMES and (after[:1].isdigit() or before in _ORDINALS):
             yield after if after[:1].isdigit() else before
@@ -167,7 +167,9 @@ class Binder(Clause):
     # --- road users
 
     def _is_ego(self, index: int, hit: Hit, known: Actor | None) -> bool:
-        """Whether "the car" is the VUT: no other is there, or it is said what it should do."""
+        """Tell whether "the car" is the VUT: there is no other, or the text says what it should
+        do.
+        """
         if hit.form != "the" or self.words[hit.first : hit.stop] not in (["car"], ["vehicle"]):
             return False
         article, before = self.words[hit.first - 1], self.words[hit.first - 2]
@@ -234,7 +236,7 @@ class Binder(Clause):
         self.pending, self.states, self.reacting = [], [], False
 
     def _reacted_to(self, index: int) -> bool:
-        """Whether a commitment of the VUT stands right before: yield to the cyclist."""
+        """Tell whether a commitment of the VUT stands right before: yield to the cyclist."""
         for hit in self._back(index, 3):
             if hit in self.planned:
                 return self.hits[index].first - hit.stop < 7
@@ -270,7 +272,7 @@ class Binder(Clause):
     # --- places and movements
 
     def _path(self, index: int, hit: Hit) -> None:
-        """In our path, from the right: remembered for what follows."""
+        """Remember a path for the words that follow: in our path, from the right."""
         owner = self._owner(index)
         before = self._before(index)
         if before.kind == "mark" and before.value == ",":
@@ -319,7 +321,7 @@ class Binder(Clause):
             self._show(actor)
 
     def _show(self, actor: Actor) -> None:
-        """What is said of a road user makes one present that was only named before."""
+        """Mark a road user that was only named before as present."""
         if not actor.mentions and actor.first is not None:
             actor.mentions.append(actor.first)
 
@@ -415,7 +417,7 @@ class Binder(Clause):
         return self._owner(index)
 
     def _of_other(self, index: int, hit: Hit) -> bool:
-        """Whether a verb is somebody else's, not the VUT's."""
+        """Tell whether a verb is somebody else's, not the VUT's."""
         if self.field in ("motion", "position"):
             return True
         if self._adjoins(index) and hit.form in ("ing", "s", "ed"):

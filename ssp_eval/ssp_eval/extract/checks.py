@@ -24,7 +24,7 @@ def check(text: str, name: str, slot: Slot) -> Slot | None:
 
 
 def _whole(text: str, start: int, end: int) -> bool:
-    """Whether a span lies in the text, isn't blank and cuts no word."""
+    """Tell whether a span lies in the text, isn't blank and cuts no word."""
     if not 0 <= start < end <= len(text) or not text[start:end].strip():
         return False
     cut_before = start > 0 and text[start - 1].isalnum() and text[start].isalnum()

@@ -27,7 +27,7 @@ _ANY_MORE = ("no longer", "any more", "anymore", "any longer", "no more", "no fu
 
 
 def _same_noun(one: str, other: str) -> bool:
-    """Whether two nouns may name one road user: the city bus is the bus, no school bus."""
+    """Tell whether two nouns may name one road user: the city bus is the bus, no school bus."""
     return one == other or (
         one.rpartition(" ")[2] == other.rpartition(" ")[2]
         and " " not in (one, other)[len(one) > len(other)]
@@ -35,7 +35,7 @@ def _same_noun(one: str, other: str) -> bool:
 
 
 class Clause:
-    """What is known at a hit: the clause's subject, who was named, what was planned.
+    """The facts known at a hit: the clause's subject, the named road users, the plan.
 
     ``near`` is the road user that was named last in the clause, ``last`` the one that a pronoun
     means, ``void`` says that something else was named since, ``busy`` that the clause has its verb.
@@ -98,7 +98,7 @@ class Clause:
         return self._before(index).kind in ("reacts", "goal", "verb")
 
     def _directed(self, index: int) -> bool:
-        """Whether "to the left" says where a movement goes, not where somebody is."""
+        """Tell whether "to the left" is the goal of a movement, not a place."""
         for hit in self._back(index, 3):
             if hit.kind == "verb":
                 return self.known.verbs[hit.value].other in _LEADING_ON
@@ -107,7 +107,7 @@ class Clause:
         return False
 
     def _owner(self, index: int) -> Actor | None:
-        """Whom an attribute speaks of: the noun of the clause, else its subject."""
+        """Return the actor of an attribute: the noun of the clause, else its subject."""
         if self.near is not None:
             return self.near
         if isinstance(self.subject, Actor):
@@ -117,14 +117,16 @@ class Clause:
         return None
 
     def _other(self, index: int) -> bool:
-        """Whether a place is relative to somebody else: in front of the bus."""
+        """Tell whether a place is relative to somebody else: in front of the bus."""
         at = self.hits[index].stop
         return any(
             hit.kind == "user" and hit.first - at < 4 for hit in self.hits[index + 1 : index + 4]
         )
 
     def _hindered(self, index: int, hit: Hit) -> bool:
-        """Whether somebody blocks the manoeuvre: a bus that is blocking a merge to the left."""
+        """Tell whether somebody blocks the manoeuvre: a bus that is blocking a merge to the
+        left.
+        """
         for before in self._back(index, min(8, index - self.clause)):
             if before.kind == "matters":
                 return True
@@ -151,7 +153,7 @@ class Clause:
         return False
 
     def _nobody_known(self, index: int) -> bool:
-        """Whether a possible movement is that of somebody unseen: someone may walk out."""
+        """Tell whether a possible movement is that of somebody unseen: someone may walk out."""
         first = self.hits[index].first
         return not _UNSEEN.isdisjoint(self.words[max(first - 6, 0) : first])
 
@@ -163,7 +165,7 @@ class Clause:
         return next((kind for kind in kinds if kind not in ("place", "state")), "") == "user"
 
     def _may(self, index: int) -> bool:
-        """Whether it is may, could or might, not would, that makes a movement possible."""
+        """Tell whether it is may, could or might, not would, that makes a movement possible."""
         for hit in self._back(index, REACH):
             if hit.value == "may":
                 return self.words[hit.first] not in self.known.sets["modals_without_risk"]
@@ -265,7 +267,7 @@ class Clause:
         return actor
 
     def _queues(self, index: int, flags: Scope) -> bool:
-        """Whether "behind the van" is where the VUT is or stops, so that the van is ahead."""
+        """Tell whether "behind the van" is where the VUT is or stops, so that the van is ahead."""
         if flags & ~(Scope.REJECTED | Scope.INTENDED):
             return False
         hit = self.hits[index]
@@ -278,7 +280,9 @@ class Clause:
         return False
 
     def _has_ended(self, index: int) -> bool:
-        """Whether what is named is over: the conflict with the van ahead has now cleared."""
+        """Tell whether the named conflict is over: the conflict with the van ahead has now
+        cleared.
+        """
         ends = self.known.sets["ended"]
         for at in range(index + 1, min(index + ENDS_WITHIN, self.stop)):
             hit = self.hits[at]
@@ -292,10 +296,10 @@ class Clause:
         return False
 
     def _comes_straight(self, hit: Hit, goals: list[Hit]) -> bool:
-        """Whether somebody comes from the side, as on the cross street, not from a lane."""
+        """Tell whether somebody comes from the side, as on the cross street, not from a lane."""
         lane = any("lane" in self.words[goal.first : goal.stop] for goal in goals)
         return not lane and self.words[hit.first].startswith(("com", "approach", "circul", "emerg"))
 
     def _unless(self) -> bool:
-        """Whether something happens unless something is done: without braking."""
+        """Tell whether something happens unless something is done: without braking."""
         return not self.known.sets["words_of_certainty"].isdisjoint(self._sentence())

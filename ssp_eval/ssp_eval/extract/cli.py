@@ -161,7 +161,7 @@ def _prepare(file: str, out: Path, extractor: Extractor, count: int, seed: int) 
 
 
 def _count(file: str) -> int | None:
-    """How many lines a file has; None: nobody knows yet."""
+    """Count the lines of a file; None: not known yet."""
     if not Path(file).is_file():
         return None
     with open(file, "rb") as stream:

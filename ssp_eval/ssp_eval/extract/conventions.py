@@ -1,4 +1,4 @@
-"""What counts as what, for reviewers and for the LLM; the words stand in ``conventions.yaml``."""
+"""The conventions for reviewers and for the LLM; the words stand in ``conventions.yaml``."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def _unmixed(found: Found | None, critical: Actor, world: World) -> Found | None
 
 
 def _described(objects: list[Actor], world: World) -> list[Actor]:
-    """Of a short text all of whom something is said: where they are, or what they do."""
+    """List the road users of a short text that it describes: where they are, or what they do."""
     if world.sentences > MAX_SENTENCES:
         return []
     others = [a for a in world.actors if a.mentions and a not in objects]
@@ -70,7 +70,9 @@ def _has(actor: Actor) -> bool:
 
 
 def _strong(actor: Actor) -> bool:
-    """Whether somebody counts beside others: more than a word that may have been for another."""
+    """Tell whether somebody counts beside others: more than a word that may have been for
+    another.
+    """
     return bool(
         actor.critical
         or actor.reaction == 2
@@ -81,7 +83,7 @@ def _strong(actor: Actor) -> bool:
 
 
 def _sure(objects: list[Actor], world: World) -> bool:
-    """Whether all who are present are accounted for: as objects, or as of no importance."""
+    """Tell whether all who are present are accounted for: as objects, or as of no importance."""
     left = [a for a in world.actors if a.mentions and a not in objects]
     names = {actor.name for actor in objects}
     if any(not (a.background or a.parked or a.name in names) for a in left):
@@ -97,7 +99,9 @@ def _marked(actor: Actor) -> bool:
 
 
 def _objects(world: World) -> list[Actor]:
-    """Who is present and matters: marked as such, or all where the text marks nobody."""
+    """List the present actors that matter: those marked as such, or all where the text marks
+    none.
+    """
     present = [
         actor
         for actor in world.actors

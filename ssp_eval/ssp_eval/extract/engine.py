@@ -29,7 +29,7 @@ _SOURCES = (
 
 @dataclass(frozen=True)
 class Reading:
-    """What the rules made of a text, stage by stage.
+    """The rules' reading of a text, stage by stage.
 
     Args:
         text: the text, with what it only names blanked.
@@ -49,7 +49,8 @@ class Reading:
 
 
 def extract(text: str) -> Slots:
-    """What the text asserts about the present, in the closed vocabularies (METHOD 5.5 a, c).
+    """Extract the text's assertions about the present, in the closed vocabularies (METHOD 5.5 a,
+    c).
 
     Precision comes before recall: where the rules aren't sure a slot is None. Linear in the length
     of the text; raises on no string.
@@ -61,12 +62,12 @@ def extract(text: str) -> Slots:
 
 
 def read(text: str) -> Reading:
-    """As extract, with all that the slots were taken from."""
+    """Extract with all intermediate results."""
     return _read(asserted(plain_width(text), _values))
 
 
 def _values(piece: str) -> dict[str, object]:
-    """What the rules read in a piece of a text, by slot."""
+    """Return the rules' values in a piece of a text, by slot."""
     found = _read(piece).slots
     return {name: slot.value for name in SLOT_NAMES if (slot := getattr(found, name)) is not None}
 

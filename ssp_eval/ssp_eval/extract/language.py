@@ -1,4 +1,4 @@
-"""Which texts the rules can't read, because they aren't English.
+"""The detection of texts that the rules can't read, because they aren't English.
 
 The identifier is that of langid.py (Lui and Baldwin 2012) as py3langid keeps it, with its model in
 the package. It is asked about widely spoken languages only, and believed where it is nearly sure:

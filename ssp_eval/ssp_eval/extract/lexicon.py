@@ -26,7 +26,7 @@ _OTHER = {"left": "right", "right": "left"}
 
 
 class Entry(NamedTuple):
-    """What a phrase is.
+    """The meaning of a phrase.
 
     Args:
         kind: user, place, verb, conflict … (the sections of the lexicon).
@@ -71,7 +71,7 @@ class _State:
 
 
 class Verb(NamedTuple):
-    """What a verb means: as the VUT's action, and as the movement of somebody else."""
+    """The meaning of a verb: as the VUT's action, and as the movement of somebody else."""
 
     ego: str
     other: str

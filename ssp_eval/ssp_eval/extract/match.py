@@ -171,7 +171,9 @@ class _Reader:
         return self._put("noun", action if new else "stop", "", at, last + 1)
 
     def _follows_user(self, at: int) -> bool:
-        """Whether a bare side says where somebody is: pedestrian, left, waiting; van (right)."""
+        """Tell whether a bare side is a road user's place: pedestrian, left, waiting; van
+        (right).
+        """
         if self.words[at + 1] not in MARKS and self.words[at - 1] not in ("(", ","):
             return False
         last = [hit for hit in self.hits[-2:] if hit.kind != "state"]
@@ -252,7 +254,7 @@ class _Reader:
         return self.known.fields.get(" ".join(label))
 
     def _heads(self, mark: int) -> bool:
-        """Whether the words before a mark are a heading: a line that is a field's name."""
+        """Tell whether the words before a mark are a heading: a line that is a field's name."""
         first, slot = self._label(mark)
         while first > 0 and (self.words[first - 1] in "[()." or self.words[first - 1].isdigit()):
             first -= 1
@@ -260,7 +262,7 @@ class _Reader:
         return opens and slot in ("objects", "action")
 
     def _is_label(self, at: int) -> bool:
-        """Whether a bar parts a field's name from its value: | Lateral | straight |."""
+        """Tell whether a bar parts a field's name from its value: | Lateral | straight |."""
         first, slot = self._label(at)
         row = self.words[at + 1 : self.words.index("\n", at)]
         opens = self.words[first - 1] == "|" and (first < 2 or self.words[first - 2] == "\n")
@@ -342,7 +344,7 @@ class _Reader:
         return None
 
     def _pairs(self, at: int) -> bool:
-        """Whether the word at the end of a text follows a bare action and a comma."""
+        """Tell whether the word at the end of a text follows a bare action and a comma."""
         last = self.hits[-2:]
         return (
             [hit.kind for hit in last] == ["action", "mark"]
@@ -369,5 +371,5 @@ def sentences(hits: list[Hit]) -> list[tuple[int, int]]:
 
 
 def slot_of(action: str) -> str:
-    """Whether an action's value is one of speed or of the lane."""
+    """Tell whether an action's value is one of speed or of the lane."""
     return f"{_ACTIONS[action]}_action"

@@ -1,4 +1,4 @@
-"""How well an extractor does on texts with known slots: precision, recall, confusion, spans.
+"""The quality of an extractor on texts with known slots: precision, recall, confusion, spans.
 
 A corpus has one JSON object per line::
 
@@ -155,11 +155,11 @@ class Row(NamedTuple):
 
     @property
     def shown(self) -> tuple[str, str]:
-        """What was wanted, and what was given."""
+        """Return the wanted and the given value."""
         return shown(self.wanted), shown(self.given)
 
     def span(self) -> str | None:
-        """Where the evidence of a right answer lies beside the label's."""
+        """Return where the evidence of a right answer lies beside the label's."""
         if self.wanted is None or self.given is None or len(set(self.shown)) > 1:
             return None
         labelled, found = self.wanted.evidence, self.given.evidence
@@ -181,12 +181,12 @@ class Measure:
 
     @property
     def slots(self) -> dict[str, Score]:
-        """By slot; ``all`` is over all of them."""
+        """Score by slot; ``all`` is over all of them."""
         return _scores(self.rows)
 
     @property
     def classes(self) -> dict[str, Score]:
-        """Of objects, each counted by itself."""
+        """Score the objects, each counted by itself."""
         sets = [
             (set(row.given.value) if row.given else set(), row.wanted.value if row.wanted else ())
             for row in self.rows
@@ -199,20 +199,20 @@ class Measure:
 
     @property
     def styles(self) -> dict[str, dict[str, Score]]:
-        """By style that the corpus has, each by slot and ``all``."""
+        """Score by style that the corpus has, each by slot and ``all``."""
         by_style = {s: [row for row in self.rows if row.style == s] for s in get_args(StyleWord)}
         return {style: _scores(rows) for style, rows in by_style.items() if rows}
 
     @property
     def confusion(self) -> dict[str, Counter[tuple[str, str]]]:
-        """By slot: (wanted, given) and how often; EMPTY is none."""
+        """Count by slot the pairs (wanted, given); EMPTY is none."""
         return {
             name: Counter(row.shown for row in self.rows if row.slot == name) for name in SLOT_NAMES
         }
 
     @property
     def spans(self) -> dict[str, dict[str, int]]:
-        """By slot, how often the evidence of a right answer lies where beside the label's.
+        """Count by slot where the evidence of right answers lies beside the label's.
 
         ``inside``: every span lies within a labelled one. ``overlapping``: at least one overlaps
         one. ``elsewhere``: none does.
@@ -223,7 +223,7 @@ class Measure:
 
     @property
     def misses(self) -> list[Row]:
-        """What came out otherwise than labelled, in the order of the corpus."""
+        """List the rows whose result isn't the label, in the order of the corpus."""
         return [row for row in self.rows if len(set(row.shown)) > 1]
 
     def to_json(self) -> dict[str, Any]:
@@ -278,7 +278,7 @@ def _scores(rows: Iterable[Row]) -> dict[str, Score]:
 
 
 def _score(answers: list[tuple[bool, bool, bool]]) -> Score:
-    """Of whether each was given, was wanted, and is the same."""
+    """Score answers by whether each was given, was wanted, and is the same."""
     return Score(
         sum(given for given, _, _ in answers),
         sum(wanted for _, wanted, _ in answers),

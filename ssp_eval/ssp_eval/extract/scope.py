@@ -1,4 +1,4 @@
-"""What is in force at each hit: negation, hypotheticals, the past, echoes, other plans.
+"""The scope in force at each hit: negation, hypotheticals, the past, echoes, other plans.
 
 The cues, what each makes of the words around it, and how far it reaches stand in ``scope.yaml``. A
 clause ends at a mark or a conjunction; a condition reaches to the end of its sentence or to "but".
@@ -71,7 +71,7 @@ class _Sentence:
                     self.verb, self.verb_at = hit, index
 
     def _attached(self, index: int, hit: Hit) -> bool:
-        """Whether an attribute stands right behind its noun, and is as true as the noun is."""
+        """Tell whether an attribute stands right behind its noun, and is as true as the noun is."""
         before = self.hits[index - 1]
         if before.kind not in ("user", "place", "from") or hit.first - before.stop > 1:
             return False
@@ -176,7 +176,7 @@ class _Sentence:
         return around == ([","], [","])
 
     def _back(self, index: int) -> int:
-        """Where the clause begins that is taken back behind a mark: constant speed, rejected."""
+        """Find the begin of a clause that is taken back behind a mark: constant speed, rejected."""
         start = self.clause
         if start == index and index > self.start and self.hits[index - 1].value in (",", ":"):
             start = index - 1

@@ -1,4 +1,4 @@
-"""Which road user is the VUT: "the vehicle" or "the car" of a text that calls itself so."""
+"""The road user that is the VUT: "the vehicle" or "the car" of a text that calls itself so."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _is_own(noun: str, words: list[str], hits: list[Hit]) -> bool:
 
 
 def _acts(index: int, hits: list[Hit]) -> bool:
-    """Whether the noun opens a clause and does what the VUT decides on."""
+    """Tell whether the noun opens a clause and does what the VUT decides on."""
     before = hits[index - 1].kind if index else "mark"
     if before not in _OPENERS:
         return False

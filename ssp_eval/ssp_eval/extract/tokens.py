@@ -182,7 +182,7 @@ def _without_struck(text: str) -> str:
 
 
 def _numbers_item(words: list[str], index: int) -> bool:
-    """Whether a full stop belongs to the number of a list's item."""
+    """Tell whether a full stop belongs to the number of a list's item."""
     return (
         index > 0
         and words[index - 1].isdigit()
@@ -218,7 +218,7 @@ def _mark(word: str) -> str:
 
 
 def _starts_item(text: str, start: int) -> bool:
-    """Whether a line looks like a new item rather than the rest of a wrapped sentence."""
+    """Tell whether a line looks like a new item rather than the rest of a wrapped sentence."""
     if start >= len(text):
         return True
     first = text[start]

@@ -1,4 +1,4 @@
-"""What is gathered from a text: the road users with what is said of them, and the VUT's plan."""
+"""The facts gathered from a text: the road users with their attributes, and the VUT's plan."""
 
 from __future__ import annotations
 
@@ -126,7 +126,9 @@ class Plan:
         return last if last is not None and last.said.sentence == unit else None
 
     def _is_purpose(self, hit: Hit, unit: int) -> bool:
-        """Whether an action is only what the one before is for: accelerate to merge left."""
+        """Tell whether an action is only the purpose of the one before: accelerate to merge
+        left.
+        """
         last = self._last(unit)
         return (
             hit.form == "base"

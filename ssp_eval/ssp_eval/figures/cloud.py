@@ -229,7 +229,7 @@ def _sheet(
 
 
 def _top_in(axes: Axes, sheet: Sheet) -> float:
-    """Where the plot begins below the sheet's upper border."""
+    """Return where the plot begins below the sheet's upper border."""
     return float(sheet.height_in * (1.0 - axes.get_position().y1))
 
 
@@ -246,7 +246,7 @@ def _list_column_in(names: Mapping[str, str]) -> float:
 
 
 def _inches(axes: Axes, sheet: Sheet, point: Point) -> Point:
-    """Where a point lies within the axes' frame, from its lower left corner."""
+    """Return where a point lies within the axes' frame, from its lower left corner."""
     dpi = sheet.figure.dpi
     frame = axes.get_window_extent()
     u, v = axes.transData.transform(point)

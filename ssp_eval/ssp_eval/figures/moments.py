@@ -1,4 +1,4 @@
-"""Per label time of a cell: its frame, plan, recorded path and words."""
+"""The moments of a cell, per label time: its frame, plan, recorded path and words."""
 
 from __future__ import annotations
 
@@ -82,13 +82,13 @@ class CellMoments:
 
     @cached_property
     def path(self) -> EgoPath:
-        """Where the VUT was, as far as the requests tell."""
+        """Return the VUT's path, as far as the requests state it."""
         known = [r for r in self.cell.requests if r.get("ego_provenance") != "unknown"]
         return EgoPath(tuple(map(tuple, recorded_paths(known))))
 
     @property
     def ego_provenance(self) -> str:
-        """How the recorded path is known: measured, declared or unknown."""
+        """Return how the recorded path is known: measured, declared or unknown."""
         return self.cell.facts.clip.ego
 
     @property
@@ -111,7 +111,7 @@ class CellMoments:
         return ribbon(path, clip.geometry.model_dump(), clip.mount_forward_m, turn)
 
     def recorded(self, at_ns: int) -> Trajectory | None:
-        """What was driven from a time on."""
+        """Return the path that was driven from a time on."""
         return self.path.after(at_ns * NS, _HORIZON_S)
 
     def picture(self, sha256: str) -> Image:

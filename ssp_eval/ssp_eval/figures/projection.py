@@ -65,7 +65,7 @@ class Ribbon:
 
     @property
     def outline(self) -> tuple[tuple[float, float], ...]:
-        """Around what the VUT would cover."""
+        """Return the outline of the area that the VUT would cover."""
         return self.left + self.right[::-1]
 
 

@@ -1,4 +1,6 @@
-"""What figures read out of rows: cells, groups of them, and names in the order of drawing."""
+"""The data that figures read from rows: cells, groups of them, and names in the order of
+drawing.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,7 @@ class Scores:
 
     @cached_property
     def over(self) -> frozenset[str]:
-        """What the rows are published means over; empty for cells."""
+        """Return what the rows are published means over; empty for cells."""
         return over_what(self.rows)
 
     @cached_property
@@ -104,7 +106,7 @@ class Scores:
         return {key: mean.value for key, mean in found.items()}
 
     def is_below(self, row: CellRow) -> bool:
-        """Whether a model scores less on a recording than its best blind constant."""
+        """Tell whether a model scores less on a recording than its best blind constant."""
         found = self.constants.get((row.scenario, row.domain))
         return found is not None and not row.control and is_below(row.ivcs, found.score["ivcs"])
 
@@ -137,12 +139,12 @@ class Scores:
 
     @cached_property
     def scenarios(self) -> tuple[str, ...]:
-        """Of the cells that enter means."""
+        """List the scenarios of the cells that enter means."""
         return tuple(sorted({row.scenario for row in self.entering}))
 
     @cached_property
     def facts(self) -> dict[str, CellRow]:
-        """By model, a row that tells its parameters and architecture."""
+        """Return by model a row that states its parameters and architecture."""
         return {row.model: row for row in reversed(self.entering)}
 
     def lost_runs(self, keys: Collection[tuple[str, str, str]]) -> list[CellRow]:
@@ -153,7 +155,7 @@ class Scores:
 
     @cached_property
     def left_out(self) -> str:
-        """What the means leave out and take together, as the tables say it."""
+        """Say what the means leave out and take together, in the words of the tables."""
         return " ".join(run_notes(self.rows))
 
     @cached_property
@@ -173,7 +175,7 @@ class Scores:
         return " ".join(uneven(self.cells, subject))
 
     def n_text(self, rows: Sequence[CellRow] | None = None) -> str:
-        """How many cells, scenarios, domains and models stand behind a figure."""
+        """Describe how many cells, scenarios, domains and models a figure is made of."""
         rows = self.entering if rows is None else rows
         if self.over:
             over = " and ".join(f"{name}s" for name in sorted(self.over))

@@ -1,4 +1,4 @@
-"""How figures look: sizes, fonts, colours, legends, rows with names, captions."""
+"""The style of figures: sizes, fonts, colours, legends, rows with names, captions."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SQUARE = "s"
 
 @dataclass(frozen=True)
 class Look:
-    """How one of several things is told from the others, in colour and without."""
+    """The look that tells one of several series from the others, in colour and without."""
 
     colour: str
     marker: str
@@ -240,7 +240,7 @@ _LEFT_IN = 0.12
 
 
 def _places(texts: Sequence[str], width_in: float) -> Iterator[tuple[float, int, str]]:
-    """Where each entry's mark stands, in which line, and its text."""
+    """Yield where each entry's mark stands, in which line, and its text."""
     x, line = _LEFT_IN, 0
     for name in texts:
         text = fitted(name, width_in - 0.4)
@@ -339,7 +339,7 @@ def caption(*sentences: str, composite: bool = True) -> str:
 
 
 def renamed(names: dict[str, str]) -> str:
-    """Which names were shortened, as a sentence for the caption."""
+    """Name the shortened names, as a sentence for the caption."""
     pairs = [f"{shown} is {name}" for name, shown in names.items() if shown != name]
     return f"Shortened names: {'; '.join(pairs)}." if pairs else ""
 

@@ -29,7 +29,7 @@ _METADATA: dict[str, dict[str, str | None]] = {
 
 @dataclass(frozen=True)
 class Written:
-    """What became of the figures.
+    """The outcome of writing the figures.
 
     Args:
         left_out: name of a figure, and why these rows don't give it.

@@ -89,7 +89,7 @@ class BagOptions:
 
 @dataclass(frozen=True)
 class _Clip:
-    """Which frames of the camera's topic are kept.
+    """The frames of the camera's topic that are kept.
 
     Args:
         inside: places of the clip's frames among the topic's messages.
@@ -324,7 +324,7 @@ def _track(options: BagOptions, name: str, poses: Poses, clip: _Clip, findings: 
 
 
 def _said(options: BagOptions, poses: Poses, track: Track) -> list[str]:
-    """What was taken for granted of an object's frames."""
+    """List the assumptions about an object's frames."""
     name = track.body.object_id
     if {name, ALL} & set(options.clip.motion.references):
         return []

@@ -1,4 +1,4 @@
-"""What a bag says of its camera, and whether that can be (METHOD 4.3b): lens, and place on the VUT.
+"""The camera of a bag, and the check of its data (METHOD 4.3b): lens, and place on the VUT.
 
 Reads no bag: messages are gathered before the frames, since no reading goes on within another one.
 """
@@ -45,7 +45,7 @@ _ABOUT_X = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True)
 class CameraSource:
-    """What a bag holds of a camera.
+    """The data of a bag on a camera.
 
     Args:
         info_topic: of its CameraInfo; None: no lens is asked for.

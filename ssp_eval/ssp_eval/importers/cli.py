@@ -314,7 +314,7 @@ def _axes(given: tuple[str, ...], ids: Collection[str]) -> dict[str, Axes]:
 
 
 def _twists(given: tuple[str, ...], ids: Collection[str]) -> dict[str, bool]:
-    """Whether twists are in the poses' frame, by id; raises UsageError as ``_axes``."""
+    """Read by id whether twists are in the poses' frame; raises UsageError as ``_axes``."""
     found = {}
     for name, text in _named("--twist", given, ids).items():
         if text not in ("child", "parent"):

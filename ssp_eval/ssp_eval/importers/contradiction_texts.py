@@ -1,4 +1,4 @@
-"""What people are told of a motion that contradicts its places: what, where, and what mends it."""
+"""The texts on a motion that contradicts its places: what, where, and the remedy."""
 
 from __future__ import annotations
 

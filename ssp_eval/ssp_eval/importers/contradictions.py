@@ -1,4 +1,4 @@
-"""Where the motion that a recording states contradicts its places (METHOD 4.3b).
+"""The detection of stated motion that contradicts its places (METHOD 4.3b).
 
 The bounds are those of live states (ssp_core.safety.window); here the whole recording is known, so
 that one delay is fitted to all of it, and each window is judged. Windows are of half a second, or

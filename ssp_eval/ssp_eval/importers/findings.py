@@ -1,4 +1,4 @@
-"""What an import finds in its source and can't take as it is, unless a person accepts it.
+"""The findings of an import that keep a source from being taken as it is, unless a person accepts.
 
 All findings of an import are listed in one message, each with its name. ``--accept NAME`` takes
 the findings of that name as they are; import.json and every later page say so.

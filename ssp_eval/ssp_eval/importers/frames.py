@@ -172,7 +172,9 @@ class FrameIntake:
 
     @property
     def describes_lens(self) -> bool:
-        """Whether a CameraInfo can describe the frames: they lie in the file as they are shown."""
+        """Tell whether a CameraInfo can describe the frames: they lie in the file as they are
+        shown.
+        """
         return not (self._turned and self._has_lens)
 
     def close(self, findings: Findings) -> list[str]:

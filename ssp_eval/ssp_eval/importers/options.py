@@ -29,7 +29,7 @@ _ID = re.compile(r"[a-z][a-z0-9_]{0,31}")
 
 @dataclass(frozen=True)
 class Declared:
-    """What is said of a recording and can't be read in it.
+    """The declared facts about a recording that can't be read in it.
 
     Args:
         event: the K* itself, where it was given.
@@ -49,7 +49,7 @@ class Declared:
 
 @dataclass(frozen=True)
 class MotionOptions:
-    """What is said of the objects' motion.
+    """The declared facts about the objects' motion.
 
     Args:
         transforms: by id, ``all`` for those that aren't named.
@@ -71,8 +71,9 @@ class MotionOptions:
         self, object_id: str, object_class: ObjectClass, reference: ReferencePoint,
         role: Role, size: Size | None = None,
     ) -> Body:  # fmt: skip
-        """What is known of an object; ``reference`` and ``size`` are the source's, where nobody
-        says otherwise."""
+        """Describe an object; ``reference`` and ``size`` are the source's, unless they are
+        declared.
+        """
         if object_id in self.sizes:
             size = size_of(object_class, *self.sizes[object_id])
         return Body(
@@ -88,7 +89,7 @@ class MotionOptions:
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What both importers are told.
+    """The options of both importers.
 
     Args:
         start_s: crop: of a video source time, of a bag from the camera's first frame on.

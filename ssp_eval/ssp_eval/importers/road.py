@@ -1,4 +1,6 @@
-"""Which stretch of a map the VUT drives on: what a recording's topology comes from (METHOD 4.3)."""
+"""The stretch of a map that the VUT drives on, from which a recording's topology comes (METHOD
+4.3).
+"""
 
 from __future__ import annotations
 
@@ -160,7 +162,7 @@ def _is_part(block: Block, other: Block) -> bool:
 
 
 def _near(block: Block, points: FloatArray) -> bool:
-    """Whether a way can touch a block at all: cheap, before every point is projected."""
+    """Tell whether a way can touch a block at all: cheap, before every point is projected."""
     start = block.line.pose(0.0)
     reach = block.length_m + max(abs(block.left_edge_m), abs(block.right_edge_m))
     gaps = np.hypot(points[:, 0] - start.x_m, points[:, 1] - start.y_m)
@@ -168,7 +170,7 @@ def _near(block: Block, points: FloatArray) -> bool:
 
 
 def _nowhere(library: Library, points: FloatArray) -> str:
-    """How far the way lies from the map."""
+    """Describe how far the way lies from the map."""
     middle = points[len(points) // 2]
     gaps = {
         block.block_id: min(

@@ -54,7 +54,7 @@ class Times:
 
     @property
     def delay_s(self) -> NDArray[np.float64]:
-        """From stamp to receipt, in s."""
+        """Compute the delays from stamp to receipt, in s."""
         found: NDArray[np.float64] = (self.received_ns - self.stamps_ns) / NS_PER_S
         return found
 
@@ -115,7 +115,8 @@ def check_clocks(file: Path, clock: Clock, topics: Sequence[Times]) -> list[str]
 
 
 def _later_s(other: Times, first: Times) -> NDArray[np.float64]:
-    """How much later than the first topic's another's messages are received, by their stamps.
+    """Compute how much later than the first topic's another's messages are received, by their
+    stamps.
 
     Compared at the same times of receipt: a simulator's time may run slower than the recorder's.
     """
@@ -391,7 +392,7 @@ class Span:
     received_ns: tuple[int, int] | None
 
     def holds(self, stamp_ns: int, received_ns: int) -> bool:
-        """Whether a message belongs to the crop, by its time or by its receipt."""
+        """Tell whether a message belongs to the crop, by its time or by its receipt."""
         time_ns = stamp_ns if self.clock == "header" else received_ns
         if self.stamps_ns[0] <= time_ns <= self.stamps_ns[1]:
             return True

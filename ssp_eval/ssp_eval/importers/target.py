@@ -100,7 +100,7 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class ImportSummary:
-    """What was imported.
+    """The imported data.
 
     Args:
         keep_every: every n-th source frame was kept.
@@ -118,7 +118,7 @@ class ImportSummary:
     record: ImportRecord
 
     def as_json(self) -> dict[str, object]:
-        """For programs."""
+        """Describe the import for programs."""
         return {
             "bag": str(self.bag),
             "frames": self.frames,
@@ -132,7 +132,7 @@ class ImportSummary:
 
     @property
     def text(self) -> str:
-        """For people, one line."""
+        """Describe the import for people, in one line."""
         width_px, height_px = self.size_px
         return (
             f"{self.bag}: {self.frames} frames of {width_px}x{height_px} px, "
@@ -181,7 +181,7 @@ def write_states(writer: BagWriter, tracks: Mapping[str, Iterable[ObjectState]])
 
 @dataclass(frozen=True)
 class Motion:
-    """Where the states of a recording come from, and the road under the VUT's way."""
+    """The origin of a recording's states, and the road under the VUT's way."""
 
     tracks: Sequence[Track]
     states: ImportedStates
@@ -329,7 +329,7 @@ class CameraFacts:
 
     @property
     def record(self) -> ImportedCamera:
-        """What import.json says of it."""
+        """Make the entry of import.json."""
         lens, mounting = self.lens, self.mounting
         half = None if lens is None else math.atan(lens.width_px / 2 / lens.fx_px)
         return ImportedCamera(

@@ -41,7 +41,7 @@ ReferencePoint = Literal["rear_axle", "centre", "front", "rear"]
 
 @dataclass(frozen=True)
 class Source:
-    """Where a track stands, for errors.
+    """The place of a track, for errors.
 
     Args:
         field: topic, or id in the table.
@@ -70,7 +70,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Samples:
-    """What a source says of one object, one entry a sample, in the order of the source.
+    """The source's samples of one object, one entry a sample, in the order of the source.
 
     Args:
         stamps_ns: on the source's clock.
@@ -132,7 +132,7 @@ class Rigid:
 
 @dataclass(frozen=True)
 class Body:
-    """What is said of an object beside its motion.
+    """The facts about an object beside its motion.
 
     Args:
         size: None: the typical one of its class.
@@ -155,7 +155,9 @@ class Body:
 
     @property
     def ahead_m(self) -> float:
-        """How far the reported point lies ahead of the reference point of ObjectState.msg."""
+        """Return how far the reported point lies ahead of the reference point of
+        ObjectState.msg.
+        """
         if isinstance(self.reference, float):
             return self.reference
         front_m, rear_m = self.extent.front_m, self.extent.rear_m

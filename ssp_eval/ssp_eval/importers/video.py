@@ -131,7 +131,7 @@ def _kept(video: Video, options: VideoOptions, every: int, sound: Soundness) -> 
 
 
 def _sound(options: VideoOptions, findings: Findings) -> Soundness:
-    """What strict decoding finds in the part that is imported."""
+    """Decode the part that is imported strictly, and note the findings."""
     found = sound_video(options.video, options.clip.end_s)
     if found.damaged > options.most_damaged:
         findings.add(
@@ -241,7 +241,7 @@ def _write(
 
 
 def _of_file(video: Video) -> list[str]:
-    """What is to be said of a video's pixels and times."""
+    """List the remarks on a video's pixels and times."""
     info, notes = video.info, []
     if info.stored_px is not None:
         notes.append(
@@ -327,7 +327,7 @@ def _measured(
 
 @dataclass
 class _FrameChange:
-    """How much each frame of a clip differs from the one before, in grey levels.
+    """The difference of each frame of a clip from the one before, in grey levels.
 
     A table of another run shows itself by frames that change while its VUT stands.
     """

@@ -1,1 +1,1 @@
-"""What named persons saw in a recording (METHOD 4.3): asking, storing and combining it."""
+"""The observations of a recording by named persons (METHOD 4.3): asking, storing and combining."""

@@ -1,4 +1,4 @@
-"""What one or more persons' observations of a recording say together (METHOD 4.3)."""
+"""The agreement of one or more persons' observations of a recording (METHOD 4.3)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Verdict = Literal["agree", "differ", "one alone", "contradict", "unknown"]
 
 @dataclass(frozen=True)
 class Agreement:
-    """What counts of a recording's observations.
+    """The part of a recording's observations that counts.
 
     Args:
         answers: what counts: null where nobody could tell or where two differ. Of times within
@@ -41,7 +41,7 @@ class Agreement:
 
     @property
     def by(self) -> str:
-        """Who looked, for people."""
+        """Name the observers for people."""
         return " and ".join(self.observers)
 
     @property
@@ -54,7 +54,7 @@ class Agreement:
         return self.answers.properties_by(self.by)
 
     def to_json(self) -> dict[str, Any]:
-        """For programs: observers, their seals, tolerance and rows."""
+        """Serialise for programs: observers, their seals, tolerance and rows."""
         return {
             "observers": list(self.observers),
             "seals": [one.seal for one in self.observations],
@@ -158,7 +158,7 @@ def _kind(path: str) -> Literal["time", "share", "word"]:
 def _verdict(
     values: Sequence[Any], kind: Literal["time", "share", "word"], tolerance_s: float
 ) -> tuple[Verdict, Any]:
-    """How answers agree, and what counts; who couldn't tell contradicts nobody."""
+    """Judge how answers agree, and what counts; an undecided answer contradicts none."""
     known = [value for value in values if value is not None]
     if not known:
         return "unknown", None

@@ -21,7 +21,7 @@ _ROUNDING_S = 0.0005
 
 @dataclass(frozen=True)
 class Footage:
-    """What an observation is held against.
+    """The recording that an observation is compared with.
 
     Args:
         bag_sha256: content hash of the recording.
@@ -68,7 +68,7 @@ def find_observations(bag: Path) -> list[Path]:
 
 
 def default_place(bag: Path, who: str) -> Path:
-    """Where a person's sealed observation goes: beside the recording, where it is found."""
+    """Return the path of a person's sealed observation: beside the recording, where it is found."""
     folder = bag_folder(bag)
     name = "".join(c if c.isalnum() else "_" for c in who.casefold()).strip("_") or "observer"
     start = STEM if folder.name == "bag" else f"{folder.name}.{STEM}"

@@ -61,7 +61,7 @@ class Seen(Strict):
         return self
 
     def answers(self) -> dict[str, Any]:
-        """What is said, without its evidence."""
+        """Return the statements, without their evidence."""
         return self.model_dump(by_alias=True, exclude={"frames", "note"})
 
     @property
@@ -87,7 +87,7 @@ class Topology(Seen):
 
 
 class Participant(Strict):
-    """Who takes part, and where an OT is at the clip's start, seen from the VUT's lane."""
+    """A participant, and an OT's place at the clip's start, seen from the VUT's lane."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
@@ -97,7 +97,7 @@ class Participant(Strict):
 
 
 class Roles(Seen):
-    """Who takes part, whose manoeuvre the event is, and whom it affects."""
+    """The participants, the initiator of the event, and the one affected."""
 
     participants: Annotated[dict[ObjectId, Participant], Field(min_length=2, max_length=16)]
     initiator: ObjectId | None
@@ -125,7 +125,7 @@ class Said(Seen, Generic[Value]):
 
 
 class PhaseStart(Seen):
-    """When a phase starts."""
+    """The start of a phase."""
 
     t_s: ClipTime
 
@@ -154,7 +154,7 @@ class Gate(Strict):
 
 
 class Visible(Said[Share | Literal["throughout", "never"]]):
-    """For which share of the time from trigger to resolution something can be seen."""
+    """The share of the time from trigger to resolution in which something can be seen."""
 
     @property
     def share(self) -> float | None:
@@ -164,14 +164,14 @@ class Visible(Said[Share | Literal["throughout", "never"]]):
 
 
 class Visibility(Strict):
-    """Of the OTs, and of the region where they are in conflict."""
+    """The visibility of the OTs, and of the region where they are in conflict."""
 
     participants: dict[ObjectId, Visible]
     conflict_region: Visible
 
 
 class Log(Strict):
-    """What a recording without our log can't show, as the observer declares it."""
+    """The observer's declaration of what a recording without our log can't show."""
 
     safety_abort: YesNo
     identity_switch: YesNo
@@ -303,7 +303,7 @@ class Answers(Strict):
         }
 
     def _adjacency(self) -> str | None:
-        """How the lane that the critical OT comes from lies to the VUT's."""
+        """Describe how the lane that the critical OT comes from lies to the VUT's."""
         roles = self.roles
         target = roles.initiator if roles.initiator != roles.vut else roles.affected
         if target is None or (place := roles.participants[target].starts_in) is None:
@@ -345,7 +345,7 @@ class Observation(Answers):
 
     @property
     def content_sha256(self) -> str:
-        """What the seal must be."""
+        """Compute the seal that the observation must have."""
         value = self.model_dump(mode="json", by_alias=True)
         del value["seal"]
         return sha256_json(value)

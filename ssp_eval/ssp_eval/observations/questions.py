@@ -1,4 +1,4 @@
-"""What an observer is asked, on the page and in a YAML template: nothing of it says an answer."""
+"""The questions to an observer, on the page and in a YAML template: none suggests an answer."""
 
 from __future__ import annotations
 

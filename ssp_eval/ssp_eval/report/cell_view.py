@@ -1,4 +1,4 @@
-"""What the page shows of one label time: picture, text, plan, verdicts, the way back to K*."""
+"""The page's view of one label time: picture, text, plan, verdicts, the way back to K*."""
 
 from __future__ import annotations
 
@@ -82,12 +82,12 @@ class _Line:
 
     @property
     def sha256(self) -> str:
-        """As an evidence package names it."""
+        """Return the hash by which an evidence package names it."""
         return sha256_bytes(self.text.encode())
 
 
 class _Answer(BaseModel):
-    """What is read of a line of raw.jsonl here."""
+    """The part of a line of raw.jsonl that is read here."""
 
     request_id: str = ""
 
@@ -323,7 +323,7 @@ def _missing(request: Mapping[str, Any]) -> str:
 
 
 def tolerated(cell: CellData) -> list[tuple[str, int]]:
-    """What the adapter noted of a cell's answers, and of how many; the commonest first."""
+    """Count the adapter's notes on a cell's answers; the commonest first."""
     notes = Counter(
         note
         for record in cell.records

@@ -48,7 +48,7 @@ CHOICES = (*GROUPS, PHASES)
 
 @dataclass(frozen=True)
 class WantedFigures:
-    """What was asked for.
+    """The figures that were asked for.
 
     Args:
         reference: model that others are compared to, None: the best by IVCS.
@@ -124,7 +124,7 @@ def _take(*folders: Path | None) -> None:
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What is to be written beside the page."""
+    """The files that are to be written beside the page."""
 
     folder: Path
     formats: Sequence[str]

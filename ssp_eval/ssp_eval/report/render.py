@@ -136,7 +136,9 @@ def seeing_plot(seeing: Table | None, answerers: Table | None) -> str:
 
 
 def _sees_nothing(name: str, models: Collection[str]) -> bool:
-    """Whether an answerer has a row of its own: it sees nothing, and no model's row shows it."""
+    """Tell whether an answerer has a row of its own: it sees nothing, and no model's row shows
+    it.
+    """
     model, condition = condition_of(name)
     return name in _BLIND or (condition == BLIND and model not in models)
 
@@ -278,7 +280,7 @@ _PARTS = (
 
 
 def statistics_parts(tables: Sequence[Table]) -> dict[str, list[Grid]]:
-    """By title the parts of the statistics that there is something for, in a fixed order."""
+    """Return by title the non-empty parts of the statistics, in a fixed order."""
     found: dict[str, list[Grid]] = {}
     for title, prefix in _PARTS:
         for table in tables:
@@ -288,7 +290,7 @@ def statistics_parts(tables: Sequence[Table]) -> dict[str, list[Grid]]:
 
 
 def moved_part(moved: Moved | None) -> dict[str, Any] | None:
-    """What the section "What moved the answer" shows; None where nothing was changed."""
+    """Return the content of the section "What moved the answer"; None where nothing was changed."""
     if moved is None:
         return None
     shown = [one for one in moved_tables(moved) if one.name != FINDINGS]
@@ -346,7 +348,7 @@ def _missing(cells: Sequence[CellData]) -> int:
 
 
 def _title(models: Sequence[str], scenarios: Sequence[str]) -> str:
-    """Who was evaluated on what, in words; counts where there are many."""
+    """Describe who was evaluated on what, in words; counts where there are many."""
 
     def listed(names: Sequence[str], many: str) -> str:
         words = [name.replace("_", " ") for name in names]
@@ -421,7 +423,7 @@ class DetailFiles:
 
 
 def rows(cells: Sequence[CellData], constants: Mapping[Place, float]) -> dict[str, Any]:
-    """What the page's script makes rows of: one list per cell, names by their number.
+    """Make the rows of the page's script: one list per cell, names by their number.
 
     Args:
         constants: IVCS of the best blind constant by scenario and domain.
@@ -454,7 +456,7 @@ def rows(cells: Sequence[CellData], constants: Mapping[Place, float]) -> dict[st
 
 
 def _stages(cell: CellData) -> str:
-    """Per label, in order, the first stage that fails (METHOD 6.12)."""
+    """Return per label, in order, the first stage that fails (METHOD 6.12)."""
     if cell.score is None:
         return ""
     found = (judgement.first_failure for judgement in cell.score.details.judgements)
@@ -477,7 +479,7 @@ MOST_NOTICES = 12
 
 @dataclass(frozen=True)
 class Details:
-    """What a page that holds everything has behind each cell.
+    """The details behind each cell, of a page that holds everything.
 
     Args:
         views: by cell id, its label times.

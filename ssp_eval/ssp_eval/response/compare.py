@@ -102,7 +102,7 @@ def respond(drives: Sequence[Drive], limits: ResponseLimits) -> ResponseEntry:
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """How the comparison follows the reference on time since the trigger.
+    """The delay of the comparison behind the reference on time since the trigger.
 
     Args:
         lag_s: that maximises the correlation, + where the comparison is later; None: there is no
@@ -306,7 +306,7 @@ def _causes(
     clock: RatingEntry | None,
     without: RatingEntry | None,
 ) -> list[CauseEntry]:
-    """What explains a difference, with what it costs of the rating where that can be told."""
+    """List the explanations of a difference, with their cost in the rating where it is known."""
     reference, comparison = drives
     who, other = names[1], names[0]
     found = []

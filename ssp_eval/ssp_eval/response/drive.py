@@ -1,4 +1,4 @@
-"""What the VUT did in one recording: its braking, its key figures and the curve that is rated."""
+"""The VUT's drive in one recording: its braking, its key figures and the curve that is rated."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _EPS = 1e-9
 
 @dataclass(frozen=True)
 class Drive:
-    """What the VUT did in one recording, at its states within the clip.
+    """The VUT's drive in one recording, at its states within the clip.
 
     Args:
         t_s: clip times, rising, shape (n,).
@@ -111,7 +111,7 @@ def _crossing(drive: Drive, before: int, level_mps2: float) -> float | None:
 
 
 def obstacle(drive: Drive, start_s: float | None) -> str | None:
-    """Why a response can't be assessed, None where it can or where the VUT just doesn't brake.
+    """Say why a response can't be assessed, None where it can or where the VUT just doesn't brake.
 
     Args:
         start_s: clip time at which its braking begins; None: it doesn't brake.
@@ -178,7 +178,7 @@ def figure(drive: Drive, name: Figure, start_s: float | None) -> float | None:
 
 
 def drive_of(series: Series, vut: str, other: str | None, trigger_s: float | None) -> Drive:
-    """What the VUT of a recording did, against the OT of its event.
+    """Compute the drive of a recording's VUT, against the OT of its event.
 
     Args:
         series: states within the clip.
@@ -216,6 +216,6 @@ def drive_of(series: Series, vut: str, other: str | None, trigger_s: float | Non
 
 
 def no_drive() -> Drive:
-    """That of a recording without states."""
+    """Return the drive of a recording without states."""
     nothing = np.empty(0)
     return Drive(nothing, nothing, nothing, nothing, nothing, nothing, None)

@@ -1,4 +1,4 @@
-"""What differs between a twin and its factual recording, found by comparing both."""
+"""The differences of a twin from its factual recording, found by comparing both."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def audit_of(change: Change, factual: BagReader, twin: BagReader, pixels: Pixels
 
 
 class _Comparison:
-    """Of both bags, message by message."""
+    """The comparison of both bags, message by message."""
 
     def __init__(self, change: Change) -> None:
         history = change.kind is Kind.HISTORY

@@ -159,7 +159,7 @@ class _Frames:
 
 
 class _Edit:
-    """What becomes of each message of the factual bag in one twin."""
+    """The edit of each message of the factual bag in one twin."""
 
     def __init__(self, factual: Factual, bag: BagReader, change: Change) -> None:
         self._factual, self._bag, self.change = factual, bag, change
@@ -182,7 +182,7 @@ class _Edit:
             self._reported = Series(slow) if slow else None
 
     def _reported_states(self) -> list[ObjectState]:
-        """What the object itself sent; none: it sends nothing, as traffic does."""
+        """Return the states that the object itself sent; none: it sends none, as traffic does."""
         found = []
         for message in self._bag.messages([self._own_topic, ARRAYS]):
             if message.topic == ARRAYS:
@@ -213,7 +213,7 @@ class _Edit:
 
     @property
     def identity(self) -> TwinIdentity:
-        """What the twin is."""
+        """Return the identity of the twin."""
         change, facts = self.change, self._factual.provenance
         return TwinIdentity(
             name=change.name,

@@ -1,4 +1,4 @@
-"""What a twin differs in: one change, as data, and what it makes of recorded states.
+"""The difference of a twin: one change, as data, and its effect on recorded states.
 
 A change is a function of recorded states. What it doesn't name stays as it was recorded, so that
 nothing in a twin reacts to it.
@@ -24,7 +24,7 @@ from ssp_core.world.reference_line import ReferenceLine
 
 
 class Kind(Enum):
-    """Of changes, by the word of ``--change``."""
+    """The kinds of changes, by the word of ``--change``."""
 
     WITHOUT = "without"  # the object isn't there
     CLASS = "class"  # another class in its place, with that class's typical extents
@@ -85,7 +85,7 @@ class Change:
 
     @property
     def words(self) -> str:
-        """For people."""
+        """Describe the change for people."""
         who, what = self.object_id, self.object_class.word if self.object_class else ""
         return {
             Kind.WITHOUT: f"without {who}",
@@ -154,7 +154,7 @@ def _seconds(text: str, least: float) -> float:
 
 
 def usual_changes(targets: dict[str, ObjectClass]) -> list[Change]:
-    """What ``--change all`` stands for.
+    """List the changes that ``--change all`` stands for.
 
     Args:
         targets: class of each object target, by id.
@@ -199,7 +199,7 @@ class Series:
 def changed_state(
     change: Change, state: ObjectState, own: Series, vut: Series
 ) -> ObjectState | None:
-    """What becomes of a state of the changed object; None: it isn't there.
+    """Change a state of the changed object; None: it isn't there.
 
     Args:
         own: states of the object from the same source.

@@ -138,7 +138,7 @@ def _make(factual: Factual, bag: BagReader, changes: Sequence[Change]) -> None:
 
 
 def show(found: Sequence[TwinRecord]) -> None:
-    """What differs, a twin a row, and every reason why one doesn't hold.
+    """Print the differences, a twin a row, and every reason why one doesn't hold.
 
     Frames that differ and pixels in each of these, pixels outside object and shadow, messages that
     differ or are gone.

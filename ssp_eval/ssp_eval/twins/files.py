@@ -1,4 +1,4 @@
-"""What a twin says of itself (``twin.json``), and a recording's twins (``twin_set.json``)."""
+"""A twin's description of itself (``twin.json``), and a recording's twins (``twin_set.json``)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Count = Annotated[int, Field(ge=0)]
 
 
 class TwinIdentity(Strict):
-    """What the bag of a twin holds as an attachment: what it is."""
+    """The identity of a twin, as an attachment of its bag."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
@@ -43,7 +43,7 @@ class TwinIdentity(Strict):
 
 
 class TwinAudit(Strict):
-    """What differs between a twin and the factual recording, found by comparing both.
+    """The differences of a twin from the factual recording, found by comparing both.
 
     Pixels are those of the pictures before JPEG.
     """
@@ -88,7 +88,7 @@ class TwinSet(Strict):
 
 
 def twins_folder(bag: Path) -> Path:
-    """Where the twins of a recording lie: ``twins/`` beside its bag.
+    """Return the folder of a recording's twins: ``twins/`` beside its bag.
 
     Args:
         bag: its folder, or an MCAP file in it.
@@ -123,7 +123,7 @@ def finished_twin(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
 
 
 def _told_twin(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
-    """What ``twin.json`` of a recording's twin says, whatever its bag holds by now."""
+    """Read ``twin.json`` of a recording's twin, whatever its bag holds by now."""
     try:
         record = load_model(TwinRecord, twins_folder(bag) / name / TWIN_FILE)
     except InputError:

@@ -71,7 +71,7 @@ class Factual:
 
 
 def decoded(bag: BagReader, message: BagMessage, decode: Callable[[bytes], Decoded]) -> Decoded:
-    """What a message says.
+    """Decode a message.
 
     Raises:
         InputError: it is none of its type.

@@ -194,7 +194,7 @@ class Written:
 
 @dataclass(slots=True)
 class ExportReport:
-    """What was exported, and what a person should know about it."""
+    """The exported files, and the notes on them for a person."""
 
     written: list[Written] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -279,7 +279,7 @@ class Export:
                 )
 
     def _nothing(self) -> InputError:
-        """What to say when no file was made."""
+        """Make the error for an export without any file."""
         if self.tables:
             filled = [name for name, info in self.bag.topics.items() if info.count]
             can = f"messages are in {_some(filled)}" if filled else "the bag holds no messages"

@@ -83,7 +83,7 @@ class TopicSummary:
 
 @dataclass(frozen=True, slots=True)
 class BagSummary:
-    """What stands in a bag.
+    """The content of a bag.
 
     Args:
         topics: by name.
@@ -193,7 +193,7 @@ def _log_times(file: McapFile) -> NDArray[np.int64]:
 
 
 def _repeats(metadata: dict[str, str], first: bool) -> bool:
-    """Whether a channel holds again what an earlier file has."""
+    """Tell whether a channel holds again what an earlier file has."""
     return not first and REPEATED_KEY in metadata
 
 
@@ -349,7 +349,7 @@ def info_command(path: Path, json_: bool) -> None:
 
 
 def _is_closed(found: BagSummary) -> bool:
-    """Whether the bag was finished and all of its files can be read."""
+    """Tell whether the bag was finished and all of its files can be read."""
     if found.path.is_dir() and not (found.path / FILE_NAME).is_file():
         return False
     return not any(file.problem for file in found.files)
@@ -372,7 +372,7 @@ def _accepted(found: BagSummary) -> list[dict[str, str]]:
 
 
 def _report(found: BagSummary) -> dict[str, Any] | None:
-    """What the recorder said; a bag that isn't closed has none yet."""
+    """Return the recorder's report; a bag that isn't closed has none yet."""
     if not _is_closed(found):
         return None
     with BagReader(found.path) as bag:
@@ -380,7 +380,7 @@ def _report(found: BagSummary) -> dict[str, Any] | None:
 
 
 def survey_json(found: BagSummary) -> dict[str, Any]:
-    """What stands in a bag, for programs; times are log times in ns."""
+    """Describe a bag for programs; times are log times in ns."""
     return {
         "path": str(found.path),
         "files": [asdict(file) for file in found.files],
@@ -411,7 +411,7 @@ def survey_json(found: BagSummary) -> dict[str, Any]:
 
 
 def survey_lines(found: BagSummary) -> list[str]:
-    """What stands in a bag, for people."""
+    """Describe a bag for people."""
     files = f"{len(found.files)} files" if len(found.files) != 1 else "1 file"
     lines = [
         f"{found.path}: {found.count} messages of "
@@ -480,7 +480,7 @@ def _profile_text(profile: dict[str, Any]) -> str:
 
 
 def topics_text(counts: Collection[int]) -> str:
-    """How many topics there are, and how many of them hold messages."""
+    """Describe how many topics there are, and how many of them hold messages."""
     filled = sum(1 for count in counts if count)
     of = f" of {len(counts)}" if filled < len(counts) else ""
     return f"{filled}{of} topics"

@@ -1,4 +1,4 @@
-"""Which part of a bag a command is about: a span of time and some topics."""
+"""The part of a bag that a command is about: a span of time and some topics."""
 
 from __future__ import annotations
 

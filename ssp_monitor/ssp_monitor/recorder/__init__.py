@@ -1,1 +1,1 @@
-"""What the recorder decides, without ROS: topics, queue, encoding, disk, losses and report."""
+"""The recorder's decisions, without ROS: topics, queue, encoding, disk, losses and report."""

@@ -1,4 +1,4 @@
-"""How long the disk lasts, and what follows from it. Pure: figures come in, sentences go out."""
+"""The time that the disk lasts, and its consequences. Pure: figures come in, sentences go out."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ _BYTES_PER_OBJECT_STEP = 1500
 
 
 def free_bytes(folder: Path) -> int | None:
-    """What this process may still write on the folder's file system; None if it can't be told."""
+    """Return what this process may still write on the folder's file system; None if it isn't
+    known.
+    """
     try:
         figures = os.statvfs(folder)
     except OSError:
@@ -47,8 +49,9 @@ class WriteRate:
 
 
 def expected_rate(run: RunSpec) -> float:
-    """What a run writes, bytes per second, by its camera, its objects and its step: an estimate to
-    the safe side for a run that hasn't begun."""
+    """Estimate what a run writes, bytes per second, by its camera, objects and step, on the safe
+    side, for a run that hasn't begun.
+    """
     rate = (1 + len(run.targets)) * _BYTES_PER_OBJECT_STEP / run.step_s
     if run.camera is not None:
         pixels = run.camera.width_px * run.camera.height_px
@@ -58,7 +61,7 @@ def expected_rate(run: RunSpec) -> float:
 
 @dataclass(frozen=True, slots=True)
 class DiskNeeds:
-    """What a recording asks of its disk.
+    """The demands of a recording on its disk.
 
     Args:
         reserve_bytes: that must stay free.
@@ -73,7 +76,7 @@ class DiskNeeds:
 
 @dataclass(frozen=True, slots=True)
 class DiskOutlook:
-    """What follows from the figures.
+    """The consequences of the figures.
 
     Args:
         left_s: until the reserve is reached, at the present rate; inf: never, or not known.

@@ -21,7 +21,7 @@ CODECS = ("h264", "h265")
 
 @dataclass(frozen=True, slots=True)
 class VideoChoice:
-    """Which topics of pictures become video.
+    """The topics of pictures that become video.
 
     Args:
         codec: one of CODECS.
@@ -72,7 +72,7 @@ class Encoding:
         self.problem = ""
 
     def encode(self, message: BagMessage) -> list[BagMessage]:
-        """What is written in place of a message; never nothing because of a failure."""
+        """Encode a message; a failure never loses it."""
         try:
             return self._encoder.encode(message)
         except ValueError as error:
@@ -86,7 +86,7 @@ class Encoding:
         return [message._replace(topic=self.originals)]
 
     def finish(self) -> list[BagMessage]:
-        """What the encoder held back."""
+        """Return the messages that the encoder held back."""
         try:
             return self._encoder.finish()
         except Exception as error:

@@ -21,7 +21,7 @@ MOST_NAMED = 5
 
 @dataclass(slots=True)
 class Arrivals:
-    """What arrived of one topic, by publisher, and what is missing.
+    """The arrivals of one topic, by publisher, and what is missing.
 
     What a publisher sent before its first message that arrived is no loss: it may have been sent
     before anybody listened.
@@ -48,7 +48,7 @@ class Arrivals:
 
     @property
     def publishers(self) -> int:
-        """How many different ones were heard."""
+        """Count the different publishers that were heard."""
         return len(self._last)
 
     def seen(self, publisher: bytes, sequence: int) -> int:
@@ -147,7 +147,7 @@ SOURCES = frozenset({TICK, HEARTBEAT})
 
 
 def claims(last: Mapping[str, bytes]) -> dict[str, int]:
-    """By topic, how many messages its publisher has sent at the least.
+    """Return by topic how many messages its publisher has sent at the least.
 
     The world doesn't count the states of the VUT that it repeats before a run, so that its number
     may be lower than the truth; it is never higher.
@@ -170,7 +170,7 @@ _STAMPED = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 
 
 def stamp_at(msgtype: str) -> int | None:
-    """Where the first stamp stands in a message of this type; None: it doesn't begin with one.
+    """Find the first stamp of a message of this type; None: it doesn't begin with one.
 
     A Header or a bare Time stands behind the encapsulation, that of a first transform behind their
     number.

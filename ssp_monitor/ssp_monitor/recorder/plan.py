@@ -1,4 +1,4 @@
-"""What a recording is asked to do, as one value, and the files that its bag carries."""
+"""The task of a recording, as one value, and the files that its bag carries."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class TopicRecord:
-    """What was written of one topic.
+    """The written messages of one topic.
 
     Args:
         first_ns: earliest log time, None before the first message.
@@ -51,7 +51,7 @@ class TopicRecord:
 
 @dataclass(frozen=True, slots=True)
 class RecorderState:
-    """What is on disk, and what is not.
+    """The messages that are on disk, and those that are not.
 
     Args:
         dropped: taken but not written, since the queue was full or the disk failed.
@@ -78,7 +78,7 @@ BATCH_MESSAGES = 256
 
 
 class DropQueue:
-    """Between the one thread that receives and the one that writes.
+    """The queue between the one thread that receives and the one that writes.
 
     Args:
         limit_bytes: what may wait.
@@ -102,7 +102,7 @@ class DropQueue:
         self._importance = {**self._importance, **topics}
 
     def dropped(self) -> Counter[str]:
-        """How many of each topic came in and don't come out."""
+        """Count by topic the messages that came in and don't come out."""
         with self._lock:
             return Counter(self._dropped)
 
@@ -113,7 +113,7 @@ class DropQueue:
 
     @property
     def bytes(self) -> int:
-        """What waits or is being written."""
+        """Count the bytes that wait or are being written."""
         return self._bytes
 
     def __len__(self) -> int:
@@ -288,12 +288,12 @@ class Recorder:
 
     @property
     def originals(self) -> dict[str, str]:
-        """By topic, where its pictures are that could not be encoded."""
+        """Return by topic where its pictures are that could not be encoded."""
         with self._naming:
             return dict(self._originals)
 
     def records(self) -> list[TopicRecord]:
-        """What is written of each topic, in the order of the bag."""
+        """List the written messages of each topic, in the order of the bag."""
         return list(self._records.values())
 
     def state(self) -> RecorderState:

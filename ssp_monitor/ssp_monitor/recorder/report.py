@@ -1,4 +1,4 @@
-"""What a recorder reports: ``recording.json``, the check of its closed bag, the run's verdict."""
+"""The reports of a recorder: ``recording.json``, the check of its closed bag, the run's verdict."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ _NONE: Mapping[str, str] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True)
 class ClosingCheck:
-    """What was found.
+    """The findings of the check.
 
     Args:
         problems: sentences; empty when all that was looked at is as it must be.
@@ -272,7 +272,9 @@ _FIGURES = re.compile(r"(?<![\w/])\d+(?:\.\d+)?(?!\w)")
 
 
 class RepeatedWarnings:
-    """What was said, at most MOST different things, in the order in which each was said first."""
+    """The warnings given, at most MOST different ones, in the order in which each was given
+    first.
+    """
 
     def __init__(self) -> None:
         self._texts: dict[str, str] = {}

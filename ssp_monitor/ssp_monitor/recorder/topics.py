@@ -1,4 +1,4 @@
-"""Which topics are recorded, with which profile they are received, and which are dropped first."""
+"""The topics that are recorded, the profiles that receive them, and the order of dropping."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Pattern:
             ) from error
 
     def found_in(self, name: str) -> bool:
-        """Whether the expression matches somewhere in the name."""
+        """Tell whether the expression matches somewhere in the name."""
         return self._expression.search(name) is not None
 
 
@@ -131,7 +131,7 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
 
 
 def uses_simulated_time(run: RunSpec) -> bool:
-    """Whether stamps count from the start of a simulated world, and /clock carries them."""
+    """Tell whether stamps count from the start of a simulated world, and /clock carries them."""
     return run.mode != "live"
 
 
@@ -143,7 +143,7 @@ NOISE = frozenset(("/parameter_events", "/rosout"))
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What a person asked for, beside the run's own topics.
+    """A person's selection, beside the run's own topics.
 
     Args:
         everything: all topics of the graph.
@@ -161,11 +161,11 @@ class Selection:
 
     @property
     def looks(self) -> bool:
-        """Whether there is anything to look for on the graph."""
+        """Tell whether there is anything to look for on the graph."""
         return self.everything or bool(self.include or self.named)
 
     def wants(self, name: str) -> bool:
-        """Whether a topic is asked for by its name."""
+        """Tell whether a topic is asked for by its name."""
         if name in self.own:
             return False
         if name in self.named:
@@ -178,13 +178,13 @@ class Selection:
 
 
 def is_hidden(name: str) -> bool:
-    """Whether a part of the name begins with an underscore, as ROS hides topics."""
+    """Tell whether a part of the name begins with an underscore, as ROS hides topics."""
     return "/_" in name
 
 
 @dataclass(slots=True)
 class TopicDiscovery:
-    """What was found on the graph so far: each name is judged once, and once warned about."""
+    """The topics found on the graph so far: each name is judged once, and once warned about."""
 
     selection: Selection
     # Topics by name with their types; those that are of another type too by now; and those that
@@ -237,7 +237,7 @@ class TopicDiscovery:
         return [*self.warnings, limit]
 
     def wants(self, name: str) -> bool:
-        """As Selection.wants; each name is judged once."""
+        """Tell the same as Selection.wants; each name is judged once."""
         judged = self._judged.get(name)
         if judged is None:
             judged = self._judged[name] = self.selection.wants(name)
@@ -291,8 +291,9 @@ def _not_recorded(name: str) -> str:
 
 
 class Importance(IntEnum):
-    """From what is dropped first to what is dropped last. Its order is a promise to users: see
-    DropQueue for what it means, and docs/recording.md, which shows this table."""
+    """The order of dropping, from first to last. It is a promise to users: see DropQueue for its
+    effect, and docs/recording.md, which shows this table.
+    """
 
     RAW_IMAGE = 0  # raw pictures, depth maps and point clouds that the run doesn't ask for
     COMPRESSED_IMAGE = 1  # compressed pictures and video that the run doesn't ask for
@@ -334,7 +335,7 @@ _BY_TYPE = {
 
 
 def importance(topic: TopicSpec) -> Importance:
-    """How long a topic's messages are kept while others are dropped."""
+    """Return how long a topic's messages are kept while others are dropped."""
     if topic.profile is Profile.SENSOR and topic.msgtype == "sensor_msgs/msg/CompressedImage":
         return Importance.FRAME
     known = _BY_TYPE.get(topic.msgtype)

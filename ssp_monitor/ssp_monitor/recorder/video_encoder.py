@@ -72,7 +72,8 @@ class VideoEncoder:
         return done
 
     def finish(self) -> list[BagMessage]:
-        """What the encoder held back; afterwards it begins anew with a keyframe.
+        """Return the messages that the encoder held back; afterwards it begins anew with a
+        keyframe.
 
         Raises:
             FFmpegError: it can't give that out.

@@ -25,7 +25,7 @@ _SESSION = absolute(SESSION_STATE)
 
 @dataclass(slots=True)
 class CutReport:
-    """What a cut took.
+    """The content of a cut.
 
     Args:
         messages: written, by topic.
@@ -115,7 +115,7 @@ class _Cut:
             self._last_word(stop_ns)
 
     def _last_word(self, stop_ns: int) -> None:
-        """How the session ended, if that came after the span."""
+        """Keep the message that says how the session ended, if it came after the span."""
         last = None
         for message in self._bag.messages([_SESSION], stop_ns):
             last = message
@@ -134,7 +134,7 @@ class _Cut:
                     self.report.attachments.append(index.name)
 
     def _before(self, start_ns: int) -> None:
-        """What a reader must know from before the span, at times that rise."""
+        """Keep the messages from before the span that a reader must know, at times that rise."""
         videos = [t for t in self._topics if self._bag.topics[t].msgtype == VIDEO_TYPE]
         keys = {topic: keyframe_before(self._bag, topic, start_ns) for topic in videos}
         since = {topic: key_ns for topic, key_ns in keys.items() if key_ns is not None}

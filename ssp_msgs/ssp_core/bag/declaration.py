@@ -27,7 +27,7 @@ Words = Annotated[str, Field(min_length=1, max_length=200, pattern=r"\S")]
 
 
 class DeclaredParticipant(Strict):
-    """What one participant was."""
+    """The declared kind of one participant."""
 
     kind: ParticipantKind
     device: Words = Field(description="make and model")
@@ -35,7 +35,7 @@ class DeclaredParticipant(Strict):
 
 
 class Declaration(Strict):
-    """Who says of a session's participants what they were, and when and where that was."""
+    """A person's declaration of what a session's participants were, and when and where that was."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
@@ -49,7 +49,7 @@ class Declaration(Strict):
 
     @property
     def content_sha256(self) -> str:
-        """What the seal must be."""
+        """Compute the seal that the declaration must have."""
         value = self.model_dump(mode="json", by_alias=True)
         del value["seal"]
         return sha256_json(value)

@@ -40,7 +40,7 @@ def _nal_types(data: memoryview, form: str) -> Iterator[int]:
 
 
 def is_keyframe(data: memoryview, form: str) -> bool:
-    """Whether decoding can begin with this frame: it brings its parameter sets, or is an IDR.
+    """Tell whether decoding can begin with this frame: it brings its parameter sets, or is an IDR.
 
     Args:
         data: one frame, Annex B.
@@ -214,7 +214,7 @@ class Frames:
 
     @property
     def is_video(self) -> bool:
-        """Whether a frame needs those before it."""
+        """Tell whether a frame needs those before it."""
         return self.msgtype == VIDEO_TYPE
 
     def messages(
@@ -260,7 +260,7 @@ class Frames:
         stop_ns: int | None = None,
         stamps: Collection[int] | None = None,
     ) -> Iterator[Jpeg]:
-        """As pictures, each as JPEG; what was recorded as JPEG is neither decoded nor changed."""
+        """Yield the pictures as JPEG; one recorded as JPEG is neither decoded nor changed."""
         if self.is_video:
             for picture in self._video(start_ns, stop_ns, stamps):
                 yield Jpeg(picture.stamp_ns, picture.log_time_ns, encode_jpeg(picture.image))

@@ -88,7 +88,7 @@ def orientation_of(image: ImageMessage) -> int:
 
 
 def is_mosaic(image: ImageMessage) -> bool:
-    """Whether an image holds a Bayer mosaic, raw or compressed as grey.
+    """Tell whether an image holds a Bayer mosaic, raw or compressed as grey.
 
     Raises:
         ValueError: a JPEG whose header can't be read.

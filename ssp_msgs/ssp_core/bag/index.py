@@ -1,4 +1,4 @@
-"""Where the messages of a bag's files are, and these messages in order of log time."""
+"""The places of the messages in a bag's files, and these messages in order of log time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Entry: TypeAlias = tuple[int, int]
 
 
 def chunk_content(record: memoryview) -> memoryview:
-    """What a chunk holds, with its CRC checked.
+    """Return the content of a chunk, with its CRC checked.
 
     Raises:
         ValueError: it is damaged, too large, or compressed in a way that is not read here.
@@ -100,7 +100,7 @@ _MESSAGE = int(Opcode.MESSAGE)
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What is wanted of one file: topics by channel, log times from start to before stop in ns."""
+    """The wanted part of one file: topics by channel, log times from start to before stop in ns."""
 
     topics: Mapping[int, str]
     start_ns: int | None

@@ -25,7 +25,7 @@ _BARE = frozenset({0x01, *range(0xD0, 0xD9)})
 
 @dataclass(frozen=True, slots=True)
 class JpegHeader:
-    """What a JPEG says of its picture.
+    """The header of a JPEG.
 
     Args:
         channels: 1 is grey.

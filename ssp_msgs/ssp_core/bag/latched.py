@@ -1,4 +1,6 @@
-"""What stays valid of latched topics: for later files of a bag, for a cut, for late subscribers."""
+"""The messages of latched topics that stay valid: for later files, for a cut, for late
+subscribers.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ class Kept(NamedTuple):
 
 
 class LateJoiner(Protocol):
-    """What stays valid of a topic, for whoever comes later."""
+    """The messages of a topic that stay valid for late subscribers."""
 
     def keep(self, message: Kept) -> None:
         """Take the newest message."""

@@ -62,7 +62,7 @@ _PIECE = 1 << 20
 
 
 class UnpackBudget:
-    """How much the chunks of one file may unpack to, all together.
+    """The total size that the chunks of one file may unpack to.
 
     Args:
         file_bytes: size of the file.
@@ -113,7 +113,7 @@ def chunk_parts(body: bytes | memoryview) -> ChunkParts:
 
 
 def chunk_length(head: bytes) -> int | None:
-    """How long a chunk's body is by the first bytes of it, None when they are too few."""
+    """Read the length of a chunk's body from its first bytes, None when they are too few."""
     if len(head) < _CHUNK_HEAD.size:
         return None
     *_, name_bytes = _CHUNK_HEAD.unpack_from(head)
@@ -145,7 +145,7 @@ def check_claim(compression: str, unpacked_bytes: int, packed_bytes: int) -> Non
 
 
 def unpack_chunk(parts: ChunkParts) -> memoryview:
-    """What a chunk holds, with its CRC checked; never more at once than is there.
+    """Return the content of a chunk, with its CRC checked; never more at once than is there.
 
     Raises:
         ValueError: it doesn't unpack to what it claims, or its CRC is wrong.
@@ -166,7 +166,7 @@ def unpack_chunk(parts: ChunkParts) -> memoryview:
 
 
 def _unzstd(data: memoryview, most: int) -> bytearray:
-    """At most one piece more than ``most``; the frame's own claims are not looked at."""
+    """Unpack at most one piece more than ``most``; the frame's own claims are not looked at."""
     unpacked = bytearray()
     # A frame asks for a window of its own choice: zstd's own limit, or all that it unpacks to.
     window = 1 << max(27, (most - 1).bit_length())
@@ -394,7 +394,7 @@ def damage_of(path: Path) -> Iterator[None]:
 
 
 def damaged(path: Path, error: Exception) -> InputError:
-    """What to raise for a file whose bytes raised one of DAMAGE."""
+    """Make the error for a file whose bytes raised one of DAMAGE."""
     text = str(error) or type(error).__name__
     return InputError(f"is damaged: {text}", file=path, remedy=REPAIR)
 
@@ -414,7 +414,7 @@ def open_bounded(path: Path) -> BoundedFile:
 
 
 class RecordFrame(NamedTuple):
-    """Where a record stands: kind, offset of its first byte, bytes after opcode and length."""
+    """The place of a record: kind, offset of its first byte, bytes after opcode and length."""
 
     opcode: int
     offset: int
@@ -453,7 +453,7 @@ def read_body(stream: BoundedFile, frame: RecordFrame) -> memoryview:
 
 
 def data_crc(stream: BoundedFile) -> bool | None:
-    """Whether the CRC over all data of a closed file is right; None: there is none."""
+    """Tell whether the CRC over all data of a closed file is right; None: there is none."""
     tail_at = stream.size - FOOTER.size - len(MCAP0_MAGIC)
     if tail_at < len(MCAP0_MAGIC) + _DATA_END.size:
         return None

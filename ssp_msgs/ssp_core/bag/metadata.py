@@ -1,4 +1,4 @@
-"""What a bag states beside its messages: ``metadata.yaml``, and QoS profiles as YAML."""
+"""The statements of a bag beside its messages: ``metadata.yaml``, and QoS profiles as YAML."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def parse_offered_qos(text: str) -> list[dict[str, Any]]:
 
 
 def is_latched(offered_qos: str) -> bool:
-    """Whether a publisher keeps its messages for those that join later.
+    """Tell whether a publisher keeps its messages for those that join later.
 
     Args:
         offered_qos: YAML of a topic's publishers; what is no such YAML says nothing.
@@ -92,7 +92,7 @@ def usable_qos(offered_qos: str) -> str:
 
 
 def stated_depth(offered_qos: str, most: int) -> int | None:
-    """How many messages a topic's publishers offer together to one who joins late.
+    """Count the messages that a topic's publishers offer together to a late subscriber.
 
     Args:
         offered_qos: YAML of a topic's publishers.
@@ -149,7 +149,7 @@ class FileFacts:
 
 @dataclass(frozen=True, slots=True)
 class BagFacts:
-    """What metadata.yaml says of a bag: its files in order, and its topics over all files.
+    """The facts of metadata.yaml: the bag's files in order, and its topics over all files.
 
     Counts are of messages in files: a latched message that a later file repeats counts again, as
     rosbag2 counts it.
@@ -239,7 +239,9 @@ def _text(value: dict[str, Any], facts: BagFacts) -> str:
 
 @dataclass(frozen=True, slots=True)
 class BagDirectory:
-    """What a reader needs of a metadata.yaml: the files in order, and the counts it claims."""
+    """The part of a metadata.yaml that a reader needs: the files in order, and the counts it
+    claims.
+    """
 
     files: tuple[Path, ...]
     message_count: int

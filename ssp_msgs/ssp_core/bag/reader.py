@@ -240,7 +240,7 @@ class BagReader(Closing):
         return merged(run for part in self._parts for run in part.runs(wanted, start_ns, stop_ns))
 
     def definition(self, topic: str) -> TypeDefinition:
-        """What the bag says about the type of one of its topics; KeyError for another topic.
+        """Return the bag's definition of the type of one of its topics; KeyError for another topic.
 
         Raises:
             InputError: the topic has messages of two types.
@@ -250,7 +250,9 @@ class BagReader(Closing):
         return self._definitions[topic]
 
     def unreadable(self) -> dict[str, InputError]:
-        """Why messages can't be decoded, by topic: nothing else of the bag suffers from it."""
+        """Return by topic why its messages can't be decoded: the rest of the bag doesn't suffer
+        from it.
+        """
         found = {}
         for topic in self.topics:
             try:

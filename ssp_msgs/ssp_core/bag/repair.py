@@ -58,7 +58,7 @@ _MAX_NAME_BYTES = 240  # a file system takes 255, and the file inside is named <
 
 @dataclass(frozen=True, slots=True)
 class RecoverReport:
-    """What recover kept of one or several files.
+    """The messages that recover kept of one or several files.
 
     Args:
         messages: kept, by topic.
@@ -247,14 +247,14 @@ class _DamagedFile:
         self._into.note(f"{self._name}: {text}")
 
     def _is_record(self, offset: int) -> bool:
-        """Whether a record begins there, or the file ends."""
+        """Tell whether a record begins there, or the file ends."""
         try:
             return offset == self._stream.size or bool(read_frame(self._stream, offset).opcode)
         except ValueError:
             return False
 
     def _behind(self, offset: int, why: str) -> int:
-        """Where to go on behind a damaged place; the file's size where nothing follows."""
+        """Find where to go on behind a damaged place; the file's size where nothing follows."""
         if self._indexed:
             place = bisect_right(self._indexed, offset)
             found = self._indexed[place] if place < len(self._indexed) else None

@@ -36,7 +36,9 @@ from ssp_core.bag.types import BagMessage
 
 
 def is_indexed(summary: Summary) -> bool:
-    """Whether a summary says where all messages of its file are, how many, and of which types."""
+    """Tell whether a summary says where all messages of its file are, how many, and of which
+    types.
+    """
     statistics, channels = summary.statistics, summary.channels
     if statistics is None or (statistics.message_count and not summary.chunk_indexes):
         return False
@@ -174,7 +176,7 @@ class _Scan:
         )
 
     def summary(self) -> Summary:
-        """What was found, as the file could have said it."""
+        """Return the findings as the file could have stated them."""
         made = Summary()
         made.schemas, made.channels = self._names.schemas, self._names.channels
         made.chunk_indexes, made.attachment_indexes = self._chunks, self._attachments

@@ -1,4 +1,4 @@
-"""When a bag goes on in a new file."""
+"""The conditions under which a bag goes on in a new file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REPEATED = {REPEATED_KEY: "true"}
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """When to begin a new file; None is never.
+    """The limits at which a new file begins; None is never.
 
     Args:
         max_bytes: before a message that would make the file larger, indexes not counted.
@@ -40,7 +40,7 @@ class Split:
             raise InputError("must be positive", field="max_s", value=self.max_s)
 
     def due(self, file_bytes: int, message_bytes: int, span_ns: int, repeated_bytes: int) -> bool:
-        """Whether a message belongs into a new file.
+        """Tell whether a message belongs into a new file.
 
         Args:
             span_ns: from the file's first log time to the message's; a clock that was set back

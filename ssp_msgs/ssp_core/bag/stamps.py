@@ -48,7 +48,7 @@ class SettledStamps:
 
     @property
     def count(self) -> int:
-        """How many stamps leapt."""
+        """Count the stamps that leapt."""
         return int(self.leapt.sum())
 
 
@@ -61,7 +61,8 @@ class _Run:
     places: list[int]
 
     def off_ns(self, stamp_ns: int, distance_ns: int) -> int:
-        """How far a stamp is from going on: by its distance, or by the stamps where all stood.
+        """Compute how far a stamp is from going on: by its distance, or by the stamps where all
+        stood.
 
         A simulator that is paused delivers nothing for a while, and its stamps go on.
         """

@@ -140,7 +140,7 @@ def _is_boxed(inner: Any) -> bool:
 
 
 def _inner(kind: Any, rest: Any) -> Any:
-    """What a field holds, or each item of it."""
+    """Return the type of a field, or of each item of it."""
     return rest[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, rest)
 
 
@@ -180,7 +180,8 @@ class BoundedStore(Typestore):
         self._growth: dict[str, float] = {}
 
     def deserialize_cdr(self, rawdata: bytes | memoryview, typename: str) -> object:
-        """As Typestore.deserialize_cdr; what rclpy writes behind a message is no part of it.
+        """Deserialize as Typestore does; bytes that rclpy writes behind a message are no part of
+        it.
 
         Before the items of an empty sequence of 8-byte numbers at a message's end rclpy writes the
         padding that would align them.
@@ -334,7 +335,7 @@ _UNUSABLE = (
 
 @dataclass(frozen=True, slots=True)
 class TypeDefinition:
-    """What a bag says about one message type.
+    """The bag's definition of one message type.
 
     Args:
         msgtype: full name, ``package/msg/Name``; empty: the bag names none.
@@ -366,7 +367,9 @@ class TypeDefinition:
 
 
 def _folders() -> list[Traversable]:
-    """Where the .msg files may be: beside the sources, in the wheel, in ROS install prefixes."""
+    """List the folders that may hold .msg files: beside the sources, in the wheel, in ROS
+    prefixes.
+    """
     folders: list[Traversable] = [Path(__file__).resolve().parents[2] / "msg"]
     with suppress(ModuleNotFoundError):  # only a pip installation has it
         folders.append(resources.files("ssp_core.interfaces"))

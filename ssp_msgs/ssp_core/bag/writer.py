@@ -310,7 +310,7 @@ class BagWriter(Closing):
             raise self._broken(OSError(0, "it was replaced while it was being written"))
 
     def facts(self) -> BagFacts:
-        """What was written so far."""
+        """Return the facts of the files written so far."""
         if len(self._whole) == len(self.files):
             return BagFacts(tuple(self._whole), self._topic_facts(self._counts))
         total = self._counts + self._topic_counts()

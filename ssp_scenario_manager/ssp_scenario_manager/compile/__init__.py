@@ -1,1 +1,1 @@
-"""From K* to what a simulator or a track runs (METHOD 2)."""
+"""The way from a K* to what a simulator or a track runs (METHOD 2)."""

@@ -61,7 +61,7 @@ class OperatingArea:
 
     @property
     def name(self) -> str:
-        """For people: the site's name, or the map's file name."""
+        """Name the area for people: the site's name, or the map's file name."""
         return self.site.name if self.site is not None else self.map_name
 
     def limits(self, event: Event) -> Limits:
@@ -140,7 +140,9 @@ class OperatingArea:
         return fence
 
     def regions(self, name: Literal["ot_reachable", "safe_stop_zones"]) -> list[list[Point]]:
-        """Where an OT can be, or where a run may end in a hurry; empty for a map."""
+        """List the regions where an OT can be, or where a run may end in a hurry; empty for a
+        map.
+        """
         site = self.site
         found: list[Region] = [] if site is None else getattr(site, name)
         return [

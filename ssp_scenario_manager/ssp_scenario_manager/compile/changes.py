@@ -120,7 +120,7 @@ def check_changeable(field: str) -> None:
 
 
 def parse_value(run: RunSpec, field: str, text: str, file: str | Path | None = None) -> Any:
-    """What somebody typed for a field, as the model of runs reads it (``15`` is 15.0 m/s there).
+    """Read the text typed for a field as the model of runs does (``15`` is 15.0 m/s there).
 
     Returns:
         The JSON value.

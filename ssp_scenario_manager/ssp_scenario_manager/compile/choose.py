@@ -192,7 +192,7 @@ _ABOVE, _BELOW = 8, 4
 
 
 def fitting_trigger(event: Event, place: Callable[[Event], object]) -> str | None:
-    """In words, the value nearest to K*'s interval that would do while all else stays as it is.
+    """Name the value nearest to K*'s interval that would do while all else stays as it is.
 
     Args:
         place: places an event on the block; raises CannotPlace with the reason.
@@ -223,7 +223,7 @@ def fitting_trigger(event: Event, place: Callable[[Event], object]) -> str | Non
 def fitting_lanes(
     event: Event, name: str, blocks: Sequence[Block], place: Callable[[Event, Block], object]
 ) -> str | None:
-    """In words, how the event is made for the number of lanes of a block.
+    """Tell how the event is made for the number of lanes of a block.
 
     Args:
         name: by which somebody asked for the event.

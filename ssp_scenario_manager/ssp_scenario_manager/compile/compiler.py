@@ -1,4 +1,4 @@
-"""From a K* and a place to a sealed task and its log: the whole of METHOD 2, but for the files."""
+"""The way from a K* and a place to a sealed task and its log: METHOD 2 without the files."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def entry(kind: EntryKind, event: EventLink, reason: str, **given: Any) -> Recor
 
 
 def _source(event: Event, link: EventLink) -> Record:
-    """Where the event was taken from (METHOD 1, source gate)."""
+    """Record the source of the event (METHOD 1, source gate)."""
     source = event.source.model_dump(mode="json", include={"generator", "original", "sha256"})
     crop = event.events.clip.model_dump(mode="json")
     reason = "the clip that the event was taken from, as its K* says"
@@ -61,7 +61,7 @@ def _source(event: Event, link: EventLink) -> Record:
 def _decisions(
     request: Request, task: Task, chosen: Chosen, validated: Validated | None
 ) -> Iterator[Record]:
-    """What was chosen, left out and taken over (METHOD 2.2, 2.3)."""
+    """Record the values that were chosen, left out and taken over (METHOD 2.2, 2.3)."""
     event, version = task.event, {"task_version": task.version}
     for tuning in task.tunings:
         yield entry(
@@ -114,7 +114,7 @@ class WrongOptions(InputError):
 
 @dataclass(frozen=True)
 class Request:
-    """What somebody asked for.
+    """A request to compile an event.
 
     Args:
         site: name or file; None with a map.

@@ -100,7 +100,7 @@ def _goal(name: str, motion: Drive | Wait, plan: Plan) -> BlockPoint:
 
 
 def trigger_region(block: Block, plan: Plan) -> TriggerRegion:
-    """Where and by which quantity the trigger is expected to fire."""
+    """Give the region and the quantity at which the trigger is expected to fire."""
     trigger = plan.trigger
     return TriggerRegion(
         quantity=trigger.quantity,
@@ -131,7 +131,7 @@ _AT_MARKING_M = 1.0
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be placed.
+    """An event that is to be placed.
 
     Args:
         event: K*.

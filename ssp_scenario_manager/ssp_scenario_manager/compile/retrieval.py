@@ -31,7 +31,7 @@ _DRIVEN = frozenset({"car", "truck", "bus", "motorcycle", "cyclist"})
 
 @dataclass(frozen=True, slots=True)
 class Met:
-    """How well a block meets one need.
+    """The degree to which a block meets one need.
 
     Args:
         share: in [0, 1].
@@ -107,7 +107,7 @@ def road_type(event: Event, block: Block) -> Met:
 
 
 def _may_be(field: WordField[Any], found: str, vocabulary: Any) -> bool:
-    """Whether a place's word is K*'s, or K* leaves open which of all it is."""
+    """Tell whether a place's word is K*'s, or K* leaves open which of all it is."""
     words = set(field.words)
     return not words or found in words or words == set(get_args(vocabulary))
 
@@ -168,7 +168,7 @@ def vut_lane(event: Event, block: Block) -> Met:
 
 
 def boundary(field: WordField[Any], found: str) -> Met:
-    """What lies beside the road: a sidewalk has a kerb; a kerb has half of a sidewalk."""
+    """Compare the roadside: a sidewalk has a kerb; a kerb has half of a sidewalk."""
     words = set(field.words)
     if _may_be(field, found, BoundaryWord) or ("kerb" in words and found == "sidewalk"):
         return MET
@@ -224,7 +224,7 @@ def length(event: Event, block: Block) -> Met:
 
 
 def _measured(said: str, found: float, wanted: tuple[float, float], unit: str) -> Met:
-    """How much of what is needed is there, or of what is there is allowed."""
+    """Score the share of the needed that is there, or of the present that is allowed."""
     low, high = wanted
     if found < low - 1e-6:
         return Met(max(0.0, found / low), f"{said} {unit}, needs at least {low:g} {unit}")
@@ -234,7 +234,7 @@ def _measured(said: str, found: float, wanted: tuple[float, float], unit: str) -
 
 
 def speed_limit(event: Event, block: Block) -> Met:
-    """How much of the fastest vehicle's range of approach speeds the limit allows.
+    """Score the share of the fastest vehicle's range of approach speeds that the limit allows.
 
     Half met where the map has no limit in it.
     """

@@ -24,7 +24,7 @@ _REMEDY = "name the folder of a valid `ssp run` of this event's sumo task"
 
 @dataclass(frozen=True)
 class Validated:
-    """What a simulation run showed.
+    """The outcome of a simulation run.
 
     Args:
         values: chosen there, by field path of K*.

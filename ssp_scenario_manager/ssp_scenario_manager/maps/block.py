@@ -43,7 +43,7 @@ class BlockLane:
 
 @dataclass(frozen=True, slots=True)
 class ConflictArea:
-    """Where an interaction can take place on the block: arc lengths, m."""
+    """An area of the block where an interaction can take place: arc lengths, m."""
 
     kind: Literal["merge", "crossing", "following"]
     start_s_m: float

@@ -65,7 +65,7 @@ class Crosswalk:
     anywhere: bool
 
     def extent(self, line: ReferenceLine) -> tuple[float, float, float, float]:
-        """Where it begins and ends along a road's line, and its right and left border, m."""
+        """Return its begin and end along a road's line, and its right and left border, m."""
         places = np.array(self.corners)
         if self.local:
             # Its middle by the line, and the rest of it in the line's direction there.
@@ -85,7 +85,7 @@ class Crosswalk:
 
 
 def _turn(angle_rad: float) -> FloatArray:
-    """What turns rows of coordinates to the left."""
+    """Make the matrix that turns rows of coordinates to the left."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return np.array([[c, s], [-s, c]])
 

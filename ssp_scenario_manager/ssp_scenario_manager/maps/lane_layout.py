@@ -106,7 +106,7 @@ def _is_open(lane: LaneRecord, at_m: float) -> bool:
 def _tracks(
     section: Section, offset: FloatArray, widths: dict[int, FloatArray], middle_m: float
 ) -> list[_Track]:
-    """Where the lanes lie at the samples, from right to left."""
+    """Compute the places of the lanes at the samples, from right to left."""
     found = []
     for sign in (-1, 1):
         inner = offset
@@ -164,12 +164,14 @@ def _both_ways(lane: LaneRecord) -> bool:
 
 
 def _along(road: RoadRecord, lane: LaneRecord) -> bool:
-    """Whether traffic on a lane runs in the road's direction, by its side and its attribute."""
+    """Tell whether traffic on a lane runs in the road's direction, by its side and its
+    attribute.
+    """
     return ((lane.id < 0) != road.left_hand) != (lane.direction == "reversed")
 
 
 def direction_fault(road: RoadRecord) -> str:
-    """Why nobody can know where a road's traffic runs; empty: nothing contradicts its lanes."""
+    """Name the contradiction that hides where a road's traffic runs; empty: there is none."""
     words = {True: "forward", False: "backward"}
     against = {
         (lane.id, lane.travel)
@@ -278,7 +280,7 @@ def _why_unusable(tracks: list[_Track]) -> str:
 
 
 def may_change(a: Slot, b: Slot, stretch: Stretch) -> bool:
-    """Whether the marking between two neighbouring lanes lets traffic go from a to b.
+    """Tell whether the marking between two neighbouring lanes lets traffic go from a to b.
 
     The mark between them is the outer border of the inner one. Where its ``laneChange`` says
     nothing, its type does; so it does for a broken line with ``laneChange="none"``, which editors

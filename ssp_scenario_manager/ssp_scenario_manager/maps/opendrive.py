@@ -75,7 +75,7 @@ _AT_END_M = 0.01
 
 @dataclass
 class _Map:
-    """What has been read so far."""
+    """The parts of the map that have been read so far."""
 
     ways: list[Way] = field(default_factory=list)
     spans: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
@@ -95,7 +95,9 @@ def _edge_marks(section: Section, slot: Slot, leftwards: bool) -> tuple[Mark, ..
 
 
 def _side(outward: list[Slot], stretch: Stretch, edge: tuple[Mark, ...]) -> Side:
-    """What lies beyond a driving lane, from the lanes outside of it in order and its own edge."""
+    """Describe the roadside beyond a driving lane, from the lanes outside of it and its own
+    edge.
+    """
     shoulder = walkable = 0.0
     sidewalk = False
     kerb = any(mark.type == "curb" for mark in edge)
@@ -247,7 +249,9 @@ def _way_end(found: _Map, road_id: str, end: End) -> WayEnd | None:
 
 
 def _contacts(found: _Map) -> list[tuple[WayEnd, WayEnd]]:
-    """Which ends of ways meet: within a road, by links, and by the connections of junctions."""
+    """List the ends of ways that meet: within a road, by links, and by the connections of
+    junctions.
+    """
     pairs: list[tuple[WayEnd | None, WayEnd | None]] = []
     for spans in found.spans.values():
         for (i, _, high), (j, low, _) in pairwise(spans):
@@ -326,7 +330,7 @@ def _goes_on(found: _Map, road: RoadRecord) -> bool:
 
 
 def _meet(found: _Map, road_id: str, end: End, link: Link) -> bool:
-    """Whether two linked roads meet by their headings in radians."""
+    """Tell whether two linked roads meet by their headings in radians."""
     mine, other = _line_of(found, road_id), _line_of(found, link.id)
     if link.kind != "road" or link.contact is None or mine is None or other is None:
         return False

@@ -107,7 +107,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """What a road's end is joined to."""
+    """The element that a road's end is joined to."""
 
     kind: Literal["road", "junction"]
     id: str
@@ -227,7 +227,7 @@ def _speed(element: Element) -> float | None:
 
 
 def _unit_fault(road: Element) -> str:
-    """Why limits of a road can't be read: their unit; empty: they can."""
+    """Name the unit that keeps a road's limits from being read; empty: they can be read."""
     for element in (*road.iterfind("type/speed"), *road.iterfind("lanes/laneSection/*/lane/speed")):
         unit = element.get("unit", "m/s")
         if unit not in _SPEED_UNITS:
@@ -275,7 +275,7 @@ def _marks(lane: Element, base_m: float) -> tuple[Mark, ...]:
 
 
 def _closed(lane: Element, base_m: float) -> tuple[tuple[float, bool], ...]:
-    """From where on a lane is closed to cars, or open to them again, by its ``access`` elements.
+    """List from where on a lane is closed to cars, or open again, by its ``access`` elements.
 
     Those at one place hold together, up to the next place. If any of them allows somebody, all
     others are kept out. Without a rule they deny, as the standard says.

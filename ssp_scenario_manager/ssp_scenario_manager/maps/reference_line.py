@@ -71,7 +71,7 @@ def _clothoid(start: Pose2, end: Pose2) -> CurvePiece:
 
 
 def _poly3_end_m(b: float, c: float, d: float, length_m: float) -> float:
-    """Where a poly3 ends along its own u axis: its length is that of the curve."""
+    """Find the end of a poly3 along its own u axis: its length is that of the curve."""
     u = np.linspace(0.0, length_m, _POLY3_STEPS + 1)
     stretch = np.hypot(1.0, b + u * (2 * c + 3 * u * d))
     length = np.concatenate(([0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * u[1])))
@@ -137,7 +137,9 @@ def fit_cubic(shape: Geometry, start: Pose2) -> list[CurvePiece]:
 
 
 def _start(shape: Geometry) -> Pose2:
-    """Where a part begins; a cubic's own start may lie, or head, elsewhere than its frame."""
+    """Return the start of a part; a cubic's own start may lie, or head, elsewhere than its
+    frame.
+    """
     if shape.kind not in ("poly3", "paramPoly3"):
         return Pose2(shape.x_m, shape.y_m, shape.heading_rad)
     places, headings = _cubic_places(shape, np.array([0.0, 0.001]))
@@ -149,7 +151,7 @@ def _exact(shape: Geometry) -> CurvePiece:
 
 
 def _lead_over(pose: Pose2, shape: Geometry, turn_rad: float) -> list[CurvePiece]:
-    """From a pose beside a part's start onto that part, within 1 cm, and on to its end."""
+    """Lead from a pose beside a part's start onto that part, within 1 cm, and on to its end."""
     own = Pose2(shape.x_m, shape.y_m, shape.heading_rad)
     whole = _exact(shape)
     # A clothoid that takes up a turn over a length leaves the chord by 4/27 of their product.

@@ -1,4 +1,4 @@
-"""What stands beside an OpenDRIVE road: its objects and signals as scenery.
+"""The scenery beside an OpenDRIVE road: its objects and signals.
 
 Read: buildings, trees, poles and street lamps, with their outlines' extents and their repetitions;
 static signs, by the numbers of the German catalogue, of which others are plain plates. Heights of
@@ -158,7 +158,7 @@ def _own_place(element: Element) -> Place:
 
 
 def _places(element: Element) -> Iterator[Place]:
-    """Where the thing stands: its place, or instead of it those of its repetitions."""
+    """List the places of an object: its own, or instead of it those of its repetitions."""
     own = _own_place(element)
     repeats = element.findall("repeat")
     if not repeats:
@@ -214,7 +214,7 @@ def _signal(element: Element, *, left_hand: bool) -> list[SceneryItem]:
 
 
 def _faces_along(element: Element, t_m: float, left_hand: bool) -> bool:
-    """Whether a sign is for traffic along the road: by its orientation, else by its side."""
+    """Tell whether a sign is for traffic along the road: by its orientation, else by its side."""
     orientation = element.get("orientation", "none")
     if orientation not in ("+", "-"):
         return (t_m <= 0.0) != left_hand

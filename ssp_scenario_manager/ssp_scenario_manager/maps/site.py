@@ -55,7 +55,7 @@ class Polygon(Strict):
 
 
 def _kind_of_region(value: Any) -> str | None:
-    """Which of both is meant, so that errors name what is wrong with that one."""
+    """Tell which of both kinds is meant, so that errors name what is wrong with that one."""
     if isinstance(value, Strip | Polygon):
         return type(value).__name__
     if not isinstance(value, dict):

@@ -149,7 +149,7 @@ def read_edge(edge: Element, *, left_hand: bool = False) -> Edge:
 
 
 def read_connection(connection: Element) -> tuple[str, str]:
-    """From which edge to which a connection leads; over which internal edge, if over one.
+    """Read the edges that a connection joins, and the internal edge that it leads over, if any.
 
     Raises:
         BadElement: it names no edges.
@@ -175,7 +175,7 @@ _ROAD_TYPES: dict[str, RoadType] = {
 
 @dataclass
 class _Net:
-    """What has been read so far.
+    """The parts of the network that have been read so far.
 
     Args:
         left_hand: its traffic keeps to the left.
@@ -218,7 +218,7 @@ def _lane_name(edge: Edge, lane: EdgeLane) -> str:
 
 
 def _side(outward: list[EdgeLane]) -> Side:
-    """What lies beyond a driving lane; SUMO says nothing about kerbs and verges."""
+    """Describe the roadside beyond a driving lane; SUMO says nothing about kerbs and verges."""
     shoulder = sidewalk = 0.0
     for lane in outward:
         if lane.walkable:
@@ -231,7 +231,7 @@ def _side(outward: list[EdgeLane]) -> Side:
 
 
 def _sides(edge: Edge) -> tuple[Side, Side]:
-    """Beyond the rightmost and the leftmost driving lane."""
+    """Describe the roadsides beyond the rightmost and the leftmost driving lane."""
     lanes, usable = list(edge.lanes), _usable(edge)
     first, last = lanes.index(usable[0]), lanes.index(usable[-1])
     return _side(lanes[:first][::-1]), _side(lanes[last + 1 :])

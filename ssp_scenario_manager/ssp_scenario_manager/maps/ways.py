@@ -55,7 +55,7 @@ class WayLane:
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """What lies beyond the outermost driving lane."""
+    """The roadside beyond the outermost driving lane."""
 
     boundary: Boundary
     shoulder_m: float = 0.0
@@ -64,7 +64,7 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What holds for traffic in one direction, which sees left and right for itself."""
+    """The rules for traffic in one direction, whose left and right are its own."""
 
     speed_mps: float | None
     change_left: bool
@@ -266,7 +266,7 @@ MOST_WAYS = 200
 
 
 def _half_width_m(block: Block) -> float:
-    """Of its forward lanes together."""
+    """Return half the width of its forward lanes together."""
     left = max(lane.y_m + lane.width_m / 2 for lane in block.forward_lanes)
     return 0.5 * (left - min(lane.y_m - lane.width_m / 2 for lane in block.forward_lanes))
 
@@ -334,7 +334,7 @@ def block_id(way: Way, forward: bool) -> str:
 
 
 def _room_m(way: Way) -> tuple[float, float]:
-    """How far to the right (negative) and left places have coordinates all along the way."""
+    """Return how far to the right (negative) and left places have coordinates all along the way."""
     bends = [k for p in way.line.pieces for k in (p.start_curvature_1pm, p.end_curvature_1pm)]
     most, least = max(0.0, *bends), min(0.0, *bends)
     return (
@@ -404,7 +404,9 @@ def _block(way: Way, name: str, entrances: tuple[str, ...], exits: tuple[str, ..
 
 
 def _beside(way: Way) -> tuple[tuple[SceneryItem, ...], tuple[str, ...]]:
-    """What of a way's scenery can stand beside its block, and a note about the rest."""
+    """Return the part of a way's scenery that can stand beside its block, and a note about the
+    rest.
+    """
     clearance = Clearance(way.line, [(lane.y_m, lane.width_m) for lane in way.lanes])
     kept = [item for item in way.scenery if clearance.problem(item) is None]
     fewer = kept[:MOST_SCENERY]
@@ -442,7 +444,7 @@ def _straights(way: Way, whole: Block) -> list[Block]:
 
 
 def _tight(way: Way) -> str | None:
-    """Why a way's lanes have no coordinates along its line; None: they have."""
+    """Give the reason why a way's lanes have no coordinates along its line; None: they have."""
     right_room, left_room = _room_m(way)
     left = max(lane.y_m + lane.width_m / 2 for lane in way.lanes)
     right = min(lane.y_m - lane.width_m / 2 for lane in way.lanes)
@@ -518,5 +520,5 @@ def network_blocks(
 
 
 def _leads(way: Way, forward: bool) -> bool:
-    """Whether a way gives a block in a direction."""
+    """Tell whether a way gives a block in a direction."""
     return (forward or way.both) and any(lane.along == forward for lane in way.lanes)

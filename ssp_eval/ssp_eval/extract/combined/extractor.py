@@ -28,7 +28,7 @@ MAX_FAILURES = 5  # in a row, after which the service isn't asked any more
 
 @dataclass(frozen=True)
 class Extracted:
-    """What one text gave.
+    """The result for one text.
 
     Args:
         slots: of rules, reader and LLM together.
@@ -100,7 +100,7 @@ class Extractor:
         return self._with_llm(text, known)
 
     def _with_llm(self, text: str, known: Extracted) -> Extracted:
-        """What is known already, with what the LLM fills of the rest."""
+        """Fill the slots that are still empty by the LLM."""
         found = known.slots
         empty = [name for name in SLOT_NAMES if getattr(found, name) is None]
         if self._chat is None or not empty or not text.strip():
@@ -136,16 +136,16 @@ class Extractor:
 
     @property
     def uses_reader(self) -> bool:
-        """Whether the learned reader fills what the rules leave empty."""
+        """Tell whether the learned reader fills what the rules leave empty."""
         return self._use_reader
 
     @property
     def uses_llm(self) -> bool:
-        """Whether there is an LLM besides the rules."""
+        """Tell whether there is an LLM besides the rules."""
         return self._chat is not None
 
     def describe(self) -> dict[str, Any]:
-        """What extracted, and what became of the questions so far, for provenance."""
+        """Describe the extractor, and the outcome of its questions so far, for provenance."""
         reader = {"weights": reader_hash(), "counts": self.shares()} if self._use_reader else None
         told: dict[str, Any] = {"rules": extractor_hash(), "reader": reader, "llm": None}
         if self._chat is not None:
@@ -216,7 +216,7 @@ class Extractor:
 
 @cache
 def _checks_hash() -> str:
-    """Of the files that read and judge what the LLM says."""
+    """Hash the files that read and judge the LLM's answers."""
     names = ("reply.py", "judge.py", "support.py", "support.yaml")
     folder = Path(__file__).parent.with_name("llm")
     return sha256_json({n: sha256_bytes((folder / n).read_bytes()) for n in names})

@@ -1,4 +1,4 @@
-"""Which of the LLM's proposals the text supports (METHOD 5.5 c).
+"""The judgement of the LLM's proposals by the text (METHOD 5.5 c).
 
 The rules needn't know the quoted words. What is checked is what holds for any evidence: the quote
 stands in the text and cuts no word; it names no other label of its slot, has a word that may mean
@@ -57,7 +57,7 @@ _LEADING = frozenset({"ticked", ">", ":", ",", "="})  # marks that a quote may b
 
 @dataclass(frozen=True)
 class Judged:
-    """What stands of the proposals.
+    """The proposals that stand.
 
     Args:
         slots: that were empty and are filled now.
@@ -127,7 +127,9 @@ class Bench:
         return problem
 
     def _misquoted(self, proposal: Proposal, first: int, stop: int) -> str:
-        """Why a quote by itself can't support its label; empty where nothing speaks against it."""
+        """Say why a quote by itself can't support its label; empty where nothing speaks against
+        it.
+        """
         inside = [hit for hit in self.hits if hit.first >= first and hit.stop <= stop]
         carried = _CARRIED.get(proposal.label, frozenset())
         if any(
@@ -164,7 +166,9 @@ class Bench:
         return ""
 
     def _means_another(self, proposal: Proposal, inside: list[Hit]) -> bool:
-        """Whether the lexicon knows the quote's words as ones for another label of the slot."""
+        """Tell whether the lexicon knows the quote's words as ones for another label of the
+        slot.
+        """
         if proposal.slot == "objects":
             named = {hit.value for hit in inside if hit.kind == "user"}
             return bool(named) and proposal.label not in (*named, NOBODY)
@@ -175,7 +179,7 @@ class Bench:
         )  # behind the truck: it is in front
 
     def _names_side(self, proposal: Proposal, first: int, stop: int) -> bool:
-        """Whether a label with a side has it in its words; where somebody comes from, nearby."""
+        """Tell whether a label with a side has it in its words; for an origin, nearby."""
         side = next((one for one in ("left", "right") if proposal.label.endswith(one)), "")
         if not side or proposal.slot == "position":
             return True
@@ -193,7 +197,7 @@ class Bench:
         return self.words[first:stop]
 
     def _unasserted(self, proposal: Proposal, first: int, stop: int) -> str:
-        """Why a quote in its place asserts nothing of the present, or of somebody else."""
+        """Say why a quote in its place asserts nothing of the present, or of somebody else."""
         while first < stop - 1 and self.words[first] in _LEADING:
             first += 1
         hit = Hit(_kind(proposal), proposal.label, self._form(proposal, first, stop), first, stop)
@@ -259,7 +263,7 @@ def _kind(proposal: Proposal) -> str:
 
 
 def _is_another(proposal: Proposal, hit: Hit) -> bool:
-    """Whether the lexicon knows a word as one for another label of the slot."""
+    """Tell whether the lexicon knows a word as one for another label of the slot."""
     slot, label = proposal.slot, proposal.label
     if slot in _ACTIONS:
         action = lexicon().verbs[hit.value].ego if hit.kind == "verb" else hit.value
@@ -275,7 +279,7 @@ def _is_another(proposal: Proposal, hit: Hit) -> bool:
 
 
 def _allowed(proposal: Proposal, word: str) -> Scope:
-    """What may be in force over evidence for a proposal."""
+    """Return the scope that may be in force over evidence for a proposal."""
     if proposal.slot in _ACTIONS:
         return _COMMITTED
     if proposal.slot == "motion":

@@ -1,4 +1,4 @@
-"""What the LLM is asked: the text, the empty slots with their conventions and labels, no more."""
+"""The question to the LLM: the text, the empty slots with their conventions and labels, no more."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the LLM proposes: its reply read strictly; what isn't as asked proposes nothing."""
+"""The LLM's proposals: its reply is read strictly; an answer in another form proposes nothing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Proposals:
-    """What a reply proposes.
+    """The proposals of a reply.
 
     Args:
         items: for slots that were asked for, with labels that they have.
@@ -37,7 +37,7 @@ class Proposals:
 
 
 def read_reply(content: str, asked: Sequence[str]) -> Proposals:
-    """What a completion proposes for the slots that were asked for; raises on no string.
+    """Read the proposals of a completion for the slots that were asked for; raises on no string.
 
     A fence of code around the JSON is taken off.
     """

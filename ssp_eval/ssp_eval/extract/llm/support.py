@@ -1,4 +1,4 @@
-"""Whether a quote has a word that can support its label (METHOD 5.5 c, synonyms).
+"""The words that can support a label (METHOD 5.5 c, synonyms).
 
 A model that understands nothing quotes words that say nothing of the slot. The words of the
 development corpus are known: one that its labelled evidence for a label hardly ever holds can't
@@ -43,7 +43,7 @@ class Support:
     of: Mapping[tuple[str, str], frozenset[str]]
 
     def holds(self, slot: str, label: str, words: Sequence[str]) -> bool:
-        """Whether one of the words names a label, can support it, or isn't known."""
+        """Tell whether one of the words names a label, can support it, or isn't known."""
         fitting = self.of.get((slot, label), frozenset()) | {*label.split("_")}
         return any(word in fitting or (_is_word(word) and word not in self.known) for word in words)
 

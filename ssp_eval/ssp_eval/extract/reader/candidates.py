@@ -111,7 +111,7 @@ def _odds(share: float) -> float:
 
 
 def _rules(none: float, same: float, slots: Slots) -> list[float]:
-    """What the rules read, as numbers."""
+    """Encode the rules' reading as numbers."""
     classes = slots.objects.value if slots.objects is not None else None
     filled = [float(getattr(slots, name) is not None) for name in SLOT_NAMES]
     single = float(classes is not None and len(classes) == 1)

@@ -1,4 +1,4 @@
-"""What the reader sees in a text: its clauses, and the features of each.
+"""The reader's view of a text: its clauses, and the features of each.
 
 A feature is known by its name: ``w:crosses`` says that the clause holds this word, and
 ``hs:verb:cross+left`` that it holds this verb of the lexicon and this side. Road users and the VUT
@@ -219,7 +219,7 @@ def _of_hit(name: str, hit: Hit, flags: Scope) -> Iterator[str]:
 
 
 def _told(reading: Reading, clauses: list[Clause]) -> list[set[str]]:
-    """What the rules took from each clause."""
+    """Return the values that the rules took from each clause."""
     found: list[set[str]] = [set() for _ in clauses]
     bounds = [reading.tokens.span(one.first, one.stop) for one in clauses]
     for name in SLOT_NAMES:
@@ -234,7 +234,7 @@ def _told(reading: Reading, clauses: list[Clause]) -> list[set[str]]:
 
 
 def _around(at: int, clauses: list[Clause], seen: list[_Seen]) -> Iterator[str]:
-    """What stands before and behind a clause."""
+    """Yield the features before and behind a clause."""
     if at:
         before = seen[at - 1]
         yield from (f"ph:{name}" for name in before.hits)

@@ -1,4 +1,4 @@
-"""Which slots the learned reader fills, and which answers of the rules it takes back."""
+"""The slots that the learned reader fills, and the answers of the rules that it takes back."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _FILES = ("clauses.py", "candidates.py", "weights.py", "reader.py", FILE.name)
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the reader makes of the rules' slots.
+    """The reader's judgement of the rules' slots.
 
     Args:
         slots: of rules and reader together.
@@ -80,7 +80,7 @@ def complete(text: str, reading: Reading) -> Judgement:
 
 
 def _is_over(motion: Candidate, slots: Slots) -> bool:
-    """Whether a movement has ended: a finished crossing is no motion."""
+    """Tell whether a movement has ended: a finished crossing is no motion."""
     over = slots.conflict is not None and slots.conflict.value == "resolved"
     return over and str(motion.value).startswith(("crossing", "cutting"))
 
@@ -128,7 +128,7 @@ class Support:
         return check(self.text, name, Slot(candidate.value, spans))
 
     def _place(self, name: str, label: str, quotes: Iterable[str]) -> tuple[int, int] | None:
-        """Where the first quote stands that supports a label."""
+        """Find the place of the first quote that supports a label."""
         for quote in quotes:
             place = self._bench.weigh(Proposal(name, label, quote))
             if not isinstance(place, str):
@@ -158,7 +158,7 @@ class Support:
         return self.text[start:end]
 
     def _worth(self, clause: Clause, column: int) -> list[float]:
-        """What each word of a clause, alone and with its neighbours, adds for a column."""
+        """Compute what each word of a clause, alone and with its neighbours, adds for a column."""
         words = self.reading.tokens.words[clause.first : clause.stop]
         worth = [0.0] * len(words)
         for at, word in enumerate(words):

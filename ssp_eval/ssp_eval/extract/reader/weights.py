@@ -1,4 +1,4 @@
-"""How much each feature speaks for each label: the file, and the sums.
+"""The weight of each feature for each label: the file, and the sums.
 
 The weights are whole hundredths, so that a sum is the same on every machine.
 ``test/corpus/train_reader.py`` makes the file.
@@ -30,7 +30,7 @@ _DIGITS = 6
 
 @dataclass(frozen=True)
 class Threshold:
-    """From which certainty a slot that the rules left empty is filled, and theirs is kept."""
+    """The certainty from which a slot that the rules left empty is filled, and theirs is kept."""
 
     fill: float
     keep: float
@@ -55,18 +55,18 @@ class Weights:
     thresholds: Mapping[str, Threshold]
 
     def sums(self, features: Iterable[str]) -> NDArray[np.float64]:
-        """What a set of features says for each column, in natural units."""
+        """Sum the weights of a set of features for each column, in natural units."""
         rows = [row for row in map(self.rows.get, features) if row is not None]
         total: NDArray[np.float64] = (self.table[rows].sum(axis=0) + self.bias) / _SCALE
         return total
 
     def certainty(self, name: str, candidate: Candidate) -> float:
-        """How likely a candidate is right, 0 to 1."""
+        """Compute how likely a candidate is right, 0 to 1."""
         constant, *weights = self.joining[name]
         return share_of_class(constant + sum(map(mul, weights, candidate.features)))
 
     def columns(self, name: str) -> slice:
-        """Where a slot's columns are."""
+        """Return the columns of a slot."""
         start = next(at for at, one in enumerate(COLUMNS) if one.startswith(f"{name}:"))
         return slice(start, start + 1 + len(LABELS[name]))
 

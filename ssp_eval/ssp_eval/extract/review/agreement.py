@@ -1,4 +1,4 @@
-"""How far two reviewers agree, and how far the extractor agrees with them where they do."""
+"""The agreement of two reviewers, and of the extractor with them where they agree."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Disagreement:
 
 @dataclass(frozen=True)
 class Error:
-    """What the extractor has otherwise than both reviewers.
+    """A slot that the extractor has otherwise than both reviewers.
 
     Args:
         kind: ``false_positive`` where it gave an answer that isn't theirs, ``false_negative``

@@ -1,4 +1,4 @@
-"""What reviewers answer, and the key that stays with whoever asked them."""
+"""The answers of reviewers, and the key that stays with the person who asked them."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class KeyItem(Strict):
 
 
 class Key(Strict):
-    """What reviewers must not see.
+    """The data that reviewers must not see.
 
     ``subset`` is the hash of the texts under their new ids, which forms and answers carry;
     ``source_sha256`` that of the file of texts, ``extractor`` that of the extractor, ``seed`` the
@@ -86,7 +86,7 @@ def load_key(path: Path) -> Key:
 
 
 class _Form(Strict):
-    """What the form exports."""
+    """The export of the form."""
 
     schema_: Literal["ssp.review_answers/1"] = Field(alias="schema")
     subset: Text

@@ -1,4 +1,4 @@
-"""What reviewers get: a form of one file that works offline."""
+"""The form for reviewers: one file that works offline."""
 
 from __future__ import annotations
 

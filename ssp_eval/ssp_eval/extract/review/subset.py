@@ -1,4 +1,4 @@
-"""Which texts are reviewed: as evenly over what was found and what wasn't as the texts allow."""
+"""The choice of texts to review, spread as evenly as they allow over found and missing values."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Candidate:
 
     @property
     def answers(self) -> dict[str, str]:
-        """What was extracted, as a reviewer would write it."""
+        """Return the extracted values as a reviewer would write them."""
         return {name: shown(slot) if slot else NONE for name, slot in vars(self.slots).items()}
 
     @property
@@ -38,7 +38,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Subset:
-    """What reviewers get: texts by new id. The key stays apart."""
+    """The texts for reviewers by new id. The key stays apart."""
 
     texts: Mapping[str, str]
     key: Key

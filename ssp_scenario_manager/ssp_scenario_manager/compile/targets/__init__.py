@@ -1,1 +1,3 @@
-"""What a target has of its own (METHOD 2.5): SUMO, track sheet, OpenSCENARIO, OpenDRIVE, CARLA."""
+"""The parts that each target adds (METHOD 2.5): SUMO, track sheet, OpenSCENARIO, OpenDRIVE,
+CARLA.
+"""

@@ -179,7 +179,7 @@ def _weather(look: Look) -> dict[str, float]:
 
 
 def _drive(motion: Motion, start_s: float, heights: Heights) -> dict[str, Any]:
-    """Along a route from standstill; the reference point is to follow it."""
+    """Describe a drive along a route from standstill; the reference point is to follow it."""
     return {
         "route": [_place(point, heights) for point in motion.path],
         "start_s": start_s,
@@ -220,7 +220,9 @@ def _actor(who: ParticipantSpec, heights: Heights) -> dict[str, Any]:
 
 
 def _body_middle_m(size: Size) -> float:
-    """From the reference point forward to the middle of the body: CARLA's origin."""
+    """Give the distance from the reference point forward to the middle of the body, CARLA's
+    origin.
+    """
     return 0.5 * (size.front_m - size.rear_m)
 
 

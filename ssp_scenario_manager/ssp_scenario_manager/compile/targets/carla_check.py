@@ -26,7 +26,7 @@ def is_installed() -> bool:
 
 
 def check_against_map(config: dict[str, Any], xodr: str) -> list[str]:
-    """What of a configuration isn't where CARLA's map has a place for it; empty: all is.
+    """List the parts of a configuration that don't lie where CARLA's map has a place for them.
 
     A participant that drives starts on the centre of a driving lane, along it, and its route is
     connected. One that stands or walks has ground below it, and a pedestrian waits on no driving

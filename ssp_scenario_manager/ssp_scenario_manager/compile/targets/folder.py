@@ -94,7 +94,7 @@ def run_text(run: RunSpec) -> str:
 
 
 def write_task_files(compiled: Compiled, folder: Path) -> list[Path]:
-    """What a recording carries of its task, into a folder that is there.
+    """Write the files of its task that a recording carries, into a folder that exists.
 
     Returns:
         task.json, event.yaml, site.yaml or the map, log.jsonl, and shortlist.json if there is one.
@@ -297,7 +297,7 @@ def _take_over(source: Path, run_file: Path, folder: Path) -> RunSpec:
 
 
 def _check_folder(source: Path, run_file: Path, task: Task, run: RunSpec) -> None:
-    """What lies in the folder belongs together.
+    """Check that the files of the folder belong together.
 
     Raises:
         InputError: it doesn't.

@@ -1,4 +1,4 @@
-"""What a session of a task does, as far as an export needs it: foreseen by running one."""
+"""The course of a session as far as an export needs it, foreseen by running one."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def gaps_m(run: RunSpec, tracks: Mapping[str, FloatArray], times: FloatArray) ->
 
 
 def shorter_m(run: RunSpec, seen: Foreseen, other: ParticipantSpec) -> float:
-    """By how much a player's bumper gap is less than a session's when the trigger fires, m.
+    """Compute by how much a player's bumper gap is less than a session's when the trigger fires, m.
 
     A session measures along the VUT's path. A player measures along the VUT's heading, from its
     front to the nearest corner of the other: in a bend less.

@@ -28,7 +28,7 @@ _WIDEST_ROAD_M = 200.0
 
 @dataclass(frozen=True, slots=True)
 class GoalLane:
-    """Where a lane change ends.
+    """The lane in which a lane change ends.
 
     Args:
         ids: from the own lane's id to the goal's, + left of the direction of travel.

@@ -1,4 +1,4 @@
-"""What every export has: where it comes from, its trigger, and the map with the ground's height."""
+"""The parts of every export: its origin, its trigger, and the map with the ground's height."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class MapFile:
 
 
 def provenance(task: Task) -> dict[str, str]:
-    """What every file of an export says about where it comes from (METHOD 2.5)."""
+    """Give the provenance that every file of an export states (METHOD 2.5)."""
     return {
         "event": task.event.name,
         "event_version": task.event.version,
@@ -156,7 +156,9 @@ def provenance(task: Task) -> dict[str, str]:
 
 
 def asked_of(spec: TriggerSpec) -> RelativeDistance | TimeToArrival:
-    """What fires a compiled task's trigger: a distance or an arrival, at once and on no edge."""
+    """Return the condition of a compiled task's trigger: a distance or an arrival, without an
+    edge.
+    """
     plain = spec.edge == "none" and spec.held_for_s == 0.0
     if not (plain and isinstance(spec.condition, RelativeDistance | TimeToArrival)):
         raise ValueError(f"{spec.id} asks what no compiled trigger does: {spec.condition.type}")

@@ -157,7 +157,9 @@ def _mark(kind: xodr.RoadMarkType, change: xodr.LaneChange | None = None) -> xod
 
 
 def _lane_mark(block: Block, strip: _Strip) -> xodr.RoadMark:
-    """Between lanes: solid where nobody may change. Lane ids rise to the left."""
+    """Choose the mark between two lanes: solid where changing is forbidden. Lane ids rise to the
+    left.
+    """
     left, right = (f"lane_change_{side}" in block.permitted for side in ("left", "right"))
     if strip.lane is None or (strip.lane.forward and not (left or right)):
         return _mark(xodr.RoadMarkType.solid)

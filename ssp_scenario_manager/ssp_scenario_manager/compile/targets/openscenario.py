@@ -209,7 +209,7 @@ def _act(
 
 
 def _path_of(who: ParticipantSpec) -> Motion:
-    """What a participant of a compiled task drives before any trigger."""
+    """Return the motion of a participant of a compiled task before any trigger."""
     if who.approach is None:
         raise ValueError(f"{who.id} has no approach")
     return who.approach

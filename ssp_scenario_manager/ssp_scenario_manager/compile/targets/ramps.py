@@ -31,13 +31,13 @@ class Ramp:
 
 
 def ramp(from_mps: float, to_mps: float, rate_mps2: float) -> Ramp:
-    """From one speed to another at a rate > 0."""
+    """Make the ramp from one speed to another at a rate > 0."""
     return Ramp(to_mps, max(abs(to_mps - from_mps) / rate_mps2, _LEAST_S))
 
 
 @dataclass(frozen=True, slots=True)
 class Journey:
-    """From standstill along a path to a standstill at its end.
+    """A drive from standstill along a path to a standstill at its end.
 
     Args:
         start: up to the highest speed that the path has room for.

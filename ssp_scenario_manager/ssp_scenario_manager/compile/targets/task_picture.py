@@ -58,7 +58,7 @@ class Label:
 
 @dataclass(frozen=True, slots=True)
 class TopView:
-    """What is drawn from above; px of the page, y downwards.
+    """The view from above; px of the page, y downwards.
 
     Args:
         box: left, top, width and height of the whole picture.
@@ -140,7 +140,7 @@ def _overlap(
 
 
 def lies_on(box: tuple[float, float, float, float], lines: Shapes) -> bool:
-    """Whether a box touches what somebody drives."""
+    """Tell whether a box touches a path that is driven."""
     left, top, right, bottom = box
     for kind, line in lines:
         if kind == "lane":
@@ -235,7 +235,7 @@ def _lines(task: Task) -> Shapes:
 
 
 def _act(task: Task, trigger: TriggerSpec) -> tuple[list[Point], list[Point]] | None:
-    """What an object drives before the trigger, and what after, as planned; None: it brakes."""
+    """Give the planned paths of an object before and after the trigger; None: it brakes."""
     manoeuvre = trigger.manoeuvre
     if isinstance(manoeuvre, FollowPath):
         return [], manoeuvre.motion.path

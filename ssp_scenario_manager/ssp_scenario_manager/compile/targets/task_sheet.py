@@ -42,7 +42,7 @@ class LimitRow:
 
 @dataclass(frozen=True, slots=True)
 class StartRow:
-    """Where a participant must stand to be armed; angles in degrees.
+    """The pose in which a participant must stand to be armed; angles in degrees.
 
     Args:
         heading_deg: from east, counter-clockwise.
