@@ -40,8 +40,9 @@ class Place:
 
     @property
     def problem(self) -> str | None:
-        """Say what keeps its numbers from being a place on the Earth, with the remedy; None:
-        nothing.
+        """Say what keeps its numbers from being a place on the Earth, with the remedy.
+
+        None: nothing.
 
         NaN is no place either.
         """

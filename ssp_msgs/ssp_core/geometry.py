@@ -165,8 +165,9 @@ TOUCHING_M = 1e-9
 
 
 def outline_problem(points: Sequence[Point]) -> tuple[str, str] | None:
-    """Say why points, in order, are no legal outline of an area, and the remedy; None for a legal
-    one.
+    """Say why points, in order, are no legal outline of an area, and the remedy.
+
+    None for a legal one.
 
     Only edges that follow each other share a point, the corner between them: an outline that
     crosses or touches itself has no inside that everybody agrees on. A spike touches the edge that

@@ -168,8 +168,9 @@ _LIBC = ctypes.CDLL(None)
 
 
 def die_with_parent() -> None:
-    """Let a child receive SIGTERM when its parent dies, however that happens; for its
-    preexec_fn.
+    """Let a child receive SIGTERM when its parent dies, however that happens.
+
+    For its preexec_fn.
     """
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 

@@ -162,8 +162,9 @@ def stage_text(response: Response, name: str) -> str | None:
 
 
 def previous_stage(request: Request, name: str) -> Said | None:
-    """Return what the request's earlier answer said in a stage; None: nothing, or it wasn't
-    earlier.
+    """Return what the request's earlier answer said in a stage.
+
+    None: nothing, or it wasn't earlier.
     """
     previous = request.previous
     if previous is None or previous.error_code or previous.stamp_ns >= request.stamp_ns:

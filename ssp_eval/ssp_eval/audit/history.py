@@ -184,8 +184,9 @@ def examine_history(one: Subject) -> History:
 
 
 def _seen(agreement: Agreement, has_states: bool) -> tuple[list[Finding], tuple[str, ...]]:
-    """Check the observers' statements on identities; of a video alone they must be able to make
-    them.
+    """Check the observers' statements on identities.
+
+    Of a video alone they must be able to make them.
     """
     found, told = [], []
     stable = agreement.answers.identity_stable.value

@@ -29,8 +29,9 @@ class Limit(Strict):
 
 
 class ResponseLimits(Strict):
-    """The limits within which two responses are alike; the rating is a lower limit, the others
-    upper limits of an absolute difference.
+    """The limits within which two responses are alike.
+
+    The rating is a lower limit, the others upper limits of an absolute difference.
     """
 
     schema_: Literal["ssp.response_limits/1"] = Field(alias="schema")

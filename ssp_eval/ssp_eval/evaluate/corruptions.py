@@ -30,8 +30,9 @@ _LOST_SPAN_S = 0.3
 
 
 def _rng(stamp_ns: int, kind: str) -> np.random.Generator:
-    """Seed the noise of one picture; the strength isn't in it: 2 is the same noise as 1, and
-    stronger.
+    """Seed the noise of one picture.
+
+    The strength isn't in it: 2 is the same noise as 1, and stronger.
     """
     digest = sha256_json([CONDITION_SEED, kind, stamp_ns]).removeprefix("sha256:")
     return np.random.Generator(np.random.PCG64(int(digest[:16], 16)))

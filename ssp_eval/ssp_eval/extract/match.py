@@ -171,8 +171,9 @@ class _Reader:
         return self._put("noun", action if new else "stop", "", at, last + 1)
 
     def _follows_user(self, at: int) -> bool:
-        """Tell whether a bare side is a road user's place: pedestrian, left, waiting; van
-        (right).
+        """Tell whether a bare side is a road user's place: pedestrian, left, waiting.
+
+        So it is in brackets: van (right).
         """
         if self.words[at + 1] not in MARKS and self.words[at - 1] not in ("(", ","):
             return False

@@ -113,8 +113,9 @@ def _span(start: Interval | str, zero_s: float) -> tuple[float, float] | None:
 
 
 def response_problems(labels: Labels) -> list[str]:
-    """List why no model could get a risk response (METHOD 6.9) under these labels; empty if one
-    can.
+    """List why no model could get a risk response (METHOD 6.9) under these labels.
+
+    Empty if one can.
 
     It takes two labels, at or after risk onset, adjacent among those whose conflict is potential
     or active, that admit a defensive action and lie at most 0.6 s apart.

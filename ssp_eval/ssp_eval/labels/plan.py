@@ -216,8 +216,9 @@ def _possible(timelines: Sequence[Timeline], phase: str, lasts_s: Sequence[float
 
 
 def _gap_problem(timelines: Sequence[Timeline], places: Sequence[PhasePosition]) -> str:
-    """Say what is wrong with the gaps between neighbours from trigger to conflict; empty:
-    nothing.
+    """Say what is wrong with the gaps between neighbours from trigger to conflict.
+
+    Empty: nothing.
     """
     for timeline in timelines:
         times_s = [timeline.time_of(at) for at in places]

@@ -103,8 +103,9 @@ def crop_of(
 
 
 def source_times(event: Event) -> dict[str, Span]:
-    """Return when the source clip starts and ends and its phases start, s of the source; without
-    the times that are unresolved or open to one side.
+    """Return when the source clip starts and ends and its phases start, s of the source.
+
+    Times are left out that are unresolved or open to one side.
 
     Raises:
         InputError: a time has no unit of time.

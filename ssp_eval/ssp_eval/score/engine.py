@@ -328,8 +328,9 @@ def cell_terms(
 
 
 def responses(terms: BatchTerms, thresholds: Thresholds = DEFAULT) -> Whole:
-    """Find per cell the label whose record begins its response; NOTHING without one (METHOD
-    6.9).
+    """Find per cell the label whose record begins its response.
+
+    NOTHING without one (METHOD 6.9).
     """
     rows = np.flatnonzero(response_begins(terms.rows, thresholds, terms.start))
     cell = np.searchsorted(terms.start, rows, side="right") - 1

@@ -159,8 +159,9 @@ def _comparison(
 def _gained(
     constants: Mapping[Place, Cell], scenario: str, first: str, second: str, metric: str
 ) -> float:
-    """Compute what a scenario's constant gains from the second domain to the first; NaN: not
-    known.
+    """Compute what a scenario's constant gains from the second domain to the first.
+
+    NaN: not known.
     """
     cells = [constants.get((scenario, domain)) for domain in (first, second)]
     values = [None if cell is None else cell.score[metric] for cell in cells]

@@ -291,8 +291,9 @@ class _Field:
 
     @property
     def type(self) -> str:
-        """Return its type by Table Schema; a column of whole numbers with a null is one of
-        numbers.
+        """Return its type by Table Schema.
+
+        A column of whole numbers with a null is one of numbers.
         """
         if self.kind == "text":
             return "string"

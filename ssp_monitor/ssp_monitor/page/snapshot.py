@@ -151,8 +151,9 @@ class Snapshots:
         return not board.replay and board.offered is not None and "abort" not in board.offered
 
     def _commands(self, state: SessionPhase) -> list[str]:
-        """List the commands that may be given now; one without a service would only give an
-        error.
+        """List the commands that may be given now.
+
+        One without a service would only give an error.
         """
         board = self._board
         if board.replay:

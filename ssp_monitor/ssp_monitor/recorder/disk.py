@@ -22,8 +22,9 @@ _BYTES_PER_OBJECT_STEP = 1500
 
 
 def free_bytes(folder: Path) -> int | None:
-    """Return what this process may still write on the folder's file system; None if it isn't
-    known.
+    """Return what this process may still write on the folder's file system.
+
+    None if it isn't known.
     """
     try:
         figures = os.statvfs(folder)

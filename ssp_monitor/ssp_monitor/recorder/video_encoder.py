@@ -72,8 +72,9 @@ class VideoEncoder:
         return done
 
     def finish(self) -> list[BagMessage]:
-        """Return the messages that the encoder held back; afterwards it begins anew with a
-        keyframe.
+        """Return the messages that the encoder held back.
+
+        Afterwards it begins anew with a keyframe.
 
         Raises:
             FFmpegError: it can't give that out.

@@ -66,8 +66,9 @@ class ManagerCommands:
         return frozenset(word for word, one in self._clients.items() if one.service_is_ready())
 
     def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
-        """Send a command as PageServer's Commands; an answer that never comes leaves the future
-        as it is.
+        """Send a command as PageServer's Commands.
+
+        An answer that never comes leaves the future as it is.
         """
         answer: Future[Answer] = Future()
         client = self._clients[command]

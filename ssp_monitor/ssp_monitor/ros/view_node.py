@@ -161,8 +161,9 @@ TRAIL_JUMP_M = 10.0
 
 @dataclass(slots=True)
 class Trail:
-    """The places where an object has been, at steps of TRAIL_STEP_M; the oldest points are
-    forgotten.
+    """The places where an object has been, at steps of TRAIL_STEP_M.
+
+    The oldest points are forgotten.
     """
 
     points: deque[Point] = field(default_factory=lambda: deque(maxlen=TRAIL_POINTS))

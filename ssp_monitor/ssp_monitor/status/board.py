@@ -303,8 +303,9 @@ class Newest:
         self._waiting[source] = (data, at_ns)
 
     def take(self) -> tuple[list[tuple[list[ObjectState], int]], list[str]]:
-        """Return the messages since the last time, with times of arrival; and those that can't
-        be read.
+        """Return the messages since the last time, with times of arrival.
+
+        The second list has the reasons why the others can't be read.
         """
         waiting, self._waiting = self._waiting, {}
         states, problems = [], []

@@ -180,8 +180,9 @@ class BoundedStore(Typestore):
         self._growth: dict[str, float] = {}
 
     def deserialize_cdr(self, rawdata: bytes | memoryview, typename: str) -> object:
-        """Deserialize as Typestore does; bytes that rclpy writes behind a message are no part of
-        it.
+        """Deserialize as Typestore does.
+
+        Bytes that rclpy writes behind a message are no part of it.
 
         Before the items of an empty sequence of 8-byte numbers at a message's end rclpy writes the
         padding that would align them.

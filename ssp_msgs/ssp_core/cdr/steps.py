@@ -60,8 +60,9 @@ class BodyCommand:
 
 @dataclass(frozen=True, slots=True)
 class BodyCommands:
-    """The commands of an object_target to its bodies for one step; fields as in
-    ActuatorCommands.msg.
+    """The commands of an object_target to its bodies for one step.
+
+    Fields as in ActuatorCommands.msg.
     """
 
     stamp_ns: int

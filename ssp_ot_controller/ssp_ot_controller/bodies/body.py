@@ -1,5 +1,6 @@
-"""The interface of a body for an object_target; and a mirror, which does exactly what it is
-told.
+"""The interface of a body for an object_target.
+
+And a mirror, which does exactly what it is told.
 """
 
 from __future__ import annotations
@@ -87,8 +88,9 @@ class Body(Protocol):
         """The newest reading since the last call, None when there is no new one."""
 
     def command(self, command: Command, now_ns: int) -> None:
-        """Take the command that holds until the next; a body that hears none for long brakes by
-        itself.
+        """Take the command that holds until the next.
+
+        A body that hears none for long brakes by itself.
 
         Args:
             command: finite.
@@ -96,8 +98,9 @@ class Body(Protocol):
         """
 
     def problems(self) -> tuple[str, ...]:
-        """List why none of its messages becomes a reading, as sentences; empty where nothing is
-        known.
+        """List why none of its messages becomes a reading, as sentences.
+
+        Empty where nothing is known.
 
         Asked for while no reading comes.
         """

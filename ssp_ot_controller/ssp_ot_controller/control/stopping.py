@@ -164,8 +164,9 @@ class StoppingRoom:
         return self._swept_m([last, here])
 
     def excess_m(self, state: ObjectState, left_m: float | None, track: Track | None) -> float:
-        """Compute how far a stop from here would lead outside at the worst; 0 when all of it is
-        inside.
+        """Compute how far a stop from here would lead outside at the worst.
+
+        0 when all of it is inside.
 
         Args:
             state: of the object, with finite values.

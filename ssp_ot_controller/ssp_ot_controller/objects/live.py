@@ -257,8 +257,9 @@ class LiveObjects:
         return found
 
     def _deaf(self, object_id: str) -> tuple[str, ...]:
-        """Tell whether a body says that it hears no command; one of ISO 22133 says it by its
-        state.
+        """Tell whether a body says that it hears no command.
+
+        One of ISO 22133 says it by its state.
         """
         if not self._newest[object_id].brakes_by_itself:
             return ()

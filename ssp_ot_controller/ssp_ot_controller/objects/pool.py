@@ -343,8 +343,9 @@ class ObjectPool:
     # -- inside --------------------------------------------------------------------------------
 
     def _heartbeat_age_s(self, member: _Member, tick: WorldTick, steady_ns: int) -> float:
-        """Return the heartbeat's age on session time in lockstep, where one comes per step; else
-        steady.
+        """Return the heartbeat's age on session time in lockstep, where one comes per step.
+
+        Else steady.
         """
         if not in_step(tick):
             return member.silence_s(steady_ns)

@@ -96,8 +96,9 @@ def _is_beside(
 
 
 def _occupied_s(other: _Extent, half_m: float) -> tuple[float, float] | None:
-    """Find from when to when (s from now) an extent is within half_m of the path; None for
-    never.
+    """Find from when to when (s from now) an extent is within half_m of the path.
+
+    None for never.
     """
     if other.across_mps > _STEPPING_MPS:
         enter = (-half_m - other.left_m) / other.across_mps

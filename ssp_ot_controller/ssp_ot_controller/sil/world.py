@@ -212,8 +212,9 @@ class StepBarrier:
         self.dropped.add(participant)
 
     def unheard(self) -> list[str]:
-        """List those whose answer to step 0 is missing; the leader's, which starts the run,
-        comes later.
+        """List those whose answer to step 0 is missing.
+
+        The leader's, which starts the run, comes later.
         """
         missing = [name for name in self.waiting_for(0) if name != self._leader]
         if self._recorder is not None and self._recorded is None:

@@ -140,8 +140,9 @@ class OperatingArea:
         return fence
 
     def regions(self, name: Literal["ot_reachable", "safe_stop_zones"]) -> list[list[Point]]:
-        """List the regions where an OT can be, or where a run may end in a hurry; empty for a
-        map.
+        """List the regions where an OT can be, or where a run may end in a hurry.
+
+        Empty for a map.
         """
         site = self.site
         found: list[Region] = [] if site is None else getattr(site, name)

@@ -271,8 +271,9 @@ class AdaptedManoeuvre:
         )
 
     def _stops_inside(self, played: FloatArray, planned: FloatArray) -> bool:
-        """Tell whether it stops inside the fence where it is faster than planned; the object
-        checks the rest.
+        """Tell whether it stops inside the fence where it is faster than planned.
+
+        The object checks the rest.
         """
         at = planned[4, -(played.shape[1] - 1) :] if played.shape[1] > 1 else planned[4, :0]
         faster = played[:, 1:][:, played[4, 1:] > at + _SAME_SPEED_MPS]

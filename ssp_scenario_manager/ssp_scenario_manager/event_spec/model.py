@@ -142,8 +142,9 @@ class QuantityField(RoadField):
 
 
 class ManoeuvresField(RoadField):
-    """The manoeuvres that the road permits; ``varies`` names those that a place may permit or
-    not.
+    """The manoeuvres that the road permits.
+
+    ``varies`` names those that a place may permit or not.
     """
 
     value: Annotated[list[ManoeuvreWord], Field(min_length=1)] | Unresolved

@@ -108,8 +108,9 @@ def _scenarios(results: Sequence[CellResult]) -> list[dict[str, Any]]:
 
 
 def _expectations(results: Sequence[CellResult], run: RunSpec) -> list[tuple[str, list[str]]]:
-    """Collect by row: stages, reacting participant, limit and reason; equal cells of stages
-    once.
+    """Collect by row: stages, reacting participant, limit and reason.
+
+    Equal cells of stages once.
     """
     found: dict[str, list[tuple[Cell, list[Stage]]]] = {}
     for result in results:

@@ -137,8 +137,9 @@ def fit_cubic(shape: Geometry, start: Pose2) -> list[CurvePiece]:
 
 
 def _start(shape: Geometry) -> Pose2:
-    """Return the start of a part; a cubic's own start may lie, or head, elsewhere than its
-    frame.
+    """Return the start of a part.
+
+    A cubic's own start may lie, or head, elsewhere than its frame.
     """
     if shape.kind not in ("poly3", "paramPoly3"):
         return Pose2(shape.x_m, shape.y_m, shape.heading_rad)

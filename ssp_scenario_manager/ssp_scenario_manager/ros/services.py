@@ -52,14 +52,16 @@ class OwnSession:
     run_file: str = ""
 
     def problem(self, token: str) -> str:
-        """Give the reason why a command with this token isn't for the session; empty where it
-        is.
+        """Give the reason why a command with this token isn't for the session.
+
+        Empty where it is.
         """
         return token_problem(self.token, token, self.mode) if self.token else ""
 
     def outdated(self, shown_state: int, shown_since_ns: int) -> str:
-        """Give the reason why a press isn't for the present state; empty where it is, or no
-        state was shown.
+        """Give the reason why a press isn't for the present state.
+
+        Empty where it is, or no state was shown.
         """
         if not shown_state or (shown_state, shown_since_ns) == (self.state, self.since_ns):
             return ""

@@ -176,8 +176,9 @@ class _Following:
         return None
 
     def _failed_before(self, word: str = "") -> RunOutcome | None:
-        """Return why there will be no run: a dead process, a hung manager, a person; None:
-        nothing.
+        """Return why there will be no run: a dead process, a hung manager, a person.
+
+        None: nothing.
         """
         if ended := self._group.ended():
             return RunOutcome(Verdict.INVALID_HARNESS, (word + obituary(ended[0]),))

@@ -71,8 +71,9 @@ class InProcessResult:
 
     @property
     def phases(self) -> tuple[PhaseBegan, ...]:
-        """Return the phases as the whole run has them; those announced meanwhile stand in
-        ``happened``.
+        """Return the phases as the whole run has them.
+
+        Those announced meanwhile stand in ``happened``.
         """
         return self.happened.final_phases
 

@@ -91,8 +91,9 @@ _ADDRESSES = "udp://HOST:PORT, iso22133://HOST[:PORT][?report=FILE] or mirror"
 
 
 def _is_address(text: str) -> bool:
-    """Tell whether object_target takes this for a body; it says the same, but only once it is
-    up.
+    """Tell whether object_target takes this for a body.
+
+    It says the same, but only once it is up.
     """
     if text == "mirror" or re.fullmatch(r"iso22133://[^/\s]+", text.partition("?")[0]):
         return True

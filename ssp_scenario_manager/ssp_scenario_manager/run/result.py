@@ -197,8 +197,9 @@ def happened_by(bag: Path, spec: RunSpec) -> Happened | None:
 
 
 def participation_by(bag: Path, spec: RunSpec) -> Participation | None:
-    """Read the declarations of a session's participants; None where the bag is missing or
-    damaged.
+    """Read the declarations of a session's participants.
+
+    None where the bag is missing or damaged.
     """
     if spec.mode != "live":
         return Participation(spec.mode, {})

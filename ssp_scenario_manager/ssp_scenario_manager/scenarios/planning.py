@@ -105,8 +105,9 @@ def judge(event: Event, limits: Limits, told: Motions, seen: Prediction) -> list
 
 
 def wrong_order(event: Event, still: Prediction) -> list[str]:
-    """List what is wrong with the passing order of a plan; ``still``: of a VUT that holds its
-    speed.
+    """List what is wrong with the passing order of a plan.
+
+    ``still``: of a VUT that holds its speed.
     """
     if initiator_first(event) == still.initiator_first:
         return []

@@ -222,8 +222,9 @@ def own_lateness(found: Violation, late_s: float, heartbeat_s: float) -> Violati
 
 
 def in_session_time(reported: Violation, now_ns: int) -> Violation:
-    """Convert another node's report; with a stamp of another clock or run it counts as passed
-    now.
+    """Convert another node's report.
+
+    With a stamp of another clock or run it counts as passed now.
     """
     off_s = ns_to_seconds(reported.stamp_ns - now_ns)
     if abs(off_s) <= REPORT_AGE_S:

@@ -152,8 +152,9 @@ class Run:
         self._breaks += [violation for violation in found if violation is not None]
 
     def _crossed_fence(self, before: ObjectState, state: ObjectState) -> LimitViolation | None:
-        """Find the violation of an object that was outside between two states; each state is
-        judged itself.
+        """Find the violation of an object that was outside between two states.
+
+        Each state is judged itself.
         """
         excess_m = moved_excess_m(before.pose, state.box, self.spec.geofence)
         if excess_m > 0.0 and box_excess_m(state.box, self.spec.geofence) > 0.0:

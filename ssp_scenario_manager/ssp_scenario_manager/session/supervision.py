@@ -284,8 +284,9 @@ class Supervisor:
                 self._session.fail(violation)
 
     def _not_armed(self, steady_ns: int) -> str | None:
-        """Give the reason why the session can't stay armed; None without one, or while time is
-        left.
+        """Give the reason why the session can't stay armed.
+
+        None without one, or while time is left.
         """
         spec, targets = self._session.spec, self._session.targets
         since_ns = self._arming_since_ns

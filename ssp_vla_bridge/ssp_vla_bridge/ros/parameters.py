@@ -13,8 +13,9 @@ from ssp_vla_bridge.window import find_interface
 
 @dataclass(frozen=True)
 class BridgeParams:
-    """The configuration of one bridge; BRIDGE explains each field, and ``backend`` is never
-    empty.
+    """The configuration of one bridge.
+
+    BRIDGE explains each field, and ``backend`` is never empty.
     """
 
     model: str

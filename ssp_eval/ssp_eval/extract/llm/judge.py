@@ -127,8 +127,9 @@ class Bench:
         return problem
 
     def _misquoted(self, proposal: Proposal, first: int, stop: int) -> str:
-        """Say why a quote by itself can't support its label; empty where nothing speaks against
-        it.
+        """Say why a quote by itself can't support its label.
+
+        Empty where nothing speaks against it.
         """
         inside = [hit for hit in self.hits if hit.first >= first and hit.stop <= stop]
         carried = _CARRIED.get(proposal.label, frozenset())

@@ -92,8 +92,9 @@ class Reported:
 
     @property
     def state(self) -> ControlState | None:
-        """Return the reported state; None before the first MONR, and for a number without a
-        name.
+        """Return the reported state.
+
+        None before the first MONR, and for a number without a name.
         """
         return state_of(self.number)
 

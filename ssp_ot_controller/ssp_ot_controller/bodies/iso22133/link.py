@@ -157,8 +157,9 @@ class Link:
             self._lose(os.strerror(code))
 
     def poll(self) -> list[Received]:
-        """Return the messages since the last call, in order for each socket; also send what
-        waited.
+        """Return the messages since the last call, in order for each socket.
+
+        Also send what waited.
         """
         found = self._read_udp()
         if self._tcp is not None and not self._connected:

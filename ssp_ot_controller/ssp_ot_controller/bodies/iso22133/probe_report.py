@@ -128,8 +128,9 @@ def _measured(report: ProbeReport, clause: str) -> float | None:
 
 
 def stops_on_abort_s(report: ProbeReport) -> float | None:
-    """Return the time from the abort to the first slowing of an object that then stood; None: it
-    didn't.
+    """Return the time from the abort to the first slowing of an object that then stood.
+
+    None: it didn't.
     """
     return _measured(report, STOP_ON_ABORT)
 

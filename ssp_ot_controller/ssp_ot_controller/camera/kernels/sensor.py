@@ -1,5 +1,6 @@
-"""The way from light to the numbers of a frame: exposure, vignette, sensor noise, rounding; and
-roll.
+"""The way from light to the numbers of a frame: exposure, vignette, sensor noise, rounding.
+
+And roll.
 
 A camera that leans sees the level picture turned about its principal point. Turning about the
 direction of view is a rotation of the image plane, so that this is exact but for the resampling.

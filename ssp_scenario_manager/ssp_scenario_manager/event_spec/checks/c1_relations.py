@@ -240,9 +240,7 @@ def places_exist(view: View) -> Iterator[Failure]:
 
 
 def first_seen_where_they_start(view: View) -> Iterator[Failure]:
-    """Require that an OT is first seen where part A puts it, and is of a class that may be
-    there.
-    """
+    """Require that an OT is first seen where part A puts it, as a class that may be there."""
     for who, participant, phase, cell in view.cells():
         if phase != "approach" or participant.role == "VUT":
             continue
@@ -325,8 +323,9 @@ _COURSES = {
 
 @dataclass(frozen=True, slots=True)
 class _Meaning:
-    """The restrictions that a motion class puts on the other words of its cell; an empty set:
-    none.
+    """The restrictions that a motion class puts on the other words of its cell.
+
+    An empty set: none.
     """
 
     heading: frozenset[str]
@@ -426,9 +425,7 @@ def gap_fits_speeds(view: View) -> Iterator[Failure]:
 
 
 def who_stands_is_passed(view: View) -> Iterator[Failure]:
-    """Require that an object which stands throughout keeps its side of the VUT's path and falls
-    behind.
-    """
+    """Require that an object which stands throughout keeps its side and falls behind the VUT."""
     for who, participant in view.event.participants.items():
         cells = {phase: view.cell(who, phase) for phase in PHASES}
         if any(cell is None or cell.speed_trend != "standing" for cell in cells.values()):

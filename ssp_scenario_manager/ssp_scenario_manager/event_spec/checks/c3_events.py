@@ -156,9 +156,7 @@ def _evidence(view: View) -> Iterator[tuple[str, str, Evidence]]:
 
 
 def _span_s(evidence: Evidence, rate: Span | None) -> Span | None:
-    """Return the span of an evidence, from its times or, with the source's rate, from its
-    frames.
-    """
+    """Return the span of an evidence, from its times or from its frames and their rate."""
     if evidence.span_s is not None:
         return Span(*evidence.span_s)
     if evidence.frames is not None and rate is not None:
@@ -220,9 +218,7 @@ def _lateral_speed(view: View) -> tuple[str, float]:
 
 
 def conflict_follows_the_trigger(view: View) -> Iterator[Failure]:
-    """Require that the conflict's threshold isn't reached yet at the trigger, so that it can
-    follow.
-    """
+    """Require that the conflict's threshold isn't reached yet at the trigger."""
     names = ["constraints.trigger.below", "constraints.thresholds.ttc"]
     speeds = [f"constraints.speeds.{i}.approach" for i in (view.event.vut_id, view.initiator)]
     found, both = view.spans(*names), view.spans(*speeds)

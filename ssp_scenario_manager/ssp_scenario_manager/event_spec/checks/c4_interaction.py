@@ -189,9 +189,7 @@ def vut_keeps_its_lane_untouched(view: View) -> Iterator[Failure]:
 
 
 def vut_gives_way_in_the_conflict(view: View) -> Iterator[Failure]:
-    """Require that the one who gives way does so in the conflict, and not only once it is
-    resolved.
-    """
+    """Require that the one who gives way does so in the conflict, not only after it."""
     vut, order = view.event.vut_id, view.event.interaction.passing_order
     conflict, resolution = view.cell(vut, "conflict"), view.cell(vut, "resolution")
     if conflict and resolution and order[0] != vut and resolution.speed_trend == "decreasing":
@@ -244,9 +242,7 @@ def thresholds_fit_the_kind(view: View) -> Iterator[Failure]:
 
 
 def a_response_is_feasible(view: View) -> Iterator[Failure]:
-    """Require that the VUT can still brake at the trigger within the safety limit, without a
-    collision.
-    """
+    """Require that the VUT can still brake at the trigger, safely and without a collision."""
     vut, c = view.event.vut_id, "constraints"
     approach = f"{c}.speeds.{view.initiator}.approach"
     names = [f"{c}.trigger.below", f"{c}.safety.acceleration", f"{c}.speeds.{vut}.trigger"]

@@ -220,8 +220,9 @@ def frames_of(event: Event, path: str) -> tuple[int, ...]:
 
 
 def is_unresolved(value: Any) -> bool:
-    """Tell whether part of a field's value is unresolved; a field that varies in a range needs
-    no value.
+    """Tell whether part of a field's value is unresolved.
+
+    A field that varies in a range needs no value.
     """
     if isinstance(value, dict) and set(value) == ROAD_FIELD and value["varies"] is not None:
         return False

@@ -61,8 +61,9 @@ ROAD_RANGES = {
 
 
 def road_words(name: str, shown: Collection[str]) -> dict[str, object]:
-    """Return how a field of words may differ: any word; of manoeuvres, those that the source
-    doesn't show.
+    """Return how a field of words may differ: any word.
+
+    Of manoeuvres, those that the source doesn't show.
     """
     words = ROAD_WORDS[name]
     if name == "permitted_manoeuvres":

@@ -56,8 +56,9 @@ class _Track:
         return ways
 
     def speeds_mps(self) -> FloatArray:
-        """Compute the speed over the last fifth of a second before each place; NaN without such
-        a place.
+        """Compute the speed over the last fifth of a second before each place.
+
+        NaN without such a place.
         """
         before = np.searchsorted(self.stamp_ns, self.stamp_ns - _SPAN_NS, side="right") - 1
         dx, dy = self.x_m - self.x_m[before], self.y_m - self.y_m[before]
@@ -180,8 +181,9 @@ def _slows_by_itself_s(step: Step, track: _Track, mark_ns: int) -> float | None:
 
 
 def unheard(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
-    """Measure as ``stops`` does; an object that also ceases to report is judged by where it is
-    found.
+    """Measure as ``stops`` does.
+
+    An object that also ceases to report is judged by where it is found.
     """
     track, mark_ns = _track(step), step.marks.get("stimulus")
     again = steps.get(f"{clause.step}_again")
