@@ -352,7 +352,7 @@ def limits() -> str:
 
 
 def verdicts() -> str:
-    """Which events lead to which verdict."""
+    """Tabulate the events that lead to each verdict."""
     rows = []
     for verdict in (
         Verdict.FAILED_SAFETY,
@@ -425,7 +425,7 @@ TIMEOUTS_S = (0.2, 0.5, 1.0)
 
 
 def blind() -> str:
-    """How far an object drives before it knows that its link is cut."""
+    """Tabulate how far an object drives before it knows that its link is cut."""
     rows = []
     for speed in SPEEDS_MPS:
         cells = [f"{speed * timeout:.1f} m" for timeout in TIMEOUTS_S]
@@ -457,7 +457,7 @@ def stopping() -> str:
 
 
 def probe_clauses() -> str:
-    """What a probe of a test object expects, and the largest value that passes."""
+    """Tabulate what a probe of a test object expects, and the largest value that passes."""
     rows = [
         [f"`{one.id}`", one.title, "" if one.bound is None else f"{one.bound:g} {one.unit}"]
         for one in CLAUSES
@@ -476,7 +476,7 @@ PARTS = {
 
 
 def publishers() -> str:
-    """Who may publish what in a session, and who sees that another one does."""
+    """Tabulate the publishers of a session, and the nodes that notice another one."""
     start = Start(x_m=0.0, y_m=0.0, yaw_rad=0.0)
     target = ParticipantSpec(id="object", object_class="car", start=start)
     rows = []

@@ -122,7 +122,7 @@ class SetLink:
                 data = frame.data if isinstance(frame, Frame) else frame.evidence
                 if not (isinstance(outcome, Decoded) and self._lost(outcome.message)):
                     found.append(Received(sent.udp, now_ns, outcome, data))
-        if self._played.closes:
+        if self._played.link.closes:
             self.close()
         return found if self._connected else []
 

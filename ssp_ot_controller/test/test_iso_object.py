@@ -236,7 +236,7 @@ def test_what_was_driven_isnt_driven_again_from_elsewhere() -> None:
     centre.run(0.1)
     centre.status = CentreStatus.READY
     assert centre.command(ObjectCommand.ARM) == ResponseCode.GENERAL_ERROR
-    assert "position jumps by" in centre.played.notes[-1]
+    assert "position jumps by" in centre.played.link.notes[-1]
 
 
 def test_a_deleted_trajectory_isnt_driven() -> None:
@@ -336,7 +336,7 @@ def test_settings_that_cant_be_kept_are_refused(changes: dict[str, Any]) -> None
     asked = {name.replace("origin", "longitude_deg"): value for name, value in changes.items()}
     assert centre.connect(asked).response == ResponseCode.INVALID_DATA
     assert centre.monrs == []
-    assert next(iter(changes)) in " ".join(centre.played.notes)
+    assert next(iter(changes)) in " ".join(centre.played.link.notes)
     assert centre.command(ObjectCommand.ARM) == ResponseCode.GENERAL_ERROR
 
 
@@ -454,7 +454,7 @@ def test_damaged_bytes_are_told_and_what_follows_is_heard() -> None:
     other[6] = 3
     for data in (bytes(other), b"\x00\x7f", pack_frame(Header(0x7777, acknowledge=True), b"")):
         centre.played.on_tcp(data, centre.now_ns)
-    assert any("version 3" in note for note in centre.played.notes)
+    assert any("version 3" in note for note in centre.played.link.notes)
     assert centre.send(TRAJ).response == OK
 
 
@@ -583,7 +583,7 @@ def test_a_second_control_centre_is_neither_connected_nor_heard() -> None:
     other_port.beat(CentreStatus.ABORT)
     centre.run(0.1)
     assert centre.monr.state == ControlState.RUNNING
-    assert centre.played.strangers == 2
+    assert centre.played.link.strangers == 2
 
 
 def started_without_a_trajectory(centre: Centre) -> Centre:

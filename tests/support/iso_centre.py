@@ -174,7 +174,7 @@ class Centre:
                     self.monrs.append(found.message)
                 else:
                     self.answers.append(found.message)
-        if self.played.closes:
+        if self.played.link.closes:
             self.played.disconnect(self.now_ns)
 
     def armed(self, traj: Traj | None) -> Centre:

@@ -210,7 +210,7 @@ class Loop:
             self._serve(only_new=elapsed_ms % 20 != 0)
         for sent in self.object.take_sent(self.now_ns):
             self.link.take(sent.udp, sent.data)
-        if self.object.closes:
+        if self.object.link.closes:
             self.link.lose()
 
     def _serve(self, *, only_new: bool) -> None:

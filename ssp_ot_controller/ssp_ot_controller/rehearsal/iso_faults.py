@@ -36,7 +36,8 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     decode,
     encode,
 )
-from ssp_ot_controller.rehearsal.iso_object import IsoObject, Sent
+from ssp_ot_controller.rehearsal.centre_link import CentreLink, Sent
+from ssp_ot_controller.rehearsal.iso_object import IsoObject
 
 KINDS = {
     "link_cut": "nothing arrives and nothing leaves",
@@ -126,16 +127,8 @@ class FaultyObject:
         return self._played.brakes_by_itself
 
     @property
-    def notes(self) -> list[str]:
-        return self._played.notes
-
-    @property
-    def closes(self) -> bool:
-        return self._played.closes
-
-    @property
-    def monr_address(self) -> Any:
-        return self._played.monr_address
+    def link(self) -> CentreLink:
+        return self._played.link
 
     # -- to the object -------------------------------------------------------------------------
 
@@ -178,8 +171,8 @@ class FaultyObject:
                 self._played.on_tcp(frame.data, now_ns)
 
     def _take_udp(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
-        if self._has("two_centres", now_ns) is not None and self.monr_address is not None:
-            address = self.monr_address
+        if self._has("two_centres", now_ns) is not None and self.link.address is not None:
+            address = self.link.address
         for frame in frames_of(data):
             found = decode(frame) if isinstance(frame, Frame) else None
             if isinstance(found, Decoded) and isinstance(found.message, Heab):
@@ -202,11 +195,11 @@ class FaultyObject:
             self._waiting.popleft()[1](now_ns)
         deaf = self._has("deaf_to_silence", now_ns) is not None
         drives = self._played.state is ControlState.RUNNING and self.body.speed_mps > 0.0
-        if deaf and drives and self.monr_address is not None:
+        if deaf and drives and self.link.address is not None:
             while now_ns - self._beat_ns > _BEAT_NS:
                 self._beat_ns = max(self._beat_ns + _BEAT_NS, now_ns - 10 * _BEAT_NS)
                 beat = encode(Heab(None, self._status))
-                self._played.on_udp(beat, self.monr_address, self._beat_ns)
+                self._played.on_udp(beat, self.link.address, self._beat_ns)
         elif self._gone:
             self._leave(now_ns)
         self._played.advance(now_ns)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,11 +26,8 @@ from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.bodies.body import BodyReading, state_of
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.bodies.iso22133.framing import (
-    LONGEST_TRAJECTORY_BYTES,
     Frame,
-    Header,
     Rejected,
-    StreamDecoder,
     frames_of,
 )
 from ssp_ot_controller.bodies.iso22133.messages import (
@@ -39,9 +36,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Dreq,
     Dres,
     DriveDirection,
-    Grem,
     Heab,
-    Message,
     Monr,
     ObjectCommand,
     ObjectError,
@@ -50,12 +45,10 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     OsemTestMode,
     Ostm,
     ReadyToArm,
-    ResponseCode,
     Strt,
     Traj,
     TrajectoryInfo,
     decode,
-    encode,
 )
 from ssp_ot_controller.bodies.iso22133.states import session_of
 from ssp_ot_controller.bodies.iso22133.trajectories import points_of
@@ -63,6 +56,7 @@ from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns, to_gps
 from ssp_ot_controller.objects.rules import ObjectRules
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.objects.target import STANDSTILL_MPS, Target
+from ssp_ot_controller.rehearsal.centre_link import CentreLink, Sent
 from ssp_ot_controller.rehearsal.iso_settings import (
     Refused,
     frame_of,
@@ -85,9 +79,6 @@ HEAB_LAG_S = 0.5
 LATE_START_S = 0.3
 # It reports for so long that it stands before it gives a silent centre's connection up.
 _STOOD_NS = 3 * NS_PER_S // 2
-# A frame on TCP that is incomplete for so long is given up.
-_INCOMPLETE_NS = NS_PER_S // 2
-_MOST_NOTES = 1000
 _RESTING = (ControlState.INIT, ControlState.DISARMED, ControlState.ABORTING)
 _BEFORE_START = (*_RESTING, ControlState.PRE_ARMING, ControlState.ARMED)
 # What leaves nothing latched: the next control centre begins anew.
@@ -106,14 +97,6 @@ _NO_START = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Sent:
-    """A frame that goes to the control centre, by UDP or by TCP."""
-
-    udp: bool
-    data: bytes
-
-
 class IsoObject:
     """One object and the one control centre that may drive it.
 
@@ -122,8 +105,7 @@ class IsoObject:
 
     Attributes:
         body: where the object is.
-        closes: it gives the connection up; the caller closes it and calls ``disconnect``.
-        notes: what happened, for people.
+        link: the connection with the control centre.
     """
 
     def __init__(
@@ -134,23 +116,13 @@ class IsoObject:
     ) -> None:
         self.object_id = rules.spec.id
         self.body = BodyState.at_rest(rules.spec.start.pose)
-        self.closes = False
-        self.notes: list[str] = []
-        self.strangers = 0
+        self.link = CentreLink(now_ns)
         self.started_ns: int | None = None
         self._rules, self._datum = rules, datum
         # Ours, tightened to what the centre's OSEM asks for.
         self._tight = rules
         self._now_ns = now_ns
         self._states = 0
-        self._out: list[Sent] = []
-        self._counter = 0
-        self._host: str | None = None
-        self._heab_address: Any = None
-        self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
-        self._fed_ns = now_ns
-        self._heard_ns: int | None = None
-        self._osem: Osem | None = None
         self._frame = Pose2(0.0, 0.0, 0.0)
         self._next_monr_ns = now_ns
         self._plan: tuple[Points, str] | None = None
@@ -171,7 +143,7 @@ class IsoObject:
     def state(self) -> ControlState:
         """Return the reported state: INIT until a control centre is connected."""
         state = self._target.state
-        alone = self._host is None or self.closes
+        alone = self.link.host is None or self.link.closes
         return ControlState.INIT if alone and state is ControlState.DISARMED else state
 
     @property
@@ -179,34 +151,22 @@ class IsoObject:
         """It stops, whatever it was told to drive."""
         return self._target.state is ControlState.ABORTING
 
-    @property
-    def monr_address(self) -> Any:
-        """Return the address that heartbeats come from, and MONR goes to; None until the first."""
-        return self._heab_address
-
     def connect(self, host: str, now_ns: int) -> bool:
         """A control centre connects by TCP; False where another one is connected already."""
         self.advance(now_ns)
-        if self._host is not None:
-            self._note(f"a second control centre, {host}, is refused")
+        if not self.link.open(host):
             return False
-        self._host, self._heab_address = host, None
-        self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
-        self._osem = self._heard_ns = None
-        self._tight, self.closes = self._rules, False
+        self._tight = self._rules
         # What another centre sent is not driven for this one.
         self._plan, self._plan_refused = None, False
-        self._note(f"{host} is connected")
         return True
 
     def disconnect(self, now_ns: int) -> None:
         """The connection has ended, from whichever side."""
         self.advance(now_ns)
-        if self._host is None:
+        if not self.link.close():
             return
-        self._note(f"{self._host} is disconnected")
-        self._host = self._heab_address = self._start_ns = None
-        self.closes = False
+        self._start_ns = None
         if self._target.state not in _RESTING:
             self._target.local_stop()
             self._stopped(LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0))
@@ -214,34 +174,30 @@ class IsoObject:
     def on_tcp(self, data: bytes, now_ns: int) -> None:
         """Bytes of the connection, in pieces of any size."""
         self.advance(now_ns)
-        self._fed_ns = now_ns
-        self._take(self._decoder.feed(data))
+        self._take(self.link.feed(data, now_ns))
 
     def on_udp(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
         """A datagram; only the centre that is connected is heard, from one port."""
         self.advance(now_ns)
-        if address[0] != self._host or self._heab_address not in (None, address):
-            self.strangers += 1
-            if self.strangers == 1:
-                self._note(f"datagrams from {address[0]}:{address[1]} aren't heard")
+        if not self.link.is_from_centre(address):
             return
         for frame in frames_of(data):
             found = decode(frame) if isinstance(frame, Frame) else frame
             if isinstance(found, Rejected):
-                self._note(f"datagram refused: {found.reason.value}: {found.text}")
+                self.link.note(f"datagram refused: {found.reason.value}: {found.text}")
             elif isinstance(found.message, Heab):
-                self._heab_address = address
+                self.link.address = address
                 self._on_heab(found.message)
             else:
-                self._note(f"{type(found.message).__name__} by UDP isn't heard")
+                self.link.note(f"{type(found.message).__name__} by UDP isn't heard")
 
     def _take(self, frames: list[Frame | Rejected]) -> None:
         for frame in frames:
             found = decode(frame) if isinstance(frame, Frame) else frame
             if isinstance(found, Rejected):
-                self._note(f"refused: {found.reason.value}: {found.text}")
+                self.link.note(f"refused: {found.reason.value}: {found.text}")
                 if isinstance(frame, Frame):
-                    self._answer(frame.header, invalid(found.text))
+                    self.link.answer(frame.header, invalid(found.text))
                 continue
             handler = _HANDLERS.get(type(found.message))
             name = type(found.message).__name__.upper()
@@ -251,30 +207,10 @@ class IsoObject:
                 unsupported("isn't supported") if handler is None else handler(self, found.message)
             )
             if refused is not None:
-                self._note(f"{name} refused: {refused.text}")
+                self.link.note(f"{name} refused: {refused.text}")
             elif not isinstance(found.message, Dreq):
-                self._note(f"{name} taken")
-            self._answer(found.header, refused)
-
-    def _answer(self, header: Header, refused: Refused | None) -> None:
-        if header.acknowledge:
-            code = ResponseCode.OK if refused is None else refused.code
-            self._send(Grem(header.transmitter_id, header.counter, header.message_id, code))
-
-    def _send(self, message: Message, *, udp: bool = False) -> None:
-        osem = self._osem
-        data = encode(
-            message,
-            transmitter_id=0 if osem is None else osem.device_id,
-            receiver_id=0 if osem is None else osem.control_centre_id,
-            counter=self._counter,
-        )
-        self._counter = (self._counter + 1) % 256
-        self._out.append(Sent(udp, data))
-
-    def _note(self, text: str) -> None:
-        if len(self.notes) < _MOST_NOTES:
-            self.notes.append(text)
+                self.link.note(f"{name} taken")
+            self.link.answer(found.header, refused)
 
     # -- messages ------------------------------------------------------------------------------
 
@@ -285,7 +221,7 @@ class IsoObject:
         frame = refused or frame_of(osem, self._datum)
         if isinstance(frame, Refused):
             return frame
-        self._osem, self._frame, self._tight = osem, frame, tightened(self._rules, osem)
+        self.link.osem, self._frame, self._tight = osem, frame, tightened(self._rules, osem)
         self._next_monr_ns = self._now_ns
         self._new_rules = True
         self._settle()
@@ -293,9 +229,9 @@ class IsoObject:
 
     def _on_traj(self, traj: Traj) -> Refused | None:
         running = self._target.state is ControlState.RUNNING
-        if self._osem is None:
+        if self.link.osem is None:
             return not_now("there was no OSEM")
-        if running and self._osem.test_mode != OsemTestMode.ONLINE:
+        if running and self.link.osem.test_mode != OsemTestMode.ONLINE:
             return not_now("trajectories aren't taken while it runs, test_mode isn't ONLINE")
         if not running and self._target.state not in _BEFORE_START:
             return not_now(f"trajectories aren't taken in {self.state.name}")
@@ -361,7 +297,7 @@ class IsoObject:
         if event is None:
             return unsupported(f"command {ostm.command}")
         if event is ObjectEvent.ARM:
-            if self._osem is None:
+            if self.link.osem is None:
                 return not_now("there was no OSEM")
             if self._plan_refused:
                 return not_now("its newest trajectory was refused")
@@ -370,7 +306,7 @@ class IsoObject:
                 if refused is not None:
                     return not_now(f"its trajectory can't be driven: {refused.text}")
         response = self._target.command(
-            event, self._rules.event_version, self._silence_s(), abort_id=None
+            event, self._rules.event_version, self.link.silence_s(self._now_ns), abort_id=None
         )
         if not response.accepted:
             return not_now(response.error_msg)
@@ -394,10 +330,10 @@ class IsoObject:
 
     def _on_dreq(self, _: Dreq) -> None:
         version = ssp_core.__version__
-        self._send(Dres("SSP", "ssp iso object", version, self.object_id, 0))
+        self.link.send(Dres("SSP", "ssp iso object", version, self.object_id, 0))
 
     def _on_heab(self, heab: Heab) -> None:
-        self._heard_ns = self._now_ns
+        self.link.heard_ns = self._now_ns
         session = session_of(heab.status, self.started_ns is not None)
         late = self.started_ns is not None and heab.status == CentreStatus.READY
         if late and ns_to_seconds(self._now_ns - (self.started_ns or 0)) > HEAB_LAG_S:
@@ -410,7 +346,7 @@ class IsoObject:
         before = self._target.state
         self._target.on_session_state(session)
         if self._target.state is not before:
-            self._note(f"{self._target.state.name} by a heartbeat with status {heab.status}")
+            self.link.note(f"{self._target.state.name} by a heartbeat with status {heab.status}")
 
     # -- motion --------------------------------------------------------------------------------
 
@@ -418,29 +354,26 @@ class IsoObject:
         """Moves the object up to a time."""
         while self._now_ns + _STEP_NS <= now_ns:
             self._step()
-        if self._decoder.waiting_bytes and now_ns - self._fed_ns > _INCOMPLETE_NS:
-            self._fed_ns = now_ns
-            self._take(self._decoder.resync())
+        self._take(self.link.given_up(now_ns))
 
     def take_sent(self, now_ns: int) -> list[Sent]:
         """Return the messages that are due by now, in order."""
         self.advance(now_ns)
-        heard = self._heab_address is not None and not self.closes
-        if heard and self._osem is not None and self._now_ns >= self._next_monr_ns:
-            period_ns = NS_PER_S // self._osem.monr_rate_hz
+        heard = self.link.address is not None and not self.link.closes
+        if heard and self.link.osem is not None and self._now_ns >= self._next_monr_ns:
+            period_ns = NS_PER_S // self.link.osem.monr_rate_hz
             self._next_monr_ns += period_ns
             if self._next_monr_ns <= self._now_ns:
                 # Those that are missing stay missing.
                 self._next_monr_ns = self._now_ns + period_ns
-            self._send(self._monr(self._osem), udp=True)
-        out, self._out = self._out, []
-        return out
+            self.link.send(self._monr(self.link.osem), udp=True)
+        return self.link.take()
 
     def _step(self) -> None:
         now_ns = self._now_ns
         self._begin_if_due()
         before = self._target.state
-        outcome = self._target.step(self._own(), now_ns, self._silence_s())
+        outcome = self._target.step(self._own(), now_ns, self.link.silence_s(self._now_ns))
         if outcome.stopped is not None:
             self._stopped(outcome.stopped)
         if before is ControlState.POSTRUN and self._target.state is ControlState.DISARMED:
@@ -455,7 +388,7 @@ class IsoObject:
         It is once no centre has been connected and nothing has moved for ``PUT_BACK_S``, where it
         stands elsewhere or is latched by an abort.
         """
-        alone = self._host is None and self._now_ns - self._moved_ns > seconds_to_ns(PUT_BACK_S)
+        alone = self.link.host is None and self._now_ns - self._moved_ns > seconds_to_ns(PUT_BACK_S)
         start = self._rules.spec.start.pose
         latched = self._target.state is ControlState.ABORTING
         if not alone or not (latched or is_away(self.body, start)):
@@ -464,7 +397,7 @@ class IsoObject:
         self._tight, self._cause, self._lost = self._rules, None, False
         self.started_ns = None
         self._target = self._new_target(self._rules)
-        self._note("back at its start")
+        self.link.note("back at its start")
         return True
 
     def _begin_if_due(self) -> None:
@@ -476,17 +409,17 @@ class IsoObject:
             return
         self.started_ns = start_ns
         self._target.on_session_state(SessionPhase.RUNNING)
-        self._note("started")
+        self.link.note("started")
         if self._plan is not None:
             refused = self._drive(*self._plan, start_ns)
             if refused is not None:
-                self._note(f"its trajectory is refused: {refused.text}")
+                self.link.note(f"its trajectory is refused: {refused.text}")
 
     def _stopped(self, stop: LimitViolation) -> None:
         self._cause = stop.code
         self._lost = stop.code in _LOST
         name = stop.code.name.lower()
-        self._note(f"stops by itself: {name} {stop.measured:.3f}, limit {stop.limit:.3f}")
+        self.link.note(f"stops by itself: {name} {stop.measured:.3f}, limit {stop.limit:.3f}")
 
     def _settle(self) -> None:
         """Do what has to wait until the object stands."""
@@ -496,20 +429,23 @@ class IsoObject:
             return
         stood = self._now_ns - self._moved_ns >= _STOOD_NS
         resting = self._target.state in _RESTING
-        silent = self._heard_ns is not None and self._silence_s() > self._tight.limits.heartbeat_s
+        silent = (
+            self.link.heard_ns is not None
+            and self.link.silence_s(self._now_ns) > self._tight.limits.heartbeat_s
+        )
         if self._lost and stood:
             self._lost = False
             self._target = self._new_target(self._tight)
             self._cause = self.started_ns = None
-            self._note("stands, waits for a control centre")
+            self.link.note("stands, waits for a control centre")
         if self._new_rules and resting:
             self._new_rules = False
             latched = self._target.state is ControlState.ABORTING
             self._target = self._new_target(self._tight)
             if latched:
                 self._target.local_stop()
-        if resting and silent and stood and self._host is not None:
-            self.closes = True
+        if resting and silent and stood and self.link.host is not None:
+            self.link.closes = True
 
     def _new_target(self, rules: ObjectRules) -> Target:
         target = Target(self.object_id, rules)
@@ -518,14 +454,6 @@ class IsoObject:
         return target
 
     # -- reports -------------------------------------------------------------------------------
-
-    def _silence_s(self) -> float:
-        """Return the time since the last heartbeat, inf before the first and without a
-        connection.
-        """
-        if self._heard_ns is None or self._host is None:
-            return math.inf
-        return ns_to_seconds(self._now_ns - self._heard_ns)
 
     def _own(self) -> ObjectState:
         b = self.body
@@ -550,7 +478,7 @@ class IsoObject:
         ready = (
             self.state is ControlState.DISARMED
             and b.speed_mps <= STANDSTILL_MPS
-            and self._silence_s() <= self._tight.limits.heartbeat_s
+            and self.link.silence_s(self._now_ns) <= self._tight.limits.heartbeat_s
             and not self._plan_refused
             and not errors
         )

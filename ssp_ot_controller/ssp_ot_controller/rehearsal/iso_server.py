@@ -71,14 +71,14 @@ class IsoServer(Closing):
         if self._listener in readable:
             self._accept(now_ns)
         for sent in self.played.take_sent(time.time_ns()):
-            address = self.played.monr_address
+            address = self.played.link.address
             # What can't be sent is lost, like a message on the way.
             with suppress(OSError):
                 if sent.udp and address is not None:
                     self._udp.sendto(sent.data, address)
                 elif not sent.udp and self._centre is not None:
                     self._centre.sendall(sent.data)
-        if self.played.closes:
+        if self.played.link.closes:
             self._drop()
 
     def _accept(self, now_ns: int) -> None:
@@ -163,8 +163,8 @@ def serve(
         now_ns = time.time_ns()
         for server in servers:
             server.serve(readable, now_ns)
-            while server.played.notes:
-                click.echo(f"{server.played.object_id}: {server.played.notes.pop(0)}")
+            while server.played.link.notes:
+                click.echo(f"{server.played.object_id}: {server.played.link.notes.pop(0)}")
         if now_ns >= next_log_ns:
             next_log_ns = now_ns + _LOG_NS
             for server in servers:
