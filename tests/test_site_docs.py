@@ -42,7 +42,7 @@ SECTIONS = {
 
 
 def shown(field: FieldInfo) -> set[str]:
-    """What a table may give as a field's default."""
+    """Return the texts that a table may give as a field's default."""
     if field.is_required():
         return {"–"}
     if isinstance(field.default, BaseModel):

@@ -87,7 +87,7 @@ class Echo(Node):
 
     @staticmethod
     def _reference(object_id: str) -> Reference:
-        """As long as those of the manager."""
+        """Make a reference as long as those of the manager."""
         motion = Motion(path=crossing(0), cruise_mps=1.5)
         speeds = motion.cruise_mps, motion.acceleration_mps2, motion.deceleration_mps2
         points = drive_along(Polyline(motion.path), 0.0, 0.0, *speeds)

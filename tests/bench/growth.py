@@ -121,7 +121,9 @@ WAYS = (
 
 
 def exponent(sizes: tuple[int, int, int], costs_s: list[float], start_s: float) -> float:
-    """Of the growth between the two larger sizes; 0 where it costs next to nothing."""
+    """Compute the exponent of the growth between the two larger sizes; 0 where it costs next to
+    nothing.
+    """
     before, after = (cost_s - start_s for cost_s in costs_s[1:])
     if after < LEAST_S:
         return 0.0

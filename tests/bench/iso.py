@@ -121,7 +121,7 @@ class Around:
         self.node.destroy_node()
 
     def spin(self, until: Callable[[], bool], what: str) -> None:
-        """Until something holds; RuntimeError when it doesn't in time."""
+        """Spin until something holds; RuntimeError when it doesn't in time."""
         deadline = time.monotonic() + READY_TIMEOUT_S
         while not until():
             self.executor.spin_once(timeout_sec=0.1)
@@ -144,7 +144,7 @@ class Around:
         self.spin(all_there, f"all objects report {state.name}")
 
     def command(self, command: int) -> None:
-        """To every object; RuntimeError when one refuses."""
+        """Command every object; RuntimeError when one refuses."""
         version = self._run.event_version
         for object_id, client in self._clients.items():
             digest = rules_of(self._run, object_id).digest

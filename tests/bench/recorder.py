@@ -89,7 +89,7 @@ WRITERS: dict[str, Callable[[Path, Iterator[bytes]], None]] = {
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Of one turn: time on the wall, and of the processor in program and system, in s."""
+    """The cost of one turn: time on the wall, and of the processor in program and system, in s."""
 
     wall_s: float
     cpu_s: float

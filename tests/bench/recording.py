@@ -79,7 +79,7 @@ class Ran:
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """What is not in a bag.
+    """The messages that a bag lacks.
 
     Args:
         by_count: sent and not there.
@@ -215,7 +215,7 @@ def missing(bag: Path, sent: dict[str, int]) -> Missing:
 
 @dataclass(frozen=True, slots=True)
 class Break:
-    """Where a growing load breaks.
+    """The load at which a growing load breaks.
 
     Args:
         good: the highest that was recorded whole, None where none was.
@@ -229,7 +229,7 @@ class Break:
 
 
 def gave_in(load: Load, folder: Path) -> str:
-    """What went wrong under a load; empty when nothing did."""
+    """Say what went wrong under a load; empty when nothing did."""
     ran, lost = recorded(load, SEARCH_S, folder)
     if lost.total:
         return f"the recorder loses {lost.total} of {sum(ran.sent.values())} messages"

@@ -146,7 +146,7 @@ def whole_read(folder: Path) -> float:
 
 
 def hash_alone(folder: Path) -> float:
-    """What naming the bag by its hash takes besides reading it."""
+    """Measure what naming the bag by its hash takes besides reading it."""
     started = time.perf_counter()
     for file in (folder / "bag").glob("*.mcap"):
         sha256_file(file)

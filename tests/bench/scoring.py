@@ -120,7 +120,7 @@ def a_campaign(rng: random.Random, folder: Path) -> list[tuple[Path, Path]]:
 
 
 def plain_load(labels: Path, records: Path) -> Cell:
-    """What somebody writes who trusts the files: their JSON as the objects that he scores."""
+    """Load files as a program does that trusts them: their JSON as the objects that it scores."""
     value = json.loads(labels.read_text())
     rest = {key: value[key] for key in value if key not in ("schema", "labels")}
     lines = records.read_text().splitlines()
@@ -195,7 +195,7 @@ def main() -> None:
 
 
 def from_files(rng: random.Random, folder: Path) -> None:
-    """From the files of a campaign to scores, as `ssp score` does it."""
+    """Measure the way from the files of a campaign to scores, as `ssp score` goes it."""
     files = a_campaign(rng, folder)
 
     def plain() -> Iterable[dict[str, Any]]:

@@ -108,7 +108,7 @@ def make_run() -> RunSpec:
 
 @dataclass
 class Heard:
-    """What came back while the VUT drove.
+    """The states that came back while the VUT drove.
 
     Args:
         latencies_ms: from each state that decided to its reference.

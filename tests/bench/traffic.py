@@ -44,7 +44,7 @@ RAW_TYPE = "sensor_msgs/msg/Image"
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What is published: cameras at CAMERA_HZ, and objects on topics of their own.
+    """The published load: cameras at CAMERA_HZ, and objects on topics of their own.
 
     Args:
         jpegs: cameras whose frames are JPEG_BYTES.
@@ -82,7 +82,7 @@ class Load:
         return sum(len(template(topic.msgtype)) * self.rate_hz(topic) for topic in self.topics)
 
     def rate_hz(self, topic: TopicSpec) -> float:
-        """How often a topic is published."""
+        """Return the rate at which a topic is published."""
         return self.object_hz if topic.msgtype == STATE_TYPE else CAMERA_HZ
 
     def __str__(self) -> str:
@@ -182,7 +182,7 @@ class _Sender:
             group.send()
 
     def wait_until_taken(self) -> None:
-        """What can still be asked for has been delivered."""
+        """Wait until all that can still be requested has been delivered."""
         for group in self._groups:
             for publisher in group.publishers:
                 publisher.wait_for_all_acked(Duration(seconds=ACK_TIMEOUT_S))

@@ -78,7 +78,7 @@ def lay_out(folder: Path) -> None:
 
 
 def outcomes(listing: str) -> dict[str, str]:
-    """What became of each mutant, from the lines ``name: outcome`` of ``mutmut results``."""
+    """Read the outcome of each mutant from the lines ``name: outcome`` of ``mutmut results``."""
     found = {}
     for line in listing.splitlines():
         name, colon, outcome = line.strip().partition(": ")

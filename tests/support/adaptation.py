@@ -84,7 +84,7 @@ AFTER_S = 6.0
 
 @dataclass(frozen=True)
 class Case:
-    """What is off in one run.
+    """The deviations of one run.
 
     Args:
         seed: of the run.
@@ -101,7 +101,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of it.
+    """The outcome of one run.
 
     Args:
         error_s: time gap minus the specified one; inf: there is none.
@@ -223,7 +223,7 @@ class Foreseen:
         return self._path.project_beyond(vut.x_m, vut.y_m)[0] + vut.size.front_m
 
     def fires_ns(self, states: Sequence[ObjectState]) -> int:
-        """When the trigger fires."""
+        """Find when the trigger fires."""
         condition = self._trigger.condition
         for vut in states:
             if vut.stamp_ns < seconds_to_ns(self._trigger.not_before_s):
@@ -240,7 +240,7 @@ class Foreseen:
         raise RuntimeError("the trigger never fires")
 
     def passes_s(self, fired_ns: int, states: Sequence[ObjectState]) -> float:
-        """When the VUT's front is at the conflict point."""
+        """Find when the VUT's front is at the conflict point."""
         at_ns = fired_ns + seconds_to_ns(self._trigger.lead_time_s)
         address = Address("m", self._target.id, "", "", fired_ns, at_ns)
         there = states[0]  # who has no approach stands at its start, and no state is asked for
@@ -259,7 +259,7 @@ class Foreseen:
 
 
 def _changes(case: Case, cruise_mps: float, at_s: float) -> list[SpeedChange]:
-    """From the first speed to the later one, in steps of 0.1 s."""
+    """List the changes from the first speed to the later one, in steps of 0.1 s."""
     first, last = case.at_first * cruise_mps, case.later * cruise_mps
     steps = max(1, math.ceil(abs(last - first) / (CHANGE_MPS2 * 0.1)))
     return [

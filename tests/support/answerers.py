@@ -29,7 +29,7 @@ LABELS = 9
 
 @dataclass(frozen=True)
 class Scene:
-    """What an answer may come from.
+    """The facts that an answer may come from.
 
     Args:
         side: where the object is; None: nobody is there, or nothing shows him.

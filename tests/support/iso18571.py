@@ -56,7 +56,7 @@ def best_shift(reference: Sequence[float], comparison: Sequence[float]) -> int:
 
 
 def correlation(reference: Sequence[float], comparison: Sequence[float], shift: int) -> float:
-    """That of what overlaps when the comparison is moved to the left by a shift."""
+    """Correlate the overlap when the comparison is moved to the left by a shift."""
     n = len(reference) - abs(shift)
     first = reference[max(0, -shift) :][:n]
     second = comparison[max(0, shift) :][:n]
@@ -67,7 +67,7 @@ def correlation(reference: Sequence[float], comparison: Sequence[float], shift: 
 
 
 def magnitude(reference: Sequence[float], comparison: Sequence[float]) -> float:
-    """From the difference that is left after dynamic time warping, over the warped reference."""
+    """Rate the difference that is left after dynamic time warping, over the warped reference."""
     path = warping_path(reference, comparison)
     off = sum(abs(reference[i] - comparison[j]) for i, j in path)
     off /= sum(abs(reference[i]) for i, _ in path)
@@ -97,7 +97,7 @@ def warping_path(reference: Sequence[float], comparison: Sequence[float]) -> lis
 
 
 def slope(reference: Sequence[float], comparison: Sequence[float], step_s: float) -> float:
-    """From the difference of the smoothed slopes, over the reference's."""
+    """Rate the difference of the smoothed slopes, over the reference's."""
     first, second = (smoothed_slope(curve, step_s) for curve in (reference, comparison))
     off = sum(abs(a - b) for a, b in zip(first, second, strict=True))
     off /= sum(abs(a) for a in first)

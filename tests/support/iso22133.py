@@ -146,7 +146,7 @@ messages = st.one_of(*(messages_of(cls) for cls in CLASSES), opaque)
 
 
 class ObjectSockets:
-    """Where an object listens: a TCP port, and the UDP port below it."""
+    """The sockets of an object: a TCP port, and the UDP port below it."""
 
     def __init__(self, host: str = "127.0.0.1") -> None:
         self.host = host

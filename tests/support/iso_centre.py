@@ -41,7 +41,7 @@ FENCE = ((-20.0, -20.0), (400.0, -20.0), (400.0, 20.0), (-20.0, 20.0))
 
 
 def rules_of(object_class: str = "car", **limits: Any) -> ObjectRules:
-    """Of an object that stands at the origin of frame map, heading along x."""
+    """Make the rules of an object that stands at the origin of frame map, heading along x."""
     start = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
     spec = {"id": "ot1", "object_class": object_class, "start": start}
     return ObjectRules(
@@ -125,7 +125,7 @@ class Centre:
         return answer
 
     def send(self, message: Message, *, acknowledge: bool = True) -> Any:
-        """By TCP; the answer that came at once."""
+        """Send a message by TCP, and return the answer that came at once."""
         self.answers.clear()
         self.played.on_tcp(self.frame(message, acknowledge=acknowledge), self.now_ns)
         self.hear()

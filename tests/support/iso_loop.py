@@ -89,7 +89,7 @@ class LoopLink(Link):
 
 
 class Loop:
-    """Of one target that approaches along x from (40, 3.5) at up to 7 m/s.
+    """The control loop of one target that approaches along x from (40, 3.5) at up to 7 m/s.
 
     Args:
         waive: who lets the object be armed without a probe report; empty: nobody.

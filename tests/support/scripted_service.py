@@ -110,7 +110,7 @@ class ScriptedService:
         self.url = f"http://127.0.0.1:{self._server.server_address[1]}"
 
     def start(self) -> ScriptedService:
-        """Before this, connections are refused."""
+        """Start the service; before this, connections are refused."""
         self._server.server_activate()
         threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
         return self

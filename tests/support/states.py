@@ -13,7 +13,7 @@ from ssp_core.vocabulary import ObjectClass, Role
 
 
 class Moving(Protocol):
-    """What a state takes from a simulated body."""
+    """The motion that a state takes from a simulated body."""
 
     x_m: float
     y_m: float

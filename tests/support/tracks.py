@@ -51,7 +51,7 @@ def motion(manoeuvre: str, random: np.random.Generator, duration_s: float = 20.0
 def measured(
     true: Motion, std_m: float, rate_hz: float, random: np.random.Generator, *, white: float = 0.4
 ) -> Iterator[Row]:
-    """What a source states of a motion: t_s, x_m, y_m, yaw_rad, speed_mps, position_std_m.
+    """Yield a source's statement of a motion: t_s, x_m, y_m, yaw_rad, speed_mps, position_std_m.
 
     Args:
         white: share of the deviation that is new with each fix; the rest goes on for half a
@@ -81,7 +81,7 @@ def measured(
 
 
 def falsified(rows: Sequence[Row], kind: str) -> Iterator[Row]:
-    """What a source that is set up wrongly makes of a sound one."""
+    """Yield what a source that is set up wrongly makes of a sound one."""
     for t, x, y, yaw, v, std in rows:
         false = {
             "map axes": (yaw, v * math.cos(yaw)),

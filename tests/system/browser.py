@@ -139,7 +139,7 @@ class Browser:
         return value
 
     def text(self, selector: str) -> str:
-        """What an element shows, empty where it is hidden."""
+        """Return the text of an element, empty where it is hidden."""
         return str(self.evaluate(f"document.querySelector({selector!r}).innerText"))
 
     def click(self, selector: str) -> None:
@@ -150,7 +150,7 @@ class Browser:
             self.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def tap(self, selector: str) -> None:
-        """As a finger does."""
+        """Tap as a finger does."""
         x, y = self._middle(selector)
         self.ask("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
         self.ask("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
@@ -165,7 +165,7 @@ class Browser:
         self.press(" ", "Space", 32, " ")
 
     def screenshot(self, path: Path) -> None:
-        """What is to be seen, as PNG."""
+        """Save the visible page as PNG."""
         path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot", format="png")["data"]))
 
     # -- protocol --------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ TF = "/tf"
 
 
 def matrix(transform: Any) -> np.ndarray:
-    """What tf2 makes of a transform: from the child's coordinates to the parent's."""
+    """Return tf2's matrix of a transform: from the child's coordinates to the parent's."""
     v, q = transform.translation, transform.rotation
     whole = np.eye(4)
     whole[:3, :3] = Rotation.from_quat((q.x, q.y, q.z, q.w)).as_matrix()

@@ -146,7 +146,7 @@ class Recordings:
 
     @contextmanager
     def _once(self, name: str) -> Iterator[bool]:
-        """Whether something is still to be made; who comes second waits for the first."""
+        """Tell whether something is still to be made; the second caller waits for the first."""
         done = self.folder / f".{name}.made"
         with (self.folder / f".{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)

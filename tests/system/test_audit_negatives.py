@@ -32,7 +32,7 @@ sys.exit(main(sys.argv[1:]))
 def broken_run(
     folder: Path, recordings: Recordings, event: str, changes: Changes, **how: Any
 ) -> Path:
-    """Of the simulation, compiled and then changed."""
+    """Make a broken run of the simulation, compiled and then changed."""
     changed_run(folder, recordings.k_star(event), changes, **how)
     return folder / "run"
 

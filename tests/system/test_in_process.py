@@ -63,7 +63,7 @@ def by_number(states: list[ObjectState]) -> list[ObjectState]:
 
 
 def agreed(folder: Path, result: dict[str, Any]) -> Record:
-    """What the run of one process recorded, once it is known to be the session's."""
+    """Return the record of the run of one process, once it is known to be the session's."""
     spec = for_one_process(load_run(folder / "run.yaml"))
     ours, record = run_in_process(spec)
     said = json.loads(json.dumps(result_json(spec, ours)))
@@ -122,7 +122,9 @@ def test_states_depend_on_the_seed_alone(tmp_path: Path, monkeypatch: pytest.Mon
     busy: list[subprocess.Popen[bytes]] = []
 
     def make_busy(line: str) -> None:
-        """From the start of the run on: before it, the camera's code may still be compiled."""
+        """Keep the machine busy from the start of the run on: before, the camera may be
+        compiled.
+        """
         if line == "session RUNNING":
             code = "while True: pass"
             busy.extend(subprocess.Popen([sys.executable, "-c", code]) for _ in range(2))

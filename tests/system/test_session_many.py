@@ -24,7 +24,7 @@ STOPPED_S = 1.5
 
 
 def walker(number: int) -> ParticipantSpec:
-    """On the pavement to the left or the right, far from all others."""
+    """Make a walker on the pavement to the left or the right, far from all others."""
     x_m, y_m = 20.0 + 36.0 * (number // 2), 14.0 if number % 2 else -2.9
     motion = Motion(
         path=[(x_m, y_m), (x_m + 12.0, y_m)],

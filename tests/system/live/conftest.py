@@ -70,7 +70,7 @@ class Stage:
 
     @property
     def log(self) -> Path:
-        """Of the played bodies."""
+        """Return the log of the played bodies."""
         return self.folder / "bodies.csv"
 
     def rows(self) -> list[Row]:
@@ -150,7 +150,7 @@ class Stage:
         return self.start("ssp_run", command, host, stdin=stdin)
 
     def said_after(self, run: subprocess.Popen[Any], words: str) -> str:
-        """What `ssp run` has said once these words are in it."""
+        """Return the output of `ssp run` once these words are in it."""
         self.wait_for(lambda: words in self.said("ssp_run") or run.poll() is not None, f"{words!r}")
         assert run.poll() is None, self.said("ssp_run")
         return self.said("ssp_run")
@@ -171,7 +171,7 @@ class Stage:
     def doctor(
         self, *, host: Sequence[str] = (), receiver: Sequence[str] = ("--odometry", ODOMETRY)
     ) -> dict[str, Any]:
-        """What ``ssp doctor --session`` finds, by name, and whether it is content."""
+        """Return the findings of ``ssp doctor --session`` by name, and whether it is content."""
         command = [sys.executable, "-m", "ssp_core.cli", "doctor", "--json", "--seconds", "1.5"]
         command += ["--session", str(self.folder / "run" / "run.yaml"), *receiver]
         done = subprocess.run(
@@ -313,7 +313,7 @@ def _with_datum(folder: Path) -> str:
 
 
 def _compile(scenario: str, folder: Path, site: str) -> Path:
-    """With limits for a busy machine where only punctuality is judged."""
+    """Compile with limits for a busy machine where only punctuality is judged."""
     compiled = compile_task(Request(event=scenario, target="track", site=site, seed=1))
     write_task_files(compiled, folder)
     run = compiled.task.run

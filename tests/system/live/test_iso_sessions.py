@@ -29,7 +29,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 
 def body_at(host: str, port: int) -> tuple[str, ...]:
-    """Of an object whose firmware nobody has probed."""
+    """Return the options of an object whose firmware was never probed."""
     return ("--body", f"ot1=iso22133://{host}:{port}?waive=A. Tester")
 
 

@@ -67,7 +67,7 @@ def kept_until_ns(sent: Sequence[Sent], struck_ns: int) -> int:
 def missing(
     bag: Path, topics: Sequence[LoadTopic], sent: Sequence[Sent], until_ns: int | None = None
 ) -> list[str]:
-    """What a bag lacks, or has too much, of what was sent since its first message of each topic.
+    """List what a bag lacks, or has too much, of the messages sent since its first of each topic.
 
     Args:
         bag: closed.

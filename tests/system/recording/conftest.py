@@ -105,7 +105,7 @@ class Recording:
         return before_ns
 
     def size(self) -> int:
-        """Of its files so far, bytes."""
+        """Return the size of its files so far, bytes."""
         return sum(file.stat().st_size for file in self.bag.glob("*.mcap"))
 
     def wait_for_end_of_data(self) -> None:
@@ -122,7 +122,9 @@ class Recording:
 
 
 class Field:
-    """Where a test starts its processes: one ROS domain, one folder. Nothing outlives the test."""
+    """The place where a test starts its processes: one ROS domain, one folder. Nothing outlives
+    it.
+    """
 
     def __init__(self, folder: Path, domain_id: int) -> None:
         self.folder = folder

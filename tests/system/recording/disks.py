@@ -36,7 +36,7 @@ class Disk:
 
 @cache
 def may_mount() -> bool:
-    """Whether this process may mount file systems, in a name space that ends with it."""
+    """Tell whether this process may mount file systems, in a name space that ends with it."""
     if os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "nsenter", "mount"))):
         return False
     command = ["unshare", "--mount", "mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", "/mnt"]

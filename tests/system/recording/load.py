@@ -65,7 +65,7 @@ class Sent:
 
 
 def payload(topic: str, number: int, size_bytes: int) -> bytes:
-    """What a message carries: printable, so that every type can."""
+    """Make the content of a message: printable, so that every type can carry it."""
     word = hashlib.blake2b(f"{topic} {number}".encode(), digest_size=32).hexdigest()
     head = f"{number:010d} {word} ".encode()
     return (head + word.encode() * (size_bytes // len(word) + 1))[:size_bytes]
@@ -82,7 +82,7 @@ def encode(topic: LoadTopic, number: int, stamp_ns: int) -> bytes:
 
 
 def read_log(path: Path, topics: tuple[LoadTopic, ...]) -> list[Sent]:
-    """What was sent so far; a record that is being written is left out."""
+    """Read the messages sent so far; a record that is being written is left out."""
     data = path.read_bytes() if path.is_file() else b""
     whole = data[: len(data) - len(data) % RECORD.size]
     return [

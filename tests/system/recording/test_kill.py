@@ -34,8 +34,9 @@ SPLITS = (("--split-mb", "0"), ("--split-mb", "1"), ("--split-s", "0.5"), ("--sp
 
 
 def _after_s(seed: int, place: int) -> float:
-    """How long after it holds every topic, or in the last place after its bag appeared, one is
-    killed."""
+    """Return how long after it holds every topic, or in the last place after its bag, one is
+    killed.
+    """
     chance = random.Random(f"{seed} {place}")
     return chance.uniform(0.0, 0.6) if place == AT_ONCE - 1 else chance.uniform(0.3, 2.5)
 
@@ -62,7 +63,9 @@ def _kill_all(recordings: list[Recording], seed: int) -> list[int]:
 
 
 def _holds_all(bag: Path) -> bool:
-    """Whether something of each topic is written: on a busy machine they are met one by one."""
+    """Tell whether something of each topic is written: on a busy machine they are met one by
+    one.
+    """
     data = b"".join(file.read_bytes() for file in bag.glob("*.mcap"))
     heads = set(_HEAD.findall(data))
     return all(
