@@ -13,7 +13,7 @@ import pytest
 from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.cli import model_specs, reasoned
+from ssp_eval.evaluate.cli import blinded, model_specs, reasoned
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.model_replies import ModelReply
 from ssp_eval.evaluate.models import (
@@ -164,6 +164,23 @@ def test_no_condition_is_put_on_top_of_being_blind() -> None:
     assert is_control_name("qwen+blind")
     attached = as_attached([m for m in given if m.condition == BLIND])
     assert [model.shown for model in attached] == ["qwen+blind"]
+
+
+def test_an_option_adds_the_blind_self_of_each_chat_model(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """The same as if it were given by hand; one that is given stays the only one."""
+    by_hand = [chat("qwen"), chat("far", max_tokens=99), "constant_velocity"]
+    blind = [chat("qwen", images="none"), chat("far", max_tokens=99, images="none")]
+    models = blinded(model_specs(by_hand, ()))
+    assert models == model_specs([*by_hand, *blind], ())
+    assert blinded(model_specs([*by_hand, blind[0]], ()))[-2:] == models[-2:]
+    assert blinded(models) == models
+    shown = [model.shown for model in with_pictures(with_controls(models))]
+    assert shown[-2:] == ["qwen+blind", "far+blind"]
+    assert not any("blind+" in name for name in shown)
+    assert main(["evaluate", "bag", "--out", "out", "--bridge", "opencv_baseline", "--blind"]) == 2
+    assert "that needs the backend openai" in capfd.readouterr().err
 
 
 def test_two_blind_models_of_one_name_are_refused(capfd: pytest.CaptureFixture[str]) -> None:

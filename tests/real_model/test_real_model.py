@@ -103,7 +103,10 @@ def test_both_scenarios_from_the_run_to_the_report(
 
 
 def test_a_picture_is_refused_by_its_server_and_we_say_why(model_url: str, show: Show) -> None:
-    options = {"base_url": model_url, "model": MODEL, "interface": "waypoints", "tries": 1}
+    options = {
+        "base_url": model_url, "model": MODEL, "interface": "waypoints", "tries": 1,
+        "timeout_s": ANSWER_S,
+    }  # fmt: skip
     jpeg = cv2.imencode(".jpg", np.full((36, 64, 3), 128, np.uint8))[1].tobytes()
     history = (EgoSample(0.0, 0.0, 0.0, 0.0, 8.0, 0.0),)
     request = Request("r", 10**9, (Frame(10**9, jpeg),), None, history, "measured")

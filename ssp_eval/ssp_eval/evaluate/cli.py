@@ -24,8 +24,9 @@ from ssp_eval.evaluate.models import (
     attached_spec,
     bridge_spec,
     check_bridge,
-    gives_back,
+    is_chat,
     load_models,
+    with_blind,
     with_controls,
     with_pictures,
     with_reasoning,
@@ -72,6 +73,19 @@ def model_specs(
     return models
 
 
+def blinded(models: Sequence[ModelSpec]) -> list[ModelSpec]:
+    """Return the models, and those that can be asked without pictures once more so.
+
+    Raises:
+        click.UsageError: none can.
+    """
+    if not any(map(is_chat, models)):
+        raise click.UsageError(
+            "--blind: no model can be asked without pictures; that needs the backend openai"
+        )
+    return with_blind(models)
+
+
 def reasoned(models: Sequence[ModelSpec]) -> list[ModelSpec]:
     """The models, and those that can be given their own text back as often again; others are told.
 
@@ -79,12 +93,12 @@ def reasoned(models: Sequence[ModelSpec]) -> list[ModelSpec]:
         click.UsageError: none can.
     """
     asked = [model for model in models if not model.condition and not model.answerer]
-    if not any(map(gives_back, asked)):
+    if not any(map(is_chat, asked)):
         raise click.UsageError(
             "--reasoning: no model can be given its own text back; that needs the backend openai"
         )
     for model in asked:
-        if not gives_back(model):
+        if not is_chat(model):
             console.note(f"reasoning of {model.name}: n/a, its bridge gives no text back")
     return with_reasoning(models)
 
@@ -185,6 +199,12 @@ _PATH = click.Path(path_type=Path)
     "frames, which asks each model three times as much; none of them enters a mean.",
 )
 @click.option(
+    "--blind",
+    is_flag=True,
+    help="Ask each model of the backend openai once more without any picture: what it gets from "
+    "the words alone; none enters a mean.",
+)
+@click.option(
     "--pictures",
     is_flag=True,
     help=f"Ask each model once more under {len(PICTURES)} corruptions of its frames: noise, "
@@ -233,6 +253,7 @@ def evaluate(
     thresholds_file: Path | None,
     fresh: bool,
     controls: bool,
+    blind: bool,
     pictures: bool,
     twins: bool,
     reasoning: bool,
@@ -260,6 +281,8 @@ def evaluate(
     models = model_specs(bridges, attached, models_files)
     if controls:
         models = with_controls(models, driving_before(out))
+    if blind:
+        models = blinded(models)
     if pictures:
         models = with_pictures(models)
     if reasoning:

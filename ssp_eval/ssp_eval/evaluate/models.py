@@ -17,6 +17,7 @@ from ssp_core.run_file.values import Strict
 from ssp_vla_bridge.adapters.registry import check_adapter
 from ssp_vla_bridge.backend import (
     BACKENDS,
+    NO_IMAGES,
     OPTION_INTERFACE,
     OPTION_START,
     check_options,
@@ -455,15 +456,34 @@ def with_pictures(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
     return once_more(specs, PICTURES, {*CONTROLS, *ANSWERERS})
 
 
-def gives_back(spec: ModelSpec) -> bool:
-    """Tell whether a model can be given its own text back: over a chat, from a bridge of ours."""
+def is_chat(spec: ModelSpec) -> bool:
+    """Tell whether a bridge of ours writes the messages.
+
+    Such a bridge can leave pictures out, and give a model its own text back.
+    """
     return spec.backend_name == _CHAT and not spec.attached
+
+
+def with_blind(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
+    """Return the models, and behind them each one of the chat backend asked without pictures.
+
+    A model that has its blind self already gets no second one.
+    """
+    there = {spec.name for spec in specs if spec.condition == BLIND}
+    seeing = [s for s in specs if is_chat(s) and not s.condition and s.name not in there]
+    return [
+        *specs,
+        *(
+            replace(s, options={**s.options, "images": NO_IMAGES}, condition=BLIND, control=True)
+            for s in seeing
+        ),
+    ]
 
 
 def with_reasoning(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
     """The models, each that can be given its own text back followed by itself with each fact."""
     names = [REASONING + fact for fact in FACTS]
-    found = once_more(specs, names, {s.backend_name for s in specs if not gives_back(s)})
+    found = once_more(specs, names, {s.backend_name for s in specs if not is_chat(s)})
     return [
         replace(s, options={**s.options, "give_back": s.condition.removeprefix(REASONING)})
         if s.condition in names else s

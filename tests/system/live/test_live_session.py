@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
@@ -186,3 +188,31 @@ def test_a_body_falls_silent(stage: Any, task: Callable[[str], Path]) -> None:
     reasons = " ".join(result["reasons"])
     assert "ot1" in reasons, reasons
     assert "state_stale" in reasons or "object_silent" in reasons, reasons
+
+
+def test_a_rehearsal_that_stays_up_serves_the_next_run_too(
+    stage: Any, task: Callable[[str], Path]
+) -> None:
+    """Two runs in a row; between them what it plays goes back to its starts by itself."""
+    folder = task("cut_in")
+    start = load_run(folder / RUN_FILE).targets[0].start.pose
+    played = ("--play", "vut", "--play", "bodies", "--first-port", "0", "--log", str(stage.log))
+    rehearsal = stage.play("rehearsal", *played, what=folder)
+    bodies = re.findall(r"^(--body) (\S+)$", stage.said("rehearsal"), re.M)[0]
+    for number in (1, 2):
+        run = stage.run_live(folder, "--no-camera", *bodies)
+        stage.begin(run)
+        stage.wait_for_motion(run, 1.0)
+        run.send_signal(signal.SIGINT)
+        result = stage.finish(run)
+        assert (result["verdict"], result["status"]) == ("aborted", 1), (number, result)
+        assert result["running_wall_s"] > 0.0
+        stage.wait_for(
+            lambda times=number: stage.said("rehearsal").count("ot1: back at its start") >= times,
+            f"return {number} of the object",
+        )
+        stands = stage.rows()[-1]
+        assert stands.speed_mps == 0.0
+        assert math.dist((stands.x_m, stands.y_m), (start.x_m, start.y_m)) < 0.05
+        (stage.folder / "run").rename(stage.folder / f"run_{number}")
+    assert rehearsal.poll() is None, stage.said("rehearsal")
