@@ -21,6 +21,8 @@ from ssp_scenario_manager.compile.task import RUN_FILE
 from tests.system.live.conftest import ASKS, DATUM, GNSS, ODOMETRY
 
 PORT = 18000
+# What the rehearsal says of what it plays.
+RETURNED = "ot1: back at its start"
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 
@@ -209,8 +211,7 @@ def test_a_rehearsal_that_stays_up_serves_the_next_run_too(
         assert result["running_wall_s"] > 0.0
         if number == 1:
             (stage.folder / "run").rename(stage.folder / "run_1")
-            returned = "ot1: back at its start"
-            stage.wait_for(lambda: returned in stage.said("rehearsal"), returned)
+            stage.wait_for(lambda: RETURNED in stage.said("rehearsal"), RETURNED)
             stands = stage.rows()[-1]
             assert math.dist((stands.x_m, stands.y_m), (start.x_m, start.y_m)) < 0.05
     assert rehearsal.poll() is None, stage.said("rehearsal")
