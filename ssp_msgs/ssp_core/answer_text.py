@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 _REASONING = (
-    "think|thinking|thought|thoughts|reasoning|reason|analysis|scratchpad|reflection|cot"
-    "|chain_of_thought"
+    "think|thinking|thought|thoughts|reasoning|reason|analysis|scratch_?pad|reflection|cot"
+    "|chain_of_thought|monologue|deliberation"
 )
 _IN_TAG = (
     rf"(?:\w{{1,12}}:)?(?:{_REASONING}|\w{{1,12}}_(?:think|thoughts?|monologue))"
@@ -23,14 +23,15 @@ _IN_TAG = (
 # brackets. Square brackets also head sections ("[Reasoning]"), so that only words that head none
 # are marks in them.
 _MARK = re.compile(
-    rf"(?P<begin>(?:<|&lt;){_IN_TAG}(?:\s[^<>]{{0,80}})?(?:>|&gt;)|\[think(?:ing)?\]"
+    rf"(?P<begin>(?:<|&lt;)\s?{_IN_TAG}(?:\s[^<>]{{0,80}})?(?:>|&gt;)|\[think(?:ing)?\]"
     rf"|<\|(?:begin_of_|start_|begin_)?(?:{_REASONING})(?:_start|_begin)?\|>|◁think▷|<unused94>"
     # Granite and Apriel; gpt-oss where its marks were taken out, but not its channels' names.
     r"|(?P<heading>^[ \t]*here(?: is|'s|’s) my thought process:|\A\s*/think\n"
-    r"|<\|im_start\|>\s*(?:assistant/)?think\b|<details\s+type=\"reasoning\"[^<>]{0,80}>)"
+    r"|<\|im_start\|>\s*(?:assistant/)?think\b|<details\s+type=\"reasoning\"[^<>]{0,80}>"
+    r"|<details>\s*<summary>\s*(?:thought|thinking|reasoning)\b[^<>]{0,60}</summary>)"
     r"|^[ \t]*here are my reasoning steps:"
     r"|(?-i:\Aanalysis(?=[A-Z])|assistant(?:analysis|commentary)(?=[ A-Z])))"
-    rf"|(?P<end>(?:</|&lt;/){_IN_TAG}\s*(?:>|&gt;)|\[/think(?:ing)?\]"
+    rf"|(?P<end>(?:<\s?/|&lt;/)\s?{_IN_TAG}\s*(?:>|&gt;)|\[/think(?:ing)?\]"
     rf"|<\|/?end_(?:of_)?(?:{_REASONING})\|>|<\|(?:{_REASONING})_end\|>|<\|/(?:{_REASONING})\|>"
     r"|◁/think▷|<unused95>|\[begin final response\]|<\|content\|>|(?-i:assistantfinal))"
     r"|(?P<response>^[ \t]*here(?: is|'s|’s) my response:|</details>"
@@ -43,6 +44,13 @@ _MARK = re.compile(
 _FINAL_CHANNELS = frozenset({"final", "answer", "response"})
 # The end of a channel that isn't the last one.
 _CHANNEL_END = re.compile(r"<\|end\|>|<channel\|>|(?=<\|start\|>)", re.IGNORECASE)
+
+# A fence that its information string calls reasoning; one without an end takes all that follows.
+_FENCED = re.compile(
+    rf"^[ \t]*(?P<fence>`{{3,}}|~{{3,}})[ \t]*(?:{_REASONING})[ \t]*\n(?P<inside>.*?)"
+    r"(?:^[ \t]*(?P=fence)[ \t]*$|\Z)",
+    re.IGNORECASE | re.MULTILINE | re.DOTALL,
+)
 
 # A model's own role, and what templates put between a role and its turn.
 _SELF = r"(?:assistant|model|chatbot|ai|gpt)"
@@ -57,6 +65,7 @@ _END = re.compile(
     rf"|<(?:end_of_turn|end_of_utterance|eos|/s|eot|turn\|)>|<start_of_turn>\s*\w*"
     rf"|<role>\s*(?:{_OTHERS}|{_SELF})\s*</role>|\[\|(?:endofturn|{_OTHERS}|{_SELF})\|\]"
     rf"|<(?:extra_id_1|special_1[0-2])>\s*(?:{_OTHERS}|{_SELF})?|\[e~\[|\]~b\]\w*"
+    r"|<\|(?:im_sep|sep|pad|prompter)\|>|<pad>|\[pad\]|<reserved_10[67]>"
     r"|<\|end▁of▁sentence\|>|\[/?inst\]|\[end final response\]",
     re.IGNORECASE,
 )
@@ -64,7 +73,8 @@ _END = re.compile(
 # name alone, which is left of a template whose marks were taken out.
 _NAMED = r"(?:user|human|system|assistant|tool|instruction)"
 _SPEAKER = re.compile(
-    rf"^[ \t]*(?:#{{1,6}}[ \t]*)?(?:\*\*|__)?{_NAMED}(?:\*\*|__)?[ \t]*:(?:\*\*|__)?"
+    rf"^[ \t]*(?:>[ \t]*)?(?:#{{1,6}}[ \t]*)?(?:\*\*?|__?)?{_NAMED}(?:\*\*?|__?)?[ \t]*:"
+    rf"|^[ \t]*\[{_NAMED}\][ \t]*(?::|$)|^[ \t]*<{_NAMED}>[ \t]*$|<(?:user|human)>[ \t]*:"
     rf"|^#{{1,6}}[ \t]*{_NAMED}[ \t]*$"
     r"|(?-i:^(?:user|system|assistant)[ \t]*$|(?<=\n\n)(?:User|Human|Assistant)[ \t]*$"
     r"|(?<=[.!?\])}`*])(?:user|assistant)\n\n)",
@@ -77,6 +87,7 @@ _OPENS_OWN = re.compile(
     rf"\s*(?:<\|(?:im_sep|end_header_id|header_end|end_of_role|message)\|>)?"
     rf"|<start_of_turn>\s*model\s*|<role>\s*{_SELF}\s*</role>|\[\|{_SELF}\|\]|\]~b\]{_SELF}\b"
     rf"|<(?:extra_id_1|special_1[0-2])>\s*{_SELF}\b|\[/inst\]"
+    r"|\[assistant\](?:[ \t]*:|[ \t]*(?=\n))|<assistant>[ \t]*(?=\n)"
     r"|(?:#{1,6}[ \t]*)?(?:\*\*|__)?(?:assistant|response)(?:\*\*|__)?[ \t]*:(?:\*\*|__)?[ \t]*"
     r"|(?:#{1,6}[ \t]*(?:assistant|response)|(?-i:assistant))[ \t]*(?=\n))",
     re.IGNORECASE,
@@ -114,6 +125,10 @@ def split_answer(output: str) -> AnswerText:
     notes = []
     output = plain_width(output)
     text, reasoning = _without_reasoning(output)
+    fenced = [match["inside"].strip() for match in _FENCED.finditer(text)]
+    if fenced:
+        text = _FENCED.sub("", text)
+        reasoning = "\n".join(part for part in (reasoning, *fenced) if part)
     if text != output:
         notes.append("reasoning was left out")
         text = text.strip()
@@ -190,7 +205,9 @@ _ENDING_WORDS: dict[Ending, frozenset[str]] = {
         | {"completed", "finish", "finished", "success", "stopped", "eos_found", "stopped_eos"}
         | {"stop_string_found", "stop_criteria_met", "stopped_word"}
     ),
-    Ending.LIMIT: frozenset({"error_limit", "incomplete"}),
+    Ending.LIMIT: frozenset(
+        {"error_limit", "incomplete", "num_predict", "n_predict", "cutoff", "cut_off"}
+    ),
     Ending.BROKEN: frozenset(
         {"time_limit", "rate_limit", "rate_limit_exceeded", "not_finished", "unfinished"}
         | {"insufficient_system_resource", "user_stopped", "stopped_by_user", "in_progress"}
@@ -201,17 +218,20 @@ _ENDING_PARTS: dict[Ending, frozenset[str]] = {
     Ending.FILTERED: frozenset(
         {"filter", "filtered", "safety", "unsafe", "recitation", "blocklist", "blocked", "refusal"}
         | {"prohibited", "spii", "sensitive", "moderation", "policy", "toxic", "guardrail", "armor"}
-        | {"refused", "moderated", "guardrails"}
+        | {"refused", "moderated", "guardrails", "flagged", "violation", "harm", "harmful"}
+        | {"censored", "jailbreak"}
     ),
     Ending.BROKEN: frozenset(
         {"error", "errored", "abort", "aborted", "cancel", "cancelled", "canceled", "failed"}
         | {"failure", "timeout", "timed", "interrupted", "interrupt", "disconnected", "disconnect"}
         | {"shutdown", "unloaded", "unload", "killed", "crashed", "preempted", "exception"}
-        | {"malformed", "overloaded", "unavailable", "unclosed", "oom", "expired"}
+        | {"malformed", "overloaded", "unavailable", "unclosed", "oom", "expired", "memory"}
+        | {"died", "dead", "terminated", "evicted", "lost", "dropped", "deadline", "stalled"}
+        | {"resource", "resources", "quota", "reset"}
     ),
     Ending.LIMIT: frozenset(
         {"length", "limit", "max", "maximum", "budget", "truncated", "truncation", "context"}
-        | {"exceeded"}
+        | {"exceeded", "exhausted"}
     ),
 }  # fmt: skip
 

@@ -418,8 +418,12 @@ def read_completion(body: bytes) -> Completion:
 
 def _error_in(value: Mapping[str, Any]) -> Any:
     """Find the error of a reply with status 200, as servers name it; None: there is none."""
-    if value.get("error"):
-        return value["error"]
+    error = value.get("error")
+    if any(error.values()) if isinstance(error, dict) else error:
+        return error
+    status = value.get("base_resp")
+    if isinstance(status, dict) and status.get("status_code"):
+        return {"message": status.get("status_msg"), "code": status["status_code"]}
     said = [value[key] for key in ("errors", "detail", "message") if value.get(key)]
     return said[0] if said and not value.get("choices") and not isinstance(said[0], dict) else None
 
@@ -429,7 +433,10 @@ def _is_filtered(error: Any) -> bool:
 
 
 # Where servers say why an answer ended; the first one that says something counts.
-_REASONS = ("finish_reason", "finishReason", "done_reason", "stop_reason")
+_REASONS = (
+    "finish_reason", "finishReason", "done_reason", "stop_reason", "finish_details",
+    "native_finish_reason",
+)  # fmt: skip
 
 
 def _finish_reason(choice: Mapping[str, Any]) -> str | None:

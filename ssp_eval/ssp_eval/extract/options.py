@@ -10,8 +10,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
-_YES = frozenset({"true", "yes", "✓", "✔", "☑", "✅", "on", "t", "y"})
+_CHOSEN = ("accepted", "chosen", "selected")
+_YES = frozenset({"true", "yes", "✓", "✔", "☑", "✅", "on", "t", "y", *_CHOSEN})
 _REFUSED = ("rejected", "cancelled", "canceled", "denied", "aborted", "refused", "discarded")
 _NO = frozenset({"false", "no", "✗", "✘", "☒", "❌", "n", "off", "f", "none", "null", *_REFUSED})
 # Words that deny a manoeuvre; of nobody's presence the rules read them.
@@ -23,7 +25,9 @@ _CLEAR = 0.2  # by which the largest share leads
 _NAME = r"(?:[^\W\d_]|[^\W\d][\w /-]{0,28}\w)"
 _SHARE = r"\d+(?:\.\d+)?\s*%?"
 _WORD_VALUE = (
-    r"(?:(?:true|false|yes|no|on|off|none|null|" + "|".join(_REFUSED) + r")\b|[✓✔☑✅✗✘☒❌]"
+    r"(?:(?:true|false|yes|no|on|off|none|null|"
+    + "|".join((*_CHOSEN, *_REFUSED))
+    + r")\b|[✓✔☑✅✗✘☒❌]"
     r"|(?-i:[TFYN])\b)"
 )
 _FIELD_END = r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$))"
@@ -45,21 +49,23 @@ _FIELD = re.compile(
     r"|\{\s*[\"'](?:action|label|name|option|class|man(?:o?eu|eu)ver|manoeuvre|plan)[\"']\s*:\s*"
     rf"[\"'](?P<label>{_NAME})[\"']\s*,\s*[\"'](?:score|prob\w*|confidence|p|weight|likelihood)[\"']"
     rf"\s*:\s*(?P<score>{_SHARE})\s*\}}"
-    # brake (80 %)
-    rf"|(?P<before>{_NAME})\s*[(\[](?P<beside>{_SHARE})[)\]]",
+    # brake (80 %), 80 % brake
+    rf"|(?P<before>{_NAME})\s*[(\[](?P<beside>{_SHARE}|{_WORD_VALUE})[)\]]"
+    rf"|(?P<first>\d+(?:\.\d+)?\s*%)\s+(?:for\s+|to\s+)?(?P<behind>{_NAME}){_FIELD_END}",
     re.IGNORECASE,
 )
 _PARTS = (
     ("key", "value"), ("key", "word"), ("key", "reply"), ("tag", "in_tag"), ("cell", "in_cell"),
     ("of", "share"), ("label", "score"), ("before", "beside"),
+    ("behind", "first"),
 )  # fmt: skip
-# Of the last two forms one alone is a remark: "I brake (80 %)".
-_NEVER_ALONE = frozenset({"label", "before"})
+# Of the last three forms one alone is a remark: "I brake (80 %)".
+_NEVER_ALONE = frozenset({"label", "before", "behind"})
 _ROMAN = ("i", "ii", "iii", "iv", "v", "vi", "vii", "viii")
-_MARKS = r"(?:viii|vii|vi|iv|v|iii|ii|i|[A-Ha-h]|[1-9])"
+_MARKS = r"(?:viii|vii|vi|iv|v|iii|ii|i|[A-Ha-h]|[0-9])"
 _ITEM = re.compile(
-    r"(?:(?<=\s)|(?<=^))(?:(?:option|choice|action|candidate)\s+)?\(?"
-    rf"(?P<mark>{_MARKS})(?P<close>[).:])\s+(?=\S)",
+    r"(?:(?<=\s)|(?<=^))\*{0,2}(?:(?:option|choice|action|candidate)\s+)?\(?"
+    rf"(?P<mark>{_MARKS})(?P<close>[).:]|\s?=)\s+(?=\S)",
     re.MULTILINE | re.IGNORECASE,
 )
 _PICK = re.compile(
@@ -68,10 +74,13 @@ _PICK = re.compile(
     r"(?:\s+(?:is|would be|option|answer|number|action|plan))*\s*(?:[:=]|→|[=-]>)?"
     r"\s*(?:is\s+)?(?:option\s+)?"
     r"|\\boxed\{(?:\\text\{)?|<answer>\s*|^(?=\W*\w\W*$)"
-    r"|\b(?:therefore|thus|hence|so),?\s+(?:option\s+)?(?=\w[.)\s]*$))"
+    r"|\b(?:therefore|thus|hence|so),?\s+(?:option\s+)?(?=\w[.)\s]*$)"
+    r"|\b(?:action|output|prediction|command)\s*[:=]\s*(?=[(\[]?[0-9]\b)"
+    r"|(?<!\w)(?=(?-i:[A-H])\)?\s+is\s+(?:the\s+)?(?:safest|best|correct|right|chosen)\b))"
     rf"[(\[\"'*{{]{{0,3}}(?P<mark>{_MARKS})\b(?![.]\d)(?P<rest>[)\]\"'*.]*)"
     # "choose a lower speed" picks no option A.
-    r"(?:(?-i:(?<![a-hiv]))|(?=\W*$|[)\]\"'.,;:}<]))",
+    r"(?:(?-i:(?<![a-hiv]))|(?=\W*$|[)\]\"'.,;:}<]))"
+    r"(?P<more>(?-i:\s*(?:,|and\b|&|\+)\s*\(?[A-H0-9]\)?(?![\w.]\w?)(?=\W*(?:$|,|and\b)))*)",
     re.IGNORECASE | re.MULTILINE,
 )
 # A list that is called one of options: none of it is chosen there.
@@ -81,8 +90,38 @@ _CALLED_LIST = re.compile(
     r"\[[^\[\],]*,[^\[\]]*\]",
     re.IGNORECASE,
 )
+# A vector of shares or truths, one for each label of a list beside it: "[keep, brake] = [0, 1]".
+_ELEMENT = r"(?:[01](?:\.\d+)?|\.\d+|true|false)"
+_VECTOR = re.compile(
+    rf"[\[(]\s*(?P<values>{_ELEMENT}(?:\s*,\s*{_ELEMENT}){{1,11}})\s*[\])]", re.IGNORECASE
+)
+_LISTED = rf"{_QUOTES}[^\W\d](?:[\w -]{{0,28}}\w)?{_QUOTES}"
+_LEGEND = re.compile(
+    rf"[\[({{]\s*(?P<listed>{_LISTED}(?:\s*[,|/;]\s*{_LISTED})+)\s*[\])}}]"
+    rf"|(?P<line>{_LISTED}(?:\s*[,|/;]\s*{_LISTED})+)"
+)
+_FAR = 200  # of a legend, before its vector
+# Between the two stands a key at most; and a vector is no row of a list.
+_JUST_A_KEY = re.compile(r"\W{0,6}(?:[\w -]{1,24}[\"']?\s*[:=])?[^\w\[({]{0,6}")
+_IN_LIST = re.compile(r"[\[(,]\s{0,9}\Z")
+_AMONG_ROWS = re.compile(r"\s*,?\s*[\[(]\s*[-+]?\d")
+# The same as a table: names in its header, values in its only row.
+_TABLE = re.compile(
+    r"^[ \t]*\|(?P<names>[^\n]+)\|[ \t]*\n[ \t]*\|[ \t:|-]+\|[ \t]*\n"
+    rf"[ \t]*\|(?P<values>\s*{_ELEMENT}(?:\s*\|\s*{_ELEMENT})+\s*)\|[ \t]*$",
+    re.IGNORECASE | re.MULTILINE,
+)
+# Boxes and rings before alternatives, ticked or empty.
+_BOX = re.compile(r"\[(?P<in>[ xX✓✔])\]|(?<![\w)])\((?P<round>[ xX•✓])\)|(?P<sign>[☐☑☒⬜○●◯◉])")
+_TICKED = frozenset("xX✓✔•☑☒●◉")
+# A label as a mark of its own: "<DECELERATE>".
+_TOKEN = re.compile(r"<(?P<label>[A-Z]{2,}(?:[_ ][A-Z]{2,}){0,3})>")
 # Alternatives as the heading of the chosen one: "accelerate / brake: brake".
-_SLASHES = re.compile(rf"^\W{{0,4}}(?P<list>{_NAME}(?:\s*/\s*{_NAME})+)\s*:(?=\s*\w)", re.MULTILINE)
+_SLASHES = re.compile(
+    rf"^\W{{0,4}}(?P<list>{_NAME}(?:\s*/\s*{_NAME})+)\s*:(?=\s*\w)"
+    rf"|[{{(\[](?P<set>{_NAME}(?:\s*,\s*{_NAME})+)[}})\]]\s*(?:=|:|→|[-=]>)(?=\s*\w)",
+    re.MULTILINE,
+)
 # Labels alone, one for each action: "KEEP | STRAIGHT".
 _LABEL = r"[A-Za-z][A-Za-z_]{2,24}(?: [A-Za-z_]{2,20})?"
 _BARE = re.compile(
@@ -100,7 +139,7 @@ _MOST_WORDS = 6  # of an option that isn't called one
 
 _MAY_HOLD_FIELD = re.compile(
     rf"(?:[:=>|→?]|[-–—]\s)[\s\"'*_]{{0,4}}(?:{_WORD_VALUE}|{_SHARE}[\"'*]*(?:[\s,;}}\])|<]|$))"
-    rf"|[(\[]{_SHARE}[)\]]",
+    rf"|[(\[](?:{_SHARE}|{_WORD_VALUE})[)\]]|%\s",
     re.IGNORECASE,
 )
 # Behind a field that says no more than its name.
@@ -137,13 +176,9 @@ def asserted(text: str, values_of: Values) -> str:
     Args:
         values_of: what the rules read in a piece of text: values by slot.
     """
-    edits = [
-        *_fields(text, values_of),
-        *((start, " " * (end - start)) for start, end in _other_options(text, values_of)),
-        *_bare_labels(text, values_of),
-    ]
-    for start, given in edits:
-        text = text[:start] + given + text[start + len(given) :]
+    for step in (_vectors, _fields, _boxes, _tokens, _other_options, _bare_labels):
+        for start, given in list(step(text, values_of)):
+            text = text[:start] + given + text[start + len(given) :]
     return text
 
 
@@ -172,6 +207,106 @@ def _fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
                 yield one.start, " " * (one.end - one.start)
             elif holds and _says_name_alone(one, text, values_of):
                 yield one.start, one.named(text)
+
+
+def _vectors(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
+    """Blanks for a legend and its vector, but for the label that the vector asserts."""
+    for match in _VECTOR.finditer(text):
+        if _AMONG_ROWS.match(text, match.end()) or _IN_LIST.search(
+            text[max(0, match.start() - 10) : match.start()]
+        ):
+            continue
+        values = match["values"].split(",")
+        begin = max(0, match.start() - _FAR)
+        before = list(_LEGEND.finditer(text, begin, match.start()))
+        gap = re.compile(r"[^\w\n]{0,3}?(?=[\[({])").match(text, match.end())
+        behind = _LEGEND.match(text, gap.end()) if gap is not None else None
+        legends = [one for one in before if _JUST_A_KEY.fullmatch(text, one.end(), match.start())]
+        for legend in [*legends, *([behind] if behind is not None else [])]:
+            group = "listed" if legend["listed"] is not None else "line"
+            names = _names_of(legend[group], legend.start(group))
+            if (kept := _asserted_of(names, values, values_of)) is not None:
+                yield from _blank_but(text, names, kept)
+                yield match.start(), " " * len(match.group())
+                break
+    for match in _TABLE.finditer(text):
+        names = _names_of(match["names"], match.start("names"))
+        kept = _asserted_of(names, match["values"].split("|"), values_of)
+        if kept is not None:
+            yield from _blank_but(text, names, kept)
+            yield match.start("values"), " " * len(match["values"])
+
+
+def _names_of(listed: str, offset: int) -> list[tuple[str, int]]:
+    """The names of a list, each with its offset in the text."""
+    found = []
+    for match in re.finditer(r"[^,|/;]+", listed):
+        plain = match.group().strip().strip("\"'*_ ")
+        found.append((plain, offset + match.start() + match.group().find(plain)))
+    return found
+
+
+def _asserted_of(
+    names: Sequence[tuple[str, int]], values: Sequence[str], values_of: Values
+) -> int | None:
+    """Which of some labels of one slot a vector asserts; -1: none; None: it is no such vector."""
+    if len(names) != len(values):
+        return None
+    read = [values_of(name.replace("_", " ").lower()) for name, _ in names]
+    sides = [set(_SIDES.get(name.lower(), ())) for name, _ in names]
+    slots = set.intersection(*(side | set(one) for side, one in zip(sides, read, strict=True)))
+    if not slots & _ACTIONS or len({str(sorted(one.items())) for one in read}) < len(read):
+        return None
+    truths = {"true": "1", "false": "0"}
+    plain = [value.strip().lower() for value in values]
+    numbers = [float(truths.get(value, value)) for value in plain]
+    first, second = sorted(numbers, reverse=True)[:2]
+    if not first:
+        return None
+    return numbers.index(first) if first - second >= _CLEAR - 1e-9 else -1
+
+
+def _blank_but(text: str, names: Sequence[tuple[str, int]], kept: int) -> Iterator[tuple[int, str]]:
+    for i, (name, start) in enumerate(names):
+        if i != kept:
+            yield start, " " * len(name)
+    # What parts the labels, and their brackets, would bind the one that is left to its neighbours.
+    end = names[-1][1] + len(names[-1][0])
+    for (name, start), (_, after) in pairwise(names):
+        yield start + len(name), " " * (after - start - len(name))
+    if kept >= 0 and end < len(text) and text[end : end + 1] in "])}":
+        yield end, "."
+
+
+def _boxes(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
+    """Blanks for the alternatives whose box is empty, and for the boxes of the others."""
+    boxes = list(_BOX.finditer(text))
+    if len(boxes) < 2:
+        return
+    items = []
+    for i, box in enumerate(boxes):
+        stop = boxes[i + 1].start() if i + 1 < len(boxes) else len(text)
+        line = text.find("\n", box.end(), stop)
+        end = line if line >= 0 else stop
+        mark = box["in"] or box["round"] or box["sign"]
+        slots = set(values_of(text[box.end() : end].replace("_", " ").lower())) & _ACTIONS
+        items.append((box, end, mark in _TICKED, slots))
+    ticked = {slot for _, _, is_ticked, slots in items if is_ticked for slot in slots}
+    for box, end, is_ticked, slots in items:
+        if is_ticked and slots:
+            yield box.start(), " " * len(box.group())
+            if text[end : end + 1] != "\n" and text[end - 1 : end] == " ":
+                yield end - 1, "."
+        elif slots & ticked:
+            yield box.start(), " " * (end - box.start())
+
+
+def _tokens(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
+    """Blanks for the angle brackets around a label that stands as a mark."""
+    for match in _TOKEN.finditer(text):
+        label = match["label"].replace("_", " ").lower()
+        if f"</{match['label']}>" not in text and set(values_of(label)) & _ACTIONS:
+            yield match.start(), f" {label} "
 
 
 def _says_name_alone(one: _Field, text: str, values_of: Values) -> bool:
@@ -239,34 +374,45 @@ class _Option:
     end: int
 
 
-def _other_options(text: str, values_of: Values) -> Iterator[tuple[int, int]]:
+def _other_options(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
+    """Blanks for the options that aren't chosen."""
+    for start, end in _option_spans(text, values_of):
+        yield start, " " * (end - start)
+
+
+def _option_spans(text: str, values_of: Values) -> Iterator[tuple[int, int]]:
     for match in _CALLED_LIST.finditer(text) if "[" in text else ():
         yield match.span()
-    for match in _SLASHES.finditer(text) if "/" in text else ():
-        read = [tuple(values_of(name.strip().lower()).items()) for name in match["list"].split("/")]
+    for match in _SLASHES.finditer(text):
+        group = "list" if match["list"] is not None else "set"
+        names = re.split(r"[/,]", match[group])
+        read = [tuple(values_of(name.strip().lower()).items()) for name in names]
         if all(read) and len({one[0][0] for one in read}) == 1 and len(set(read)) == len(read):
-            yield match.span("list")
+            yield match.span() if group == "set" else match.span(group)
     for options in _lists(text):
         behind = text[options[-1].begin :]
         picks = list(_PICK.finditer(behind))
         marks = {one.mark.upper() for one in options}
-        picked = next(
-            (m["mark"].upper() for m in reversed(picks) if m["mark"].upper() in marks), ""
-        )
+        picked = next((_picked(m) for m in reversed(picks) if _picked(m) <= marks), frozenset())
         if not picked:  # the line before may choose, too
             line = text[: options[0].start].rstrip().rpartition("\n")[2]
             before = _PICK.search(line)
-            picked = before["mark"].upper() if before and before["mark"].upper() in marks else ""
+            picked = _picked(before) if before and _picked(before) <= marks else picked
         if not picked and not _are_options(text, options, values_of):
             continue
         end = options[-1].end
         if picks:
             end = min(end, options[-1].begin + picks[0].start())
         for one in options:
-            if one.mark.upper() == picked:
+            if one.mark.upper() in picked:
                 yield one.start, one.begin
             else:
                 yield one.start, min(one.end, end) if one is options[-1] else one.end
+
+
+def _picked(match: re.Match[str]) -> frozenset[str]:
+    """The marks of the options that a line picks."""
+    return frozenset({match["mark"].upper(), *re.findall(r"[A-H0-9]", match["more"])})
 
 
 def _lists(text: str) -> Iterator[list[_Option]]:
@@ -279,8 +425,11 @@ def _lists(text: str) -> Iterator[list[_Option]]:
             if len(run) > 1:
                 yield _options(text, run)
             run = []
-        if match is not None and (follows or _place(match["mark"])[1] == 1):
+        if match is not None and (follows or _place(match["mark"]) in _BEGINNINGS):
             run.append(match)
+
+
+_BEGINNINGS = (("number", 0), ("number", 1), ("roman", 1), ("letter", 1))
 
 
 def _is_next(before: re.Match[str], match: re.Match[str]) -> bool:

@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 from ssp_vla_bridge.adapters.number_lists import CUT, NESTED, UNREAD, NumberList, scan_lists
 from ssp_vla_bridge.adapters.plan_label import Label, Owner, label_of
 from ssp_vla_bridge.adapters.stated import Converted, Meaning, Rows, convert
+from ssp_vla_bridge.adapters.tables import with_lists_for_tables
 
 # "past speeds", but not "past the parked car".
 _PAST = re.compile(
@@ -99,6 +100,7 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
         text_is_cut: whether it is known to end at the limit of tokens.
     """
     notes: list[str] = []
+    text = with_lists_for_tables(text, "forward" in form.meaning.columns, text_is_cut)
     lists: Sequence[NumberList] = scan_lists(text)
     if text_is_cut:
         lists = _with_cut_end(text, lists, form.rows)

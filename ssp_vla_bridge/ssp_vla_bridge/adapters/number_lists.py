@@ -97,7 +97,11 @@ def may_begin_row(inside: str) -> bool:
     if len(inside) > _LONGEST_BEGUN:
         return False
     begun = inside.rstrip().rstrip("+" + _MINUS)
-    kinds = {token.lastgroup for token in _INSIDE.finditer(begun)} - {"space", "ignored"}
+    tokens = [token for token in _INSIDE.finditer(begun) if token.lastgroup != "space"]
+    kinds = {token.lastgroup for token in tokens} - {"ignored"}
+    words = [_plain_name(token.group()) for token in tokens if token.lastgroup == "word"]
+    if kinds == {"number", "word"} and all(word in _NAMES | _INDEX_NAMES for word in words):
+        return True
     return kinds <= {"number", "comma"} or kinds == {"number", "comma", "word"}
 
 
@@ -173,7 +177,7 @@ UNREAD = "one of its rows can't be read"
 _BETWEEN = re.compile(
     r"(?P<space>\s+)|(?P<comma>[,;])|(?P<ellipsis>[.]{2,}|…|⋯)"
     r"|(?P<group>\([a-zA-Z/ ]{0,12}\)|[\[(][0-9. ]{1,8}s?[\])]"
-    r"|\([a-z ]{0,6}[=:≈]? ?\+?[0-9.]{1,6} ?(?:ms|s|sec|secs|seconds)?\)"
+    r"|\([a-z ]{0,9}[=:≈]? ?\+?[0-9.]{1,6} ?(?:ms|s|sec|secs|seconds|m/s|mps|km/h|mph)?\)"
     r"|[\[(][a-zA-Z]{1,12}_?[0-9]{0,2}, ?[a-zA-Z]{1,12}_?[0-9]{0,2}[\])])"
     r"|(?P<open>[\[({])|(?P<close>[\])}])"
     rf"|(?P<number>{SIGN}{PLAIN})|(?P<word>[^\W\d]\w*)"

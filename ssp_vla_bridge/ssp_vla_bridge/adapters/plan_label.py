@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -10,7 +11,8 @@ _LOOKED_AT = 400
 _FENCE = re.compile(r"^\s*(?:```|~~~)")
 # Lines that name units, axes, times or an order, and nothing else.
 _FORMAT = """
-x y z t v k c m s in the and to with of at is are unit units axis axes metre metres meter meters
+x y z t v k c m s dx dy δx δy
+in the and to with of at is are unit units axis axes metre metres meter meters
 feet foot ft cm mm km px pixels seconds second sec steps step every apart forward forwards ahead
 left right lateral longitudinal positive negative speed curvature time times origin frame format
 columns column order json each per point row km/h m/s mph hz
@@ -22,7 +24,7 @@ _KEY = re.compile(r"[\"']([\w .\-]{1,60})[\"']\s*:\s*\Z")
 _PARENT = re.compile(r"[\"']([\w .\-]{1,60})[\"']\s*:\s*[\[{]*\s*\Z")
 _SENTENCE_END = re.compile(r"[.!?](?=\s)|\n")
 
-PLAN_WORDS = r"(?:trajector(?:y|ies)|way[ -]?points?|paths?|plans?|routes?|final answer)"
+PLAN_WORDS = r"(?:traj(?:s|ector(?:y|ies))?|way[ -]?points?|paths?|plans?|routes?|final answer)"
 _PLAN = re.compile(rf"\b{PLAN_WORDS}\b|\b(?:future|next|planned|target) (?:points|positions)\b")
 _OWN = re.compile(
     r"\b(?:my|own|ego|i|i'll|we|our|vut|myself)\b|\bego[_-]"
@@ -32,13 +34,23 @@ _OWN = re.compile(
 # Whose list it is that the prompt asks for without a label.
 _PLAIN_USER = re.compile(r"\b(?:the|this) (?:car|vehicle)\b(?:'s)?")
 _REFUSED = re.compile(
-    rf"\b(?:bad|poor|infeasible|colliding|dangerous|risky|worse|outdated)[ _]+{PLAN_WORDS}|"
+    r"\b(?:bad|poor|infeasible|colliding|dangerous|risky|worse|worst|worst[- ]case|outdated|old"
+    rf"|counterfactual)[ _]+{PLAN_WORDS}|"
+    rf"\b{PLAN_WORDS} (?:(?:that|which|would|will) ){{0,2}}(?:collides?|crash(?:es)?|(?:leads?"
+    r"|leading|ends?|ending) (?:to|into|in) an? (?:\w+ )?(?:crash|collision|accident))\b|"
+    rf"\b{PLAN_WORDS} (?:that |which )?(?:i|we) "
+    r"(?:do not|don't|will not|won't|would not|must not)\b|"
+    rf"\b(?:do not|don't) (?:follow|take|use|drive|execute|choose) (?:\w+ ){{1,2}}{PLAN_WORDS}|"
+    r"\bto (?:avoid|be avoided)\W*$|\bnot (?:selected|chosen|to be|recommended|wanted|taken)\b|"
     r"\b(?:wrong|reject(?:ed|s)?|discard(?:ed)?|incorrect|alternatives?|examples?|e\.g|for instance"
     r"|hypothetical(?:ly)?|fallback|back-?up|contingency|counter-?example|dismiss(?:ed)?|unwanted"
     r"|invalid|not (?:the|my|a|what)"
     r"|never|instead of|rather than|ruled out|abandoned|unsafe|forbidden)\b"
 )
-_CONDITION = re.compile(r"\b(?:if|unless|in case|would|were|otherwise|suppose|supposing)\b")
+_CONDITION = re.compile(
+    r"\b(?:if|unless|in case|would|were|otherwise|suppose|supposing)\b"
+    r"|^\W*had (?:the|a|an|i|we|it|he|she|they|this|that)\b"
+)
 _BOXES = re.compile(
     r"\bb(?:ounding[ _-]?)?box(?:es)?\b|\bbbox|\bbox_(?:start|end)\b|\bdetect(?:ed|ions?|s)\b"
     r"|\b(?:key)?points? of\b|\bcorners?\b"
@@ -58,11 +70,12 @@ _QUALIFIED = (
     r"(?:other|another|lead(?:ing)?|front|preceding|parked|oncoming|adjacent|surrounding|nearby"
     r"|target|stopped|merging|crossing|each|every|second|third|opposing|following|rear)"
 )
-_USER = rf"(?:{_SPECIFIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_GENERIC}|{_VEHICLE}[ _]?\d+|{_VEHICLE})"
+_NUMBERED = rf"(?:(?:{_VEHICLE}|obj|track|id)[ _#-]?\d+)"
+_USER = rf"(?:{_SPECIFIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_GENERIC}|{_NUMBERED}|{_VEHICLE})"
 _ARTICLE = r"(?:the|a|an|this|that|these|those|all|any|each|every|two|three|both|some|no)?\s*"
 _ADJECTIVES = r"(?:(?!(?:and|or|to|of|for|by)\b)[\w-]+\s+){0,2}?"
 _NUMBER = r"(?:[ _#-]?\d+)?"
-_ANY_USER = re.compile(rf"\b(?:{_SPECIFIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_VEHICLE}[ _]?\d+)\b")
+_ANY_USER = re.compile(rf"\b(?:{_SPECIFIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_NUMBERED})\b")
 _OWN_VEHICLE = re.compile(rf"(?:{_OWN.pattern})[ _-](?:{_SPECIFIC}|{_VEHICLE})\b")
 # Somebody of whom the text spoke before: "Its predicted path".
 _PRONOUN = re.compile(rf"\b(?:its|their|his|her)\b (?:\w+ ){{0,2}}(?:{PLAN_WORDS}|positions?)\b")
@@ -75,6 +88,14 @@ _ROAD = re.compile(
 _ASIDE = re.compile(
     r"\([^()]*\b(?:is|are|was|has|have|will|since|because|as|so that|while|when)\b[^()]*\)"
 )
+# "My trajectory (not the van's)".
+_NOT_THEIRS = re.compile(rf"\(\s*not {_ARTICLE}(?:that of |for |of )?{_ARTICLE}{_USER}\b[^()]*\)")
+# A line that is a key, of an object in YAML or as a heading: "van:", "## Vehicle 2".
+_KEY_LINE = re.compile(r"(?P<indent>[ \t]*)(?:- )?[\"']?(?P<key>[\w][\w .\-]{0,40})[\"']?:[ \t]*\Z")
+_HEADING = re.compile(
+    r"[ \t]*(?:#{1,6}[ \t]+(?P<title>[^\n]+?)|\*\*(?P<bold>[^*\n]+)\*\*:?)[ \t:#]*\Z"
+)
+_NAMES_USER = re.compile(rf"{_ARTICLE}{_ADJECTIVES}{_USER}{_NUMBER}", re.IGNORECASE)
 # Keys beside a list's own one that say how it is meant.
 _SIBLING = re.compile(
     r"[\"'](?P<key>times?(?:_?stamps?)?(?:_m?s)?|dt(?:_m?s)?|delta_t|(?:time_?step|interval"
@@ -106,8 +127,10 @@ _OWNER = tuple(
         rf"\b(?:{PLAN_WORDS}|positions?|locations?|coordinates?|points?|motion|prediction|forecast"
         rf"|places?|centres?|centers?|velocit\w+|speeds?)\s+(?:of|for)\s+{_ARTICLE}{_ADJECTIVES}{_USER}\b",
         # attribute: "pedestrian positions", "car 2 waypoints", "agent predicted trajectory"
-        rf"\b(?:{_SPECIFIC}|{_GENERIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_VEHICLE}[ _]?\d+){_NUMBER}[ _]+"
+        rf"\b(?:{_SPECIFIC}|{_GENERIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_NUMBERED}){_NUMBER}[ _]+"
         rf"(?:\w+[ _]+){{0,2}}(?:{PLAN_WORDS}|positions?|locations?|coordinates?|points?)\b",
+        # "waypoints (lead car)"
+        rf"\b{PLAN_WORDS} \({_ARTICLE}{_ADJECTIVES}{_USER}{_NUMBER}\)",
         # subject: "cars stand at", "the van will be at", "there are road users at"
         rf"^\W*{_ARTICLE}{_ADJECTIVES}{_USER}{_NUMBER}\b",
         rf"\bthere (?:is|are|'s)\b.*\b{_USER}\b",
@@ -174,6 +197,9 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
         earlier = "\n".join([*lines[:i], *_SENTENCE_END.split(line[: len(line) - len(own)])])
         said = "\n".join([*_CONVENTION.findall(earlier), own, *lines[i + 1 :]])
         owner = _owner(_PLAIN_USER.sub(" ", sentence) if bare else sentence)
+        parents = _parents_by_line(lines[:i], line)
+        if owner is not Owner.OTHER and parents and _OWN.search(f"{parents} {sentence}") is None:
+            owner = _owner(f"{parents} {sentence}", is_key=True)
         if _PRONOUN.search(sentence) and owner is not Owner.OTHER:
             earlier = "\n".join(lines[: i + 1]).lower().removesuffix(sentence)
             owner = Owner.OTHER if _speaks_of_user(earlier) else Owner.UNSAID
@@ -236,10 +262,34 @@ def _parents(text: str, begin: int, start: int) -> list[str]:
     return found[::-1]
 
 
+def _parents_by_line(before: Sequence[str], line: str) -> str:
+    """Name what holds a line in YAML, outermost first, or the road user whose heading it has."""
+    key = re.match(r"([ \t]*)(?:- )?[\"']?[\w .\-]{1,40}[\"']?:", line)
+    indent = len(key[1]) if key is not None else 0
+    found: list[str] = []
+    for one in reversed(before):
+        if not one.strip():
+            continue
+        if not found and (heading := _HEADING.match(one)) is not None:
+            title = (heading["title"] or heading["bold"]).strip(" :*")
+            return title.lower() if _NAMES_USER.fullmatch(title) else ""
+        parent = _KEY_LINE.match(one)
+        depth = len(one) - len(one.lstrip())
+        if depth >= indent:
+            if not indent:
+                break
+            continue
+        if parent is None:
+            break
+        found.append(parent["key"].replace("_", " ").lower())
+        indent = depth
+    return " ".join(reversed(found))
+
+
 def _owner(words: str, is_key: bool = False) -> Owner:
     """Find the owner of a list by its label or the sentence before it, in lower case."""
     said = words.replace("’", "'").replace("*", " ").replace("`", " ").strip()
-    said = _ASIDE.sub(" ", said)
+    said = _NOT_THEIRS.sub(" ", _ASIDE.sub(" ", said))
     own = _OWN.search(said) is not None
     if _REFUSED.search(said) or _CONDITION.search(said) or _BOXES.search(said):
         return Owner.OTHER

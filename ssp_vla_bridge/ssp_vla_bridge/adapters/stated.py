@@ -97,6 +97,16 @@ _OTHER_FRAME = re.compile(
 _DIFFERENCES = re.compile(
     r"\b(?:displacements?|deltas?|increments?|offsets?|differences?)\b[^.\n]{0,20}"
     r"\b(?:per|each|every|between|from the (?:previous|last)|to the (?:previous|next))\b"
+    r"|\b(?:each|every) \w+ relative to (?:the )?(?:previous|last|one before)\b"
+    r"|\b(?:(?:relative|step[- ]?wise|successive|incremental|consecutive|per[- ]step)[ _]"
+    r"(?:displacements?|deltas?|offsets?|increments?|movements?)"
+    r"|deltas|displacements|(?<=trajectory )increments)\b"
+    r"(?! (?:from|to|of|relative to|with respect to) (?:the |my |our )?"
+    r"(?:ego|vehicle|car|current|present|origin|start|own|position))"
+)
+# A side beside the name of its axis: "lateral right", "longitudinal (forward)".
+_SIDE_OF_AXIS = re.compile(
+    r"\b(?:lateral|longitudinal)[ -]?\(?(right|left|forward)(?:wards?)?\)?(?=\s*[,;)\]])"
 )
 # Which side of a lateral axis is positive.
 _POSITIVE_SIDE = re.compile(
@@ -157,9 +167,11 @@ def convert(one: NumberList, heading: str, meaning: Meaning, accepted: frozenset
         heading: the words from the label to the list.
         accepted: units that are the interface's own.
     """
-    said = heading.lower()
+    said = _SIDE_OF_AXIS.sub(r"\1", heading.lower())
     width = len(one.rows[0]) if one.rows else 0
     notes: list[str] = []
+    if any(len(row) != width for row in one.rows):
+        return Converted((), problem="the list has rows of different widths")
     columns = _columns(one, said, meaning, width)
     if isinstance(columns, str):
         return Converted((), problem=columns)

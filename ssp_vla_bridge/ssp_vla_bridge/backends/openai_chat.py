@@ -375,13 +375,14 @@ def _read(reply: Reply) -> tuple[Completion, str]:
         raise PeerError(f"the answer is no chat completion: {error}{remedy}") from None
     if said.refusal:
         raise DeclinedError(f"the model declines to answer: {said.refusal[:_SHOWN]}")
-    if said.text is None:
+    # What the limit ended is the model's answer, even where it ended before any text.
+    if said.text is None and not said.cut_off:
         why = f" (finish_reason {said.finish_reason})" if said.finish_reason else ""
-        remedy = "; give a larger max_tokens" if said.cut_off else ""
-        raise PeerError(f"the answer holds no text{why}{remedy}")
-    if "\0" in said.text:  # ROS would end the string there without a word
+        raise PeerError(f"the answer holds no text{why}")
+    text = said.text or ""
+    if "\0" in text:  # ROS would end the string there without a word
         raise PeerError("the answer's text holds a NUL character, which no message can carry")
-    return said, said.text
+    return said, text
 
 
 def _stage_facts(one: _Said) -> dict[str, Any]:
@@ -412,8 +413,9 @@ def _notes(said: Completion, model: str) -> list[str]:
         found.append(f"it ended for a reason that isn't known here: {said.finish_reason}")
     if said.left_out:
         found.append(f"parts that are no text were left out: {', '.join(said.left_out)}")
-    if said.text is not None and not said.text.strip():
-        found.append("the text is empty")
+    if not (said.text or "").strip():
+        remedy = "; give a larger max_tokens" if said.cut_off else ""
+        found.append(f"the text is empty{remedy}")
     if said.parts:
         found.append(f"the text came in {said.parts} parts")
     if said.model is not None and said.model != model:

@@ -233,6 +233,18 @@ def test_a_later_stage_that_fails_fails_the_answer(service, make_openai, make_re
     assert len(service.asked) == 3
 
 
+@pytest.mark.parametrize("reason", ["length", "MAX_TOKENS"])
+def test_what_the_limit_ends_before_any_text_is_an_empty_answer(
+    service, make_openai, make_request, reason
+):
+    """It is the model's, and is kept (METHOD 5.4b): asked again, it ends in the same way."""
+    service.queue = [reply(lambda s: s.completion(None, reason))]
+    response = respond(make_openai(interface="waypoints"), "m", make_request()).response
+    assert not response.error_code
+    assert response.text == ""
+    assert "motion: the text is empty; give a larger max_tokens" in response.decoding["notes"]
+
+
 def test_one_answer_at_a_time(service, make_openai, make_request):
     """A second thread's answer begins when the first one's is whole."""
     backend = make_openai(interface="llavida")

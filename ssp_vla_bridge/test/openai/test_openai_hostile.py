@@ -129,7 +129,6 @@ SERVICES = {
     "sends no choices": with_choices([]),
     "sends no message": with_choices([{"text": "x"}]),
     "sends null": reply(lambda s: s.completion(None)),
-    "thinks to the limit": reply(lambda s: s.completion(None, "length")),
     "sends a number": reply(lambda s: s.completion(7)),
     "sends a picture": reply(lambda s: s.completion([{"type": "image_url"}])),
     "sends half a character": raw(b'{"choices":[{"message":{"content":"\\ud83d"}}]}'),
