@@ -92,6 +92,15 @@ def test_characters_without_a_glyph_are_shown_as_question_marks_and_stay_apart()
     assert names_in(["a\nb"], 1.0) == {"a\nb": "a?b"}
 
 
+def test_a_control_keeps_its_condition_where_its_name_is_too_long() -> None:
+    names = [f"opencv_baseline+{end}" for end in ("repeat", "twin.control.car", "twin.without.ot1")]
+    shown = names_in(names, 1.3)
+    assert [shown[name].partition("+")[2] for name in names] == [n.partition("+")[2] for n in names]
+    assert all(text_width_in(text) <= 1.3 and text[:3] == "ope" for text in shown.values())
+    # Without room for a model's name they are cut as others are, and still told apart.
+    assert len(set(names_in(names, 0.6).values())) == 3
+
+
 @given(st.lists(st.integers(), max_size=30), st.integers(1, 7))
 def test_pages_hold_everything_in_order_and_are_of_much_the_same_size(items, most):
     pages = [page for _, page in pages_of("name", items, most)]

@@ -113,6 +113,8 @@ _TABLE = re.compile(
 )
 # Boxes and rings before alternatives, ticked or empty.
 _BOX = re.compile(r"\[(?P<in>[ xX✓✔])\]|(?<![\w)])\((?P<round>[ xX•✓])\)|(?P<sign>[☐☑☒⬜○●◯◉])")
+_READ_TICKS = ("[x]", "☑")  # the rules know them
+_MOST_BOXES = 64  # of a form
 _TICKED = frozenset("xX✓✔•☑☒●◉")
 # A label as a mark of its own: "<DECELERATE>".
 _TOKEN = re.compile(r"<(?P<label>[A-Z]{2,}(?:[_ ][A-Z]{2,}){0,3})>")
@@ -279,9 +281,9 @@ def _blank_but(text: str, names: Sequence[tuple[str, int]], kept: int) -> Iterat
 
 
 def _boxes(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
-    """Blanks for the alternatives whose box is empty, and for the boxes of the others."""
+    """Blanks for the alternatives whose box is empty, and for ticks that the rules don't know."""
     boxes = list(_BOX.finditer(text))
-    if len(boxes) < 2:
+    if not 2 <= len(boxes) <= _MOST_BOXES:
         return
     items = []
     for i, box in enumerate(boxes):
@@ -294,7 +296,8 @@ def _boxes(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
     ticked = {slot for _, _, is_ticked, slots in items if is_ticked for slot in slots}
     for box, end, is_ticked, slots in items:
         if is_ticked and slots:
-            yield box.start(), " " * len(box.group())
+            if box.group().lower() not in _READ_TICKS:
+                yield box.start(), " " * len(box.group())
             if text[end : end + 1] != "\n" and text[end - 1 : end] == " ":
                 yield end - 1, "."
         elif slots & ticked:

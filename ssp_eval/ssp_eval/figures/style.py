@@ -213,12 +213,26 @@ def fitted(text: str, most_in: float, size_pt: float = SMALL_PT, head: float = 1
     return cut(max(keep - 1, 0))
 
 
+def _with_condition(name: str, most_in: float) -> str:
+    model, plus, condition = name.rpartition("+")
+    rest = drawable(f"+{condition}")
+    room_in = most_in - text_width_in(rest)
+    if not plus or room_in < text_width_in(f"{model[:3]}…"):
+        return fitted(name, most_in)
+    return fitted(model, room_in) + rest
+
+
 def names_in(names: Iterable[str], most_in: float) -> dict[str, str]:
     """Shorten names to a width so that they are still told apart.
 
-    They lose their end, or, where that makes two alike, their beginning.
+    The name of a control, ``MODEL+CONDITION``, keeps its condition where that leaves room for the
+    beginning of the model's name. Other names lose their end, or, where that makes two alike,
+    their beginning.
     """
     names = list(names)
+    shown = {name: _with_condition(name, most_in) for name in names}
+    if len(set(shown.values())) == len(names):
+        return shown
     for head in (1.0, 0.0):
         shown = {name: fitted(name, most_in, head=head) for name in names}
         if len(set(shown.values())) == len(names):
