@@ -240,7 +240,7 @@ def _vectors(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
 
 
 def _names_of(listed: str, offset: int) -> list[tuple[str, int]]:
-    """The names of a list, each with its offset in the text."""
+    """Part a list into its names, each with its offset in the text."""
     found = []
     for match in re.finditer(r"[^,|/;]+", listed):
         plain = match.group().strip().strip("\"'*_ ")
@@ -251,7 +251,7 @@ def _names_of(listed: str, offset: int) -> list[tuple[str, int]]:
 def _asserted_of(
     names: Sequence[tuple[str, int]], values: Sequence[str], values_of: Values
 ) -> int | None:
-    """Which of some labels of one slot a vector asserts; -1: none; None: it is no such vector."""
+    """Find the label of one slot that a vector asserts; -1: none; None: it is no such vector."""
     if len(names) != len(values):
         return None
     read = [values_of(name.replace("_", " ").lower()) for name, _ in names]
@@ -414,7 +414,7 @@ def _option_spans(text: str, values_of: Values) -> Iterator[tuple[int, int]]:
 
 
 def _picked(match: re.Match[str]) -> frozenset[str]:
-    """The marks of the options that a line picks."""
+    """Collect the marks of the options that a line picks."""
     return frozenset({match["mark"].upper(), *re.findall(r"[A-H0-9]", match["more"])})
 
 
