@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import cast
 
 import click
+from rich.progress import Progress
 
 from ssp_core import console
 from ssp_scenario_manager.compile.choose import NotChosen
@@ -23,6 +24,7 @@ from ssp_scenario_manager.compile.compiler import (
 )
 from ssp_scenario_manager.compile.targets.folder import check_out, write_folder
 from ssp_scenario_manager.compile.task import BlockScore, Target
+from ssp_scenario_manager.maps.xml_input import Loading, untold
 
 # Rows of the table of scores for people; --json has them all.
 _MOST_ROWS = 25
@@ -118,7 +120,10 @@ def compile_event(
     try:
         with console.progress("compile", None) as bar:
             tell = partial(bar.update, bar.task_ids[0], advance=1)
-            compiled = compile_task(request, lambda block: tell(description=f"trying {block}"))
+            loading = untold if map_path is None else _roads_of(map_path, bar)
+            compiled = compile_task(
+                request, lambda block: tell(description=f"trying {block}"), loading
+            )
     except (NotChosen, EventRefused) as error:
         _refused(error, as_json)
         raise
@@ -126,6 +131,12 @@ def compile_event(
     files = write_folder(compiled, folder, replace=force)
     _done(compiled, folder, files, as_json)
     return 0
+
+
+def _roads_of(map_path: Path, bar: Progress) -> Loading:
+    """A line below the bar with the roads of a map that were read, of how many."""
+    task = bar.add_task(f"roads of {map_path.name}", total=None)
+    return lambda read, total: bar.update(task, completed=read, total=total)
 
 
 def _default_folder(compiled: Compiled) -> Path:

@@ -37,6 +37,7 @@ from ssp_scenario_manager.event_spec.log import (
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library
+from ssp_scenario_manager.maps.xml_input import Loading, untold
 
 LOGGED_AS = "ssp compile"
 # The compiler's own entries say the same whenever it runs, so that the same input gives the same
@@ -159,8 +160,16 @@ class Compiled:
         return self.chosen.realisation
 
 
-def compile_task(request: Request, said: Callable[[str], None] = lambda text: None) -> Compiled:
+def compile_task(
+    request: Request,
+    said: Callable[[str], None] = lambda text: None,
+    loading: Loading = untold,
+) -> Compiled:
     """Compiles an event.
+
+    Args:
+        said: told of each block that is tried.
+        loading: told of each road of the map.
 
     Raises:
         EventRefused: the event doesn't pass its checks.
@@ -172,7 +181,7 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
     candidate = None
     if request.shortlist is not None:
         candidate = load_candidate(request.shortlist, event.name, version)
-    area, site_file = load_area(request.site, request.map_path)
+    area, site_file = load_area(request.site, request.map_path, loading)
     _check_area(request, area)
     check_not_refused(event_path, event.name)
     before = read_log(log_path(event_path))
@@ -250,7 +259,9 @@ def checked_event(name_or_path: str) -> tuple[Event, str, Path]:
     return event, event_version(event), path
 
 
-def load_area(site: str | None, map_path: Path | None) -> tuple[OperatingArea, bytes | None]:
+def load_area(
+    site: str | None, map_path: Path | None, loading: Loading = untold
+) -> tuple[OperatingArea, bytes | None]:
     """A site by name or file, or a map; and the site's text.
 
     Raises:
@@ -263,7 +274,7 @@ def load_area(site: str | None, map_path: Path | None) -> tuple[OperatingArea, b
         return OperatingArea(link, site_library(found, path), found), path.read_bytes()
     if map_path is None:
         raise WrongOptions("needs a place", remedy="give --site SITE or --map FILE")
-    library = load_library(map_path)
+    library = load_library(map_path, loading)
     if library.kind == "site":
         raise InputError("is a site, no map", file=map_path, remedy="give it with --site")
     link = PlaceLink(kind=library.kind, name=map_path.name, sha256=library.sha256)

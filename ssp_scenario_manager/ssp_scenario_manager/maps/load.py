@@ -10,16 +10,17 @@ from ssp_scenario_manager.maps.block import Library
 from ssp_scenario_manager.maps.opendrive import load_opendrive
 from ssp_scenario_manager.maps.site import load_site, site_library
 from ssp_scenario_manager.maps.sumo import load_sumo_net
-from ssp_scenario_manager.maps.xml_input import outermost
+from ssp_scenario_manager.maps.xml_input import Loading, outermost, untold
 
 _SITES = (".yaml", ".yml", ".json")
 
 
-def load_library(path: str | Path) -> Library:
+def load_library(path: str | Path, loading: Loading = untold) -> Library:
     """The blocks of a map or site, by what the file holds.
 
     Args:
         path: an OpenDRIVE map, a SUMO network, or a site file.
+        loading: told of each road of a map.
 
     Raises:
         InputError: the file can't be read, is none of these, or is malformed.
@@ -30,9 +31,9 @@ def load_library(path: str | Path) -> Library:
         return site_library(site, path)
     root = outermost(path).tag
     if root == opendrive.ROOT:
-        return load_opendrive(path)
+        return load_opendrive(path, loading)
     if root == sumo.ROOT:
-        return load_sumo_net(path)
+        return load_sumo_net(path, loading)
     raise InputError(
         f"its outermost element is <{root[:40]}>",
         file=path,

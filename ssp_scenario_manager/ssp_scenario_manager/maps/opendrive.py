@@ -48,7 +48,13 @@ from ssp_scenario_manager.maps.ways import (
     WayLane,
     network_blocks,
 )
-from ssp_scenario_manager.maps.xml_input import BadElement, input_error, parts
+from ssp_scenario_manager.maps.xml_input import (
+    BadElement,
+    Loading,
+    input_error,
+    parts,
+    untold,
+)
 
 ROOT = "OpenDRIVE"
 _ROAD_TYPES: dict[str, RoadType] = {
@@ -350,14 +356,14 @@ def _line_of(found: _Map, road_id: str) -> ReferenceLine | None:
     return found.lines.get(road_id)
 
 
-def load_opendrive(path: Path) -> Library:
+def load_opendrive(path: Path, loading: Loading = untold) -> Library:
     """The blocks of an OpenDRIVE map.
 
     Raises:
         InputError: the file can't be read, is no OpenDRIVE, or an element in it is malformed.
     """
     found = _Map()
-    for element in parts(path, ROOT):
+    for element in parts(path, ROOT, "road", loading):
         try:
             if element.tag == "road":
                 road = read_road(element)

@@ -28,11 +28,13 @@ from ssp_scenario_manager.maps.ways import (
 from ssp_scenario_manager.maps.xml_input import (
     FARTHEST_M,
     BadElement,
+    Loading,
     input_error,
     number,
     outermost,
     parts,
     text,
+    untold,
     whole,
 )
 
@@ -308,7 +310,7 @@ def _way(edge: Edge, back: list[Edge], left_hand: bool) -> Way:
     )
 
 
-def load_sumo_net(path: Path) -> Library:
+def load_sumo_net(path: Path, loading: Loading = untold) -> Library:
     """The blocks of a SUMO network.
 
     Raises:
@@ -316,7 +318,7 @@ def load_sumo_net(path: Path) -> Library:
     """
     left_hand = outermost(path).get("lefthand", "false")
     net = _Net(left_hand=left_hand.lower() in ("true", "1", "yes", "on", "x", "t"))
-    for element in parts(path, ROOT):
+    for element in parts(path, ROOT, "edge", loading):
         try:
             if element.tag == "edge" and element.get("function", "normal") in _READ:
                 edge = read_edge(element, left_hand=net.left_hand)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 from xml.etree.ElementTree import Element, ParseError
@@ -25,6 +26,12 @@ _PACKED = {b"\x1f\x8b": "gunzip", b"PK\x03\x04": "unzip", b"BZh": "bunzip2", b"\
 _INVALID_TOKEN = expat_errors.codes[expat_errors.XML_ERROR_INVALID_TOKEN]
 # No road network lies farther from its origin, m; longer lengths are slips.
 FARTHEST_M = 1e8
+# Called with how many roads of a map have been read, and of how many; None: nobody can say.
+Loading = Callable[[int, int | None], None]
+
+
+def untold(read: int, total: int | None) -> None:
+    """Tell nobody how far the reading of a map is."""
 
 
 class BadElement(Exception):
@@ -86,18 +93,20 @@ def outermost(path: Path) -> Element:
     return next(_events(path, ("start",)))[1]
 
 
-def parts(path: Path, root: str) -> Iterator[Element]:
+def parts(path: Path, root: str, counted: str = "", loading: Loading = untold) -> Iterator[Element]:
     """The elements right under the root, one after the other; each is gone when the next is read.
 
     Args:
         root: tag that the outermost element must have.
+        counted: tag of the parts that ``loading`` is told of.
 
     Raises:
         InputError: the file can't be read, is too large, isn't XML, holds entities, or has another
             root; or one part is larger or deeper than any real one.
     """
     depth = 0
-    elements = 0
+    elements = read = 0
+    total = None if loading is untold else count_tags(path, counted)
     top: Element | None = None
     for event, element in _events(path, ("start", "end")):
         if event == "start":
@@ -119,8 +128,27 @@ def parts(path: Path, root: str) -> Iterator[Element]:
             depth -= 1
             if depth == 1 and top is not None:
                 yield element
+                if element.tag == counted:
+                    read += 1
+                    loading(read, total)
                 del top[:]
                 elements = 0
+
+
+def count_tags(path: Path, tag: str) -> int | None:
+    """Count the elements of a tag without parsing; None where the file's encoding hides them."""
+    pattern = re.compile(rb"<" + tag.encode() + rb"[\s>/]")
+    found, tail = 0, b""
+    try:
+        with open(path, "rb") as stream:
+            while chunk := stream.read(_CHUNK_BYTES):
+                data = tail + chunk
+                found += len(pattern.findall(data))
+                # One byte less than a match: what was counted isn't counted again.
+                tail = data[-len(tag) - 1 :]
+    except OSError:  # whoever reads it says so
+        return None
+    return found or None
 
 
 class _Chunks:

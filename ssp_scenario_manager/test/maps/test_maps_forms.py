@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import InputError
+from ssp_scenario_manager.maps import xml_input
 from ssp_scenario_manager.maps.load import load_library
 
 Made = Any
@@ -162,3 +163,25 @@ def test_headings_that_are_summed_up_are_read(made: Made, words: Words) -> None:
 @pytest.mark.parametrize("heading", [6.2832, -6.28, 3.1415926])
 def test_headings_of_at_most_one_turn_are_read(made: Made, words: Words, heading: float) -> None:
     assert load_library(made.road(geometry=words.at(0, 0, heading, 100)).write()).blocks
+
+
+# -- how far the reading is -----------------------------------------------------------------------
+
+
+def test_a_map_says_how_many_of_its_roads_are_read(
+    made: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = made.road("1").road("2").road("3").write()
+    told: list[tuple[int, int | None]] = []
+    # Tags lie across the ends of what is read at once.
+    monkeypatch.setattr(xml_input, "_CHUNK_BYTES", 7)
+    load_library(path, lambda read, total: told.append((read, total)))
+    assert told == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_a_map_whose_encoding_hides_its_tags_says_no_total(made: Made) -> None:
+    path = made.road("1").write()
+    path.write_bytes(path.read_text().replace("utf-8", "utf-16").encode("utf-16"))
+    told: list[tuple[int, int | None]] = []
+    load_library(path, lambda read, total: told.append((read, total)))
+    assert told == [(1, None)]
