@@ -218,6 +218,7 @@ def replaced(column, value):
     ("column", "value", "told"),
     [
         ("jovr", "1.01", "less than or equal to 1 (got '1.01'); scores are shares from 0 to 1"),
+        ("jovr", "0_1", "is no number (got '0_1'); scores are shares from 0 to 1"),
         ("jovr", "-0.01", "greater than or equal to 0"),
         ("cia_eff", "nan", "less than or equal to 1"),
         ("cia_eff", "1e999", "less than or equal to 1"),

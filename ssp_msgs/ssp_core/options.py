@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import click
 
+from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import DOMAINS_READ, DomainWord, read_domain
 
@@ -35,7 +36,7 @@ class Number(click.ParamType[float]):
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         try:
-            number = float(str(value))
+            number = decimal(str(value))
         except ValueError:
             number = math.nan
         too_low = number <= self._low if self._low_open else number < self._low

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
+
 import cv2
 import numpy as np
 import pytest
 
 from ssp_core.bag.images import decode_still, is_mosaic, shown_size_px
-from ssp_core.bag.jpeg import JPEG_END, JpegChecker, read_header
+from ssp_core.bag.jpeg import JPEG_END, JpegChecker, _libjpeg_warnings, read_header
 from ssp_core.cdr.images import ImageMessage, RawLayout
 
 HEIGHT, WIDTH = 88, 120
@@ -75,6 +77,45 @@ def test_cut_pictures_are_found(kind: str) -> None:
             checker.small(data[:kept] + JPEG_END)
         assert checker.small(data).shape == (11, 15)
         assert checker.patched(data[:kept]).shape == (HEIGHT, WIDTH, 3)
+
+
+def damaged(data: bytes, kind: str) -> bytes:
+    """A JPEG with its head and its end, of which bytes in the middle are others'."""
+    scan = data.rfind(b"\xff\xda") + 20
+    at = scan + (len(data) - scan) // 3
+    broken = bytearray(data)
+    if kind == "twice":
+        broken[at:at] = broken[at : at + 700]
+    elif kind == "left out":
+        del broken[at : at + 300]
+    else:
+        broken[at : at + 512] = bytes(512)
+    return bytes(broken)
+
+
+@pytest.mark.parametrize("kind", ["twice", "left out", "zeros"])
+def test_a_damaged_middle_is_found(kind: str, capfd: pytest.CaptureFixture[str]) -> None:
+    checker = JpegChecker()
+    for seed in range(20):
+        with pytest.raises(ValueError, match="a part is missing or damaged"):
+            checker.small(damaged(jpeg(scene(seed), []), kind))
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("filling", [bytes(5), bytes(64), b"\xff" * 30, b"\x55\xaa"])
+def test_filling_before_the_end_of_a_whole_picture_is_taken(filling: bytes) -> None:
+    for seed in range(10):
+        data = jpeg(scene(seed), [])
+        assert JpegChecker().small(data[:-2] + filling + JPEG_END).shape == (11, 15)
+
+
+def test_what_others_write_meanwhile_goes_on_to_standard_error(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with _libjpeg_warnings() as found:
+        os.write(2, b"before\nCorrupt JPEG data: 9 extraneous bytes\nafter\n")
+    assert found == [b"Corrupt JPEG data: 9 extraneous bytes\n"]
+    assert capfd.readouterr().err == "before\nafter\n"
 
 
 @pytest.mark.parametrize("order", ["MM", "II"])

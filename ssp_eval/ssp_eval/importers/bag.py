@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -131,8 +131,8 @@ def import_bag(
     findings = Findings(options.clip.accepted)
     with findings.listed(options.bag), SourceBag(options.bag) as bag:
         bag.check_topic(options.camera, IMAGES)
-        shown = bag.times(options.camera)
-        shown, leapt = _settled(options, shown)
+        recorded = bag.times(options.camera)
+        shown, leapt = _settled(options, recorded)
         span = _span(options, shown)
         poses = {
             name: read_poses(bag, topic, span, options.datum)
@@ -161,8 +161,16 @@ def import_bag(
         return make_bag(
             options.clip.out,
             lambda writer: _write(
-                writer, options, bag, camera, tracks, clip, notes, findings, advance
-            ),
+                writer,
+                options,
+                _Camera(bag, options, recorded, leapt),
+                camera,
+                tracks,
+                clip,
+                notes,
+                findings,
+                advance,
+            ),  # fmt: skip
         )
 
 
@@ -343,10 +351,51 @@ def _coverage(track: Track, clip: _Clip) -> list[str]:
     ]
 
 
+@dataclass(frozen=True)
+class _Camera:
+    """The messages of the camera's topic, read once more to be written.
+
+    Args:
+        recorded: the times that were found when they were read first.
+        leapt: whose stamps leap, by their places.
+    """
+
+    bag: SourceBag
+    options: BagOptions
+    recorded: Times
+    leapt: NDArray[np.bool_]
+
+    def frames(self, kept: Mapping[int, int]) -> Iterator[tuple[int, bytes]]:
+        """Yield the messages that are kept, each with its own stamp, on the clock of the import.
+
+        Args:
+            kept: settled stamps by places; they are those of frames whose own ones leap.
+
+        Raises:
+            InputError: a message isn't the one that stood there before.
+        """
+        topic, recorded = self.options.camera, self.recorded
+        for place, (received_ns, data) in enumerate(self.bag.raw(topic)):
+            if place not in kept:
+                continue
+            own_ns = self.bag.stamp_ns(topic, received_ns, data)
+            before = int(recorded.stamps_ns[place]), int(recorded.received_ns[place])
+            if (own_ns, received_ns) != before:
+                raise InputError(
+                    f"message {place + 1} has the stamp {own_ns} ns and was received at "
+                    f"{received_ns} ns, and {before[0]} and {before[1]} when it was read first",
+                    file=self.options.bag, field=topic,
+                    remedy="let nothing write to the bag during the import",
+                )  # fmt: skip
+            if self.leapt[place]:
+                own_ns = kept[place]
+            yield received_ns if self.options.clock == "receive" else own_ns, data
+
+
 def _write(
     writer: BagWriter,
     options: BagOptions,
-    bag: SourceBag,
+    source: _Camera,
     source_camera: CameraSource,
     tracks: list[Track],
     clip: _Clip,
@@ -355,7 +404,7 @@ def _write(
     advance: Callable[[int], None],
 ) -> ImportSummary:
     writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
-    kind = bag.types[options.camera]
+    kind = source.bag.types[options.camera]
     camera = CameraFacts()
     intake = FrameIntake(
         options.bag, options.camera, clip.first_ns,
@@ -364,10 +413,7 @@ def _write(
     )  # fmt: skip
     notes = [*notes, *clip.notes]
     count = written = 0
-    for place, (_, data) in enumerate(bag.raw(options.camera)):
-        stamp_ns = clip.kept.get(place)
-        if stamp_ns is None:
-            continue
+    for stamp_ns, data in source.frames(clip.kept):
         count += 1
         shown = intake.take(stamp_ns, kind, data)
         if shown is not None:
@@ -385,10 +431,10 @@ def _write(
         )  # fmt: skip
     notes += [f"camera: {one}" for one in intake.close(findings)]
     notes += [f"camera: {one}" for one in intake.repeats.notes(speeds_of(tracks[0]), clip.first_ns)]
-    write_states(writer, {track.body.object_id: track.states() for track in tracks})
-    digest = bag.sha256()
+    write_states(writer, {track.body.object_id: track.states for track in tracks})
+    digest = source.bag.sha256()
     motion = measured_motion(options.clip.motion, tracks, options.bag.name, digest, notes)
-    source: dict[str, object] = {
+    described: dict[str, object] = {
         "name": options.bag.name,
         "sha256": digest,
         "kind": "bag",
@@ -397,7 +443,7 @@ def _write(
         "clock": options.clock,
     }
     record = attach_record(
-        writer, options.clip.declared, source, clip.crop_s, camera, motion, findings
+        writer, options.clip.declared, described, clip.crop_s, camera, motion, findings
     )
     duration_s = ns_to_seconds(clip.last_ns - clip.first_ns)
     return ImportSummary(

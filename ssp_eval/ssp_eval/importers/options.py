@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 import click
 
+from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 from ssp_core.motion.state import Size
 from ssp_core.options import Domain
@@ -350,7 +351,7 @@ def numbers(option: str, text: str, names: str, least: int | None = None) -> lis
     """
     most = names.count(",") + 1
     try:
-        found = [float(part) for part in text.split(",")]
+        found = [decimal(part) for part in text.split(",")]
     except ValueError:
         found = []
     if not (least or most) <= len(found) <= most or not all(map(math.isfinite, found)):
@@ -369,7 +370,7 @@ def _point(text: str) -> ReferencePoint | float:
             point: ReferencePoint = word
             return point
     try:
-        ahead_m = float(text)
+        ahead_m = decimal(text)
     except ValueError:
         ahead_m = math.nan
     if not abs(ahead_m) <= 20.0:

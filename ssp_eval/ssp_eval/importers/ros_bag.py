@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sqlite3
+from array import array
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,7 @@ DRIFT_S = 0.05
 # Less than this isn't worth a word.
 _SAID_S = 0.02
 _NS = NDArray[np.int64]
+Number = TypeVar("Number", np.int64, np.float64)
 
 
 @dataclass(frozen=True)
@@ -231,15 +233,6 @@ def _is_compressed(path: Path) -> bool:
     return str(mode or "none").lower() in ("file", "message")
 
 
-def _stamp_ns(bag: SourceBag, topic: str, received_ns: int, data: bytes) -> int:
-    """The stamp of a message that begins with a header."""
-    found = leading_stamp_ns(data)
-    if found is None:
-        raise InputError(f"holds a message at {received_ns} ns without a valid stamp",
-                         file=bag.path, field=topic)  # fmt: skip
-    return found
-
-
 class SourceBag(Closing):
     """A bag directory, a .mcap or a .db3 file of any program, open; a context manager.
 
@@ -353,16 +346,27 @@ class SourceBag(Closing):
             found = data
         return None if found is None else self.decode(topic, at_ns, found)
 
+    def stamp_ns(self, topic: str, received_ns: int, data: bytes) -> int:
+        """Read the stamp of a message that begins with a header.
+
+        Raises:
+            InputError: it has none that is valid.
+        """
+        found = leading_stamp_ns(data)
+        if found is None:
+            raise InputError(f"holds a message at {received_ns} ns without a valid stamp",
+                             file=self.path, field=topic)  # fmt: skip
+        return found
+
     def times(self, topic: str) -> Times:
         """Stamps and times of receipt, nothing decoded."""
-        pairs = []
+        pairs = array("q")
         for received_ns, data in self.raw(topic):
-            pairs.append((_stamp_ns(self, topic, received_ns, data), received_ns))
+            pairs.extend((self.stamp_ns(topic, received_ns, data), received_ns))
         if not pairs:
             raise InputError("holds no message", file=self.path, field=topic,
                              remedy="name a topic with messages")  # fmt: skip
-        stamps, received = np.array(pairs, dtype=np.int64).T
-        return Times(topic, stamps, received)
+        return Times(topic, *_columns(pairs, 2, np.int64))
 
     def sha256(self) -> str:
         """Hash of the bag's file; of several, that of the list of their hashes."""
@@ -401,8 +405,8 @@ class Span:
 
     def within(self, times: Times) -> Times:
         """The times of the messages that belong to the crop."""
-        pairs = zip(times.stamps_ns.tolist(), times.received_ns.tolist(), strict=True)
-        inside = np.array([self.holds(*pair) for pair in pairs], dtype=bool)
+        pairs = zip(times.stamps_ns, times.received_ns, strict=True)
+        inside = np.fromiter((self.holds(*pair) for pair in pairs), bool, len(times.stamps_ns))
         return Times(times.topic, times.stamps_ns[inside], times.received_ns[inside])
 
 
@@ -439,22 +443,20 @@ def read_poses(bag: SourceBag, topic: str, span: Span, datum: Datum | None) -> P
             remedy="give the origin of the map's frame with --datum LAT,LON[,ALT]",
         )  # fmt: skip
     bag.check_definition(topic)
-    times: list[tuple[int, int]] = []
-    rows: list[tuple[float, ...]] = []
+    times, outside, rows = array("q"), array("q"), array("d")
     frames: set[tuple[str, str]] = set()
     read = _READERS[kind]
-    outside: list[int] = []
     for count, (received_ns, data) in enumerate(bag.raw(topic), 1):
-        stamp = _stamp_ns(bag, topic, received_ns, data)
+        stamp = bag.stamp_ns(topic, received_ns, data)
         at_ns = stamp if span.clock == "header" else received_ns
         if not span.holds(stamp, received_ns):
             outside.append(at_ns)
             continue
         message = bag.decode(topic, received_ns, data)
-        times.append((stamp, received_ns))
+        times.extend((stamp, received_ns))
         frames.add((str(message.header.frame_id), str(getattr(message, "child_frame_id", ""))))
         try:
-            rows.append(read(message))
+            rows.extend(read(message))
         except ValueError as error:
             raise InputError(
                 f"message {count}: {error}, {ns_to_seconds(at_ns - span.zero_ns):.3f} s after the "
@@ -478,9 +480,9 @@ def read_poses(bag: SourceBag, topic: str, span: Span, datum: Datum | None) -> P
         raise InputError(f"changes its frames: {shown}", file=bag.path, field=topic,
                          remedy="one topic must be one object in one frame")  # fmt: skip
     frame_id, child = frames.pop()
-    stamps, received = np.array(times, dtype=np.int64).T
-    base = Times(topic, stamps, received)
-    columns = dict(zip(_COLUMNS[kind], np.array(rows).T, strict=True))
+    base = Times(topic, *_columns(times, 2, np.int64))
+    names = _COLUMNS[kind]
+    columns = dict(zip(names, _columns(rows, len(names), np.float64), strict=True))
     notes = []
     if kind == FIX and datum is not None:
         columns["x_m"], columns["y_m"], _ = datum.all_to_site(
@@ -492,8 +494,15 @@ def read_poses(bag: SourceBag, topic: str, span: Span, datum: Datum | None) -> P
         notes.append(f"{topic}: geodetic, in the frame of the datum")
     on_clock = base.on(span.clock)
     samples = Samples(on_clock, columns, Source(bag.path, topic))
-    reach_ns = [*outside, int(on_clock.min()), int(on_clock.max())]
-    return Poses(samples, base, (min(reach_ns), max(reach_ns)), frame_id, child, tuple(notes))
+    ends_ns = [int(on_clock.min()), int(on_clock.max())]
+    if outside:
+        ends_ns += [min(outside), max(outside)]
+    return Poses(samples, base, (min(ends_ns), max(ends_ns)), frame_id, child, tuple(notes))
+
+
+def _columns(rows: array[Any], count: int, kind: type[Number]) -> list[NDArray[Number]]:
+    """Rows that stand one behind the other, as arrays of their columns."""
+    return [np.array(column) for column in np.frombuffer(rows, kind).reshape(-1, count).T]
 
 
 def _pose(pose: Any) -> tuple[float, float, float]:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ssp_core.clock import seconds_to_ns
+from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 from ssp_core.files import read_text
 from ssp_core.geometry import FloatArray
@@ -155,7 +156,7 @@ def _numbers(path: Path, lines: Sequence[int], name: str, texts: Sequence[str]) 
 
 def _number(text: str) -> float:
     try:
-        return float(text)
+        return decimal(text)
     except ValueError:
         return math.nan
 

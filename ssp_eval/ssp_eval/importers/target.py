@@ -7,6 +7,9 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from heapq import merge
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -164,17 +167,23 @@ def make_bag(out: Path, fill: Callable[[BagWriter], Made]) -> Made:
     return made
 
 
-def write_states(writer: BagWriter, tracks: Mapping[str, Iterable[ObjectState]]) -> None:
-    """Each object's states on its own topic, and all as poses on /tf; log times as their stamps."""
-    at: dict[int, list[ObjectState]] = {}
-    for object_id, states in tracks.items():
+def write_states(
+    writer: BagWriter, objects: Mapping[str, Callable[[], Iterable[ObjectState]]]
+) -> None:
+    """Write each object's states on its own topic, and all as poses on /tf.
+
+    Args:
+        objects: each gives its states anew, stamps rising; they are the log times.
+    """
+    for object_id, states in objects.items():
         topic = names.absolute(names.state_topic(object_id))
         writer.add_topic(topic, STATE_TYPE, offered_qos(50))
-        for state in states:
+        for state in states():
             writer.write(topic, encode_state(state), state.stamp_ns, state.stamp_ns, state.sequence)
-            at.setdefault(state.stamp_ns, []).append(state)
     writer.add_topic(names.TF, TF_TYPE, offered_qos(100))
-    for count, (stamp_ns, present) in enumerate(sorted(at.items()), 1):
+    stamp = attrgetter("stamp_ns")
+    together = groupby(merge(*(states() for states in objects.values()), key=stamp), key=stamp)
+    for count, (stamp_ns, present) in enumerate(together, 1):
         poses = encode_transforms(map(of_state, present))
         writer.write(names.TF, poses, stamp_ns, stamp_ns, count)
 

@@ -34,6 +34,8 @@ LEAST_SAMPLES = 3
 MOVING_MPS = 1.0
 _LEAST_WAY_M = 2.0
 _SIDEWAYS_HALF_S = 0.5
+# So many states at once are plain numbers; the others stay in their arrays.
+_BLOCK = 4096
 Stamps = NDArray[np.int64]
 
 ReferencePoint = Literal["rear_axle", "centre", "front", "rear"]
@@ -200,19 +202,22 @@ class Track:
     def states(self, zero_ns: int = 0) -> Iterator[ObjectState]:
         """The states, numbered from 1; ``zero_ns`` is taken from every stamp."""
         body, samples = self.body, self.samples
-        columns = {name: values.tolist() for name, values in samples.columns.items()}
-        for i, stamp_ns in enumerate(samples.stamps_ns.tolist()):
-            row = {name: values[i] for name, values in columns.items()}
-            row.pop("left_mps", None)
-            yield ObjectState(
-                object_id=body.object_id,
-                object_class=body.object_class,
-                role=body.role,
-                stamp_ns=stamp_ns - zero_ns,
-                size=body.extent,
-                sequence=i + 1,
-                **(row | {"yaw_rad": wrap_angle(row["yaw_rad"])}),
-            )
+        names = [name for name in samples.columns if name != "left_mps"]
+        for begin in range(0, len(samples.stamps_ns), _BLOCK):
+            block = slice(begin, begin + _BLOCK)
+            rows = zip(*(samples[name][block].tolist() for name in names), strict=True)
+            stamps_ns = samples.stamps_ns[block].tolist()
+            for i, (stamp_ns, values) in enumerate(zip(stamps_ns, rows, strict=True), begin + 1):
+                row = dict(zip(names, values, strict=True))
+                yield ObjectState(
+                    object_id=body.object_id,
+                    object_class=body.object_class,
+                    role=body.role,
+                    stamp_ns=stamp_ns - zero_ns,
+                    size=body.extent,
+                    sequence=i,
+                    **(row | {"yaw_rad": wrap_angle(row["yaw_rad"])}),
+                )
 
 
 def slopes(t_s: FloatArray, values: FloatArray, half_s: float = SLOPE_HALF_S) -> FloatArray:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -213,14 +214,14 @@ def _write(
             f"camera: {one}"
             for one in repeats.notes(lambda at: speeds([ns + zero_ns for ns in at]), 0)
         ]
-        write_states(writer, {t.body.object_id: t.states(zero_ns) for t in motion.tracks})
+        write_states(writer, {t.body.object_id: partial(t.states, zero_ns) for t in motion.tracks})
         writer.attach(TABLE_ATTACHMENT, options.table.file.read_bytes(), "text/csv")
     elif options.ego_speed_mps is not None:
         speed_mps = options.ego_speed_mps
         notes += [
             f"camera: {one}" for one in repeats.notes(lambda at: np.full(len(at), speed_mps), 0)
         ]
-        write_states(writer, {VUT_ID: _declared_states(speed_mps, stamps_ns[-1])})
+        write_states(writer, {VUT_ID: partial(_declared_states, speed_mps, stamps_ns[-1])})
     source: dict[str, object] = {
         "name": options.video.name,
         "sha256": sha256_file(options.video),
@@ -256,10 +257,10 @@ def _of_file(video: Video) -> list[str]:
     return notes
 
 
-def _declared_states(speed_mps: float, last_ns: int) -> Sequence[ObjectState]:
+def _declared_states(speed_mps: float, last_ns: int) -> Iterator[ObjectState]:
     """States at 50 Hz of a vehicle that drives straight along the map's x axis from its origin."""
-    return [
-        ObjectState(
+    for k in range(last_ns // STATE_STEP_NS + 1):
+        yield ObjectState(
             object_id=VUT_ID,
             object_class=ObjectClass.CAR,
             role=Role.VUT,
@@ -273,8 +274,6 @@ def _declared_states(speed_mps: float, last_ns: int) -> Sequence[ObjectState]:
             size=DEFAULT_SIZES[ObjectClass.CAR],
             sequence=k + 1,
         )
-        for k in range(last_ns // STATE_STEP_NS + 1)
-    ]
 
 
 def _measured(

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping, write_json
 from ssp_core.hashing import sha256_bytes, sha256_file
@@ -293,7 +294,7 @@ def _risk_change(text: str) -> dict[str, Any]:
     if text == "null":
         return {_RISK: None}
     try:
-        return {_RISK: float(text.removesuffix("s").strip())}
+        return {_RISK: decimal(text.removesuffix("s"))}
     except ValueError:
         raise _BadLine("type a clip time in seconds, or null") from None
 

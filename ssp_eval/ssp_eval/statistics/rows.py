@@ -249,6 +249,7 @@ _OF_CELLS = ("scenario", "domain")
 COLUMNS = (
     *_OF_CELLS, "model", "jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff", "risk",
 )  # fmt: skip
+_NUMBERS = frozenset({*METRIC_NAMES, "n", "seed", "total_b", "active_b"})
 _FACTS = ("total_b", "active_b", "architecture")
 
 
@@ -490,6 +491,7 @@ def _read(fields: Mapping[str, str], path: Path, number: int) -> _Read:
     if not set(_OF_CELLS) & fields.keys():
         given |= dict.fromkeys(_OF_CELLS, MACRO)
     try:
+        _check_numbers(given)
         line = parse_model(_Line, given, path)
     except InputError as error:
         raise InputError(
@@ -503,6 +505,13 @@ def _read(fields: Mapping[str, str], path: Path, number: int) -> _Read:
         return _Read(number, line.row(), None, named)
     unit = max(1e-9, 10.0 ** -len(fields["ivcs"].partition(".")[2]))
     return _Read(number, line.row(), (line.ivcs, unit), named)
+
+
+def _check_numbers(given: Mapping[str, Any]) -> None:
+    """Raise InputError where digits are grouped by underscores, which the model would read."""
+    for key in _NUMBERS.intersection(given):
+        if isinstance(given[key], str) and "_" in given[key]:
+            raise InputError("is no number", field=key, value=given[key])
 
 
 def _checked_names(

@@ -15,6 +15,7 @@ from enum import Enum
 from itertools import pairwise
 
 from ssp_core.clock import seconds_to_ns
+from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
@@ -145,7 +146,7 @@ def _class(word: str) -> ObjectClass:
 
 
 def _seconds(text: str, least: float) -> float:
-    value = float(text)
+    value = decimal(text)
     # What a name holds is what is done: whole milliseconds.
     whole = math.isfinite(value) and abs(value * 1000.0 - round(value * 1000.0)) < 1e-6
     if not whole or not least <= value <= _LONGEST_S or round(value * 1000.0) == 0:

@@ -139,12 +139,16 @@ def transform(parent: str, child: str, xyz: Sequence[float], quaternion: Sequenc
     )
 
 
-def write_bag(path: Path, messages: Sequence[Message], *, sqlite: bool = False) -> Path:
-    """A bag directory with these messages, by time of receipt."""
+def write_bag(
+    path: Path, messages: Sequence[Message], *, sqlite: bool = False, is_sorted: bool = True
+) -> Path:
+    """A bag directory with these messages, by time of receipt or as they come."""
     plugin = StoragePlugin.SQLITE3 if sqlite else StoragePlugin.MCAP
     with Writer(path, version=9, storage_plugin=plugin) as writer:
         connections: dict[str, Any] = {}
-        for topic, kind, received_ns, message in sorted(messages, key=lambda m: m[2]):
+        for topic, kind, received_ns, message in (
+            sorted(messages, key=lambda m: m[2]) if is_sorted else messages
+        ):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=TYPES)
             writer.write(connections[topic], received_ns, bytes(TYPES.serialize_cdr(message, kind)))

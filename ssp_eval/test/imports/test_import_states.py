@@ -219,6 +219,7 @@ WRONG_TEXTS: list[tuple[str, Callable[[str], str], str]] = [
     ("a column twice", with_text("speed_mps", "yaw_rad"), "states.csv:1: yaw_rad: stands twice"),
     ("no number", with_text(",10.0,", ",fast,", 9), "states.csv:9: speed_mps: is no number"),
     ("not finite", with_text(",10.0,", ",nan,", 9), "states.csv:9: speed_mps: is no number"),
+    ("grouped digits", with_text(",10.0,", ",1_0.0,", 9), "states.csv:9: speed_mps: is no number"),
     ("an unknown class", with_text("car", "lorry", 300),
      "states.csv:300: class: is no class (got 'lorry'); known are car, truck"),
     ("a class that changes", with_text("car", "truck", 300),

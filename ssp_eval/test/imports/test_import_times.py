@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from ssp_core.bag.frames import Frames
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
+from ssp_eval.importers.ros_bag import SourceBag
 from ssp_eval.importers.target import keep_every, thin
 
 OPTIONS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam", "--domain",
@@ -58,8 +59,7 @@ def test_a_stamp_that_leaps_takes_the_time_of_receipt_and_that_is_said(tmp_path:
     (said,) = [note for note in provenance.imported.states.notes if "usual distance" in note]
     assert said.startswith("camera: 1 of 121 stamps leave their usual distance to the time of")
     assert "the first at 10.000 s of the clip" in said
-    with BagReader(tmp_path / "rec") as reader:
-        shown = [(p.stamp_ns, number_of(p.image)) for p in Frames(reader, IMAGE).pictures()]
+    shown = shown_in(tmp_path / "rec")
     assert [ns - shown[0][0] for ns, _ in shown] == [k * DAY.frame_step_ns for k in range(121)]
     assert [number for _, number in shown] == list(range(121))
 
@@ -72,6 +72,54 @@ def test_above_one_in_a_hundred_leaps_are_refused_unless_they_are_accepted(
     assert "/cam: 2 of 121 stamps leave their usual distance to the time of receipt" in said
     assert "by more than 1 s, the first at 4.900 s of the clip [leaping_stamps]" in said
     assert run(bag, tmp_path / "rec", "--accept", "leaping_stamps") == 0
+
+
+def shown_in(bag: Path) -> list[tuple[int, int]]:
+    """Stamp and number of each picture of a recording."""
+    with BagReader(bag) as reader:
+        return [(p.stamp_ns, number_of(p.image)) for p in Frames(reader, IMAGE).pictures()]
+
+
+@pytest.mark.parametrize("sqlite", [False, True])
+@pytest.mark.parametrize("kind", ["twice", "late", "unordered"])
+def test_a_frame_keeps_the_stamp_of_the_message_that_it_came_in(
+    tmp_path: Path, kind: str, sqlite: bool
+) -> None:
+    messages = DAY.messages()
+    if kind == "twice":
+        messages += [m for m in messages if m[0] == "/cam"][::7]
+    elif kind == "late":
+        messages = [
+            (topic, name, ns + 60_000_000 * (topic == "/cam" and i % 3 == 0), message)
+            for i, (topic, name, ns, message) in enumerate(messages)
+        ]
+    else:
+        np.random.default_rng(3).shuffle(messages)  # type: ignore[arg-type]
+    bag = write_bag(tmp_path / "day", messages, sqlite=sqlite, is_sorted=kind != "unordered")
+    assert run(bag, tmp_path / "rec") == 0
+    stamps_ns = [DAY.zero_ns + k * DAY.frame_step_ns for k in range(121)]
+    assert shown_in(tmp_path / "rec") == list(zip(stamps_ns, range(121), strict=True))
+
+
+def test_messages_that_change_their_places_during_the_import_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
+) -> None:
+    bag = write_bag(tmp_path / "day", DAY.messages())
+    readings = []
+    raw = SourceBag.raw
+
+    def other_order(self: SourceBag, topic: str) -> Iterator[tuple[int, bytes]]:
+        found = list(raw(self, topic))
+        readings.append(topic)
+        if readings.count("/cam") == 2:
+            found[5:7] = found[6:4:-1]
+        return iter(found)
+
+    monkeypatch.setattr(SourceBag, "raw", other_order)
+    said = refused("import-bag", bag, *OPTIONS, "--out", tmp_path / "rec")
+    assert "/cam: message 6 has the stamp 1700000000600000000 ns" in said
+    assert "1700000000500000000" in said
+    assert "let nothing write to the bag" in said
 
 
 def unset_until(end_s: float, begin_s: float = 0.0) -> list[Message]:

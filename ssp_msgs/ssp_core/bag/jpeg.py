@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import re
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import av
@@ -117,16 +120,48 @@ def whole_picture(data: memoryview) -> bytes:
     raise ValueError(f"a JPEG cut off after {len(data)} bytes")
 
 
-# libjpeg fills what is missing of a picture with this grey.
-_MISSING = 128
 _SMALL = cv2.IMREAD_REDUCED_GRAYSCALE_8 | cv2.IMREAD_IGNORE_ORIENTATION
+# What libjpeg says of a picture that it patches up, on standard error.
+_WARNING = re.compile(rb"(?:Corrupt JPEG data|Premature end of JPEG)[^\n]*\n")
+_EXTRA = re.compile(rb"(\d+) extraneous bytes before marker 0xd9")
+# Webcams leave a few bytes behind a whole picture's last block; more of them are blocks too many,
+# unless they are filling.
+_MOST_EXTRA = 8
+
+
+@contextmanager
+def _libjpeg_warnings() -> Iterator[list[bytes]]:
+    """Take what libjpeg writes to standard error; what others write there goes on to it.
+
+    OpenCV hands its warnings on in no other way.
+
+    Raises:
+        OSError: there is no standard error.
+    """
+    found: list[bytes] = []
+    before = os.dup(2)
+    caught = os.memfd_create("libjpeg")
+    try:
+        os.dup2(caught, 2)
+        try:
+            yield found
+        finally:
+            os.dup2(before, 2)
+        if size := os.lseek(caught, 0, os.SEEK_END):
+            written = os.pread(caught, size, 0)
+            found += _WARNING.findall(written)
+            os.write(2, _WARNING.sub(b"", written))
+    finally:
+        os.close(before)
+        os.close(caught)
 
 
 class JpegChecker:
     """A decoder of JPEGs that reports what other decoders patch up.
 
-    OpenCV decodes a JPEG of which a part is missing, with a grey rest, and says nothing. FFmpeg
-    says it, and takes twice the time: it is asked where the last blocks are of that grey.
+    OpenCV decodes a JPEG of which a part is missing or damaged, and libjpeg, which it uses, says
+    so. Of a progressive one in which a scan is missing it says nothing: FFmpeg does, and takes
+    twice the time.
     """
 
     def __init__(self) -> None:
@@ -150,18 +185,25 @@ class JpegChecker:
         view = memoryview(data)
         is_progressive, scan = _scan(view)
         # In the scan itself these bytes can't stand.
-        if data.rfind(JPEG_END, scan) < 0:
+        end = data.rfind(JPEG_END, scan)
+        if end < 0:
             raise ValueError(f"a JPEG cut off after {len(data)} bytes")
+        is_heard = True
+        warnings: list[bytes] = []
         try:
-            picture = cv2.imdecode(np.frombuffer(data, np.uint8), _SMALL)
-        except cv2.error:
-            picture = None
-        # A progressive one lacks detail, and not its last block, where a scan is missing.
-        if picture is None or is_progressive or (picture[-1, -2:] == _MISSING).all():
+            with _libjpeg_warnings() as warnings:
+                picture = _decoded(data)
+        except OSError:
+            is_heard, picture = False, _decoded(data)
+        damage = [w for w in warnings if not _is_left_over(w, data, scan)]
+        if damage:
+            said = damage[0].decode(errors="replace").strip()
+            raise ValueError(f"a JPEG of which a part is missing or damaged ({said})")
+        if picture is None or is_progressive or not is_heard:
             self._strict(data, is_known=picture is not None)
         if picture is None:
             raise ValueError(f"a JPEG of {len(data)} bytes that can't be decoded")
-        return np.asarray(picture, np.uint8)
+        return picture
 
     def _strict(self, data: bytes, *, is_known: bool) -> None:
         """Decode a JPEG by a decoder that reports errors.
@@ -194,6 +236,24 @@ class JpegChecker:
         if not frames:
             raise ValueError(f"a JPEG of {len(data)} bytes that can't be decoded")
         return np.asarray(frames[0].to_ndarray(format="bgr24"), np.uint8)
+
+
+def _decoded(data: bytes) -> NDArray[np.uint8] | None:
+    """Decode a JPEG to grey at an eighth of its size, as far as it goes."""
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), _SMALL)
+    except cv2.error:
+        return None
+    return None if picture is None else np.asarray(picture, np.uint8)
+
+
+def _is_left_over(warning: bytes, data: bytes, scan: int) -> bool:
+    """Whether a warning is of bytes that a camera leaves between a whole picture and its end."""
+    extra = _EXTRA.search(warning)
+    if extra is None:
+        return False
+    count, end = int(extra[1]), data.find(JPEG_END, scan)
+    return count <= _MOST_EXTRA or not data[max(scan, end - count) : end].strip(b"\0\xff")
 
 
 def _scan(data: memoryview) -> tuple[bool, int]:

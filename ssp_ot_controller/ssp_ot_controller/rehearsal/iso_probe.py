@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ssp_core import console
+from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.geodesy import Datum, Place
@@ -78,7 +79,7 @@ def parse_address(text: str) -> tuple[str, int]:
 def parse_numbers(text: str, count: int, field: str, remedy: str) -> list[float]:
     """Numbers with commas between them. Raises InputError for anything else."""
     try:
-        numbers = [float(part) for part in text.split(",")]
+        numbers = [decimal(part) for part in text.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(abs(number) < 1e9 for number in numbers):

@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.run_file.values import Point
@@ -87,7 +88,7 @@ def _shape(lane: Element) -> tuple[Point, ...]:
     found = []
     for word in words:
         try:
-            x, y = (float(part) for part in word.split(",")[:2])
+            x, y = (decimal(part) for part in word.split(",")[:2])
         except ValueError:
             raise BadElement(lane, f"has no point in {word[:40]!r}", "shape", "x,y") from None
         if not (math.isfinite(x) and math.isfinite(y) and max(abs(x), abs(y)) <= FARTHEST_M):

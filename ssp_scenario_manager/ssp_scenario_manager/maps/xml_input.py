@@ -13,6 +13,7 @@ from xml.parsers.expat import errors as expat_errors
 import defusedxml.ElementTree as safe_xml
 from defusedxml.common import DefusedXmlException
 
+from ssp_core.decimals import decimal, whole_number
 from ssp_core.errors import InputError
 
 # The largest real maps have some 100 MB.
@@ -282,9 +283,11 @@ def number(
             raise BadElement(element, f"has no attribute {attribute!r}")
         return default
     try:
-        found = float(value)
+        found = decimal(value)
     except ValueError:
-        raise BadElement(element, "is not a number", attribute) from None
+        named = value.strip().lower().lstrip("+-") in ("inf", "infinity", "nan")
+        problem = "is not finite" if named else "is not a number"
+        raise BadElement(element, problem, attribute, "give a number" if named else "") from None
     if not math.isfinite(found):
         raise BadElement(element, "is not finite", attribute, "give a number")
     if not low <= found <= high:
@@ -302,7 +305,7 @@ def whole(element: Element, attribute: str, *, most: int = 1000) -> int:
     """
     value = text(element, attribute)
     try:
-        found = int(value)
+        found = whole_number(value)
     except ValueError:
         raise BadElement(element, "is not a whole number", attribute) from None
     if abs(found) > most:

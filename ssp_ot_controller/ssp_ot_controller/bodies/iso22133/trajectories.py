@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
+from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 from ssp_core.files import read_text
 from ssp_core.geodesy import Datum
@@ -147,7 +148,7 @@ def read_trajectory(path: str | Path) -> Traj:
     points = []
     for number, line in enumerate(lines, start=2):
         try:
-            row = [float(text) for text in line.split(",")]
+            row = [decimal(text) for text in line.split(",")]
         except ValueError:
             row = []
         if len(row) != len(names) or not all(map(math.isfinite, row)):
