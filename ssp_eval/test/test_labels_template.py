@@ -517,8 +517,7 @@ def test_the_risk_time_is_reviewed_too(
 ) -> None:
     assert review(proposal, "e", "soon", "e", "nan", "e", "4.1 s", "seen earlier") == 1
     text = text_of(capsys)
-    assert "type a clip time" in text
-    assert "should be a finite number" in text
+    assert text.count("type a clip time") == 2
     assert load_labels(proposal).risk_time_s == 4.1
 
 

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from ssp_core.geometry import Box, Pose2
 from ssp_core.motion.state import Size
 from ssp_core.safety.fence import (
+    _is_inside,
+    _is_inside_few,
     box_excess_m,
     moved_excess_m,
     room_m,
@@ -167,3 +169,36 @@ def test_the_room_of_a_way_is_that_of_its_nearest_point() -> None:
             assert room <= 0.0
     assert way_room_m((20.0, 20.0), (20.0, 20.0), NOTCHED) == room_m(20.0, 20.0, NOTCHED)
     assert not way_room_m((20.0, 20.0), (20.0, math.nan), NOTCHED) > 0.0
+
+
+# -- long fences ----------------------------------------------------------------------------------
+
+
+def ring(corners: int) -> list[tuple[float, float]]:
+    """A bay with a jagged shore."""
+    turns = [2.0 * math.pi * k / corners for k in range(corners)]
+    return [
+        ((100.0 + 4.0 * math.sin(31.0 * at)) * math.cos(at), 60.0 * math.sin(at)) for at in turns
+    ]
+
+
+@given(
+    st.floats(-110.0, 110.0), st.floats(-65.0, 65.0), st.floats(-7.0, 7.0),
+    st.sampled_from([40, 512, 2000]),
+)  # fmt: skip
+@settings(max_examples=150, deadline=None)
+def test_a_long_fence_is_judged_as_edge_by_edge(
+    x_m: float, y_m: float, yaw_rad: float, corners: int
+) -> None:
+    fence, at = ring(corners), box(x_m, y_m, yaw_rad)
+    assert _is_inside(at, fence) == _is_inside_few(at, fence)
+    assert _is_inside(at, tuple(fence)) == _is_inside_few(at, fence)
+
+
+def test_a_long_fence_that_changes_in_its_place_is_judged_anew() -> None:
+    fence = ring(600)
+    assert box_excess_m(box(0.0, 0.0), fence) == 0.0
+    fence[:] = [(x + 500.0, y) for x, y in fence]
+    assert box_excess_m(box(0.0, 0.0), fence) > 300.0
+    fence[0:300] = fence[300:600]
+    assert box_excess_m(box(math.nan, 0.0), fence) == math.inf

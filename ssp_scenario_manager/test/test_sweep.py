@@ -11,7 +11,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.run.sweep import (
     Sweep,
     Variation,
-    grid,
+    combinations,
     parse_variation,
     values_of,
     with_values,
@@ -45,6 +45,7 @@ def test_forms(text: str, variation: Variation) -> None:
         ("a=1:2:3", "lower and an upper"),
         ("a=1:inf", "lower and an upper"),
         ("a=1,,2", "'' is no number or word"),
+        ("a=1_0:20", "lower and an upper"),
         ("a={b,2}", "'{b' is no number or word"),
         ("a=[1", "'[1' is no number or word"),
     ],
@@ -62,7 +63,7 @@ def test_values_in_turn_make_a_grid_and_ranges_are_drawn() -> None:
         Variation("b", (0.0, 1.0), drawn=True),
         Variation("c", ("x", "y", "z")),
     ]
-    assert len(grid(variations)) == 6
+    assert combinations(variations) == 6
     rows = [values_of(variations, 5, k) for k in range(12)]
     assert [list(row) for row in rows] == [["a", "b", "c"]] * 12
     cells = [(row["a"], row["c"]) for row in rows]
@@ -131,3 +132,25 @@ def test_each_bound_is_a_value_and_no_field_is_named_twice(run: RunSpec) -> None
     twice = Variation("limits.jump_m", (1,)), Variation("limits.jump_m", (1.0, 2.0), drawn=True)
     with pytest.raises(InputError, match="twice"):
         Sweep(run, twice, 1).check()
+
+
+def test_values_are_checked_together_as_they_will_be_run(run: RunSpec) -> None:
+    x_m, y_m = run.vut.start.x_m, run.vut.start.y_m
+    # Each is within the start region, and both together are not.
+    off_m = 0.8 * run.limits.start_region_m
+    starts = (
+        Variation("vut.start.x_m", (x_m, x_m + off_m)),
+        Variation("vut.start.y_m", (y_m, y_m + off_m)),
+    )
+    for one in starts:
+        Sweep(run, (one,), 2).check()
+    Sweep(run, starts, 3).check()
+    with pytest.raises(InputError, match=r"run 3: vut.start: lies .* from its path's first point"):
+        Sweep(run, starts, 4).check()
+
+
+def test_values_that_are_sound_together_alone_are_taken(run: RunSpec) -> None:
+    far_m = 3.0 * run.limits.start_region_m
+    together = Variation("vut.start.x_m", (run.vut.start.x_m + far_m,))
+    path = Variation("vut.approach.path.0.0", (run.vut.start.x_m + far_m,))
+    Sweep(run, (together, path), 1).check()

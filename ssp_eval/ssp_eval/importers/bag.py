@@ -27,6 +27,7 @@ from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.importers.frames import FrameIntake, speeds_of
 from ssp_eval.importers.options import ALL, ImportOptions
 from ssp_eval.importers.ros_bag import (
+    POSE_TYPES,
     TF_STATIC,
     Clock,
     Poses,
@@ -130,27 +131,44 @@ def import_bag(
     options.clip.check_ids(ids)
     findings = Findings(options.clip.accepted)
     with findings.listed(options.bag), SourceBag(options.bag) as bag:
-        bag.check_topic(options.camera, IMAGES)
-        recorded = bag.times(options.camera)
-        shown, leapt = _settled(options, recorded)
-        span = _span(options, shown)
-        poses = {
-            name: read_poses(bag, topic, span, options.datum)
-            for name, (topic, _) in options.objects.items()
-        }
+        for topic, types in _asked(options):
+            with findings.noted("topics"):
+                bag.check_topic(topic, types)
+                if types is not IMAGES:  # whose layout is known
+                    bag.check_definition(topic)
+        findings.need()
+        with findings.noted("crop"):
+            recorded = bag.times(options.camera)
+            shown, leapt = _settled(options, recorded)
+            span = _span(options, shown)
+        findings.need()
+        of_topics = read_poses(
+            bag, dict.fromkeys(topic for topic, _ in options.objects.values()), span,
+            options.datum, findings,
+        )  # fmt: skip
+        findings.need()
+        poses = {name: of_topics[topic] for name, (topic, _) in options.objects.items()}
         for finding in unstated_axes(options.bag, poses, options.axes):
             findings.add(finding)
         poses = {
             name: with_axes(one, options.axes.get(name), options.twist_in_parent.get(name))
             for name, one in poses.items()
         }
-        notes = check_clocks(
-            options.bag, options.clock, [*(p.times for p in poses.values()), span.within(shown)]
-        )
-        _check_frames(options, poses)
-        clip = _clip(options, shown.on(options.clock), poses[VUT_ID], span)
+        notes = list[str]()
+        with findings.noted("clocks"):
+            times = [*(p.times for p in poses.values()), span.within(shown)]
+            notes += check_clocks(options.bag, options.clock, times)
+        with findings.noted("frames"):
+            _check_frames(options, poses)
+        with findings.noted("crop"):
+            clip = _clip(options, shown.on(options.clock), poses[VUT_ID], span)
+        findings.need()
         notes += _leaps(options, clip, leapt, shown.on(options.clock), findings)
-        tracks = [_track(options, name, poses[name], clip, findings) for name in ids]
+        tracks = list[Track]()
+        for name in ids:
+            with findings.noted("states"):
+                tracks.append(_track(options, name, poses[name], clip, findings))
+        findings.need()
         for pose, track in zip(poses.values(), tracks, strict=True):
             notes += [*pose.notes, *_said(options, pose, track), *track.notes]
             notes += _coverage(track, clip)
@@ -170,8 +188,17 @@ def import_bag(
                 notes,
                 findings,
                 advance,
-            ),  # fmt: skip
+            ),
         )
+
+
+def _asked(options: BagOptions) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield the topics that a person asked for, each with the types that it may have."""
+    for topic in dict.fromkeys(topic for topic, _ in options.objects.values()):
+        yield topic, POSE_TYPES
+    yield options.camera, IMAGES
+    if options.camera_info is not None:
+        yield options.camera_info, (INFO_TYPE,)
 
 
 def _wanted(options: BagOptions) -> set[str]:
@@ -186,7 +213,6 @@ def _camera_source(
     """Gather what is said of the camera up to the clip's end."""
     info, static = None, list[Any]()
     if options.camera_info is not None:
-        bag.check_topic(options.camera_info, (INFO_TYPE,))
         info = bag.valid_at(options.camera_info, int(shown.received_ns[min(clip.kept)]))
         if options.mounting is None and bag.types.get(TF_STATIC) == TF_TYPE:
             last_ns = int(shown.received_ns[max(clip.kept)])

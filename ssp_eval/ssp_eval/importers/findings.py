@@ -66,6 +66,13 @@ class Finding:
         return AcceptedFinding(name=self.name, text=str(plain)[:500])
 
 
+@dataclass
+class Part:
+    """One part of an import; True: an error ended it."""
+
+    has_ended: bool = False
+
+
 class Findings:
     """The findings of one import.
 
@@ -77,6 +84,7 @@ class Findings:
         self._names = frozenset(accepted)
         self._refused: list[InputError] = []
         self._accepted: list[AcceptedFinding] = []
+        self._lacks = False
 
     def add(self, finding: Finding) -> None:
         """Note a finding; the import goes on, so that all of them are listed in one go."""
@@ -84,6 +92,29 @@ class Findings:
             self._accepted.append(finding.record)
         else:
             self._refused.append(finding.error)
+
+    @contextmanager
+    def noted(self, name: str) -> Iterator[Part]:
+        """Note an error of one part under a name; the other parts are gone through all the same.
+
+        ``need`` ends the import before what the part was to give is used.
+        """
+        part = Part()
+        try:
+            yield part
+        except InputError as error:
+            part.has_ended = self._lacks = True
+            self._refused.append(
+                InputError(
+                    f"{error.problem} [{name}]", file=error.file, line=error.line,
+                    field=error.field, value=error.value, remedy=error.remedy,
+                )
+            )  # fmt: skip
+
+    def need(self) -> None:
+        """Raise InputError where a part ended; within ``listed``."""
+        if self._lacks:
+            self.check()
 
     @property
     def accepted(self) -> list[AcceptedFinding]:

@@ -29,6 +29,7 @@ from ssp_core.files import Closing, read_mapping
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import yaw_of
 from ssp_core.hashing import sha256_file, sha256_json
+from ssp_eval.importers.findings import Findings
 from ssp_eval.importers.tracks import Samples, Source
 
 Clock = Literal["header", "receive"]
@@ -170,8 +171,8 @@ class _Storage(Protocol):
 
     types: dict[str, str]
 
-    def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """Yield time of receipt in ns and serialised message, in the order of receipt."""
+    def raw(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Yield topic, time of receipt in ns and serialised message, in the order of receipt."""
         ...
 
     def store(self, topic: str) -> Typestore:
@@ -188,9 +189,9 @@ class _Plain:
         self._reader = stack.enter_context(reader)
         self.types = {topic: info.msgtype for topic, info in self._reader.topics.items()}
 
-    def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        for message in self._reader.messages([topic]):
-            yield message.log_time_ns, message.data
+    def raw(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        for message in self._reader.messages(list(topics)):
+            yield message.topic, message.log_time_ns, message.data
 
     def store(self, topic: str) -> Typestore:
         return self._reader.store(topic)
@@ -207,10 +208,10 @@ class _Compressed:
         self._reader = stack.enter_context(Reader(path))
         self.types = {c.topic: c.msgtype for c in self._reader.connections}
 
-    def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        wanted = [c for c in self._reader.connections if c.topic == topic]
-        for _, received_ns, data in self._reader.messages(wanted) if wanted else ():
-            yield received_ns, bytes(data)
+    def raw(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        wanted = [c for c in self._reader.connections if c.topic in topics]
+        for connection, received_ns, data in self._reader.messages(wanted) if wanted else ():
+            yield connection.topic, received_ns, bytes(data)
 
     def store(self, topic: str) -> Typestore:
         for one in self._reader.connections:
@@ -310,8 +311,13 @@ class SourceBag(Closing):
 
     def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """Yield time of receipt in ns and serialised message, in the order of receipt."""
-        with self._failures(topic):
-            yield from self._storage.raw(topic)
+        for _, received_ns, data in self.raw_of([topic]):
+            yield received_ns, data
+
+    def raw_of(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Yield topic, time of receipt in ns and serialised message, in the order of receipt."""
+        with self._failures(", ".join(topics)):
+            yield from self._storage.raw(topics)
 
     def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
         """Yield time of receipt in ns and message, in the order of receipt.
@@ -429,75 +435,120 @@ class Poses:
     notes: tuple[str, ...]
 
 
-def read_poses(bag: SourceBag, topic: str, span: Span, datum: Datum | None) -> Poses:
-    """The poses that a topic holds in a crop, along the axes of the source (see axes.with_axes).
+def read_poses(
+    bag: SourceBag, topics: Collection[str], span: Span, datum: Datum | None, findings: Findings
+) -> dict[str, Poses]:
+    """Read the poses that topics hold in a crop, along the axes of the source (see with_axes).
 
-    Raises:
-        InputError: no topic of poses, none in the crop, frames that change, or an orientation that
-            is none.
+    The bag is gone through once. Geodetic positions without a datum, none in the crop, frames that
+    change, and an orientation that is none are found in each topic by itself.
+
+    Returns:
+        Poses by topic.
     """
-    kind = bag.check_topic(topic, POSE_TYPES)
-    if kind == FIX and datum is None:
-        raise InputError(
-            "holds geodetic positions", file=bag.path, field=topic, value=kind,
-            remedy="give the origin of the map's frame with --datum LAT,LON[,ALT]",
-        )  # fmt: skip
-    bag.check_definition(topic)
-    times, outside, rows = array("q"), array("q"), array("d")
-    frames: set[tuple[str, str]] = set()
-    read = _READERS[kind]
-    for count, (received_ns, data) in enumerate(bag.raw(topic), 1):
-        stamp = bag.stamp_ns(topic, received_ns, data)
-        at_ns = stamp if span.clock == "header" else received_ns
-        if not span.holds(stamp, received_ns):
-            outside.append(at_ns)
-            continue
-        message = bag.decode(topic, received_ns, data)
-        times.extend((stamp, received_ns))
-        frames.add((str(message.header.frame_id), str(getattr(message, "child_frame_id", ""))))
-        try:
-            rows.extend(read(message))
-        except ValueError as error:
+    readings: dict[str, _PoseReading] = {}
+    for topic in topics:
+        with findings.noted("poses"):
+            readings[topic] = _PoseReading(bag, topic, span, datum)
+    with findings.noted("poses"):
+        for topic, received_ns, data in bag.raw_of(list(readings)):
+            if topic in readings:
+                with findings.noted("poses") as part:
+                    readings[topic].take(received_ns, data)
+                if part.has_ended:
+                    del readings[topic]
+    found: dict[str, Poses] = {}
+    for topic, reading in readings.items():
+        with findings.noted("poses"):
+            found[topic] = reading.poses()
+    return found
+
+
+class _PoseReading:
+    """The poses of one topic, as they are read."""
+
+    def __init__(self, bag: SourceBag, topic: str, span: Span, datum: Datum | None) -> None:
+        self._bag, self._topic, self._span, self._datum = bag, topic, span, datum
+        self._kind = bag.types[topic]
+        if self._kind == FIX and datum is None:
             raise InputError(
-                f"message {count}: {error}, {ns_to_seconds(at_ns - span.zero_ns):.3f} s after the "
-                "first frame",
-                file=bag.path, field=topic,
+                "holds geodetic positions", file=bag.path, field=topic, value=self._kind,
+                remedy="give the origin of the map's frame with --datum LAT,LON[,ALT]",
+            )  # fmt: skip
+        self._times, self._outside_ns, self._rows = array("q"), array("q"), array("d")
+        self._frames: set[tuple[str, str]] = set()
+        self._count = 0
+
+    def take(self, received_ns: int, data: bytes) -> None:
+        """Take the next message; one outside of the crop isn't decoded."""
+        self._count += 1
+        stamp = self._bag.stamp_ns(self._topic, received_ns, data)
+        at_ns = stamp if self._span.clock == "header" else received_ns
+        if not self._span.holds(stamp, received_ns):
+            self._outside_ns.append(at_ns)
+            return
+        message = self._bag.decode(self._topic, received_ns, data)
+        self._times.extend((stamp, received_ns))
+        child = str(getattr(message, "child_frame_id", ""))
+        self._frames.add((str(message.header.frame_id), child))
+        try:
+            self._rows.extend(_READERS[self._kind](message))
+        except ValueError as error:
+            after_s = ns_to_seconds(at_ns - self._span.zero_ns)
+            raise InputError(
+                f"message {self._count}: {error}, {after_s:.3f} s after the first frame",
+                file=self._bag.path, field=self._topic,
                 remedy="leave the span out with --start and --end, or name another topic",
             ) from error  # fmt: skip
-    if not rows and not outside:
-        raise InputError("holds no message", file=bag.path, field=topic,
-                         remedy="name a topic with messages")  # fmt: skip
-    if not rows:
-        first_s, last_s = (ns_to_seconds(ns - span.zero_ns) for ns in (min(outside), max(outside)))
-        raise InputError(
-            f"has poses from {first_s:.3f} to {last_s:.3f} s after the first frame, none within "
-            "the clip",
-            file=bag.path, field=topic,
-            remedy="frames and poses must be of one time; check the clocks, or use --clock receive",
-        )  # fmt: skip
-    if len(frames) > 1:
-        shown = ", ".join(sorted(f"{a or '(none)'} of {b or '(none)'}" for a, b in frames)[:4])
-        raise InputError(f"changes its frames: {shown}", file=bag.path, field=topic,
-                         remedy="one topic must be one object in one frame")  # fmt: skip
-    frame_id, child = frames.pop()
-    base = Times(topic, *_columns(times, 2, np.int64))
-    names = _COLUMNS[kind]
-    columns = dict(zip(names, _columns(rows, len(names), np.float64), strict=True))
-    notes = []
-    if kind == FIX and datum is not None:
-        columns["x_m"], columns["y_m"], _ = datum.all_to_site(
-            columns.pop("latitude"),
-            columns.pop("longitude"),
-            np.nan_to_num(columns.pop("altitude")),
-        )
-        frame_id, child = DATUM_FRAME, frame_id
-        notes.append(f"{topic}: geodetic, in the frame of the datum")
-    on_clock = base.on(span.clock)
-    samples = Samples(on_clock, columns, Source(bag.path, topic))
-    ends_ns = [int(on_clock.min()), int(on_clock.max())]
-    if outside:
-        ends_ns += [min(outside), max(outside)]
-    return Poses(samples, base, (min(ends_ns), max(ends_ns)), frame_id, child, tuple(notes))
+
+    def poses(self) -> Poses:
+        """Give what was read.
+
+        Raises:
+            InputError: nothing in the crop, or frames that change.
+        """
+        self._check_some()
+        frame_id, child = self._frames.pop()
+        base = Times(self._topic, *_columns(self._times, 2, np.int64))
+        names = _COLUMNS[self._kind]
+        values = _columns(self._rows, len(names), np.float64)
+        columns = dict(zip(names, values, strict=True))
+        notes = []
+        if self._kind == FIX and self._datum is not None:
+            columns["x_m"], columns["y_m"], _ = self._datum.all_to_site(
+                columns.pop("latitude"),
+                columns.pop("longitude"),
+                np.nan_to_num(columns.pop("altitude")),
+            )
+            frame_id, child = DATUM_FRAME, frame_id
+            notes.append(f"{self._topic}: geodetic, in the frame of the datum")
+        on_clock = base.on(self._span.clock)
+        samples = Samples(on_clock, columns, Source(self._bag.path, self._topic))
+        ends_ns = [int(on_clock.min()), int(on_clock.max())]
+        if self._outside_ns:
+            ends_ns += [min(self._outside_ns), max(self._outside_ns)]
+        return Poses(samples, base, (min(ends_ns), max(ends_ns)), frame_id, child, tuple(notes))
+
+    def _check_some(self) -> None:
+        path, topic = self._bag.path, self._topic
+        if not self._count:
+            raise InputError("holds no message", file=path, field=topic,
+                             remedy="name a topic with messages")  # fmt: skip
+        if not self._times:
+            outside_ns, zero_ns = self._outside_ns, self._span.zero_ns
+            first_s, last_s = (ns_to_seconds(f(outside_ns) - zero_ns) for f in (min, max))
+            raise InputError(
+                f"has poses from {first_s:.3f} to {last_s:.3f} s after the first frame, none "
+                "within the clip",
+                file=path, field=topic,
+                remedy="frames and poses must be of one time; check the clocks, or use --clock "
+                "receive",
+            )  # fmt: skip
+        if len(self._frames) > 1:
+            shown = ", ".join(sorted(f"{a or '(none)'} of {b or '(none)'}"
+                                     for a, b in self._frames)[:4])  # fmt: skip
+            raise InputError(f"changes its frames: {shown}", file=path, field=topic,
+                             remedy="one topic must be one object in one frame")  # fmt: skip
 
 
 def _columns(rows: array[Any], count: int, kind: type[Number]) -> list[NDArray[Number]]:

@@ -111,7 +111,10 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
         every = _keep_every(video, options)
         sound = _sound(options, findings)
         kept = _kept(video, options, every, sound)
-        table = None if options.table is None else read_table(options.table.file)
+        table = None
+        with findings.noted("table"):
+            table = None if options.table is None else read_table(options.table.file)
+        findings.need()
         return make_bag(
             options.clip.out,
             lambda writer: _write(

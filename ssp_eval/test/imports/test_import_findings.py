@@ -86,3 +86,33 @@ def test_what_is_accepted_is_said_by_the_import_and_by_later_pages(
     assert "accepted at import, cut_pictures: /cam: 10 of 101 JPEGs" in capsys.readouterr().out
     main(["audit", *map(str, bags.values()), "--event", "cut_in", "--out", str(tmp_path / "audit")])
     assert "accepted at import: cut_pictures: /cam: 10 of 101 JPEGs" in capsys.readouterr().err
+
+
+def test_all_topics_that_a_person_names_wrongly_are_listed_at_once(
+    cut_bag: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    wrong = ("--vut", "/vut/odo", "--object", "ot1=/cam:car", "--camera", "/ot1/odom")
+    text = refused(
+        "import-bag", cut_bag, *wrong, "--camera-info", "/info", "--domain", "physical",
+        "--out", tmp_path / "rec",
+    )  # fmt: skip
+    assert "has 4 errors" in text
+    assert "/vut/odo: is no topic of this bag [topics]; of these types it has" in text
+    assert "/cam: has messages of another type [topics]" in text
+    assert "/ot1/odom: has messages of another type [topics]" in text
+    assert "/info: is no topic of this bag [topics]" in text
+
+
+def test_what_is_wrong_in_each_objects_poses_is_listed_at_once(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    messages = day.messages()
+    for message in (m for topic, *_, m in messages if topic == "/vut/odom"):
+        message.pose.pose.orientation.w = message.pose.pose.orientation.z = 0.0
+    for k, message in enumerate(m for topic, *_, m in messages if topic == "/ot1/odom"):
+        message.header.frame_id = "map" if k % 2 else "odom"
+    bag = write_bag(tmp_path / "bag", messages)
+    text = refused("import-bag", bag, *OBJECTS, "--domain", "physical", "--out", tmp_path / "rec")
+    assert "has 2 errors" in text
+    assert "/vut/odom: message 1: " in text
+    assert "/ot1/odom: changes its frames: map of base_link, odom of base_link [poses]" in text

@@ -30,6 +30,8 @@ _ROUNDING_M = 1e-9
 # A way that turns by more is taken in parts, in which corners of the fence move nearly straight in
 # the frame of the box: to 2 mm.
 _TURN_RAD = 0.02
+# From so many corners on arrays are quicker for a single box.
+_MANY_CORNERS = 512
 
 
 def _to_outline_m(x_m: FloatArray, y_m: FloatArray, polygon: Sequence[Point]) -> FloatArray:
@@ -141,8 +143,58 @@ def moved_excess_m(before: Pose2, box: Box, fence: Sequence[Point]) -> float:
     return float(way_excess_m(x, y, yaw, size, fence)[1])
 
 
+# Long fences as arrays, by the place of each in memory, with what stood there.
+_SEEN: dict[int, tuple[Sequence[Point], FloatArray]] = {}
+_MOST_SEEN = 8
+
+
+def _corners(fence: Sequence[Point]) -> FloatArray:
+    """A fence as an array, shape (n, 2), which is made once as long as the fence stays the same."""
+    seen = _SEEN.get(id(fence))
+    # The comparison is quick: corners that stayed are the same objects.
+    if seen is None or seen[0] != fence:
+        if len(_SEEN) >= _MOST_SEEN:
+            _SEEN.clear()
+        seen = fence[:], np.array(fence, dtype=np.float64)
+        _SEEN[id(fence)] = seen
+    return seen[1]
+
+
 def _is_inside(box: Box, fence: Sequence[Point]) -> bool:
-    """Tell whether a box is inside, edge by edge: for one box that is quicker than with arrays."""
+    """Tell whether a box is inside; both ways do the same arithmetic."""
+    if len(fence) >= _MANY_CORNERS:
+        return _is_inside_many(box, _corners(fence))
+    return _is_inside_few(box, fence)
+
+
+def _is_inside_many(box: Box, corners: FloatArray) -> bool:
+    """Tell what ``_is_inside_few`` tells, with arrays.
+
+    Args:
+        corners: of the fence, shape (n, 2).
+    """
+    pose = box.pose
+    if not math.isfinite(pose.x_m + pose.y_m + pose.yaw_rad):
+        return False
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    half_x, half_y = 0.5 * (box.front_m + box.rear_m), 0.5 * box.width_m
+    ahead_m = 0.5 * (box.front_m - box.rear_m)
+    dx, dy = corners[:, 0] - (pose.x_m + c * ahead_m), corners[:, 1] - (pose.y_m + s * ahead_m)
+    xb, yb = c * dx + s * dy, c * dy - s * dx
+    xa, ya = np.roll(xb, 1), np.roll(yb, 1)
+    beyond = (np.minimum(xa, xb) >= half_x) | (np.maximum(xa, xb) <= -half_x)
+    beyond |= (np.minimum(ya, yb) >= half_y) | (np.maximum(ya, yb) <= -half_y)
+    for i in np.flatnonzero(~beyond).tolist():
+        edge = float(xa[i]), float(ya[i]), float(xb[i]), float(yb[i])
+        if _enters(*edge, half_x - _ROUNDING_M, half_y - _ROUNDING_M):
+            return False
+    over = np.flatnonzero((ya > 0.0) != (yb > 0.0))
+    xa, ya, xb, yb = xa[over], ya[over], xb[over], yb[over]
+    return bool(np.count_nonzero(xa + ya * (xb - xa) / (ya - yb) > 0.0) % 2)
+
+
+def _is_inside_few(box: Box, fence: Sequence[Point]) -> bool:
+    """Tell whether a box is inside, edge by edge: with few edges quicker than with arrays."""
     pose = box.pose
     if not math.isfinite(pose.x_m + pose.y_m + pose.yaw_rad):
         return False

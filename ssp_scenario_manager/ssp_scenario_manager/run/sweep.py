@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import itertools
 import json
 import math
 import multiprocessing
@@ -26,6 +25,7 @@ import numpy as np
 
 from ssp_core import console
 from ssp_core.clock import ns_to_seconds
+from ssp_core.decimals import decimal, whole_number
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import parse_model, taken_folder, write_json, write_text
 from ssp_core.run_file.model import RunSpec, load_run
@@ -86,7 +86,7 @@ def parse_variation(text: str) -> Variation:
     if ":" not in values:
         return Variation(field, tuple(_scalar(part, text) for part in values.split(",")))
     with suppress(ValueError):
-        low, high = map(float, values.split(":"))
+        low, high = map(decimal, values.split(":"))
         if low < high and math.isfinite(high - low):
             return Variation(field, (low, high), drawn=True)
     raise InputError(
@@ -99,7 +99,7 @@ def _scalar(part: str, text: str) -> Any:
     word = part.strip()
     if word in _WORDS:
         return _WORDS[word]
-    for kind in (int, float):
+    for kind in (whole_number, decimal):
         with suppress(ValueError):
             return kind(word)
     if not re.fullmatch(r"[\w.+/-]+", word):
@@ -109,24 +109,25 @@ def _scalar(part: str, text: str) -> Any:
     return word
 
 
-def grid(variations: Sequence[Variation]) -> list[dict[str, Any]]:
-    """Every combination of the values that are taken in turn; the last one changes fastest."""
-    in_turn = [v for v in variations if not v.drawn]
-    return [
-        {v.field: value for v, value in zip(in_turn, values, strict=True)}
-        for values in itertools.product(*(v.values for v in in_turn))
-    ]
+def combinations(variations: Sequence[Variation]) -> int:
+    """How many combinations there are of the values that are taken in turn."""
+    return math.prod(len(v.values) for v in variations if not v.drawn)
 
 
 def values_of(variations: Sequence[Variation], seed: int, run: int) -> dict[str, Any]:
     """Return the value that one run has for each varied field, in the order in which they were
     given.
 
+    Of values that are taken in turn the last field's change fastest.
+
     Args:
         run: number of the run, from 0.
     """
-    cells = grid(variations)
-    cell = cells[run % len(cells)]
+    cell, at = dict[str, Any](), run
+    for v in reversed(variations):
+        if not v.drawn:
+            at, place = divmod(at, len(v.values))
+            cell[v.field] = v.values[place]
     return {v.field: v.draw(seed, run) if v.drawn else cell[v.field] for v in variations}
 
 
@@ -209,10 +210,11 @@ class Sweep:
         return [str(run), str(self.spec.seed + run), *map(str, self.values(run).values())]
 
     def check(self) -> None:
-        """Refuses what can't be varied, before the first run.
+        """Refuse what can't be varied, and each run that can't be made, before the first run.
 
         Raises:
-            InputError: as ``with_values``, or a field that is given twice or belongs to the sweep.
+            InputError: as ``with_values``; a field that is given twice or belongs to the sweep; a
+                start or a path that lies off its route.
         """
         fields = [v.field for v in self.variations]
         for variation in self.variations:
@@ -227,16 +229,21 @@ class Sweep:
                     field=OPTION,
                     value=field,
                 )
-            for value in variation.values:
-                varied = with_values(self.spec, {field: value}, self.spec.seed)
-                for problem in off_route(varied):
-                    raise InputError(
-                        problem,
-                        field=OPTION,
-                        value=f"{field}={value}",
-                        remedy="angles are rad; change starts and paths together, and compile for "
-                        "another place",
-                    )
+            if variation.drawn:
+                for bound in variation.values:
+                    with_values(self.spec, {field: bound}, self.spec.seed)
+        # Values that are sound by themselves may not be so together, nor the other way round.
+        for run in range(self.runs):
+            values = self.values(run)
+            for problem in off_route(with_values(self.spec, values, self.spec.seed + run)):
+                shown = ", ".join(f"{field}={value}" for field, value in values.items())
+                raise InputError(
+                    f"run {run}: {problem}",
+                    field=OPTION,
+                    value=shown,
+                    remedy="angles are rad; change starts and paths together, and compile for "
+                    "another place",
+                )
 
 
 def is_sweep(folder: Path) -> bool:
@@ -437,7 +444,7 @@ def run_many(
             value=", ".join(vary),
             remedy="say with --runs how many are drawn",
         )
-    sweep = Sweep(spec, variations, runs if runs is not None else len(grid(variations)))
+    sweep = Sweep(spec, variations, runs if runs is not None else combinations(variations))
     sweep.check()
     for variation in variations:
         shown = " to " if variation.drawn else ", "
