@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Camera, Look
-from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.road import Lane, PartialCrossing, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.camera import shown_box, view_from
@@ -269,6 +269,26 @@ def test_every_zebra_crossing_of_a_road_is_painted() -> None:
     assert (found[split:] == near[split:]).all()
     assert (far[:split] != without[:split]).any()
     assert (near[split:] != without[split:]).any()
+
+
+def test_a_zebra_over_some_lanes_is_painted_on_these() -> None:
+    """Right of the middle of the road here: nothing changes to the left of it."""
+    middle = (ROAD.left_edge_m + ROAD.right_edge_m) / 2
+    zebra = PartialCrossing(x_m=24.0, right_m=ROAD.right_edge_m, left_m=middle)
+    without, whole, part = (
+        picture(road=ROAD.model_copy(update=update))
+        for update in (
+            {"crossing_x_m": None},
+            {"crossing_x_m": 24.0},
+            {"crossing_x_m": None, "partial_crossings": [zebra]},
+        )
+    )
+    changed = (part != without).any(axis=2)
+    of_whole = (whole != without).any(axis=2)
+    assert changed.any()
+    assert np.flatnonzero(changed.any(axis=0)).min() > np.flatnonzero(of_whole.any(axis=0)).min()
+    bars = changed & of_whole
+    assert 0.2 < bars.sum() / of_whole.sum() < 0.8
 
 
 def test_fog_hides_what_is_far() -> None:

@@ -138,12 +138,20 @@ def test_a_road_keeps_its_markings_whatever_the_event() -> None:
 
 def test_the_marking_of_the_event_comes_first() -> None:
     """Parts of a road are crossed by others too; a zebra over one lane isn't a road's."""
-    marks = (Crossing(60.0), Crossing(150.0), Crossing(190.0), Crossing(300.0, whole=False))
+    marks = (
+        Crossing(60.0),
+        Crossing(150.0),
+        Crossing(190.0),
+        Crossing(300.0, 2.0, False, -9.0, 0.5),
+    )
     block = block_of(crossings=marks)
     for event_at_m, first in ((150.0, 150.0), (60.0, 60.0), (None, 190.0)):
         road = road_of(block, event_at_m)
         assert road.crossing_x_m == first
         assert road.crossings_x_m == [60.0, 150.0, 190.0]
+        (partial,) = road.partial_crossings
+        assert partial.x_m == 300.0
+        assert (partial.right_m, partial.left_m) == (road.right_edge_m, 0.5)
     assert road_of(block_of()).crossings_x_m == []
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -101,6 +102,14 @@ class CurvePiece(Strict):
     end_curvature_1pm: Finite = 0.0
 
 
+class PartialCrossing(Strict):
+    """A zebra that covers some of the lanes: a marking, and no crossing of the road."""
+
+    x_m: Finite
+    right_m: Finite
+    left_m: Finite
+
+
 class Road(Strict):
     """The block that the run takes place on, with its transform to map (METHOD 2.4).
 
@@ -117,18 +126,32 @@ class Road(Strict):
     sidewalk_right_m: NonNegative = 0.0
     crossing_x_m: Finite | None = Field(None, description="zebra crossing's centre, block frame")
     further_crossings_x_m: list[Finite] = Field([], description="of other zebra crossings")
+    partial_crossings: list[PartialCrossing] = Field(
+        [], description="zebras over some of the lanes, block frame"
+    )
     speed_limit_mps: Positive = 13.9
     scenery: Scenery = Field([], description="what the map has beside the road, block frame")
 
     @model_serializer(mode="wrap")
     def _without_empty_lists(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(dump(self), scenery=[], further_crossings_x_m=[])
+        return without_defaults(
+            dump(self), scenery=[], further_crossings_x_m=[], partial_crossings=[]
+        )
 
     @property
     def crossings_x_m(self) -> list[float]:
         """Middles of all zebra crossings along the road, block frame."""
         first = [] if self.crossing_x_m is None else [self.crossing_x_m]
         return sorted([*first, *self.further_crossings_x_m])
+
+    @property
+    def zebras_m(self) -> list[tuple[float, float, float]]:
+        """Middle, right and left border of each zebra, in order, block frame.
+
+        The borders of those that cross the whole road are infinite.
+        """
+        whole = [(x_m, -math.inf, math.inf) for x_m in self.crossings_x_m]
+        return sorted([*whole, *((z.x_m, z.right_m, z.left_m) for z in self.partial_crossings)])
 
     @property
     def left_edge_m(self) -> float:

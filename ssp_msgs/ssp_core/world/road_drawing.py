@@ -198,11 +198,11 @@ def _dividers(lanes: Sequence[Lane]) -> list[tuple[float, bool]]:
 
 def _crossings(road: Road) -> Iterator[tuple[Point, ...]]:
     line = ReferenceLine.of_road(road)
-    for middle in road.crossings_x_m:
+    for middle, right_m, left_m in road.zebras_m:
         near, far = middle - _ZEBRA_M / 2, middle + _ZEBRA_M / 2
         with suppress(NotOneToOne):
-            left = line.path(near, far, road.left_edge_m, _DRAWN_ERROR_M)
-            right = line.path(far, near, road.right_edge_m, _DRAWN_ERROR_M)
+            left = line.path(near, far, min(left_m, road.left_edge_m), _DRAWN_ERROR_M)
+            right = line.path(far, near, max(right_m, road.right_edge_m), _DRAWN_ERROR_M)
             yield (*left, *right)
 
 

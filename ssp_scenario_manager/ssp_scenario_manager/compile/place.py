@@ -10,7 +10,7 @@ import ssp_core
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
 from ssp_core.run_file.participants import LaneChange, TrafficSpec, TriggerSpec
-from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.road import Lane, PartialCrossing, Road
 from ssp_core.run_file.values import Start
 from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.compile.area import (
@@ -266,6 +266,11 @@ def road_of(block: Block, event_at_m: float | None = None) -> Road:
         sidewalk_right_m=block.sidewalk_right_m,
         crossing_x_m=marked[0] if marked else None,
         further_crossings_x_m=sorted(marked[1:]),
+        partial_crossings=[
+            PartialCrossing(x_m=x_m, right_m=right_m, left_m=left_m)
+            for x_m, right_m, left_m in block.zebras_m
+            if x_m not in marked
+        ],
         speed_limit_mps=block.speed_limit_mps or Road.model_fields["speed_limit_mps"].default,
         scenery=list(block.scenery),
     )

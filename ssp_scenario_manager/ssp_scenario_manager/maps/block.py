@@ -107,6 +107,16 @@ class Block:
         return tuple(sorted(found, key=lambda s: abs(s - middle)))
 
     @property
+    def zebras_m(self) -> tuple[tuple[float, float, float], ...]:
+        """Arc length, right and left border of each zebra, in order along the block."""
+        low, high = self.right_edge_m, self.left_edge_m
+        found = [
+            (zebra.s_m, max(zebra.right_m, low), min(zebra.left_m, high))
+            for zebra in self.crossings
+        ]
+        return tuple(sorted(found))
+
+    @property
     def length_m(self) -> float:
         return self.line.length_m
 

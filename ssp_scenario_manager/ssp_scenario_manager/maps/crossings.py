@@ -30,11 +30,15 @@ class Crossing:
         s_m: arc length of its middle.
         half_m: half of its length along the road.
         whole: it leads over all driving lanes; else it is a marking, and no crossing of the road.
+        right_m: offset of its right border, where it isn't whole.
+        left_m: offset of its left border, likewise.
     """
 
     s_m: float
     half_m: float = ZEBRA_HALF_M
     whole: bool = True
+    right_m: float = -math.inf
+    left_m: float = math.inf
 
     @property
     def reach_m(self) -> float:
@@ -44,6 +48,10 @@ class Crossing:
     def at(self, s_m: float) -> Crossing:
         """The same zebra with its middle elsewhere."""
         return replace(self, s_m=s_m)
+
+    def reversed(self, length_m: float) -> Crossing:
+        """The same zebra along a road of that length in the other direction."""
+        return replace(self, s_m=length_m - self.s_m, right_m=-self.left_m, left_m=-self.right_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,4 +157,9 @@ def crossings_of(
         if not any(covered):
             continue
         low, high = min(extent[0] for extent in group), max(extent[1] for extent in group)
-        yield Crossing(round((low + high) / 2.0, 6), round((high - low) / 2.0, 6), all(covered))
+        along = round((low + high) / 2.0, 6), round((high - low) / 2.0, 6)
+        if all(covered):
+            yield Crossing(*along)
+        else:
+            right, left = min(extent[2] for extent in group), max(extent[3] for extent in group)
+            yield Crossing(*along, False, round(right, 6), round(left, 6))

@@ -134,7 +134,7 @@ class Way:
             left=self.right,
             along=self.against,
             against=self.along,
-            crossings=tuple(zebra.at(length - zebra.s_m) for zebra in self.crossings[::-1]),
+            crossings=tuple(zebra.reversed(length) for zebra in self.crossings[::-1]),
             scenery=tuple(reversed_item(item, length) for item in self.scenery),
         )
 
@@ -370,7 +370,7 @@ def _block(way: Way, name: str, entrances: tuple[str, ...], exits: tuple[str, ..
     permitted = _permitted(way)
     scenery, notes = _beside(way)
     notes += tuple(
-        f"a zebra at {zebra.s_m:.1f} m covers some of its lanes only and isn't drawn"
+        f"a zebra at {zebra.s_m:.1f} m covers some of its lanes only: a marking, and no crossing"
         for zebra in way.crossings
         if not zebra.whole
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import math
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +125,15 @@ def test_the_crossing_spans_the_carriageway(block_of: Any) -> None:
     middle = number(crossing, "t")
     corners = [number(c, "v") + middle for c in crossing.iterfind("outline/cornerLocal")]
     assert (min(corners), max(corners)) == (block.right_edge_m, block.left_edge_m)
+
+
+def test_a_zebra_over_some_lanes_is_written_with_its_borders(block_of: Any, tmp_path: Path) -> None:
+    half = Crossing(50.0, 2.0, False, -1.75, 5.0)
+    block = replace(block_of(), crossings=(half, Crossing(110.0)))
+    (path := tmp_path / "here.xodr").write_bytes(opendrive_map(block, "here", {}))
+    found = {b.block_id: b for b in load_library(path).blocks}["road 1 forward"]
+    assert found.crossings_s_m == (110.0,)
+    assert found.zebras_m[0] == (50.0, -1.75, 5.0)
 
 
 def test_provenance_and_extent_are_in_the_header(block_of: Any) -> None:

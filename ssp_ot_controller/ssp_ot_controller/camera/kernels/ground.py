@@ -129,14 +129,15 @@ class Ground(NamedTuple):
         sums: shape (2, cells + 1, CHANNELS): running sums, along the road and at its crossing.
         strips: shape (2, cells), int16: number of the strip of equal cells that a cell is in.
         values: shape (2, strips, CHANNELS), what the cells of a strip hold.
-        crossings_x_m: middles of zebra crossings, in order, shape (n,).
+        zebras_m: middles, right and left borders of zebras, in order, shape (n, 3); those that
+            cross the whole road have infinite borders, and stop lines.
         marking: blue, green, red.
     """
 
     sums: Array
     strips: Array
     values: Array
-    crossings_x_m: Array
+    zebras_m: Array
     textured: bool
     marking: Colour
 
@@ -159,7 +160,7 @@ def build_ground(road: Road, palette: Palette, texture: bool) -> Ground:
         sums=np.stack([_running_sums(along), _running_sums(crossing)]),
         strips=strips,
         values=values,
-        crossings_x_m=np.array(road.crossings_x_m, dtype=np.float64),
+        zebras_m=np.array(road.zebras_m, dtype=np.float64).reshape(-1, 3),
         textured=texture,
         marking=palette.marking,
     )
@@ -240,13 +241,13 @@ def _rise(
 
 
 @inlined
-def _nearest_crossing(ground: Ground, x: float) -> float:
-    """The crossing nearest to a place along the road, NaN where the road has none."""
-    crossings = ground.crossings_x_m
-    nearest = math.nan
-    for i in range(crossings.shape[0]):
-        if i == 0 or abs(crossings[i] - x) < abs(nearest - x):
-            nearest = crossings[i]
+def _nearest_zebra(ground: Ground, x: float) -> int:
+    """The zebra nearest to a place along the road, -1 where the road has none."""
+    zebras = ground.zebras_m
+    nearest = -1
+    for i in range(zebras.shape[0]):
+        if i == 0 or abs(zebras[i, 0] - x) < abs(zebras[nearest, 0] - x):
+            nearest = i
     return nearest
 
 
@@ -265,11 +266,17 @@ def _colour(
     blue, green, red, mark, strength, paving = _mean(ground, 0, y, wy)
     if mark > 0.0:
         mark *= _pattern(x, wx, DASH_M, DASH_PERIOD_M)
-    crossing = _nearest_crossing(ground, x)
+    nearest = _nearest_zebra(ground, x)
+    crossing = ground.zebras_m[nearest, 0] if nearest >= 0 else math.nan
     half = ZEBRA_HALF_LENGTH_M
     if abs(x - crossing) < CROSSING_REACH_M + wx / 2:  # false without a crossing: NaN
         b, g, r, bars, forward, backward = _mean(ground, 1, y, wy)
         zone = _band(x, wx, crossing - half - 0.2, crossing + half + 0.2)
+        if ground.zebras_m[nearest, 2] < math.inf:
+            share = _band(y, wy, ground.zebras_m[nearest, 1], ground.zebras_m[nearest, 2])
+            zone *= share
+            bars *= share
+            forward = backward = 0.0
         blue, green, red = (
             blue + zone * (b - blue),
             green + zone * (g - green),
@@ -325,13 +332,13 @@ def _plain_strip(ground: Ground, x: float, y: float, wx: float, wy: float) -> in
         return -1
     if values[0, strip, DASHED] > 0.0 or values[0, strip, PAVING] > 0.0:
         return -1
-    crossings = ground.crossings_x_m
+    zebras = ground.zebras_m
     behind = 0
-    for i in range(crossings.shape[0]):
-        if abs(x - crossings[i]) < CROSSING_REACH_M + wx / 2:
+    for i in range(zebras.shape[0]):
+        if abs(x - zebras[i, 0]) < CROSSING_REACH_M + wx / 2:
             return -1
-        behind += int(x > crossings[i])
-    number: int = (crossings.shape[0] + 1) * int(strip) + behind
+        behind += int(x > zebras[i, 0])
+    number: int = (zebras.shape[0] + 1) * int(strip) + behind
     return number
 
 
@@ -430,7 +437,7 @@ def ground_row(
             place = (s, side, patch, fine)
             step = (s_step, side_step, (patch_end - patch) / BLOCK, (fine_end - fine) / BLOCK)
             part = row[3 * first : 3 * (first + BLOCK)]
-            strip = code // (ground.crossings_x_m.shape[0] + 1)
+            strip = code // (ground.zebras_m.shape[0] + 1)
             _fill_plain(ground.values, strip, noise, place, step, part)
             continue
         for u in range(max(first, 0), min(first + BLOCK, width)):

@@ -139,7 +139,7 @@ class _Roadside:
     def __init__(self, road: Road, bend: Bend | None) -> None:
         self.left = _Side(1.0, road.left_edge_m + max(road.sidewalk_left_m, 1.0))
         self.right = _Side(-1.0, road.right_edge_m - max(road.sidewalk_right_m, 1.0))
-        self._crossings_m = road.crossings_x_m
+        self._crossings_m = [x_m for x_m, _, _ in road.zebras_m]
         self._line, self._bend = block_line(road), bend
         # Nothing of a map is drawn on the lanes.
         clear = Clearance(self._line, [(lane.y_m, lane.width_m) for lane in road.lanes])

@@ -178,12 +178,11 @@ def _geometry(piece: CurvePiece) -> xodr.Line | xodr.Arc | xodr.Spiral:
     return xodr.Arc(k0, length=piece.length_m) if k0 else xodr.Line(piece.length_m)
 
 
-def _crossing(block: Block, number: int, s_m: float) -> ET.Element:
-    """A zebra crossing over the whole carriageway.
+def _crossing(number: int, s_m: float, right: float, left: float) -> ET.Element:
+    """A zebra from its right to its left border.
 
     Made here: scenariogeneration numbers objects over the life of the process.
     """
-    left, right = block.left_edge_m, block.right_edge_m
     middle, half, across = 0.5 * (left + right), 0.5 * _CROSSING_WIDTH_M, 0.5 * (left - right)
     element = ET.Element(
         "object",
@@ -255,10 +254,9 @@ def opendrive_map(block: Block, name: str, provenance: Mapping[str, str]) -> byt
     road, header = root.find("road"), root.find("header")
     if road is None or header is None:
         raise ValueError("scenariogeneration made a map without a road or a header")
-    marked = sorted(block.crossings_s_m)
-    if marked:
+    if block.zebras_m:
         objects = ET.SubElement(road, "objects")
-        objects.extend(_crossing(block, i, s) for i, s in enumerate(marked, 1))
+        objects.extend(_crossing(i, *zebra) for i, zebra in enumerate(block.zebras_m, 1))
     # The standard wants user data last, scenariogeneration puts it first.
     for data in road.findall("userData"):
         road.remove(data)
