@@ -160,6 +160,7 @@ def import_bag(
             notes += check_clocks(options.bag, options.clock, times)
         with findings.noted("frames"):
             _check_frames(options, poses)
+        findings.need()
         with findings.noted("crop"):
             clip = _clip(options, shown.on(options.clock), poses[VUT_ID], span)
         findings.need()
@@ -319,7 +320,7 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses, span: Span) -> _Clip:
             )
     low_ns, high_ns = max(low_ns, first_ns), min(high_ns, last_ns)
     inside = np.flatnonzero((stamps_ns >= low_ns) & (stamps_ns <= high_ns))
-    rising = np.concatenate([[True], np.diff(stamps_ns[inside]) > 0])
+    rising = np.diff(stamps_ns[inside], prepend=np.iinfo(np.int64).min // 2) > 0
     if not rising.all():
         notes.append(f"{int((~rising).sum())} frames that repeat a stamp were left out")
     inside = inside[rising]
@@ -444,9 +445,10 @@ def _write(
         shown = intake.take(stamp_ns, kind, data)
         if shown is not None:
             if not written and intake.describes_lens:
-                camera, more = source_camera.facts(intake.frame_id, intake.size_px, findings)
-                notes += more
-                camera.write(writer, stamp_ns)
+                with findings.noted("camera"):
+                    camera, more = source_camera.facts(intake.frame_id, intake.size_px, findings)
+                    notes += more
+                    camera.write(writer, stamp_ns)
             written += 1
             writer.write(IMAGE, target.image(stamp_ns, shown), stamp_ns, stamp_ns, count)
         advance(1)

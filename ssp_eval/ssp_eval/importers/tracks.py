@@ -389,7 +389,8 @@ def _with_speed(
     yaw, given = samples["yaw_rad"], samples.columns.get("speed_mps")
     way_m = float(np.linalg.norm(np.diff(samples.xy_m, axis=0), axis=1).sum())
     why = "the source has none"
-    if given is not None and way_m > _LEAST_WAY_M and not np.any(given):
+    left = samples.columns.get("left_mps", given)
+    if given is not None and way_m > _LEAST_WAY_M and not (np.any(given) or np.any(left)):
         given, why = None, "those of the source are all zero while its positions move"
     if given is not None:
         return samples, True

@@ -116,3 +116,31 @@ def test_what_is_wrong_in_each_objects_poses_is_listed_at_once(
     assert "has 2 errors" in text
     assert "/vut/odom: message 1: " in text
     assert "/ot1/odom: changes its frames: map of base_link, odom of base_link [poses]" in text
+
+
+@pytest.mark.parametrize("ahead_s", [18, -1_000_000_000])
+def test_poses_on_another_clock_are_named_as_that_alone(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str], ahead_s: int
+) -> None:
+    """GPS's time is 18 s ahead; a device may count from when it was switched on."""
+    messages = day.messages()
+    for message in (m for topic, *_, m in messages if topic == "/vut/odom"):
+        message.header.stamp.sec += ahead_s
+    bag = write_bag(tmp_path / "bag", messages)
+    text = refused("import-bag", bag, *OBJECTS, "--domain", "physical", "--out", tmp_path / "rec")
+    assert "those of /vut/odom, by when both were received: two clocks [clocks]" in text
+    assert "errors" not in text
+
+
+def test_a_twist_across_the_heading_is_no_speed_that_is_missing(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    """Some inertial units have their y axis ahead."""
+    messages = day.messages()
+    for message in (m for topic, *_, m in messages if topic == "/vut/odom"):
+        linear = message.twist.twist.linear
+        linear.x, linear.y = 0.0, linear.x
+    bag = write_bag(tmp_path / "bag", messages)
+    text = refused("import-bag", bag, *OBJECTS, "--domain", "physical", "--out", tmp_path / "rec")
+    assert "/vut/odom: has speeds 0 times those of its positions" in text
+    assert "[speed]" in text
