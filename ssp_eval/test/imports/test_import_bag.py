@@ -301,18 +301,18 @@ WRONG_BAGS: list[tuple[str, Callable[[Message], Message | None], str]] = [
     ("no number", moved(lambda x, y, yaw: (math.nan if x > 70.0 else x, y, yaw)),
      "/ot1/odom: has a x_m that is no number"),
     ("two frames", framed("odom"),
-     "/ot1/odom: its poses are in frame 'odom', the others' in 'map'; say how its frame lies in "
-     "theirs with --transform ot1=X,Y,YAW_DEG"),
+     "/ot1/odom: its poses are in frame 'odom', the others' in 'map' [frames]; say how its frame "
+     "lies in theirs with --transform ot1=X,Y,YAW_DEG"),
     ("no stamps", lambda m: (*m[:3], replace(m[3], header=header(0, m[3].header.frame_id)))
      if m[0] == "/ot1/odom" else m,
-     "/ot1/odom: 501 of 501 messages have the stamp 0; take the times of receipt"),
+     "/ot1/odom: 501 of 501 messages have the stamp 0 [clocks]; take the times of receipt"),
     ("a stamp back", once_back, "/vut/odom: 1 stamps go backwards, the first by 0.480 s"),
     ("two clocks", restamped(lambda t: 2_000_000_000, "/cam"),
      "/cam: its stamps lie 2.000 s after those of /vut/odom, by when both were received"),
     ("a clock that drifts", restamped(lambda t: -t // 50, "/ot1/odom"),
      "/ot1/odom: its stamps drift by 0.134 s against those of /vut/odom"),
     ("no object", lambda m: None if m[0] == "/ot1/odom" else m,
-     "/ot1/odom: is no topic of this bag; of these types it has /vut/odom"),
+     "/ot1/odom: is no topic of this bag [topics]; of these types it has /vut/odom"),
     ("an object that isn't there", lambda m: None
      if m[0] == "/ot1/odom" and m[2] > 1_700_000_000_010_000_000 else m,
      "/ot1/odom: holds 1 samples within the crop"),
@@ -335,10 +335,10 @@ def test_a_bag_that_contradicts_itself_is_refused(
 @pytest.mark.parametrize(
     ("options", "status", "match"),
     [
-        (("--camera", "/nowhere"), 1, "is no topic of this bag; of these types it has /cam"),
+        (("--camera", "/nowhere"), 1, "bag [topics]; of these types it has /cam"),
         (("--camera", "/vut/odom"), 1, "/vut/odom: has messages of another type"),
         (("--camera-info", "/cam"), 1, "/cam: has messages of another type"),
-        (("--start", 11), 1, "/cam: has no frame from 11 s on; its frames span 10.000 s"),
+        (("--start", 11), 1, "/cam: has no frame from 11 s on [crop]; its frames span 10.000 s"),
         (("--rate", 60), 1, "--rate: has 10 frames per second, fewer than 60"),
         (("--site", "nowhere"), 1, "no such site (got 'nowhere')"),
         (("--site", "boulevard", "--block", "side"), 1, "is no block of this map (got 'side')"),

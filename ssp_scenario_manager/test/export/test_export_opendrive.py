@@ -283,7 +283,7 @@ def test_our_own_reader_reads_the_same_block(
 
 
 def test_every_marking_of_a_block_is_written(block_of: Any, tmp_path: Path) -> None:
-    marks = (Crossing(60.0), Crossing(150.0), Crossing(300.0, whole=False))
+    marks = (Crossing(60.0), Crossing(150.0), Crossing(300.0, 2.0, False, -9.0, 0.5))
     path = tmp_path / "map.xodr"
     path.write_bytes(opendrive_map(block_of(crossings=marks), "map", {}))
     found = {b.block_id: b for b in load_library(path).blocks}["road 1 forward"]
