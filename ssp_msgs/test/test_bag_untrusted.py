@@ -37,6 +37,7 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
 from ssp_core.bag import mcap_file, repair
+from ssp_core.bag.chain import record_bytes
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.mcap_file import (
     ANY_RATIO_BYTES,
@@ -48,7 +49,6 @@ from ssp_core.bag.mcap_file import (
     UnpackBudget,
     check_summary,
 )
-from ssp_core.bag.mcap_output import record_bytes
 from ssp_core.bag.metadata import MAX_TEXT, parse_offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover

@@ -7,17 +7,18 @@ from pathlib import Path
 
 import pytest
 
+from ssp_core.bag.verdict import leave_verdict
 from ssp_core.errors import InputError
-from ssp_core.run_file.verdict import RecordedVerdict, read_verdict, write_verdict
+from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
 from ssp_core.vocabulary import Verdict
 
 
 @pytest.mark.parametrize("verdict", Verdict)
 def test_what_was_written_is_read(tmp_path: Path, verdict: Verdict) -> None:
     assert read_verdict(tmp_path) is None
-    write_verdict(tmp_path, verdict, ["one", "two"], "monitor")
+    leave_verdict(tmp_path, verdict, ["one", "two"], "monitor")
     assert read_verdict(tmp_path) == RecordedVerdict(verdict, ("one", "two"))
-    write_verdict(tmp_path, Verdict.VALID, [], "runner")
+    leave_verdict(tmp_path, Verdict.VALID, [], "runner")
     assert read_verdict(tmp_path) == RecordedVerdict(Verdict.VALID, ())
     written = json.loads((tmp_path / "verdict.json").read_text())
     assert (written["schema"], written["told_by"]) == ("ssp.verdict/1", "runner")

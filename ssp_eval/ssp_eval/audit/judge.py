@@ -55,6 +55,7 @@ def disclosures(one: Examined) -> dict[str, str]:
     """Renderer, local speed, tracking error, disturbance, camera, look; and what the log adds."""
     recording, run = one.recording, one.recording.provenance.run
     found: dict[str, str] = {RENDERER: recording.provenance.renderer or NO_RENDERER}
+    found["seal"] = recording.provenance.seal
     if one.crop is not None and one.crop.shortfall:
         found["clip"] = f"{one.crop.shortfall}: the recording holds no more"
     found |= _local_speed(one)

@@ -5,7 +5,7 @@ it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal, TypeVar
@@ -14,6 +14,8 @@ from pydantic import ConfigDict, Field, model_validator
 
 from ssp_core.bag.declaration import DECLARATION_FILE, participation_of
 from ssp_core.bag.reader import BagReader, content_sha256
+from ssp_core.bag.seal import check_unaltered, read_seal
+from ssp_core.bag.verdict import check_verdict
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model
@@ -210,6 +212,8 @@ class Provenance:
         twin: in what it differs from which recording, None unless it is a twin.
         participation: what the participants of a session were, None for an imported video.
         declaration_sha256: hash of declaration.json, None where nobody gave a word.
+        seal: how the bag's seal stands to what is in it, and what can't be checked of the verdict;
+            empty where that was not looked at.
     """
 
     name: str
@@ -231,6 +235,7 @@ class Provenance:
     twin: str | None = None
     participation: Participation | None = None
     declaration_sha256: str | None = None
+    seal: str = ""
 
     @property
     def is_undeclared(self) -> bool:
@@ -316,12 +321,28 @@ def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
     """Read the provenance from the bag's attachments and session states.
 
     Args:
-        digest: content_sha256 of it, for a caller who works it out meanwhile; None: here.
+        digest: content_sha256 of it, for a caller who works it out meanwhile, and who takes the
+            bag's seal as it was audited; None: both are worked out here.
 
     Raises:
-        InputError: it has neither attachment, or one that is not valid.
+        InputError: it has neither attachment, or one that is not valid; it was altered since it
+            was sealed, or its verdict was.
     """
-    digest = content_sha256(bag) if digest is None else digest
+    if digest is None:
+        return replace(_read(bag, content_sha256(bag)), seal=_checked_seal(bag))
+    return _read(bag, digest)
+
+
+def _checked_seal(bag: BagReader) -> str:
+    """What is to be said of a bag's seal."""
+    seal = read_seal(bag)
+    check_unaltered(seal, bag.path)
+    folder = bag.path if bag.path.is_dir() else bag.path.parent
+    unbound = check_verdict(bag, seal, folder)
+    return "; ".join(filter(None, (seal.text, *seal.lineage, unbound)))
+
+
+def _read(bag: BagReader, digest: str) -> Provenance:
     run_data, import_data = bag.attachment(RUN_ATTACHMENT), bag.attachment(IMPORT_ATTACHMENT)
     if run_data is not None:
         return _session(bag, digest, run_data)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.seal import sources_with
 from ssp_core.bag.stamps import LEAP_S, settle_stamps
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE
@@ -461,6 +462,7 @@ def _write(
     notes += [f"camera: {one}" for one in intake.repeats.notes(speeds_of(tracks[0]), clip.first_ns)]
     write_states(writer, {track.body.object_id: track.states for track in tracks})
     digest = source.bag.sha256()
+    writer.add_sources(sources_with(options.bag.resolve().name, digest, source.bag.seal()))
     motion = measured_motion(options.clip.motion, tracks, options.bag.name, digest, notes)
     described: dict[str, object] = {
         "name": options.bag.name,

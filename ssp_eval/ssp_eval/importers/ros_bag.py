@@ -20,6 +20,7 @@ from rosbags.typesys.store import Typestore
 from ssp_core.bag.mcap_file import DAMAGE
 from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY, unlisted_files
 from ssp_core.bag.reader import BagReader, mcap_files
+from ssp_core.bag.seal import Seal, check_unaltered, read_seal
 from ssp_core.bag.sqlite import SUFFIX, open_bag
 from ssp_core.bag.types import TypeDefinition, store_from
 from ssp_core.cdr.messages import leading_stamp_ns
@@ -179,6 +180,10 @@ class _Storage(Protocol):
         """Give the types of a topic; raises InputError where they can't be read."""
         ...
 
+    def seal(self) -> Seal:
+        """Say how the bag's seal stands to what is in it."""
+        ...
+
 
 class _Plain:
     """MCAP files with or without chunks and index, or SQLite files."""
@@ -195,6 +200,9 @@ class _Plain:
 
     def store(self, topic: str) -> Typestore:
         return self._reader.store(topic)
+
+    def seal(self) -> Seal:
+        return read_seal(self._reader)
 
 
 _FORMATS = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.IDL: "ros2idl"}
@@ -223,6 +231,9 @@ class _Compressed:
                 except InputError as error:
                     raise error.in_file(self._path) from None
         raise KeyError(topic)
+
+    def seal(self) -> Seal:
+        return Seal()
 
 
 def _is_compressed(path: Path) -> bool:
@@ -381,6 +392,16 @@ class SourceBag(Closing):
             files = sorted(p for p in self.path.iterdir() if p.suffix in (".mcap", ".db3", ".zstd"))
         found = [sha256_file(file) for file in files]
         return found[0] if len(found) == 1 else sha256_json(found)
+
+    def seal(self) -> Seal:
+        """How the bag's seal stands to what is in it.
+
+        Raises:
+            InputError: it, or a bag of which it was made, isn't what was sealed.
+        """
+        seal = self._storage.seal()
+        check_unaltered(seal, self.path)
+        return seal
 
     def close(self) -> None:
         self._stack.close()

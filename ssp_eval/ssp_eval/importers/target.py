@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core import names
+from ssp_core.bag.chain import Maker
 from ssp_core.bag.images import Bgr, encode_jpeg
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.types import serialize, typestore
@@ -159,7 +160,7 @@ def make_bag(out: Path, fill: Callable[[BagWriter], Made]) -> Made:
     make_folder(out.parent)
     scratch = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
     try:
-        with BagWriter(scratch / "bag", name=f"{out.name}_0") as writer:
+        with BagWriter(scratch / "bag", name=f"{out.name}_0", maker=Maker.IMPORT) as writer:
             made = fill(writer)
         (scratch / "bag").rename(out)
     finally:

@@ -9,9 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from ssp_core import __version__
+from ssp_core.bag.chain import Maker
 from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.metadata import is_latched, usable_qos
 from ssp_core.bag.reader import BagReader, content_sha256
+from ssp_core.bag.seal import source_of
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.codec import u32_bytes
@@ -74,8 +76,12 @@ def make_twins(
             stack.enter_context(new_folder(bag_of(bag.path, change.name).parent))
             for change in changes
         ]
-        writers = [stack.enter_context(BagWriter(folder / "bag")) for folder in folders]
+        writers = [
+            stack.enter_context(BagWriter(folder / "bag", maker=Maker.TWIN)) for folder in folders
+        ]
+        sources = source_of(bag)
         for edit, writer in zip(edits, writers, strict=True):
+            writer.add_sources(sources)
             edit.begin(writer)
         with closing(_Frames(factual, edits)) as frames:
             for message in bag.messages():

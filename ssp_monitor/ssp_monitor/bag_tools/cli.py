@@ -42,6 +42,8 @@ def check_command(ctx: click.Context, path: Path, json_: bool) -> None:
         for topic, why in report.undecoded.items():
             out.print(f"{topic}: {report.messages.get(topic, 0)} messages not decoded: {why}",
                       markup=False)  # fmt: skip
+        if report.seal:
+            out.print(f"{path}: {report.seal}", markup=False)
         verdict = "sound" if report.ok else f"problems: {len(report.problems)}"
         out.print(f"{path}: {verdict}, {report.count} messages decoded", markup=False)
     if not report.ok:

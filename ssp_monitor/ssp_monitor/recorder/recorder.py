@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ssp_core.bag.chain import Maker
 from ssp_core.bag.metadata import offered_qos, parse_offered_qos
 from ssp_core.bag.split import Split
 from ssp_core.bag.types import BagMessage, definition
@@ -242,7 +243,7 @@ class Recorder:
         self._naming = threading.Lock()
         self._failure: str | None = None
         self._flushed_at = time.monotonic()
-        self._writer = BagWriter(path, split=split)
+        self._writer = BagWriter(path, split=split, maker=Maker.RECORDER)
         for name, media_type, data in attachments:
             self._writer.attach(name, data, media_type)
         for topic in topics:

@@ -12,11 +12,11 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from ssp_core import names, ros
+from ssp_core.bag.verdict import leave_verdict
 from ssp_core.cdr import steps
 from ssp_core.cdr.steps import RECORDER_STEPS, decode_tick_head, encode_done
 from ssp_core.errors import HostError
 from ssp_core.ros.conversions import safety_event
-from ssp_core.run_file.verdict import write_verdict
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_core.world.plant import LimitFact
@@ -152,7 +152,7 @@ class MonitorNode(Node):
             raise HostError(str(state.failure))
         problems = (*closed.problems, *self.recording.strangers())
         told = self._last_word.verdict(closed.lost, self._plan.lost_limit, problems)
-        write_verdict(self.recording.recorder.path, *told, "monitor")
+        leave_verdict(self.recording.recorder.path, *told, "monitor")
         if closed.incomplete:
             raise HostError("; ".join(closed.incomplete))
 

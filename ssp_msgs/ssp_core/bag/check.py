@@ -27,10 +27,12 @@ from ssp_core.bag.mcap_file import (
     read_frame,
     unpack_chunk,
 )
-from ssp_core.bag.metadata import read_metadata, unlisted_files
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.metadata import FILE_NAME, read_metadata, unlisted_files
+from ssp_core.bag.reader import BagReader, bag_files, mcap_files
+from ssp_core.bag.seal import ALTERED, files_seal
 from ssp_core.bag.split import REPEATED_KEY
 from ssp_core.bag.stamps import LOG_LEAP_S, leap_text
+from ssp_core.bag.verdict import check_verdict
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 
@@ -45,12 +47,14 @@ class CheckReport:
         undecoded: why messages were not decoded, by topic: their encoding or the definition of
             their type isn't understood, which is no damage.
         remarks: what is to be known of a bag that may be sound all the same.
+        seal: how its seal stands to what is in it.
     """
 
     messages: dict[str, int]
     problems: tuple[str, ...]
     undecoded: dict[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    seal: str = ""
 
     @property
     def ok(self) -> bool:
@@ -107,7 +111,31 @@ def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> Ch
                 )
     except InputError as error:
         problems.append(str(error))
-    return CheckReport(dict(messages), tuple(problems), undecoded, tuple(remarks))
+    seal = _check_seal(path, problems, remarks)
+    return CheckReport(dict(messages), tuple(problems), undecoded, tuple(remarks), seal)
+
+
+def _check_seal(path: Path, problems: list[str], remarks: list[str]) -> str:
+    """The state of a bag's seal, also where nobody closed it; and of the verdict beside it."""
+    try:
+        is_open = path.is_dir() and not (path / FILE_NAME).is_file()
+        files = mcap_files(path) if is_open else bag_files(path)
+        seal = files_seal(files, whole=path.is_dir())
+        remarks.extend(seal.lineage)
+        if seal.altered:
+            problems.append(f"{path}: {ALTERED}: {seal.altered}")
+        elif (source := seal.altered_source) is not None:
+            problems.append(f"{path}: was made of {source.name}, which {ALTERED}")
+        elif not is_open and path.is_dir():
+            with BagReader(path) as reader:
+                note = check_verdict(reader, seal, path)
+            if note:
+                remarks.append(note)
+    except InputError as error:
+        if str(error) not in problems:
+            problems.append(str(error))
+        return ""
+    return seal.text
 
 
 class _Pass:

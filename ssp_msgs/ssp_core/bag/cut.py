@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ssp_core.bag.chain import Maker
 from ssp_core.bag.frames import keyframe_before
 from ssp_core.bag.latched import Kept, late_joiner
 from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.metadata import is_latched, usable_qos
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.seal import source_of
 from ssp_core.bag.sqlite import open_bag
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
@@ -61,8 +63,8 @@ def cut_bag(
     the publish time they had; static transforms are merged, whatever their QoS says. Of video the
     frames from the keyframe before the span on are kept, at their own times, so that its first
     picture can be decoded. Of a session the last word on its state stands at the end of the span,
-    and verdict.json goes with the bag: a part keeps the verdict of the whole. The target is whole
-    or not there.
+    and verdict.json goes with the bag: a part keeps the verdict of the whole. The new bag names the
+    source with its seal. The target is whole or not there.
 
     Args:
         source: bag directory, .mcap or .db3 file.
@@ -73,12 +75,14 @@ def cut_bag(
         advance: called with the number of messages written since the last call.
 
     Raises:
-        InputError: the source is no closed bag or damaged, or the target exists.
+        InputError: the source is no closed bag, is damaged or isn't what was sealed, or the target
+            exists.
         HostError: the disk doesn't take it.
     """
     with open_bag(source) as bag, new_folder(target) as folder:
         wanted = [name for name in bag.topics if name in frozenset(topics)]
-        with BagWriter(folder, name=f"{target.name}_0") as writer:
+        with BagWriter(folder, name=f"{target.name}_0", maker=Maker.CUT) as writer:
+            writer.add_sources(source_of(bag))
             cut = _Cut(bag, writer, wanted, advance)
             cut.copy(start_ns, stop_ns)
         told = (source if source.is_dir() else source.parent) / VERDICT_FILE

@@ -563,12 +563,13 @@ class McapFile:
         )
 
     def attachment(self, name: str) -> bytes | None:
-        """The data of the first attachment of that name, with its CRC checked.
+        """The data of the last attachment of that name, with its CRC checked.
 
         Raises:
             InputError: it is damaged.
         """
-        for index in self.summary.attachment_indexes:
+        indexes = self.summary.attachment_indexes
+        for index in sorted(indexes, key=lambda index: index.offset, reverse=True):
             if index.name == name:
                 with damage_of(self.path):
                     record = memoryview(self.read_at(index.offset, index.length))

@@ -8,12 +8,12 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Sequence
+from hashlib import sha256
 from io import FileIO
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 from isal.isal_zlib import crc32, crc32_combine
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     AttachmentIndex,
@@ -28,7 +28,21 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
+from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
+
+from ssp_core.bag.chain import (
+    CHUNK_RECORD_BYTES,
+    NOTHING,
+    SEAL_NAME,
+    Chain,
+    Ending,
+    Maker,
+    chunk_record,
+    closing_record,
+    opening_record,
+    record_bytes,
+)
 
 # Opcode, length of what follows, channel, sequence, log time, publish time.
 MESSAGE_HEAD = struct.Struct("<BQHIQQ")
@@ -315,32 +329,75 @@ def write_buffers(descriptor: int, buffers: Sequence[Buffer], gathered: int = GA
             left[at] = memoryview(left[at])[written:]
 
 
-def record_bytes(*records: McapRecord) -> bytes:
-    """Records as they stand in a file."""
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    data: bytes = builder.end()  # type: ignore[no-untyped-call]  # mcap leaves it bare
-    return data
-
-
 class McapOutput:
     """Header, schemas, channels, chunks, attachments and metadata, then the summary.
 
     Schemas and channels stand between the chunks, so that a damaged chunk takes no other chunk's
-    types with it. Messages go into ``chunk`` directly; ``flush`` writes it. OSError passes through,
-    and closing is the caller's.
+    types with it. Messages go into ``chunk`` directly; ``flush`` writes it. A chunk's seal stands
+    before it, so that a file that is cut off is sealed up to its last whole chunk. OSError passes
+    through, and closing is the caller's.
 
     Args:
         path: the file; it must not exist.
+        chain: that the files of a bag share.
+        number: of the file in its bag.
 
     Raises:
         OSError: the file can't be made or written.
     """
 
-    def __init__(self, path: Path, library: str) -> None:
+    def __init__(
+        self,
+        path: Path,
+        library: str,
+        chain: Chain | None = None,
+        *,
+        number: int = 0,
+        maker: Maker = Maker.WRITER,
+    ) -> None:
+        self._begin(FileIO(path, "xb"), path, Chain() if chain is None else chain)
+        opening = opening_record(maker, number, self._chain.end.hex())
+        # What belongs before the open chunk and was not written yet.
+        self._ahead = [MCAP0_MAGIC, record_bytes(Header("ros2", library)), opening]
+        self._ahead_bytes = sum(map(len, self._ahead))
+        self._metadata_count = 1
+
+    @classmethod
+    def reopen(
+        cls, path: Path, summary: Summary, data_end: int, crc: int, end: bytes
+    ) -> McapOutput:
+        """Open a closed file of one chunk or more, to write more behind its data.
+
+        The summary stays in the file until something is written over it.
+
+        Args:
+            summary: of the file.
+            data_end: where the record DataEnd stands.
+            crc: that it states.
+            end: digest of the closing record.
+        """
+        output = cls.__new__(cls)
+        output._begin(FileIO(path, "r+b"), path, Chain(end))
+        output._file.seek(data_end)
+        output._offset, output._crc = data_end, crc
+        output._schemas = list(summary.schemas.values())
+        output._channels = list(summary.channels.values())
+        output._chunk_index = bytearray(record_bytes(*summary.chunk_indexes))
+        output._attachments = list(summary.attachment_indexes)
+        output._metadata = list(summary.metadata_indexes)
+        statistics = summary.statistics
+        if statistics is not None:
+            output._chunks = statistics.chunk_count
+            output._metadata_count = statistics.metadata_count
+            output._counts = Counter(statistics.channel_message_counts)
+            if statistics.message_count:
+                output._times = statistics.message_start_time, statistics.message_end_time
+        return output
+
+    def _begin(self, file: FileIO, path: Path, chain: Chain) -> None:
         self.path = path
-        self._file = FileIO(path, "xb")
+        self._file = file
+        self._chain = chain
         self._offset = 0
         self._crc = 0
         self.chunk = ChunkBuilder()
@@ -352,10 +409,10 @@ class McapOutput:
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: Counter[int] = Counter()
+        self._metadata_count = 0
         self._times: tuple[int, int] | None = None
-        # What belongs before the open chunk and was not written yet.
-        self._ahead: list[bytes] = [MCAP0_MAGIC, record_bytes(Header("ros2", library))]
-        self._ahead_bytes = sum(map(len, self._ahead))
+        self._ahead: list[bytes] = []
+        self._ahead_bytes = 0
 
     @property
     def descriptor(self) -> int:
@@ -400,12 +457,18 @@ class McapOutput:
             self._write([ahead], len(ahead), crc32(ahead))
         if self.chunk.size:
             times = self.chunk.times()
-            buffers, length, crc, chunk_index, counts = self.chunk.finish(self._offset)
+            place = self._offset + CHUNK_RECORD_BYTES
+            buffers, length, crc, chunk_index, counts = self.chunk.finish(place)
+            *content, indexes = buffers
+            self._chain.take(content)
+            seal = chunk_record(self._chunks + 1, self._chain.close())
+            self._metadata_count += 1
             self._chunks += 1
             self._chunk_index += record_bytes(chunk_index)
             self._counts.update(counts)
             self._times = _span(self._times, times)
-            self._write(buffers, length, crc)
+            crc = crc32_combine(crc32(seal), crc, length)
+            self._write([seal, *buffers], len(seal) + length, crc, chained=[indexes])
 
     def attach(self, name: str, media_type: str, data: bytes, log_time_ns: int) -> None:
         """Writes a file into this one, behind the open chunk and without copying it."""
@@ -428,21 +491,37 @@ class McapOutput:
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         self.flush()
         data = record_bytes(Metadata(name, values))
-        self._metadata.append(MetadataIndex(self._offset, len(data), name))
+        self._note_metadata(name, len(data))
         self._write([data], len(data), crc32(data))
 
-    def finish(self) -> None:
-        """Writes what waits, the summary and the footer; nothing may follow."""
+    def _note_metadata(self, name: str, length: int) -> None:
+        self._metadata.append(MetadataIndex(self._offset, length, name))
+        self._metadata_count += 1
+
+    def finish(self, ending: Ending = Ending.BAG) -> None:
+        """Writes what waits, the seal, the summary and the footer; nothing may follow."""
         self.flush()
-        data_end = record_bytes(DataEnd(self._crc))
-        summary_start = self._offset + len(data_end)
+        seal_bytes = len(closing_record(ending, NOTHING.hex(), NOTHING.hex()))
+        self._note_metadata(SEAL_NAME, seal_bytes)
+        data_end_bytes = len(record_bytes(DataEnd(0)))
+        summary_start = self._offset + seal_bytes + data_end_bytes
         summary, summary_offsets = self._summary(summary_start)
+        hashed = sha256(summary + summary_offsets)
+        self._chain.take([hashed.digest()])
+        seal = closing_record(ending, hashed.hexdigest(), self._chain.close())
+        self._write([seal], len(seal), crc32(seal), chained=[])
+        data_end = record_bytes(DataEnd(self._crc))
         footer = struct.pack(
             "<BQQQ", Opcode.FOOTER, 20, summary_start, summary_start + len(summary)
         )
         tail = summary + summary_offsets + footer
         tail += struct.pack("<I", crc32(tail)) + MCAP0_MAGIC
         write_buffers(self.descriptor, [data_end, tail])
+
+    @property
+    def seal_end(self) -> str:
+        """Digest of the chain up to its last seal."""
+        return self._chain.end.hex()
 
     def close(self) -> None:
         """Closes the file as it is. A second call does nothing."""
@@ -469,7 +548,7 @@ class McapOutput:
             message_count=self._counts.total(),
             message_end_time=end_ns,
             message_start_time=start_ns,
-            metadata_count=len(self._metadata),
+            metadata_count=self._metadata_count,
             schema_count=len(self._schemas),
         )
         return [
@@ -481,7 +560,16 @@ class McapOutput:
             (Opcode.METADATA_INDEX, record_bytes(*self._metadata)),
         ]
 
-    def _write(self, buffers: Sequence[Buffer], length: int, crc: int) -> None:
+    def _write(
+        self,
+        buffers: Sequence[Buffer],
+        length: int,
+        crc: int,
+        chained: Sequence[Buffer] | None = None,
+    ) -> None:
+        """Writes buffers; all of them are in the chain unless others are named for it."""
+        for buffer in buffers if chained is None else chained:
+            self._chain.take_whole(buffer)
         write_buffers(self.descriptor, buffers)
         self._offset += length
         self._crc = crc32_combine(self._crc, crc, length)

@@ -168,6 +168,8 @@ class BagReader(Closing):
         self._definitions: dict[str, TypeDefinition] = {}
         self._ambiguous: dict[str, InputError] = {}
         self.files = bag_files(self.path) if files is None else files
+        # Those whose content is hashed; of a bag in SQLite there are no others.
+        self.stored = self.files
         self._parts = [Part(file, later=k > 0) for k, file in enumerate(self.files)]
         for part in self._parts:
             self._add_topics(part)
@@ -373,10 +375,19 @@ def content_sha256(bag: BagReader, on_block: Callable[[], None] = lambda: None) 
     Raises:
         InputError: a file of it can't be read any more.
     """
-    files = []
-    for file in bag.files:
+    return files_sha256(bag.stored, on_block)
+
+
+def files_sha256(files: Iterable[Path], on_block: Callable[[], None] = lambda: None) -> str:
+    """Hash of a bag's file; of several, that of the list of their hashes.
+
+    Raises:
+        InputError: one can't be read.
+    """
+    found = []
+    for file in files:
         try:
-            files.append(sha256_file(file, on_block))
+            found.append(sha256_file(file, on_block))
         except OSError as error:
             raise InputError(f"can't be read: {error.strerror}", file=file) from error
-    return files[0] if len(files) == 1 else sha256_json(files)
+    return found[0] if len(found) == 1 else sha256_json(found)

@@ -6,7 +6,8 @@ import os
 import re
 from bisect import bisect_right
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from mcap.records import Channel, Message, Schema
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
+from ssp_core.bag.chain import Maker, Source
 from ssp_core.bag.latched import MOST_KEPT, Kept, StaticTransforms, is_static
 from ssp_core.bag.mcap_file import (
     CHUNK_HEAD_BYTES,
@@ -38,7 +40,8 @@ from ssp_core.bag.mcap_file import (
     unpack_chunk,
 )
 from ssp_core.bag.metadata import is_latched, usable_qos
-from ssp_core.bag.reader import bag_files, mcap_files, type_definition
+from ssp_core.bag.reader import bag_files, files_sha256, mcap_files, type_definition
+from ssp_core.bag.seal import Seal, files_seal, sources_with
 from ssp_core.bag.split import REPEATED_KEY
 from ssp_core.bag.types import TypeDefinition
 from ssp_core.bag.writer import BagWriter
@@ -66,6 +69,7 @@ class RecoverReport:
         bytes_read: up to where the files could be read.
         bytes_total: size of the files.
         damage: per place that could not be used, what was wrong there.
+        seal: how the seal of the source stands to what is in it.
     """
 
     messages: dict[str, int]
@@ -73,6 +77,7 @@ class RecoverReport:
     bytes_read: int
     bytes_total: int
     damage: tuple[str, ...]
+    seal: str = ""
 
     @property
     def complete(self) -> bool:
@@ -90,7 +95,8 @@ def recover(source: str | Path, target: str | Path) -> RecoverReport:
     A chunk counts only when its CRC is right, so nothing damaged gets into the new bag. Behind a
     damaged place the copy goes on at the next record of the file's own index, and in a file
     without one at the next chunk whose CRC is right. Latched messages that the files of a split
-    bag repeat are written once. The target is whole or not there.
+    bag repeat are written once. The new bag names the source, with how far that fits its seal. The
+    target is whole or not there.
 
     Args:
         source: bag directory (with or without metadata.yaml) or .mcap file.
@@ -106,7 +112,12 @@ def recover(source: str | Path, target: str | Path) -> RecoverReport:
         raise InputError(
             f"has a name of more than {_MAX_NAME_BYTES} bytes", file=target, remedy="shorten it"
         )
-    with new_folder(target) as folder, BagWriter(folder, name=f"{target.name}_0") as writer:
+    with (
+        new_folder(target) as folder,
+        BagWriter(folder, name=f"{target.name}_0", maker=Maker.RECOVER) as writer,
+    ):
+        sources = _sources(source, files)
+        writer.add_sources(sources)
         into = _NewBag(writer)
         bytes_read = bytes_total = 0
         for number, file in enumerate(files):
@@ -128,7 +139,17 @@ def recover(source: str | Path, target: str | Path) -> RecoverReport:
         bytes_read=bytes_read,
         bytes_total=bytes_total,
         damage=tuple(into.damage),
+        seal=sources[0].state,
     )
+
+
+def _sources(source: Path, files: Sequence[Path]) -> tuple[Source, ...]:
+    """The bag that is recovered, as far as it can be read, and its own sources."""
+    digest, seal = "", Seal(damaged="can't be read whole")
+    with suppress(InputError):
+        digest = files_sha256(files)
+        seal = files_seal(files, whole=source.is_dir())
+    return sources_with(source.resolve().name, digest, seal)
 
 
 @dataclass(slots=True)

@@ -73,6 +73,7 @@ class SqliteBag(BagReader):
         self.path = path
         self.topics: dict[str, TopicInfo] = {}
         self.files = ()
+        self.stored = files
         self._parts = []
         self._definitions: dict[str, TypeDefinition] = {}
         self._ambiguous: dict[str, InputError] = {}

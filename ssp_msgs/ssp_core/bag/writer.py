@@ -13,6 +13,7 @@ from pathlib import Path
 from mcap.records import Channel, Schema
 
 from ssp_core import __version__
+from ssp_core.bag.chain import SOURCE_NAME, Chain, Ending, Maker, Source
 from ssp_core.bag.latched import Kept, LateJoiner, late_joiner
 from ssp_core.bag.mcap_output import CHUNK_BYTES, DiskSync, McapOutput
 from ssp_core.bag.metadata import (
@@ -67,6 +68,7 @@ class BagWriter(Closing):
         name: stem of the first MCAP file inside, ``<directory>_0`` by default as in rosbag2.
         split: when to go on in a new file, None for never: then only when the index of a file
             has become too large to be read.
+        maker: what writes it, for its seal.
 
     Raises:
         InputError: the directory exists or can't be made.
@@ -74,7 +76,12 @@ class BagWriter(Closing):
     """
 
     def __init__(
-        self, path: str | Path, *, name: str | None = None, split: Split | None = None
+        self,
+        path: str | Path,
+        *,
+        name: str | None = None,
+        split: Split | None = None,
+        maker: Maker = Maker.WRITER,
     ) -> None:
         self.path = Path(path)
         try:
@@ -102,8 +109,10 @@ class BagWriter(Closing):
         self.bytes = 0
         self.closed = False
         self._sync = DiskSync()
+        self._chain = Chain()
+        self._maker = maker
         try:
-            self._output = McapOutput(self.file, LIBRARY)
+            self._output = McapOutput(self.file, LIBRARY, self._chain, maker=maker)
         except OSError as error:
             raise HostError(f"{self.file}: can't be opened: {error.strerror}") from error
         self._chunk = self._output.chunk
@@ -233,9 +242,10 @@ class BagWriter(Closing):
             entry.latched.keep(Kept(cdr, publish_time_ns, sequence & 0xFFFFFFFF))
 
     def _next_file(self, begin_ns: int) -> None:
-        self._finish_file()
-        file = self.path / f"{self._stem}_{len(self.files)}.mcap"
-        output = McapOutput(file, LIBRARY)
+        self._finish_file(Ending.FILE)
+        number = len(self.files)
+        file = self.path / f"{self._stem}_{number}.mcap"
+        output = McapOutput(file, LIBRARY, self._chain, number=number, maker=self._maker)
         try:
             # Only now: a folder that was replaced before has taken the new file without a word.
             self._hand_over()
@@ -272,6 +282,14 @@ class BagWriter(Closing):
         _, end_ns = self._output.times() or (0, 0)
         try:
             self._output.attach(name, media_type, data, end_ns)
+        except OSError as error:
+            raise self._broken(error) from error
+
+    def add_sources(self, sources: Iterable[Source]) -> None:
+        """Say of which bags this one is made."""
+        try:
+            for source in sources:
+                self._output.add_metadata(SOURCE_NAME, source.values())
         except OSError as error:
             raise self._broken(error) from error
 
@@ -344,14 +362,19 @@ class BagWriter(Closing):
         start_ns, end_ns = self._output.times() or (0, 0)
         return FileFacts(self.file.name, start_ns, end_ns, self._output.counts().total())
 
-    def _finish_file(self) -> None:
+    def _finish_file(self, ending: Ending) -> None:
         """Writes metadata record and summary of the present file, and remembers what it holds."""
         counts = self._topic_counts()
         facts = BagFacts((self._file_facts(),), self._topic_facts(counts))
         self._output.add_metadata("rosbag2", {"serialized_metadata": serialized_metadata(facts)})
-        self._output.finish()
+        self._output.finish(ending)
         self._whole += facts.files
         self._counts += counts
+
+    @property
+    def seal_end(self) -> str:
+        """Digest of the chain up to the last seal; of the whole bag once it is closed."""
+        return self._chain.end.hex()
 
     def close(self) -> None:
         """Writes indexes, the metadata record and metadata.yaml. A second call does nothing.
@@ -363,7 +386,7 @@ class BagWriter(Closing):
             return
         self._hand_over()
         try:
-            self._finish_file()
+            self._finish_file(Ending.BAG)
             os.fsync(self._output.descriptor)
             self._sync.finish()
             self._output.close()

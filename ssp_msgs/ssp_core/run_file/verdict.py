@@ -7,13 +7,13 @@ processes die, writes it anew. A recorder that was killed leaves none.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping, write_json
+from ssp_core.files import parse_mapping, read_mapping
 from ssp_core.vocabulary import Verdict
 
 VERDICT_FILE = "verdict.json"
@@ -26,6 +26,12 @@ class RecordedVerdict:
 
     verdict: Verdict
     reasons: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """The verdict with its first reason, for people."""
+        first = f": {self.reasons[0]}" if self.reasons else ""
+        return f"{self.verdict.name.lower()}{first}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,19 +71,22 @@ class EndWord:
             raise ValueError(f"{line[:80]!r} is no end of a run") from error
 
 
-def write_verdict(
-    bag: Path, verdict: Verdict, reasons: Sequence[str], told_by: Literal["monitor", "runner"]
-) -> None:
-    """Writes the file into a bag's folder, over one that is there."""
-    write_json(
-        bag / VERDICT_FILE,
-        {
-            "schema": SCHEMA,
-            "verdict": verdict.name.lower(),
-            "reasons": list(reasons),
-            "told_by": told_by,
-        },
-    )
+def verdict_bytes(
+    verdict: Verdict, reasons: Sequence[str], told_by: Literal["monitor", "runner"], seal: str = ""
+) -> bytes:
+    """Give what stands in the file.
+
+    Args:
+        seal: digest of the bag as it was before it got the verdict; empty: it isn't sealed.
+    """
+    value = {
+        "schema": SCHEMA,
+        "verdict": verdict.name.lower(),
+        "reasons": list(reasons),
+        "told_by": told_by,
+        "seal": seal or None,
+    }
+    return (json.dumps(value, indent=1, sort_keys=True) + "\n").encode()
 
 
 def read_verdict(bag: Path) -> RecordedVerdict | None:
@@ -87,16 +96,26 @@ def read_verdict(bag: Path) -> RecordedVerdict | None:
         InputError: the file is no verdict.
     """
     file = bag / VERDICT_FILE
-    if not file.is_file():
-        return None
-    value = read_mapping(file)
+    return _verdict(read_mapping(file), file) if file.is_file() else None
+
+
+def parse_verdict(data: bytes, place: str | Path) -> RecordedVerdict:
+    """Read a verdict from its bytes.
+
+    Raises:
+        InputError: they are no verdict.
+    """
+    return _verdict(parse_mapping(data, str(place)), place)
+
+
+def _verdict(value: Mapping[str, object], place: str | Path) -> RecordedVerdict:
     words = {v.name.lower(): v for v in Verdict}
     word, reasons = value.get("verdict"), value.get("reasons")
     known = isinstance(word, str) and word in words
     if value.get("schema") != SCHEMA or not known or not isinstance(reasons, list):
         raise InputError(
             "is no verdict of a run",
-            file=file,
+            file=place,
             value=value,
             remedy="it is written by `ssp run`; record the run again",
         )

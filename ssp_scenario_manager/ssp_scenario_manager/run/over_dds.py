@@ -14,6 +14,7 @@ from typing import Any
 import ssp_core
 from ssp_core import names
 from ssp_core.bag.repair import recover
+from ssp_core.bag.verdict import leave_verdict
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_json, write_text
 from ssp_core.processes import (
@@ -24,7 +25,7 @@ from ssp_core.processes import (
     session_environment,
 )
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.verdict import EndWord, read_verdict, write_verdict
+from ssp_core.run_file.verdict import EndWord, read_verdict
 from ssp_core.session_token import draw_token
 from ssp_core.terminal import on_stop_signals
 from ssp_core.vocabulary import Verdict
@@ -171,7 +172,7 @@ def _conclude(
     say: Callable[[str], None],
 ) -> RunResult:
     """Checks the bag, gives the verdict, and writes what a run leaves, as far as the disk lets."""
-    bag, unwritten = folder / "bag", list[str]()
+    bag, unwritten, sealed = folder / "bag", list[str](), list[str]()
 
     def write(make: Callable[[], None]) -> None:
         try:
@@ -198,7 +199,7 @@ def _conclude(
                 "the bag can't be read" if happened is None else "the bag lacks states of somebody"
             )
             outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"{why}: nobody knows the event")
-        write(lambda: write_verdict(bag, outcome.verdict, outcome.reasons, "runner"))
+        write(lambda: sealed.append(leave_verdict(bag, outcome.verdict, outcome.reasons, "runner")))
     wall_s = time.monotonic() - started
     told = {
         **result_keys(spec, happened, participation_by(bag, spec)),
@@ -207,6 +208,7 @@ def _conclude(
         "verdict": outcome.verdict.name.lower(),
         "reasons": list(outcome.reasons),
         "bag": recording.name,
+        "seal": next(iter(sealed), "") or None,
         "session_s": round(followed.session_s, 3),
         "wall_s": round(wall_s, 3),
         "running_wall_s": round(followed.running_wall_s, 3),
