@@ -29,6 +29,7 @@ from ssp_core.bag.verdict import UNBOUND, check_verdict, leave_verdict
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import Verdict
+from support.seals import with_checksums
 
 S = 10**9
 CHUNKS = 6
@@ -87,25 +88,6 @@ def frames(file: Path) -> Iterator[RecordFrame]:
 
 def chunks(file: Path) -> list[RecordFrame]:
     return [frame for frame in frames(file) if frame.opcode == Opcode.CHUNK]
-
-
-def with_file_crcs(data: bytearray) -> bytes:
-    """The bytes of a file with all its checksums, and the place of its summary, mended."""
-    offset = 8
-    while data[offset] != Opcode.DATA_END:
-        length = int.from_bytes(data[offset + 1 : offset + 9], "little")
-        if data[offset] == Opcode.CHUNK:
-            crc = crc32(data[offset + 49 : offset + 9 + length])
-            data[offset + 33 : offset + 37] = crc.to_bytes(4, "little")
-        elif data[offset] == Opcode.ATTACHMENT:
-            crc = crc32(data[offset + 9 : offset + 9 + length - 4])
-            data[offset + 9 + length - 4 : offset + 9 + length] = crc.to_bytes(4, "little")
-        offset += 9 + length
-    struct.pack_into("<Q", data, len(data) - 28, offset + 13)
-    data[offset + 9 : offset + 13] = crc32(data[:offset]).to_bytes(4, "little")
-    crc = crc32(data[offset + 13 : len(data) - 12])
-    data[len(data) - 12 : len(data) - 8] = crc.to_bytes(4, "little")
-    return bytes(data)
 
 
 def file_of(bag: Path) -> Path:
@@ -212,7 +194,7 @@ def test_an_edit_is_named(bag: Path, edit: Callable[[bytearray, Path], str]) -> 
     file = file_of(bag)
     data = bytearray(file.read_bytes())
     place = edit(data, file)
-    file.write_bytes(with_file_crcs(data))
+    file.write_bytes(with_checksums(data))
     found = files_seal([file], whole=False)
     assert found.altered.startswith(place), found
     assert any(place in problem for problem in check_bag(bag).problems)
@@ -241,7 +223,7 @@ def test_a_message_that_is_taken_out_is_named(bag: Path) -> None:
     struct.pack_into("<I", head, 33, crc32(content))
     struct.pack_into("<Q", head, 41, len(content))
     edited = bytearray(data[: old.offset] + head + content + data[old.end :])
-    file.write_bytes(with_file_crcs(edited))
+    file.write_bytes(with_checksums(edited))
     assert files_seal([file], whole=False).altered == "chunk 3 of bag_0.mcap"
 
 
@@ -250,7 +232,7 @@ def test_a_chunk_that_is_taken_out_is_named(bag: Path) -> None:
     data, all_of_them = file.read_bytes(), list(frames(file))
     begins = [a.offset for a, b in pairwise(all_of_them)
               if b.opcode == Opcode.CHUNK]  # fmt: skip
-    file.write_bytes(with_file_crcs(bytearray(data[: begins[2]] + data[begins[3] :])))
+    file.write_bytes(with_checksums(bytearray(data[: begins[2]] + data[begins[3] :])))
     assert "chunk 3 of bag_0.mcap is missing" in files_seal([file], whole=False).altered
 
 
@@ -317,7 +299,7 @@ def test_an_edit_is_not_washed_off(bag: Path, tmp_path: Path) -> None:
     file = file_of(bag)
     data = bytearray(file.read_bytes())
     a_state(data, file)
-    file.write_bytes(with_file_crcs(data))
+    file.write_bytes(with_checksums(data))
     with pytest.raises(InputError, match=r"altered since it was sealed: chunk 3 of bag_0"):
         cut_bag(bag, tmp_path / "cut", ["/text"])
     assert not (tmp_path / "cut").exists()
@@ -344,7 +326,7 @@ def test_large_messages_are_in_the_seal(tmp_path: Path) -> None:
     assert seal_of(bag).chunks == CHUNKS
     data = bytearray(file.read_bytes())
     data[chunks(file)[1].end - 9] ^= 1
-    file.write_bytes(with_file_crcs(data))
+    file.write_bytes(with_checksums(data))
     assert files_seal([file], whole=False).altered == "chunk 2 of bag_0.mcap"
 
 
@@ -405,7 +387,7 @@ def test_a_verdict_that_was_edited_in_the_bag_is_named(bag: Path) -> None:
     data = bytearray(file.read_bytes())
     place = data.index(b"off_spec")
     data[place : place + 8] = b"valid   "
-    file.write_bytes(with_file_crcs(data))
+    file.write_bytes(with_checksums(data))
     assert seal_of(bag).altered == "behind chunk 6 of bag_0.mcap, between it and the closing seal"
 
 

@@ -329,12 +329,17 @@ def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
             was sealed, or its verdict was.
     """
     if digest is None:
-        return replace(_read(bag, content_sha256(bag)), seal=_checked_seal(bag))
+        seal = checked_seal(bag)
+        return replace(_read(bag, content_sha256(bag)), seal=seal)
     return _read(bag, digest)
 
 
-def _checked_seal(bag: BagReader) -> str:
-    """What is to be said of a bag's seal."""
+def checked_seal(bag: BagReader) -> str:
+    """How a bag's seal stands to what is in it, for people; it reads every byte of it.
+
+    Raises:
+        InputError: the bag was altered since it was sealed, or its verdict was.
+    """
     seal = read_seal(bag)
     check_unaltered(seal, bag.path)
     folder = bag.path if bag.path.is_dir() else bag.path.parent

@@ -22,7 +22,12 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.verdict import VERDICT_FILE
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.data.audit import RecordingEntry
-from ssp_eval.data.provenance import IMPORT_ATTACHMENT, RUN_ATTACHMENT, ImportRecord
+from ssp_eval.data.provenance import (
+    IMPORT_ATTACHMENT,
+    RUN_ATTACHMENT,
+    ImportRecord,
+    checked_seal,
+)
 from ssp_eval.package.model import FileEntry, Link, Role, object_path
 from ssp_scenario_manager.compile.task import TASK_FILE, TASK_FOLDER, Task, content_hash
 from ssp_scenario_manager.event_spec.load import event_version
@@ -314,6 +319,7 @@ class Index:
 
     def _recording(self, entry: FileEntry) -> Recording:
         with self.contents.bag(entry) as bag:
+            checked_seal(bag)
             digests = [
                 self.contents.by_path[str(PurePosixPath(entry.path).with_name(file.name))].sha256
                 for file in bag_files(bag.path)

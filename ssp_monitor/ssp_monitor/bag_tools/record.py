@@ -97,12 +97,14 @@ def record_command(
             "lost": closed.lost,
             "ended": why,
             "problems": problems,
+            "seal": closed.state.seal or None,
             "warnings": sayings.texts(),
         }
         click.echo(json.dumps(result))
     else:
         checked = closed.check.text if closed.check else f"not closed: {closed.state.failure}"
-        checked = ", ".join((checked, *closed.incomplete))
+        sealed = [f"seal {closed.state.seal}"] if closed.state.seal else []
+        checked = ", ".join((checked, *sealed, *closed.incomplete))
         out.print(
             f"{bag}: {closed.state.messages} messages of {len(closed.topics)} topics, "
             f"{closed.state.bytes / MB:.1f} MB, {closed.lost} lost, {checked}",

@@ -60,6 +60,7 @@ class RecorderState:
         queue_bytes: taken, and neither written nor dropped.
         queue_limit_bytes: above this something is dropped.
         flush_age_s: since all that was taken was handed to the disk.
+        seal: digest of the whole bag; empty until it is closed.
     """
 
     messages: int
@@ -71,6 +72,7 @@ class RecorderState:
     queue_limit_bytes: int = 0
     flush_age_s: float = 0.0
     warnings: tuple[str, ...] = ()
+    seal: str = ""
 
 
 # What a waiting message takes beside its data: objects, a place in the queue.
@@ -322,6 +324,7 @@ class Recorder:
             queue_limit_bytes=self._queue.limit_bytes,
             flush_age_s=flush_age_s,
             warnings=tuple(warnings),
+            seal=self._writer.seal_end if self._writer.closed and self._failure is None else "",
         )
 
     def stop(self, seal: Callable[[], Attachment] | None = None) -> RecorderState:

@@ -144,7 +144,7 @@ class MonitorNode(Node):
         print(
             f"{names.MONITOR}: {state.messages} messages, {state.bytes / 1e6:.1f} MB in "
             f"{self.recording.recorder.path}, {closed.lost} lost"
-            + (f", {check.text}" if check is not None else "")
+            + (f", {check.text}, seal {state.seal}" if check is not None else "")
             + "".join(f", {problem}" for problem in closed.incomplete),
             flush=True,
         )

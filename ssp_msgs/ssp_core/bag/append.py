@@ -49,7 +49,7 @@ def _stated_end(file: McapFile) -> str:
         record = file.read_at(last.offset, last.length)
         body = io.BytesIO(record[HEAD.size :])
         values = Metadata.read(ReadDataStream(body)).metadata
-        return values["digest"]
+        return str(values["digest"])
 
 
 def append_attachment(bag: Path, name: str, data: bytes, media_type: str) -> str:

@@ -355,6 +355,7 @@ class McapOutput:
         number: int = 0,
         maker: Maker = Maker.WRITER,
     ) -> None:
+        self._ahead: list[bytes]
         self._begin(FileIO(path, "xb"), path, Chain() if chain is None else chain)
         opening = opening_record(maker, number, self._chain.end.hex())
         # What belongs before the open chunk and was not written yet.
@@ -411,7 +412,7 @@ class McapOutput:
         self._counts: Counter[int] = Counter()
         self._metadata_count = 0
         self._times: tuple[int, int] | None = None
-        self._ahead: list[bytes] = []
+        self._ahead = []
         self._ahead_bytes = 0
 
     @property

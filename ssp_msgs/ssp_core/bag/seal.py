@@ -30,6 +30,7 @@ from ssp_core.bag.mcap_file import (
     DAMAGE,
     FOOTER,
     HEAD,
+    REPAIR,
     BoundedFile,
     McapFile,
     RecordFrame,
@@ -132,9 +133,11 @@ def check_unaltered(seal: Seal, path: Path) -> None:
     Raises:
         InputError: it, or a source of it, is altered or damaged.
     """
-    if not seal.is_sound:
-        raise InputError(f"{ALTERED}: {seal.altered or seal.damaged}", file=path,
+    if seal.altered:
+        raise InputError(f"{ALTERED}: {seal.altered}", file=path,
                          remedy="take the bag as it was recorded")  # fmt: skip
+    if seal.damaged:
+        raise InputError(f"is damaged: {seal.damaged}", file=path, remedy=REPAIR)
     if (source := seal.altered_source) is not None:
         raise InputError(f"was made of {source.name}, which {ALTERED}: {source.state}", file=path,
                          remedy="make it anew of the bag as it was recorded")  # fmt: skip
@@ -283,7 +286,8 @@ class _FileWalk:
             if frame.opcode == Opcode.DATA_END:
                 break
             if self._before is not None and frame.opcode != Opcode.CHUNK:
-                return self.is_wrong(f"a seal of {self._name} stands before no chunk")
+                self.is_wrong(f"a seal of {self._name} stands before no chunk")
+                return None
             if values is not None:
                 ending = None
                 if "chunk" in values:
@@ -302,12 +306,14 @@ class _FileWalk:
                         into.sources.append(source)
             self._at = frame.end
         if ending is None:
-            return self.is_wrong(f"{self._name} has no closing seal")
+            self.is_wrong(f"{self._name} has no closing seal")
+            return None
         if not self.is_closed():
             self._stop_at("its summary is cut off")
             return None
         if self._summary_digest(frame) != self._summary:
-            return self.is_wrong(f"the summary of {self._name}")
+            self.is_wrong(f"the summary of {self._name}")
+            return None
         return ending
 
     def is_wrong(self, what: str) -> None:
@@ -411,7 +417,8 @@ class _FileWalk:
             sound = False
         if not sound or self._into.chain.close() != digest:
             where = f"behind chunk {self._number} of {self._name}"
-            return self.is_wrong(f"{where}, between it and the closing seal")
+            self.is_wrong(f"{where}, between it and the closing seal")
+            return None
         self._into.ends.append(digest)
         return ending
 

@@ -1,0 +1,66 @@
+"""A recording is judged as it was sealed: an edited bag or verdict is refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.seal import read_seal
+from ssp_core.bag.verdict import UNBOUND, leave_verdict
+from ssp_core.errors import InputError
+from ssp_core.vocabulary import Verdict
+from ssp_eval.audit.recording import read_recording
+from ssp_eval.labels.truth import read_source
+from support.seals import with_checksums
+
+
+@pytest.fixture
+def bag(make_bag: Callable[..., Path]) -> Path:
+    return make_bag("run/bag", duration_s=1.0)
+
+
+def test_the_seal_and_the_verdict_are_disclosed(bag: Path) -> None:
+    with BagReader(bag) as reader:
+        before = read_seal(reader).text
+    assert read_recording(bag).provenance.seal == f"{before}; {UNBOUND}"
+    leave_verdict(bag, Verdict.VALID, [], "runner")
+    told = read_recording(bag).provenance
+    assert told.seal.startswith("sealed by its writer")
+    assert UNBOUND not in told.seal
+    assert told.refusal is None
+
+
+@pytest.mark.parametrize("read", [read_recording, read_source])
+def test_a_verdict_made_valid_is_refused(bag: Path, read: Callable[[Path], object]) -> None:
+    """The runner alone knew of it: the session's own last word is valid."""
+    leave_verdict(bag, Verdict.INVALID_HARNESS, ["front_camera died"], "runner")
+    assert "front_camera died" in str(read_recording(bag).provenance.refusal)
+    file = bag / "verdict.json"
+    text = file.read_text().replace("invalid_harness", "valid").replace('"front_camera died"', "")
+    file.write_text(text)
+    with pytest.raises(InputError, match="in the bag is invalid_harness: front_camera died"):
+        read(bag)
+
+
+@pytest.mark.parametrize("read", [read_recording, read_source])
+def test_a_byte_of_a_frame_is_refused(bag: Path, read: Callable[[Path], object]) -> None:
+    file = next(bag.glob("*.mcap"))
+    data = bytearray(file.read_bytes())
+    data[data.index(b"\xff\xd8\xff") + 20] ^= 1
+    file.write_bytes(data)
+    with pytest.raises(InputError, match=f"is damaged: chunk 1 of {file.name}: crc"):
+        read(bag)
+    file.write_bytes(with_checksums(data))
+    with pytest.raises(InputError, match=f"altered since it was sealed: chunk 1 of {file.name}"):
+        read(bag)
+
+
+def test_a_verdict_without_its_seal_is_refused(bag: Path, make_bag: Callable[..., Path]) -> None:
+    leave_verdict(bag, Verdict.VALID, [], "runner")
+    other = make_bag("other/bag", duration_s=2.0)
+    (other / "verdict.json").write_bytes((bag / "verdict.json").read_bytes())
+    with pytest.raises(InputError, match="is of another recording"):
+        read_recording(other)
