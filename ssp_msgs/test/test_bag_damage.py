@@ -338,7 +338,8 @@ def test_a_damaged_length_costs_its_own_chunk_alone(
     varied: Path, tmp_path: Path, keep_summary: bool
 ) -> None:
     data = bytearray((varied / "bag_0.mcap").read_bytes())
-    second = data.index(b"\x06", data.index(text("number 3")))
+    seal = data.index(b"digest", data.index(text("number 3")))
+    second = data.index(b"\x06", seal + len("digest") + 4 + 64)
     assert int.from_bytes(data[second + 1 : second + 9], "little") < 1000
     data[second + 6] = 0xFF  # of the length
     end = len(data) if keep_summary else data.rindex(text("number 19")) + 200

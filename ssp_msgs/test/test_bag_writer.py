@@ -8,6 +8,7 @@ import shutil
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -163,10 +164,10 @@ def test_a_folder_that_is_replaced_just_before_a_split_is_noticed(
     writer.write("/x", b"first", 0, 0)
     make = bag_writer.McapOutput
 
-    def replace_and_make(file: Path, library: str) -> mcap_output.McapOutput:
+    def replace_and_make(*given: Any, **named: Any) -> mcap_output.McapOutput:
         bag.rename(tmp_path / "elsewhere")
         shutil.copytree(tmp_path / "elsewhere", bag)
-        return make(file, library)
+        return make(*given, **named)
 
     monkeypatch.setattr(bag_writer, "McapOutput", replace_and_make)
     with pytest.raises(HostError, match="it was replaced while it was being written"):
