@@ -12,7 +12,7 @@ import pytest
 from observation_files import answers, changed, footage_of, seal
 
 from ssp_eval.audit import examine as examining
-from ssp_eval.audit.evidence import Evidence, contradictions
+from ssp_eval.audit.evidence import Difference, Evidence, Source, observed_differences
 from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.measure import RoadFacts
@@ -130,14 +130,77 @@ def test_an_observation_is_held_against_all_that_counts_before_it() -> None:
     reviewed = Evidence("reviewed", "the K*", {TOPOLOGY: Property(road, "reviewed")}, None)
     bent = {TOPOLOGY: Property({"segment": ("curve",)}, "seen")}
     person = Evidence("observed", "Ada", bent, None)
-    (found,) = contradictions([states, reviewed, person])
-    assert found.detail == "topology: Ada says segment curve, not straight; the K*: reviewed"
+    (found,) = observed_differences([states, reviewed, person])
+    assert found.text == "topology: Ada says segment curve, not straight; the K*: reviewed"
     # Who takes part isn't left to one of them.
     two = {"vut": ("VUT, car",), "ot1": ("OT, car",)}
     states = Evidence("states", "the states", {ROLES: Property(two, "classes")}, None)
     three = {ROLES: Property({**two, "ot2": ("OT, car",)}, "seen")}
-    (found,) = contradictions([states, Evidence("observed", "Ada", three, None)])
-    assert "ot2 OT, car, not absent" in found.detail
+    (found,) = observed_differences([states, Evidence("observed", "Ada", three, None)])
+    assert "ot2 OT, car, not absent" in found.text
+    assert found.refuses
+
+
+STARTS = {"trigger": 3.0, "conflict": 3.2, "resolution": 5.0}
+
+
+def differences_of(starts: dict[str, float], source: Source = "states") -> list[Difference]:
+    counts = Evidence(source, "it", {}, STARTS)
+    return observed_differences([counts, Evidence("observed", "Ada", {}, {**STARTS, **starts})])
+
+
+@pytest.mark.parametrize("phase", ["conflict", "resolution"])
+def test_a_prediction_that_nobody_sees_refuses_nothing(phase: str) -> None:
+    """TTC and arrival gap give these instants; a person sees a car come closer."""
+    (found,) = differences_of({phase: STARTS[phase] + 0.9})
+    assert not found.refuses
+    assert found.text.startswith(f"the {phase}: Ada says ")
+    assert "a prediction" in found.text
+    # Reviewed persons looked at the same pictures, and the manoeuvre itself can be seen.
+    (found,) = differences_of({phase: STARTS[phase] + 0.9}, "reviewed")
+    assert found.refuses
+    (found,) = differences_of({"trigger": 3.4})
+    assert found.refuses
+    # Nor can a phase be seen that isn't there at all.
+    nowhere = Evidence("states", "it", {}, {"trigger": 3.0})
+    both = observed_differences([nowhere, Evidence("observed", "Ada", {}, STARTS)])
+    assert [one.refuses for one in both] == [True, True]
+
+
+def test_a_field_that_may_vary_refuses_nothing() -> None:
+    road = {"segment": ("straight",), "right_boundary": ("verge",)}
+    states = Evidence("states", "the states", {TOPOLOGY: Property(road, "the road")}, None)
+    seen = {"segment": ("curve",), "right_boundary": ("sidewalk",)}
+    person = Evidence("observed", "Ada", {TOPOLOGY: Property(seen, "seen")}, None)
+    found = observed_differences([states, person], {"right_boundary"})
+    assert [(one.refuses, one.text) for one in found] == [
+        (True, "topology: Ada says segment curve, not straight; the states: the road"),
+        (False, "topology: Ada says right_boundary sidewalk, not verge; the states: it may vary "
+         "between domains"),
+    ]  # fmt: skip
+    assert all(one.refuses for one in observed_differences([states, person]))
+
+
+def test_an_honest_observer_of_states_is_told_and_admitted(
+    recording: Recording, seen: Callable[..., Recording]
+) -> None:
+    """The conflict half a second later than predicted, and a verge where the site has a kerb."""
+    phases = look(recording).phases
+    assert phases is not None
+    assert phases.conflict_s is not None
+    for path, value in (
+        ("phases.conflict.t_s", phases.conflict_s + 0.6),
+        ("topology.right_boundary", "verge"),
+    ):
+        one = look(seen(path, value))
+        assert codes(one) == set()
+        assert len([text for text in one.contradictions if "Ada Vance says" in text]) == 1
+    for path, value in (
+        ("topology.segment", "curve"),
+        ("dominant_motion.value", "crossing_from_left"),
+        ("phases.trigger.t_s", 0.5),
+    ):
+        assert "observation_differs" in codes(look(seen(path, value)))
 
 
 def test_video_that_goes_on_without_states_locates_no_phase(recording: Recording) -> None:

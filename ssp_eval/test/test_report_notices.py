@@ -20,10 +20,10 @@ from ssp_eval.evaluate.results import load_cells
 from ssp_eval.extract.combined.extractor import Extracted, Extractor
 from ssp_eval.report.page import write_report
 from ssp_eval.score.thresholds import Thresholds
-from ssp_eval.statistics.notices import notices
+from ssp_eval.statistics.notices import domain_text, everywhere, lead, notices
 from ssp_eval.statistics.rows import entering, rows_from_campaign, rows_from_csv
 from ssp_eval.statistics.table import write_tables
-from ssp_eval.statistics.tables import matrix_table
+from ssp_eval.statistics.tables import all_tables, matrix_table
 from support.score_rows import row
 
 BagMaker = Callable[..., Path]
@@ -185,3 +185,59 @@ def test_who_drew_a_recording_is_known_of_ours_and_of_what_names_a_generator(
     ):  # fmt: skip
         said = ImportRecord.model_construct(generator=generator)
         assert replace(ours, run=None, imported=said).renderer == renderer
+
+
+CAUSES = ("says something about", "because of", "due to", "owed to the domain", "realised in")
+
+
+def test_nothing_above_the_matrix_says_what_a_difference_comes_from(campaign: Path) -> None:
+    """One recording of each event and domain, drawn by one renderer, with a stand-in."""
+    page = " ".join(write_report(campaign).read_text().replace("&#39;", "'").split())
+    above = page[: page.index('<section id="matrix">')]
+    assert not [words for words in CAUSES if words in above]
+    assert "which of all that these differ in is its cause isn't shown" in above
+    assert "No difference between these says how pictures of a camera" in above
+    assert "Whether the recordings hold the same event is judged" not in above  # nobody did
+    (told,) = {
+        note for table in all_tables(rows_from_campaign(campaign)) for note in table.notes
+        if table.name == "domain_differences" and "cause" in note
+    }  # fmt: skip
+    assert "which of all that they differ in causes a difference isn't shown" in told
+
+
+def test_what_the_lead_says_follows_from_the_cells() -> None:
+    one = lead([row(domain="simulation")])
+    assert one.startswith("Recordings of one event in simulation, shown")
+    assert "difference" not in one
+    more = lead([row(domain="physical"), row(domain="simulation", model="other")])
+    assert "in simulation and physical" in more
+    assert "between two models holds for these recordings" in more
+    assert "between two domains is one between their recordings" in more
+
+
+def test_by_whose_word_a_recording_is_of_its_domain_is_told(campaign: Path) -> None:
+    """On the page, under every table and in every caption."""
+    word = "A. Engineer, 2026-03-01, north track"
+    for folder in campaign.glob("cells/cut_in__physical__*"):
+        resealed(folder, lambda facts: facts["clip"].update(declared_by=word))
+    told = f"Physical by the word of {word}: cut_in / physical."
+    rows = rows_from_campaign(campaign)
+    assert told in domain_text(rows)
+    assert told in " ".join(write_report(campaign).read_text().split())
+    assert told in everywhere(notices(rows))
+
+
+def test_cells_and_imports_of_before_an_update_are_told(campaign: Path) -> None:
+    assert "rules of an earlier version" not in write_report(campaign).read_text()
+    folder = campaign / "cells" / f"cut_in__physical__{MODELS[0]}"
+    resealed(folder, lambda facts: facts.pop("rules_version"))
+    page = " ".join(write_report(campaign).read_text().split())
+    told = f"Scored by the rules of an earlier version: cut_in / physical / {MODELS[0]}. Beside"
+    assert told in page
+    assert "docs/updating.md" in page
+    for cell in campaign.glob("cells/*"):
+        resealed(cell, lambda facts: facts.update(rules_version=1))
+        resealed(cell, lambda facts: facts["clip"].update(import_rules=1))
+    page = " ".join(write_report(campaign).read_text().split())
+    assert "Scored by the rules of an earlier version: all cells." in page
+    assert "Imported by the rules of an earlier version: cut_in / physical, " in page

@@ -29,6 +29,7 @@ from ssp_monitor.replay.plan import (
     is_command,
     make_plan,
     offer_of,
+    played,
     session_signs,
 )
 from ssp_monitor.replay.player import Lateness, MessageSource, Player, Progress, ReadAhead
@@ -54,6 +55,33 @@ def _plan(**wishes: object) -> Plan:
 
 def _names(plan: Plan) -> list[str]:
     return [line.topic for line in plan.lines]
+
+
+def test_a_replay_says_that_it_plays_and_not_what_once_took_part():
+    """What the recorded participants declared would pass for a living session's."""
+    recorded = {
+        **RECORDED,
+        "/ssp/declared/vut": TopicInfo("std_msgs/msg/String", 1),
+        "/ssp/declared/vut/camera": TopicInfo("std_msgs/msg/String", 1),
+        "/ssp/ot1/state": TopicInfo("ssp_msgs/msg/ObjectState", 100),
+        "/ssp/vut/front_camera/image/compressed": TopicInfo("sensor_msgs/msg/CompressedImage", 9),
+        "/note": TopicInfo("std_msgs/msg/String", 1),
+    }
+    plan = make_plan(recorded, ReplayOptions(), lambda _t, _h: None)
+    assert not [line for line in plan.lines if "declared" in line.topic]
+    told = [one for one in plan.left_out if "declared" in one.topic]
+    assert [one.topic for one in told] == ["/ssp/declared/vut", "/ssp/declared/vut/camera"]
+    assert all("took part" in one.why and not one.is_command for one in told)
+    assert played(plan.lines) == ("ot1", "ot1/body", "vut", "vut/camera", "vut/positioning")
+    # Neither by a wish nor under another name.
+    for wishes in (
+        ReplayOptions(topics=("/ssp/declared/vut", "/clock")),
+        ReplayOptions(remap={"/note": "/ssp/declared/vut"}),
+    ):
+        plan = make_plan(recorded, wishes, lambda _t, _h: None)
+        assert not [line for line in plan.lines if "declared" in line.topic]
+    plan = make_plan(recorded, ReplayOptions(remap={"/ssp/vut/state": "/old"}), lambda _t, _h: None)
+    assert "vut" not in played(plan.lines)
 
 
 def test_by_default_everything_but_commands_is_published_and_the_recorded_clock():

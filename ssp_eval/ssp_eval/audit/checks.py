@@ -11,7 +11,6 @@ from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.audit.evidence import (
     PHASES_FIELD,
     Subject,
-    contradictions,
     expected_properties,
     review_of,
 )
@@ -121,8 +120,10 @@ def _gate(one: Subject) -> Iterator[Finding]:
             yield Finding("source_rejected", text)
 
 
-def _contradictions(one: Subject) -> Iterable[Finding]:
-    return contradictions(one.said)
+def _contradictions(one: Subject) -> Iterator[Finding]:
+    for difference in one.observed_differences:
+        if difference.refuses:
+            yield Finding("observation_differs", difference.text)
 
 
 def _unverified(one: Subject) -> Iterator[Finding]:

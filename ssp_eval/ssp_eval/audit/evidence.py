@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from ssp_eval.audit.measure import Measured, Phases
-from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.data.audit import (
     CONFLICT,
@@ -264,11 +263,35 @@ def combined(said: Sequence[Evidence]) -> dict[str, Value]:
     return found
 
 
-def contradictions(said: Sequence[Evidence]) -> list[Finding]:
+@dataclass(frozen=True)
+class Difference:
+    """An observation that differs from what counts before it.
+
+    Args:
+        text: who says what, for people.
+        refuses: it is of something that both can know and that must hold.
+    """
+
+    text: str
+    refuses: bool
+
+
+# Where they begin is a prediction from states (METHOD 1): nobody sees it.
+PREDICTED = ("conflict", "resolution")
+
+
+def observed_differences(
+    said: Sequence[Evidence], varying: Collection[str] = ()
+) -> list[Difference]:
     """Where an observation differs from what counts before it (METHOD 4.3).
 
     A part that one source is silent about, such as the lane that somebody starts in where no road
-    is bound to the states, isn't contradicted by another one; who takes part always is.
+    is bound to the states, isn't contradicted by another one; who takes part always is. What may
+    vary between domains, and a predicted instant that states give, refuse nothing.
+
+    Args:
+        said: in the order in which they count.
+        varying: parts of the topology that may differ between domains.
     """
     found = []
     for index, other in enumerate(said[1:], start=1):
@@ -283,29 +306,38 @@ def contradictions(said: Sequence[Evidence]) -> list[Finding]:
             )
             parts = known.without([p for p in known.words or {} if p not in observed.words])
             differing = differences(told_by_both, parts)
-            if differing is None or differing:
-                told = "; ".join(f"{p} {a}, not {b}" for p, (a, b) in (differing or {}).items())
-                found.append(
-                    Finding(
-                        "observation_differs",
-                        f"{name.replace('_', ' ')}: {other.said_by} says "
-                        f"{told or observed.text}; {counts.said_by}: {known.how}",
-                    )
-                )
-        first = next((one for one in said[:index] if one.starts is not None), None)
-        for phase, t_s in (other.starts or {}).items():
-            if first is None or first.starts is None:
+            if differing is None:
+                text = f"{name.replace('_', ' ')}: {other.said_by} says {observed.text}"
+                found.append(Difference(f"{text}; {counts.said_by}: {known.how}", True))
                 continue
-            known_s = first.starts.get(phase)
-            if known_s is None or abs(t_s - known_s) > OBSERVED_TOLERANCE_S:
-                where = "is nowhere" if known_s is None else f"is at {known_s:.2f} s"
-                found.append(
-                    Finding(
-                        "observation_differs",
-                        f"the {phase}: {other.said_by} says {t_s:.2f} s; by {first.said_by} it "
-                        f"{where}",
-                    )
-                )
+            may_vary = set(varying) & set(differing) if name == TOPOLOGY else set()
+            for refuses, of in (
+                (True, {p: pair for p, pair in differing.items() if p not in may_vary}),
+                (False, {p: pair for p, pair in differing.items() if p in may_vary}),
+            ):
+                if of:
+                    told = "; ".join(f"{p} {a}, not {b}" for p, (a, b) in of.items())
+                    text = f"{name.replace('_', ' ')}: {other.said_by} says {told}"
+                    why = known.how if refuses else "it may vary between domains"
+                    found.append(Difference(f"{text}; {counts.said_by}: {why}", refuses))
+        found += _phase_differences(said[:index], other)
+    return found
+
+
+def _phase_differences(before: Sequence[Evidence], other: Evidence) -> list[Difference]:
+    """Where an observation locates phases elsewhere than what counts before it."""
+    first = next((one for one in before if one.starts is not None), None)
+    if first is None or first.starts is None:
+        return []
+    found = []
+    for phase, t_s in (other.starts or {}).items():
+        known_s = first.starts.get(phase)
+        if known_s is not None and abs(t_s - known_s) <= OBSERVED_TOLERANCE_S:
+            continue
+        where = "is nowhere" if known_s is None else f"is at {known_s:.2f} s"
+        text = f"the {phase}: {other.said_by} says {t_s:.2f} s; by {first.said_by} it {where}"
+        predicted = known_s is not None and first.source == "states" and phase in PREDICTED
+        found.append(Difference(f"{text}, a prediction" if predicted else text, not predicted))
     return found
 
 
@@ -381,6 +413,12 @@ class Subject:
     def agreement(self) -> Agreement | None:
         """Of those who looked at it; None: nobody did."""
         return self.whole.agreement
+
+    @property
+    def observed_differences(self) -> list[Difference]:
+        """Where an observation differs from what counts before it."""
+        varying = frozenset[str]() if self.event is None else varying_parts(self.event)
+        return observed_differences(self.said, varying)
 
     @property
     def located(self) -> Evidence | None:

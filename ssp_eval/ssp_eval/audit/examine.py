@@ -40,7 +40,8 @@ class Examined(Subject):
     Args:
         phi: φ(d, e) per event that could be located.
         phi_half: half width of φ where a K* gives intervals.
-        contradictions: between what was announced and what was measured.
+        contradictions: between what was announced and what was measured, and what a person saw
+            otherwise and refuses nothing.
     """
 
     phi: Mapping[str, float]
@@ -98,7 +99,10 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
         findings=(*(f for check in CHECKS for f in check(one)), *history.findings, *blind),
         coverage=coverage,
         history=history,
-        contradictions=() if one.measured is None else _announced(recording, phases),
+        contradictions=(
+            *(() if one.measured is None else _announced(recording, phases)),
+            *(d.text for d in one.observed_differences if not d.refuses),
+        ),
     )
 
 

@@ -12,6 +12,7 @@ from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.checks import property_findings
+from ssp_eval.audit.doubles import TRACKS, hold_apart
 from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
 from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.measure import Phases
@@ -235,7 +236,8 @@ def judge(
     reference = {k: wanted[k] if synthetic[k].words is None else synthetic[k] for k in FIELDS}
     weights = {} if event is None else {str(k): w for k, w in event.constraints.weights.items()}
     reasons = []
-    for index, (one, same) in enumerate(zip(examined, _doubles(recordings), strict=True)):
+    apart = hold_apart(examined)
+    for index, (one, same) in enumerate(zip(examined, apart, strict=True)):
         verified = {k: q for k, q in counted[index].items() if one.values[k].source != "unverified"}
         arrival_s = None if one.measured is None else one.measured.first_arrival_s
         # Synthetic is held against the K*; against itself it would always do.
@@ -246,7 +248,7 @@ def judge(
             outside = outside_ranges(event, one.properties[TOPOLOGY])
         if outside:
             differing.append(Finding("topology_differs", "; ".join(outside)))
-        reasons.append(explain([*one.findings, *differing, *same]))
+        reasons.append(explain([*one.findings, *differing, *same.findings]))
     refused = [bool(found) for found in reasons]
     entries = []
     for index, one in enumerate(examined):
@@ -259,12 +261,8 @@ def judge(
         entries.append(_entry(one, examined[0], compared, varying, weights, status, reasons[index]))
     shared = shared_renderers([e.disclosures for e in entries], [e.domain for e in entries])
     entries = [
-        entry.model_copy(
-            update={"disclosures": entry.disclosures | {"shares its renderer with": others}}
-        )
-        if others
-        else entry
-        for entry, others in zip(entries, shared, strict=True)
+        _disclosing(entry, {"shares its renderer with": others, TRACKS: held.tracks})
+        for entry, others, held in zip(entries, shared, apart, strict=True)
     ]
     labelled = {r.provenance.domain: r.labels for r in recordings if r.labels is not None}
     thresholds = None if event is None else rules_of(event).thresholds
@@ -279,6 +277,12 @@ def judge(
         response=respond([_drive(one) for one in examined], limits or load_limits()),
     )
     return Judged(audit, examined)
+
+
+def _disclosing(entry: RecordingEntry, more: Mapping[str, str]) -> RecordingEntry:
+    """The entry with further disclosures; empty ones are left out."""
+    told = {name: text for name, text in more.items() if text}
+    return entry.model_copy(update={"disclosures": entry.disclosures | told})
 
 
 def _drive(one: Examined) -> Drive:
@@ -309,29 +313,6 @@ class Compared:
 
 def _without(properties: Mapping[str, Property], varying: frozenset[str]) -> dict[str, Property]:
     return {k: q.without(varying) if k == TOPOLOGY else q for k, q in properties.items()}
-
-
-def _doubles(recordings: Sequence[Recording]) -> list[list[Finding]]:
-    """Recordings that are one another's: the same bag, or made from the same file."""
-    found: list[list[Finding]] = []
-    seen: dict[str, str] = {}
-    for recording in recordings:
-        facts = recording.provenance
-        imported = facts.imported
-        states = None if imported is None else imported.states
-        files: list[tuple[str, str | None]] = [
-            ("bag", facts.bag_sha256),
-            ("source file", None if imported is None else imported.source_sha256),
-            ("table of states", None if states is None else states.sha256),
-        ]
-        twins = [
-            f"the {what} is that of the {seen[digest]} recording"
-            for what, digest in files
-            if digest is not None and digest in seen
-        ]
-        seen |= {digest: facts.domain for _, digest in files if digest is not None}
-        found.append([Finding("same_recording", "; ".join(twins))] if twins else [])
-    return found
 
 
 def _as_wanted(

@@ -137,6 +137,7 @@ class ImportRecord(Strict):
     states: ImportedStates | None = None
     site: ImportedSite | None = None
     accepted: list[AcceptedFinding] = []
+    rules_version: int = Field(1, description="by which it was checked; 1: none was named")
     notes: list[Words] = Field([], description="on file and frames, beside those on the states")
 
     @model_validator(mode="after")
@@ -236,6 +237,14 @@ class Provenance:
     participation: Participation | None = None
     declaration_sha256: str | None = None
     seal: str = ""
+
+    @property
+    def declared_by(self) -> str:
+        """Who says of which domain it is, when and where; empty where no person had to."""
+        if self.imported is not None:
+            declared = self.imported.declaration
+            return "" if declared is None else declared.text.removeprefix("declared by ")
+        return "" if self.participation is None else self.participation.said_by
 
     @property
     def is_undeclared(self) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ssp_core import __version__
+from ssp_core import RULES_VERSION, __version__
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.data.labels import Labels, phase_counts
@@ -371,6 +371,7 @@ def _facts(
         },
         "thresholds": asdict(place.thresholds),
         "software": f"ssp {__version__}",
+        "rules_version": RULES_VERSION,
     }
 
 
@@ -386,6 +387,8 @@ def _clip_facts(labelled: LabelledClip, out: Path) -> dict[str, Any]:
     return {
         "origin": facts.origin,
         "renderer": facts.renderer,
+        "declared_by": facts.declared_by,
+        "import_rules": None if facts.imported is None else facts.imported.rules_version,
         # From the campaign's folder, so that both can be moved together.
         "path": os.path.relpath(labelled.clip.path.resolve(), out.resolve()),
         "start_ns": labelled.clip.start_ns,

@@ -79,6 +79,10 @@ class ClipFacts(_Part):
     origin: str
     # None where nobody knows of one; cells of an earlier version don't say.
     renderer: str | None = None
+    # Who says of which domain it is, when and where; empty where no person did.
+    declared_by: str = ""
+    # The rules by which it was imported; null for a session, and in cells of an earlier version.
+    import_rules: int | None = None
     path: str | None = None
     start_ns: int | None = None
     verdict: str | None
@@ -173,6 +177,8 @@ class CellFacts(_Part):
     hashes: dict[str, str | None]
     # All of the scorer's; cells of an earlier version say only their hash.
     thresholds: dict[str, float | int] | None = None
+    # Cells of an earlier version don't say.
+    rules_version: int = 1
 
 
 class FrameFacts(_Part):

@@ -16,7 +16,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core import names
+from ssp_core import RULES_VERSION, names
 from ssp_core.bag.chain import Maker
 from ssp_core.bag.images import Bgr, encode_jpeg
 from ssp_core.bag.metadata import offered_qos
@@ -273,6 +273,7 @@ def attach_record(
         states=states,
         site=None if road is None else road.site,
         accepted=findings.accepted,
+        rules_version=RULES_VERSION,
         notes=list(notes),
     )
     data = record.model_dump_json(by_alias=True, indent=1).encode() + b"\n"

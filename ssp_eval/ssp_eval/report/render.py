@@ -41,7 +41,7 @@ from ssp_eval.statistics.constants import (
     is_below,
 )
 from ssp_eval.statistics.label_table import label_table
-from ssp_eval.statistics.notices import notices
+from ssp_eval.statistics.notices import lead, notices
 from ssp_eval.statistics.responses import response_table
 from ssp_eval.statistics.rows import CellRow, compared_labels, rows_from_cells
 from ssp_eval.statistics.statistics_tables import (
@@ -565,6 +565,7 @@ def _tables(
     seeing, answerers = found.get(SEEING), found.get(ANSWERERS)
     return {
         "notices": notices(rows, cells, expected),
+        "lead": lead(rows),
         "means": means,
         "means_notes": common,
         "folded": _FOLDED,

@@ -78,6 +78,7 @@ def constant_rows(found: Iterable[OfScenario]) -> list[CellRow]:
             control=True,
             admitted=row.admitted,
             stand_in=row.stand_in,
+            declared_by=row.declared_by,
             thresholds=row.thresholds,
         )
         for one in found

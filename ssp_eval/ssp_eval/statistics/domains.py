@@ -21,6 +21,8 @@ LABELS_ALONE = Column("labels_alone", "labels alone", "signed")
 FINDING = Column("finding", "finding", "text")
 # What a table that has these columns says of them.
 DOMAIN_NOTES = (
+    "Recordings are compared, one of each event and domain: which of all that they differ in causes"
+    " a difference isn't shown.",
     "95 %: Student's interval over the scenarios, since all cells of a scenario rest on one "
     f"recording in each domain; with one scenario there is none ({NO_UNITS}). Scenarios chosen by "
     "hand are no random sample.",

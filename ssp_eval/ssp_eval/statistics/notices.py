@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from ssp_core import RULES_VERSION
 from ssp_core.vocabulary import DOMAINS, PHASES
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.cell_file import outages
@@ -19,6 +20,7 @@ from ssp_eval.evaluate.models import (
 )
 from ssp_eval.evaluate.results import CellData, CellFacts
 from ssp_eval.extract.language import NOT_READ
+from ssp_eval.score.aggregate import domain_order
 from ssp_eval.statistics.rows import (
     OK,
     CellRow,
@@ -42,7 +44,7 @@ COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, LANGUAGE, MEASURED, RENDERE
     "renderer",
     "cell",
 )
-OUTAGE, ACCEPTED = "outage", "accepted"  # fmt: skip
+OUTAGE, ACCEPTED, DECLARED, RULES = "outage", "accepted", "declared", "rules"
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Notice:
 
     Args:
         kind: comparability, stand_in, left_out, controls, labels, language, measured,
-            renderer, outage or cell.
+            renderer, outage, accepted, declared, rules or cell.
         text: one or two sentences; of many names it holds the first and counts the rest.
         about: every name that it is about: recordings, cells or models.
         everywhere: it stands under every table, and first on the page.
@@ -123,6 +125,46 @@ def _of_plan(rows: Sequence[CellRow], expected: Iterable[str]) -> Iterable[Notic
         yield Notice(LEFT_OUT, text, tuple(absent), everywhere=True)
 
 
+def declared_texts(rows: Iterable[CellRow]) -> list[tuple[str, tuple[str, ...]]]:
+    """By person who says of which domain recordings are: the sentence, and the recordings."""
+    found: dict[tuple[str, str], set[str]] = {}
+    for row in rows:
+        if row.declared_by:
+            where = found.setdefault((row.domain, row.declared_by), set())
+            where.add(f"{row.scenario} / {row.domain}")
+    return [
+        (f"{domain.capitalize()} by the word of {who}: {some(sorted(names))}.",
+         tuple(sorted(names)))
+        for (domain, who), names in sorted(found.items())
+    ]  # fmt: skip
+
+
+def domain_text(rows: Sequence[CellRow]) -> str:
+    """What a caption must say of the domains of recordings; empty for nothing."""
+    told = (stand_in_text(stand_ins(rows)), *(text for text, _ in declared_texts(rows)))
+    return " ".join(text for text in told if text)
+
+
+def lead(rows: Sequence[CellRow]) -> str:
+    """What the cells are, and what a difference between two of them is; it names no cause."""
+    scenarios, domains = {row.scenario for row in rows}, {row.domain for row in rows}
+    models = {row.model for row in rows if not row.control}
+    events = "one event" if len(scenarios) == 1 else f"{len(scenarios)} events"
+    named = " and ".join(sorted(domains, key=domain_order))
+    found = [
+        f"Recordings of {events} in {named}, shown to driving "
+        "vision–language–action models as forward video, and what their answers score."
+    ]
+    if len(models) > 1:
+        found.append("A difference between two models holds for these recordings.")
+    if len(domains) > 1:
+        found.append(
+            "A difference between two domains is one between their recordings, one of each event; "
+            "which of all that these differ in is its cause isn't shown."
+        )
+    return " ".join(found)
+
+
 def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
     if over := sorted(over_what(rows)):
         text = (
@@ -133,6 +175,8 @@ def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
         yield Notice(COMPARABILITY, text, (), everywhere=True)
     if names := stand_ins(rows):
         yield Notice(STAND_IN, stand_in_text(names), tuple(names), everywhere=True)
+    for text, about in declared_texts(rows):
+        yield Notice(DECLARED, text, about, everywhere=True)
     for status in sorted({row.status for row in rows if row.status != OK}):
         names = sorted({" / ".join(row.key) for row in rows if row.status == status})
         cells = "1 cell enters" if len(names) == 1 else f"{len(names)} cells enter"
@@ -230,6 +274,7 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     every = _recordings(cells)
     yield from _outside(cells)
     yield from _of_renderers(cells)
+    yield from _of_rules(cells)
     yield from _of_outages(cells)
     for finding in sorted({name for cell in cells for name in cell.facts.clip.accepted}):
         names = _recordings(cell for cell in cells if finding in cell.facts.clip.accepted)
@@ -381,10 +426,36 @@ def _of_renderers(cells: Sequence[CellData]) -> Iterable[Notice]:
         if len(domains) > 1:
             text = (
                 f"{renderer[0].upper()}{renderer[1:]} drew the pictures of {len(domains)} domains: "
-                f"{', '.join(name for name in DOMAINS if name in domains)}. What tells these apart "
-                "is motion, place and disturbance, not how a scene looks."
+                f"{', '.join(name for name in DOMAINS if name in domains)}. No difference between "
+                "these says how pictures of a camera, or of another renderer, are read."
             )
             yield Notice(RENDERER, text, tuple(sorted(domains)), everywhere=True)
+
+
+def _of_rules(cells: Sequence[CellData]) -> Iterable[Notice]:
+    """Cells and imports that were made before and after an update of the rules."""
+    earlier = sorted(
+        f"{cell.scenario} / {cell.domain} / {cell.model}"
+        for cell in cells
+        if cell.facts.rules_version < RULES_VERSION
+    )
+    if earlier:
+        every = "all cells" if len(earlier) == len(cells) else some(earlier, "; ")
+        text = f"Scored by the rules of an earlier version: {every}."
+        if len(earlier) < len(cells):
+            text += " Beside the others they compare with nobody's."
+        yield Notice(RULES, f"{text} {_UPDATING}", tuple(earlier), everywhere=True)
+    imports = _recordings(
+        cell
+        for cell in cells
+        if cell.facts.clip.import_rules is not None and cell.facts.clip.import_rules < RULES_VERSION
+    )
+    if imports:
+        text = f"Imported by the rules of an earlier version: {some(imports)}. {_UPDATING}"
+        yield Notice(RULES, text, tuple(imports), everywhere=True)
+
+
+_UPDATING = "What to make anew stands in docs/updating.md."
 
 
 def _recordings(cells: Iterable[CellData]) -> list[str]:

@@ -68,6 +68,7 @@ class CellRow(Scores):
         admitted: False keeps it out of domain means (METHOD 4 and 5.2b).
         status: ok, refused or failed; only an ok one has scores.
         reason: why it is not ok, or OTHER_LABELS; of an ok one also what an outage cost.
+        declared_by: who says of which domain the recording is; empty where no person had to.
         thresholds: hash of those that it was scored with; empty: METHOD's, or nobody said.
         weighted: IVCS where it isn't METHOD 6.10 of this row's components: a mean over runs, or as
             it was published of a macro row.
@@ -88,6 +89,7 @@ class CellRow(Scores):
     status: str = OK
     reason: str = ""
     thresholds: str = ""
+    declared_by: str = ""
     weighted: float | None = None
 
     @property
@@ -235,6 +237,7 @@ def _row_of(cell: CellData, run: str, compared: LabelComparison | None) -> CellR
         control=cell.is_control,
         admitted=cell.admission == ADMITTED and is_comparable,
         stand_in=cell.facts.stand_in,
+        declared_by=cell.facts.clip.declared_by,
         status=cell.facts.status,
         reason="; ".join(reasons),
         thresholds="" if cell.thresholds == DEFAULT else cell.thresholds.sha256,
@@ -297,6 +300,7 @@ class _Line(
     status: Literal["ok", "refused", "failed"] = "ok"
     reason: Annotated[str, AfterValidator(unguarded)] = ""
     thresholds: Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")] = ""
+    declared_by: Annotated[str, AfterValidator(unguarded)] = ""
 
     @property
     def is_macro(self) -> bool:

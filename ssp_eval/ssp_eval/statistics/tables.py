@@ -76,6 +76,7 @@ _BEHIND = (
             "status",
             "reason",
             "thresholds",
+            "declared_by",
         )
     ),
 )
@@ -110,6 +111,7 @@ def matrix_table(rows: Sequence[CellRow]) -> Table:
             *_scores(row, BEHIND), row.total_b, row.active_b, row.architecture,
             YES if row.control else NO, YES if row.admitted else NO,
             YES if row.stand_in else NO, row.status, row.reason, row.thresholds,
+            row.declared_by,
         )
         for row in sorted(rows, key=key)
     ]  # fmt: skip

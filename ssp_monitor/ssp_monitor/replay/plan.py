@@ -12,6 +12,7 @@ from ssp_core.bag.latched import is_static
 from ssp_core.bag.metadata import parse_offered_qos
 from ssp_core.bag.reader import TopicInfo
 from ssp_core.errors import InputError
+from ssp_core.run_file.participation import CAMERA, POSITIONING, body_of
 from ssp_monitor.recorder.topics import CLOCK_TYPE, Pattern
 
 # Of the project's own types these are acted on. The others report, whatever their topic is called.
@@ -280,7 +281,9 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing:
         # A new name could make a command of what was none, whatever its type.
         renamed = topic != name and is_command_name(topic)
         command = is_command(name, info.msgtype) or renamed
-        if command and not wishes.commands:
+        if _DECLARED in (_folder_of(name), _folder_of(topic)):
+            left_out.append(OmittedTopic(name, info.count, _OF_THE_RECORDED_SESSION))
+        elif command and not wishes.commands:
             left_out.append(OmittedTopic(name, info.count, "may move objects", is_command=True))
         elif (why := _obstacle(topic, info, missing)) is not None:
             left_out.append(OmittedTopic(name, info.count, why))
@@ -291,6 +294,28 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing:
     clock_recorded = any(line.topic == names.CLOCK for line in lines)
     clock_hz = DEFAULT_CLOCK_HZ if wishes.clock_hz is None else wishes.clock_hz
     return Plan(tuple(lines), tuple(left_out), 0.0 if clock_recorded else clock_hz, clock_recorded)
+
+
+def played(lines: Iterable[PlannedTopic]) -> tuple[str, ...]:
+    """Participants that a replay plays: the VUT, its positioning and camera, objects, bodies."""
+    found: set[str] = set()
+    for line in lines:
+        place, _, _ = line.topic.removeprefix(f"{names.NAMESPACE}/").rpartition("/")
+        if line.topic == names.absolute(names.CAMERA_IMAGE):
+            found.add(CAMERA)
+        elif line.topic == names.absolute(names.state_topic(place)) and "/" not in place:
+            is_vut = place == names.VUT_ID
+            found |= {place, POSITIONING if is_vut else body_of(place)}
+    return tuple(sorted(found))
+
+
+def _folder_of(topic: str) -> str:
+    """The first two words of an absolute name: ``/ssp/declared`` of ``/ssp/declared/vut``."""
+    return "/".join(topic.split("/")[:3])
+
+
+_DECLARED = names.absolute(names.declared_topic("")).rstrip("/")
+_OF_THE_RECORDED_SESSION = "says what took part in the recorded session; a replay is `played`"
 
 
 def _matching(recorded: Mapping[str, TopicInfo], wishes: tuple[str, ...], field: str) -> set[str]:

@@ -28,7 +28,8 @@ from ssp_core.bag.types import BagMessage
 from ssp_core.console import err, note
 from ssp_core.environment import adopt
 from ssp_core.errors import HostError
-from ssp_monitor.replay.plan import ReplayOptions, make_plan, session_signs
+from ssp_core.run_file.participation import ParticipantKind
+from ssp_monitor.replay.plan import ReplayOptions, make_plan, played, session_signs
 from ssp_monitor.replay.player import MessageSource, Player
 from ssp_monitor.replay.terminal import ReplayOutcome, plan_lines, progress_line
 from ssp_monitor.ros.conversions import message_class, profile_of, why_not_installed
@@ -77,6 +78,7 @@ class ReplayNode(Node):
         self._clock_publisher = (
             self.create_publisher(ClockMsg, names.CLOCK, ros.STATE) if self._plan.clock_hz else None
         )
+        ros.declare_kind(self, ParticipantKind.PLAYED, *played(self._plan.lines))
         self._await_subscribers()
         self.player = Player(
             self._tape,

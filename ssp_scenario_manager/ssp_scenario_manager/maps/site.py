@@ -198,6 +198,27 @@ def _check_lanes(block: SiteBlock, field: str) -> Iterator[InputError]:
         )
 
 
+def _check_sides(block: SiteBlock, field: str) -> Iterator[InputError]:
+    """A side is called what SUMO and the camera make of it: with a sidewalk, or without one."""
+    for side in ("left", "right"):
+        boundary = getattr(block, f"{side}_boundary")
+        name, width_m = f"sidewalk_{side}_m", getattr(block, f"sidewalk_{side}_m")
+        if boundary in ("verge", "shoulder") and width_m > 0.0:
+            yield InputError(
+                f"has no sidewalk, and {name} draws one of {width_m:g} m",
+                field=f"{field}.{side}_boundary",
+                value=boundary,
+                remedy=f"write sidewalk, or leave {name} out",
+            )
+        if boundary == "sidewalk" and width_m == 0.0:
+            yield InputError(
+                f"has no width: {name} is 0",
+                field=f"{field}.{side}_boundary",
+                value=boundary,
+                remedy=f"give {name}, or write verge",
+            )
+
+
 def _check_traffic(
     site: Site, block: SiteBlock, line: ReferenceLine, field: str
 ) -> Iterator[InputError]:
@@ -282,6 +303,7 @@ def _check_block(site: Site, index: int) -> Iterator[InputError]:
     if block.id in (other.id for other in site.blocks[:index]):
         yield InputError("stands twice", field=f"{field}.id", value=block.id)
     yield from _check_lanes(block, field)
+    yield from _check_sides(block, field)
     known = [other.id for other in site.blocks]
     for i, name in enumerate(block.leads_to):
         if name not in known:

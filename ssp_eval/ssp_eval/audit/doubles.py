@@ -1,0 +1,145 @@
+"""Recordings of one audit that are one another's: no two domains are one drive (METHOD 4.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+from ssp_core.names import VUT_ID
+from ssp_core.run_file.participation import ParticipantKind
+from ssp_eval.audit.examine import Examined
+from ssp_eval.audit.reasons import Finding
+from ssp_eval.audit.recording import Recording
+from ssp_eval.data.provenance import Provenance
+from ssp_eval.recordings.tracks import SameDrive, Track, same_drive, tracks_of
+
+TRACKS = "tracks"
+# Beside the clip, so that the same drive is found where another part of it was kept.
+_BESIDE_S = 10.0
+_LONGEST_S = 120.0
+
+
+@dataclass(frozen=True)
+class Held:
+    """One recording, held against those before it.
+
+    Args:
+        findings: why it is no other recording than one of them.
+        tracks: how its tracks lie to theirs, for people; empty: it has none, or they have none.
+    """
+
+    findings: tuple[Finding, ...]
+    tracks: str
+
+
+def hold_apart(examined: Sequence[Examined]) -> list[Held]:
+    """Find recordings that are another domain's, by their files, their sessions and their tracks.
+
+    Two simulated sessions of this project may be equal: their plans come from one K*. What each of
+    them comes from is told.
+    """
+    tracks = [_tracks(one) for one in examined]
+    twins: list[list[str]] = [[] for _ in examined]
+    told: list[list[str]] = [[] for _ in examined]
+    for i, j in combinations(range(len(examined)), 2):
+        first, second = examined[i].whole, examined[j].whole
+        theirs = first.provenance.domain
+        shared = _shared(first.provenance, second.provenance)
+        twins[j] += [f"{what} of the {theirs} recording" for what in shared]
+        if not tracks[i] or not tracks[j]:
+            continue
+        same = _same(first, second, tracks[i], tracks[j])
+        if same is None:
+            told[j].append(f"another drive than {theirs}")
+        elif _is_simulated(first.provenance) and _is_simulated(second.provenance) and not shared:
+            told[j].append(
+                f"equal to {theirs}'s ({same.text}), as of two simulated sessions of one K*: "
+                f"{_origin(second.provenance)}, and {_origin(first.provenance)}"
+            )
+        else:
+            told[j].append(f"equal to {theirs}'s ({same.text})")
+            if not shared:
+                twins[j].append(f"its tracks are those of the {theirs} recording ({same.text})")
+    return [
+        Held(
+            (Finding("same_recording", "; ".join(texts)),) if texts else (),
+            "; ".join(lines),
+        )
+        for texts, lines in zip(twins, told, strict=True)
+    ]
+
+
+def _shared(first: Provenance, second: Provenance) -> list[str]:
+    """What of two recordings is the same, or made of the other."""
+    found = []
+    if first.bag_sha256 == second.bag_sha256:
+        found.append("the bag is that")
+    a, b = _sources(first), _sources(second)
+    found += [f"the {what} is that" for what in a if a[what] == b.get(what)]
+    if first.bag_sha256 in b.values():
+        found.append("it was made from the bag")
+    if second.bag_sha256 in a.values():
+        found.append("its bag is the source")
+    if first.run is not None and second.run is not None:
+        token = first.run.session_token
+        if token and token == second.run.session_token:
+            found.append(f"the session {token} is that")
+    return found
+
+
+def _sources(facts: Provenance) -> dict[str, str]:
+    """Hashes of what a recording was imported from, by their names for people."""
+    record = facts.imported
+    if record is None:
+        return {}
+    states = {} if record.states is None else {"table of states": record.states.sha256}
+    source = record.source_sha256
+    return states if source is None else {"source file": source, **states}
+
+
+def _is_simulated(facts: Provenance) -> bool:
+    """True for a session of ours with a model of motion as VUT, and in which nothing was played."""
+    part = facts.participation
+    if part is None:
+        return False
+    if part.mode != "live":
+        return True
+    kinds = {kind for who in part.declared for kind in part.kinds_of(who)}
+    return (
+        part.kinds_of(VUT_ID) == (ParticipantKind.SIMULATED,)
+        and ParticipantKind.PLAYED not in kinds
+    )
+
+
+def _origin(facts: Provenance) -> str:
+    """Session, site and seed, for people."""
+    run = facts.run
+    name = "" if run is None else run.session_token
+    return f"{facts.origin} ({name})" if name else facts.origin
+
+
+_Views = list[dict[str, Track]]
+
+
+def _tracks(one: Examined) -> _Views:
+    """Tracks of VUT and objects in and near the clip, by kind of source."""
+    who, whole = one.whole.provenance.participants, one.whole
+    if who is None or not whole.sightings:
+        return []
+    start_s = one.crop.start_s if one.crop is not None else (whole.start_s or 0.0)
+    end_s = one.crop.end_s if one.crop is not None else start_s + _LONGEST_S
+    end_s = min(end_s, start_s + _LONGEST_S)
+    near = (
+        s for s in whole.sightings if start_s - _BESIDE_S <= s.t_s <= end_s + _BESIDE_S
+    )  # fmt: skip
+    return tracks_of(near, who.ids)
+
+
+def _same(first: Recording, second: Recording, a: _Views, b: _Views) -> SameDrive | None:
+    ids = [one.provenance.participants for one in (first, second)]
+    if ids[0] is None or ids[1] is None:
+        return None
+    vut = ids[0].vut, ids[1].vut
+    found = [same_drive(one, other, vut) for one, other in product(a, b)]
+    return min((one for one in found if one is not None), key=lambda one: one.rms_m, default=None)
