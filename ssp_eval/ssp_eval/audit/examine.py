@@ -18,6 +18,7 @@ from ssp_eval.audit.evidence import (
 )
 from ssp_eval.audit.history import History, examine_history
 from ssp_eval.audit.measure import Measured, Phases, Scene, measure
+from ssp_eval.audit.pictures import PicturesExamined, examine_pictures
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.audit.visibility import examine_coverage
@@ -48,6 +49,7 @@ class Examined(Subject):
     phi_half: Mapping[str, float]
     findings: tuple[Finding, ...]
     coverage: CoverageEntry
+    pictures: PicturesExamined
     history: History
     contradictions: tuple[str, ...]
 
@@ -88,6 +90,7 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
     """
     one = _subject(recording, event, version)
     coverage, blind = examine_coverage(one)
+    pictures = examine_pictures(one)
     history = examine_history(one)
     located, phases = one.located, one.phases
     is_cropped = event is not None and one.rules.window is not None
@@ -96,8 +99,14 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
         **vars(one),
         phi=_phi(phases) if phases is not None and is_cropped else {},
         phi_half=_half_phi(event, phases) if is_reviewed else {},
-        findings=(*(f for check in CHECKS for f in check(one)), *history.findings, *blind),
+        findings=(
+            *(f for check in CHECKS for f in check(one)),
+            *history.findings,
+            *blind,
+            *pictures.findings,
+        ),
         coverage=coverage,
+        pictures=pictures,
         history=history,
         contradictions=(
             *(() if one.measured is None else _announced(recording, phases)),

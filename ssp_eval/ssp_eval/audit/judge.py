@@ -378,6 +378,7 @@ def _entry(
             "kpr": _kpr(compared, weights) if is_verified else None,
             "epd": _epd(one, synthetic) if is_verified else None,
             "coverage": one.coverage,
+            "pictures": one.pictures.entry,
             "safety_events": [event.text for event in recording.safety],
             "identities": list(one.history.identities),
             "changes": list(one.history.changes),

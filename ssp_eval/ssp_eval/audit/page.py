@@ -20,7 +20,7 @@ from ssp_core.bag.frames import Frames
 from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.clock import ns_to_seconds
-from ssp_core.geometry import FloatArray
+from ssp_core.geometry import FloatArray, Pose2
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.templates import templates
@@ -180,6 +180,54 @@ def _dense(outline: FloatArray) -> FloatArray:
     )
 
 
+# Arrows on the road: how far it moves in this time, and where they begin, ahead and to the left.
+_ARROW_S = 0.2
+_AHEAD_M, _LEFT_M = (9.0, 12.0, 16.0, 21.0), (3.0, 1.2, -1.2, -3.0)
+
+
+def moving_road(one: Examined) -> Picture | None:
+    """Return a frame with the motion of the road, recorded and seen; None: none was followed.
+
+    Raises:
+        InputError: the frame is no picture.
+    """
+    optics, frames = one.recording.optics, one.recording.frames_s
+    followed = [pair for pair in one.pictures.road if pair.is_followed]
+    if not followed or optics is None:
+        return None
+    middle_s = (frames[0] + frames[-1]) / 2.0
+    trigger_s = None if one.phases is None else one.phases.trigger_s
+    at_s = middle_s if trigger_s is None else trigger_s
+    pair = min(followed, key=lambda pair: abs(pair.t_s - at_s))
+    index = frame_at(frames, pair.t_s - pair.apart_s / 2.0)
+    found = _fetch(one, [index])
+    if index not in found:
+        return None
+    view = optics.view(Pose2(0.0, 0.0, 0.0))
+    arrows = _arrows(view, pair.speed_mps, "recorded") + _arrows(view, pair.seen_mps, "seen")
+    box = f"0 0 {optics.lens.width_px} {optics.lens.height_px}"
+    overlay = pages.element(
+        "svg", arrows, class_="overlay", viewBox=box, preserveAspectRatio="none",
+        aria_hidden="true",
+    )  # fmt: skip
+    uri = jpeg_uri(found[index], one.recording.path, WIDTH_PX)
+    column = f"recorded {pair.speed_mps:.1f} m/s, seen {pair.seen_mps:.1f} m/s"
+    return Picture(column, pair.t_s, None, frames[index], uri, overlay)
+
+
+def _arrows(view: View, speed_mps: float, kind: str) -> str:
+    starts = np.array([(x, y, 0.0) for x in _AHEAD_M for y in _LEFT_M])
+    ends = starts - [speed_mps * _ARROW_S, 0.0, 0.0]
+    a, b = project(view, starts), project(view, ends)
+    radius = view.intrinsics.width_px / (160.0 if kind == "recorded" else 240.0)
+    parts = []
+    for k in np.flatnonzero(a.in_front & b.in_front):
+        x, y, to_x, to_y = (float(v[k]) for v in (a.u_px, a.v_px, b.u_px, b.v_px))
+        parts.append(pages.element("line", x1=x, y1=y, x2=to_x, y2=to_y, class_=kind))
+        parts.append(pages.element("circle", cx=to_x, cy=to_y, r=radius, class_=kind))
+    return "".join(parts)
+
+
 _HERE = Path(__file__).parent
 _FACTS = {
     "time_gap_s": ("time gap at the conflict point", "s"),
@@ -257,8 +305,10 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done,
     """
     audit = judged.audit
     strips: dict[str, Sequence[Picture]] = {}
+    roads: dict[str, Picture | None] = {}
     for done, one in enumerate(judged.examined, start=1):
         strips[one.recording.provenance.domain] = pictures(one)
+        roads[one.recording.provenance.domain] = moving_road(one)
         on_picture(done, len(judged.examined))
     environment = templates(_HERE)
     environment.filters["plain"] = _plain
@@ -270,6 +320,7 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done,
         recordings=audit.recordings,
         columns=COLUMNS,
         strips=strips,
+        roads=roads,
         fields=field_rows(audit),
         varying=_side_by_side([{k: v[0] for k, v in r.varying.items()} for r in audit.recordings]),
         facts=fact_rows(audit),

@@ -275,6 +275,52 @@ class CoverageEntry(Strict):
     notes: list[str] = []
 
 
+class PictureCheck(Strict):
+    """One figure of pictures held against states, with the limits that it must keep."""
+
+    name: str = Field(description="what is compared, or the id of an object that is looked for")
+    figure: Finite | None = Field(description="null: not judged")
+    unit: str = ""
+    low: Finite | None = None
+    high: Finite | None = None
+    judged: Annotated[int, Field(ge=0)] = Field(0, description="pairs of frames it comes from")
+    told: str = Field(description="what the figure says, or why there is none")
+
+    @property
+    def state(self) -> Literal["holds", "fails", "not judged"]:
+        """Whether the figure lies within its limits."""
+        if self.figure is None:
+            return "not judged"
+        is_low = self.low is not None and self.figure < self.low
+        is_high = self.high is not None and self.figure > self.high
+        return "fails" if is_low or is_high else "holds"
+
+    @property
+    def limit(self) -> str:
+        """The limits in words; empty where there is no figure."""
+        if self.low is not None and self.high is not None:
+            return f"{self.low:g} to {self.high:g}{self._unit}"
+        if self.low is not None:
+            return f"at least {self.low:g}{self._unit}"
+        return "" if self.high is None else f"at most {self.high:g}{self._unit}"
+
+    @property
+    def _unit(self) -> str:
+        return f" {self.unit}" if self.unit else ""
+
+
+class PicturesEntry(Strict):
+    """What of a recording's pictures was held against its states."""
+
+    checks: list[PictureCheck] = []
+    note: str = Field("", description="why nothing could be compared; empty where something was")
+
+    @property
+    def failing(self) -> list[PictureCheck]:
+        """The checks whose figure lies outside its limits."""
+        return [check for check in self.checks if check.state == "fails"]
+
+
 class ChangeEntry(Strict):
     """A difference between what was compiled and what ran."""
 
@@ -327,6 +373,7 @@ class RecordingEntry(Strict):
     kpr: Share | None
     epd: Finite | None
     coverage: CoverageEntry
+    pictures: PicturesEntry | None = Field(None, description="null in audits of earlier builds")
     safety_events: list[str] = []
     identities: list[str] = []
     changes: list[ChangeEntry] = []
@@ -405,6 +452,8 @@ class Audit(Strict):
             elif value.equal is False or value.differences or apart:
                 yield f"its {name} differs"
         yield from self._against_times(entry, synthetic)
+        if entry.pictures is not None and (failing := entry.pictures.failing):
+            yield f"its pictures differ from its states: {failing[0].told}"
         seen = {**entry.coverage.participants, "the conflict zone": entry.coverage.zone}
         if entry.coverage.source == "none":
             yield "nobody knows what its camera covers"

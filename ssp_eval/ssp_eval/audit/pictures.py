@@ -1,0 +1,70 @@
+"""Pictures of a recording, held against its states: what was compared, and what doesn't fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ssp_eval.audit.evidence import Subject
+from ssp_eval.audit.reasons import Finding
+from ssp_eval.data.audit import PicturesEntry
+from ssp_eval.pictures.compare import Compared, compare_pictures, plan_pairs
+from ssp_eval.pictures.footage import Footage, read_grey
+from ssp_eval.pictures.ground import Pair
+
+REMEDY = (
+    "video, states, their common time and the camera's geometry must be of one drive, and the "
+    "pictures neither mirrored nor turned"
+)
+
+
+@dataclass(frozen=True)
+class PicturesExamined:
+    """What pictures and states of a clip say of each other.
+
+    Args:
+        entry: all figures, or why there are none.
+        findings: one where a figure lies outside its limits.
+        road: pairs of frames in which the road was compared, for a picture of them.
+    """
+
+    entry: PicturesEntry
+    findings: tuple[Finding, ...] = ()
+    road: tuple[Pair, ...] = ()
+
+
+def _nothing(why: str) -> PicturesExamined:
+    return PicturesExamined(PicturesEntry(note=why))
+
+
+def examine_pictures(one: Subject) -> PicturesExamined:
+    """Compare the pictures of a clip with its states.
+
+    Raises:
+        InputError: a frame is no picture.
+    """
+    recording = one.recording
+    who, optics = recording.provenance.participants, recording.optics
+    if not recording.frames_s:
+        return _nothing("there are no pictures")
+    if who is None or not recording.series:
+        return _nothing("there are no states to hold the pictures against")
+    if optics is None or recording.provenance.camera == "assumed":
+        what = "is somebody's guess" if optics is not None else "is not recorded"
+        return _nothing(f"the camera's geometry {what}")
+    plan = plan_pairs(one.moments, optics, who.vut, who.targets)
+    grey = read_grey(recording.path, one.moments, recording.provenance, plan.wanted)
+    if not grey:
+        return _nothing("no frame has a state of the VUT at its time")
+    found = compare_pictures(Footage(one.moments, grey, optics, who.vut), plan)
+    return PicturesExamined(PicturesEntry(checks=list(found.checks)), _findings(found), found.road)
+
+
+def _findings(found: Compared) -> tuple[Finding, ...]:
+    failing = [check for check in found.checks if check.state == "fails"]
+    if not failing:
+        return ()
+    told = "; ".join(
+        f"{check.name}: {check.told} (limit {check.limit}, {check.judged} pairs of frames)"
+        for check in failing
+    )
+    return (Finding("pictures_differ", f"{told}; {REMEDY}"),)

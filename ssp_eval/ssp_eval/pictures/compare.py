@@ -1,0 +1,278 @@
+"""What pictures and states of a recording say of each other: figures, each with its limit.
+
+How the limits were chosen is told in docs/audit.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from statistics import median
+
+import numpy as np
+
+from ssp_eval.data.audit import PictureCheck
+from ssp_eval.pictures.change import Change, compare_change, is_aside, is_shown
+from ssp_eval.pictures.footage import Footage, Grey, pairs_apart, reduced_size, spread
+from ssp_eval.pictures.ground import Pair, compare_ground, mean_match
+from ssp_eval.pictures.turning import Turn, compare_turning
+from ssp_eval.recordings.sight import Moment, Optics
+
+_ROAD_APART_S, _ROAD_PAIRS = 0.1, 48
+# Of the pairs those come first in which an object's mirror image would lie elsewhere.
+_CHANGE_APART_S, _CHANGE_PAIRS, _ASIDE_PAIRS = 0.4, 28, 16
+_TURN_PAIRS = 12
+# Slower, the road moves too little between two frames.
+_MOVING_MPS = 2.0
+_LEAST_PAIRS, _LEAST_ASIDE = 8, 5
+
+# Pictures' speed over recorded speed. A camera whose pitch is off by a degree makes a quarter.
+RATIO_LIMITS = (0.67, 1.5)
+_RATIOS = tuple(k / 20.0 for k in range(-30, 61))
+# The course of the speed: a quarter of it, or 1 m/s.
+_AGREE_SHARE, _AGREE_MPS = 0.25, 1.0
+AGREEING_LIMIT = 0.5
+# Of states and pictures; METHOD 4.3b lets topics differ by 0.3 s.
+LAG_LIMIT_S = 0.5
+_LAGS_S = tuple(k / 10.0 for k in range(-20, 21))
+_KNOWN_LAG_S = 0.6
+# So much must the match fall 0.6 s beside the best lag for it to be known.
+_LAG_FALL = 0.05
+# Recorded turning that is large enough to be compared, and in how many pairs; how much is seen.
+_TURNING_RADPS = 0.03
+_LEAST_TURNS = 4
+TURN_LIMITS = (0.5, 1.5)
+# Without recorded turning: median of the pictures' yaw rate.
+STRAIGHT_LIMIT_RADPS = 0.03
+# How many times as much changes in an object's box as beside it.
+CHANGE_LIMIT = 1.3
+# Darker or flatter pictures show too little, median over frames in grey levels.
+# At a smaller width the road near the VUT moves by less than a pixel a frame.
+_LEAST_WIDTH_PX = 240
+_DARK, _FLAT, _LIT_FRAMES = 20.0, 6.0, 16
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Pairs of frames that are compared, by index, the earlier one first."""
+
+    road: Sequence[tuple[int, int]]
+    change: Mapping[str, Sequence[tuple[int, int]]]
+
+    @property
+    def wanted(self) -> set[int]:
+        """Indices of all frames that are needed."""
+        pairs = [*self.road, *(pair for one in self.change.values() for pair in one)]
+        return {index for pair in pairs for index in pair}
+
+
+def plan_pairs(
+    moments: Sequence[Moment], optics: Optics, vut_id: str, targets: Collection[str]
+) -> Plan:
+    """Choose what is compared, from the states alone.
+
+    Args:
+        moments: frames of the clip with their states.
+        targets: ids of the objects that are looked for.
+    """
+    times_s = [moment.t_s for moment in moments]
+    usable = [k for k, moment in enumerate(moments) if vut_id in moment.states]
+    road = pairs_apart(times_s, _ROAD_APART_S, _ROAD_PAIRS, set(usable))
+    # Sizes in the picture are those at the width at which pictures are compared.
+    width, height = reduced_size(optics.lens.width_px, optics.lens.height_px)
+    unread = Footage(moments, {0: np.zeros((height, width), np.uint8)}, optics, vut_id)
+    wide = pairs_apart(times_s, _CHANGE_APART_S, len(times_s), set(usable))
+    change = {}
+    for target in targets:
+        shown = [pair for pair in wide if is_shown(unread, pair[1], target)]
+        aside = [pair for pair in shown if is_aside(unread, pair[1], target)]
+        rest = [pair for pair in shown if pair not in set(aside)]
+        chosen = [*spread(aside, _ASIDE_PAIRS), *spread(rest, _CHANGE_PAIRS - _ASIDE_PAIRS)]
+        change[target] = sorted(chosen)
+    return Plan(road, change)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """All figures of a recording, and what they come from."""
+
+    checks: tuple[PictureCheck, ...]
+    road: tuple[Pair, ...] = ()
+    turns: tuple[Turn, ...] = ()
+    change: Mapping[str, Sequence[Change]] = field(default_factory=dict)
+
+
+def compare_pictures(footage: Footage, plan: Plan) -> Compared:
+    """Hold pictures against states.
+
+    Args:
+        footage: with the pictures of the plan; pairs of which one is missing are left out.
+    """
+
+    def read(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+        return [pair for pair in pairs if all(index in footage.grey for index in pair)]
+
+    road_pairs = read(plan.road)
+    if why := _unlit(footage.grey):
+        names = ["speed", "course of the speed", "time", "turning", *plan.change]
+        return Compared(tuple(_open(name, why) for name in names))
+    road = compare_ground(footage, road_pairs)
+    moving = [
+        pair
+        for pair, one in zip(road_pairs, road, strict=True)
+        if abs(one.speed_mps) >= _MOVING_MPS
+    ]
+    turns = compare_turning(footage, spread(moving, _TURN_PAIRS))
+    change = {
+        target: compare_change(footage, read(pairs), target)
+        for target, pairs in plan.change.items()
+    }
+    checks = [*road_checks(road), turning_check(turns)]
+    checks += [change_check(target, found) for target, found in change.items()]
+    return Compared(tuple(checks), tuple(road), tuple(turns), change)
+
+
+def _open(name: str, why: str, judged: int = 0) -> PictureCheck:
+    return PictureCheck(name=name, figure=None, judged=judged, told=why)
+
+
+def _figure(
+    name: str,
+    figure: float,
+    limits: tuple[float | None, float | None],
+    judged: int,
+    told: str,
+    unit: str = "",
+) -> PictureCheck:
+    low, high = limits
+    return PictureCheck(
+        name=name, figure=figure, unit=unit, low=low, high=high, judged=judged, told=told
+    )
+
+
+def _unlit(grey: Mapping[int, Grey]) -> str:
+    """Return why pictures show too little to be judged; empty: they don't."""
+    if not grey:
+        return "there are no pictures with states of the VUT"
+    some = spread(sorted(grey), _LIT_FRAMES)
+    width_px = grey[some[0]].shape[1]
+    if width_px < _LEAST_WIDTH_PX:
+        return f"the pictures are too small: {width_px} px wide, needed are {_LEAST_WIDTH_PX}"
+    bright = median(float(grey[index].mean()) for index in some)
+    contrast = median(float(grey[index].std()) for index in some)
+    if bright < _DARK:
+        return f"the pictures are dark: {bright:.0f} of 255 grey levels, needed are {_DARK:g}"
+    if contrast < _FLAT:
+        return f"the pictures show nothing: they vary by {contrast:.1f} of 255 grey levels"
+    return ""
+
+
+def road_checks(pairs: Sequence[Pair]) -> list[PictureCheck]:
+    """Judge speed, its course, and the time of the pictures by the motion of the road."""
+    names = ("speed", "course of the speed", "time")
+    moving = [pair for pair in pairs if abs(pair.speed_mps) >= _MOVING_MPS]
+    followed = [pair for pair in pairs if pair.is_followed]
+    if len(moving) < _LEAST_PAIRS:
+        why = f"the VUT stands or creeps in all but {len(moving)} pairs of frames"
+        return [_open(name, why, len(moving)) for name in names]
+    known = [pair for pair in moving if pair.is_followed]
+    if len(known) < max(_LEAST_PAIRS, len(moving) / 3.0):
+        why = f"the road could be followed in {len(known)} of {len(moving)} pairs of frames"
+        return [_open(name, why, len(known)) for name in names]
+    ratio = max(_RATIOS, key=lambda r: _fit(known, [r * pair.way_m for pair in known]))
+    speed = _figure(
+        names[0],
+        ratio,
+        RATIO_LIMITS,
+        len(known),
+        f"the road moves {ratio:.2f} times as fast as recorded",
+    )
+    scale = min(max(ratio, RATIO_LIMITS[0]), RATIO_LIMITS[1])
+    agreeing = sum(_agrees(pair, scale) for pair in followed)
+    share = agreeing / len(followed)
+    course = _figure(
+        names[1],
+        share,
+        (AGREEING_LIMIT, None),
+        len(followed),
+        f"the road moves as fast as recorded, but for that factor, in {agreeing} of "
+        f"{len(followed)} pairs of frames",
+    )
+    return [speed, course, _time_check(names[2], followed, scale)]
+
+
+def _fit(pairs: Sequence[Pair], ways_m: Sequence[float]) -> float:
+    found = mean_match(pairs, ways_m)
+    return found if math.isfinite(found) else -math.inf
+
+
+def _agrees(pair: Pair, scale: float) -> bool:
+    seen_mps = pair.seen_mps / scale
+    larger_mps = max(abs(seen_mps), abs(pair.speed_mps))
+    return abs(seen_mps - pair.speed_mps) <= max(_AGREE_SHARE * larger_mps, _AGREE_MPS)
+
+
+def _time_check(name: str, pairs: Sequence[Pair], scale: float) -> PictureCheck:
+    """Find the delay of the pictures at which the recorded speeds fit best."""
+    times_s = [pair.t_s for pair in pairs]
+    speeds_mps = [pair.speed_mps for pair in pairs]
+
+    def match(lag_s: float) -> float:
+        # Before the first and after the last pair their speeds go on.
+        ways_m = [
+            scale * pair.apart_s * float(np.interp(pair.t_s + lag_s, times_s, speeds_mps))
+            for pair in pairs
+        ]
+        return _fit(pairs, ways_m)
+
+    found = {lag_s: match(lag_s) for lag_s in _LAGS_S}
+    best_s = max(_LAGS_S, key=lambda lag_s: (found[lag_s], -abs(lag_s)))
+    beside = max(
+        (value for lag_s, value in found.items() if abs(lag_s - best_s) >= _KNOWN_LAG_S - 1e-9),
+        default=-math.inf,
+    )
+    if not math.isfinite(beside) or found[best_s] - beside < _LAG_FALL:
+        return _open(name, "the speed changes too little to tell a delay", len(pairs))
+    where = "ahead of" if best_s > 0.0 else "behind"
+    told = f"the speeds fit best where the pictures are {abs(best_s):.1f} s {where} the states"
+    return _figure(name, best_s, (-LAG_LIMIT_S, LAG_LIMIT_S), len(pairs), told, "s")
+
+
+def turning_check(turns: Sequence[Turn]) -> PictureCheck:
+    """Judge the pictures' turning against the recorded yaw rate."""
+    name = "turning"
+    if len(turns) < _LEAST_PAIRS:
+        return _open(name, f"points could be followed in {len(turns)} pairs of frames", len(turns))
+    recorded = np.array([turn.recorded_radps for turn in turns])
+    seen = np.array([turn.seen_radps for turn in turns])
+    turned = np.abs(recorded) >= _TURNING_RADPS
+    if turned.sum() >= _LEAST_TURNS:
+        # The median: a pair in which points were mistaken moves nothing.
+        share = float(np.median(seen[turned] / recorded[turned]))
+        told = f"the pictures turn {share:.2f} times as fast as recorded"
+        return _figure(name, share, TURN_LIMITS, int(turned.sum()), told)
+    rate_radps = float(np.median(np.abs(seen - recorded)))
+    told = f"the pictures turn by {rate_radps:.3f} rad/s other than the VUT, which drives straight"
+    return _figure(name, rate_radps, (None, STRAIGHT_LIMIT_RADPS), len(turns), told, "rad/s")
+
+
+def change_check(target: str, found: Sequence[Change]) -> PictureCheck:
+    """Judge whether an object is where its states say.
+
+    Pairs in which its mirror image would lie elsewhere must hold by themselves: an object straight
+    ahead is where its mirror image is.
+    """
+    if len(found) < _LEAST_PAIRS:
+        why = f"it is large, clear and before the road in {len(found)} pairs of frames"
+        return _open(target, why, len(found))
+    factor = median(one.factor for one in found)
+    elsewhere = ""
+    beside = [one for one in found if one.mirrored is not None]
+    if len(beside) >= _LEAST_ASIDE:
+        aside = median(one.factor for one in beside)
+        mirrored = median(one.mirrored_factor or 0.0 for one in beside)
+        factor = min(factor, aside)
+        elsewhere = f", and {mirrored:.2f} times as much where a mirrored picture had it"
+    told = f"{factor:.2f} times as much changes in its box as on the road beside it{elsewhere}"
+    return _figure(target, factor, (CHANGE_LIMIT, None), len(found), told)

@@ -1,0 +1,189 @@
+"""Motion of the road in the pictures, against the recorded speed.
+
+The road from 5 to 20 m ahead is resampled to a view from above. What doesn't change along the road,
+such as lane lines, is taken out, and the second picture is correlated with the first one at each
+way that the VUT may have gone in between. Hence each pair of frames gives a curve over speeds.
+Hypotheses such as "half as fast" or "a second later" are compared by the mean of those curves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ssp_core.geometry import FloatArray
+from ssp_core.world.camera import Intrinsics, Mounting, optical_axes, shown_box
+from ssp_eval.pictures.footage import Footage, Grey, Mask
+
+Float32 = NDArray[np.float32]
+
+_STEP_M = 0.1
+_NEAR_M, _FAR_M, _HALF_WIDTH_M = 5.0, 20.0, 5.0
+# The strip goes on by so much at both ends; a way is no longer than that.
+_MARGIN_M = 6.0
+_SLOWEST_MPS, _FASTEST_MPS = -20.0, 50.0
+_ALONG_M = 3.1
+_LEAST_CELLS = 2000
+# Of the correlation at the best speed; a pair below it shows nothing that could be followed.
+FOLLOWED = 0.4
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two frames in which the road was compared.
+
+    Args:
+        t_s: clip time, half-way between them.
+        apart_s: time between them.
+        way_m: that the VUT went in between by its states, + forward.
+        ways_m: that were tried, rising.
+        match: correlation of the road at each of them, NaN where it wasn't comparable.
+    """
+
+    t_s: float
+    apart_s: float
+    way_m: float
+    ways_m: FloatArray
+    match: FloatArray
+
+    @property
+    def speed_mps(self) -> float:
+        """The recorded speed, from the way."""
+        return self.way_m / self.apart_s
+
+    @property
+    def best(self) -> float:
+        """The correlation at the way that fits best; NaN where none was comparable."""
+        return float(np.nanmax(self.match)) if np.isfinite(self.match).any() else math.nan
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether the road shows something that is found again."""
+        return self.best >= FOLLOWED
+
+    @property
+    def seen_mps(self) -> float:
+        """The speed at which the road fits best."""
+        return float(self.ways_m[int(np.nanargmax(self.match))]) / self.apart_s
+
+    def match_at(self, way_m: float) -> float:
+        """The correlation at a way, NaN outside those that were tried."""
+        if not self.ways_m[0] <= way_m <= self.ways_m[-1]:
+            return math.nan
+        return float(np.interp(way_m, self.ways_m, self.match))
+
+
+def compare_ground(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[Pair]:
+    """Correlate the road in pairs of frames.
+
+    Args:
+        pairs: indices of frames with a picture and a state of the VUT, the earlier one first.
+    """
+    strip = _Strip.of(footage.lens, footage.optics.mounting)
+    seen: dict[int, tuple[Float32, Mask]] = {}
+
+    def view(index: int) -> tuple[Float32, Mask]:
+        if index not in seen:
+            seen[index] = strip.resampled(footage.grey[index], _free(footage, index))
+        return seen[index]
+
+    found = []
+    for first, second in pairs:
+        before, after = footage.moments[first], footage.moments[second]
+        apart_s = after.t_s - before.t_s
+        at, to = before.states[footage.vut_id], after.states[footage.vut_id]
+        way_m = at.pose.to_local(to.x_m, to.y_m)[0]
+        ways_m, match = _correlate(view(first), view(second), apart_s)
+        found.append(Pair((before.t_s + after.t_s) / 2.0, apart_s, way_m, ways_m, match))
+    return found
+
+
+def _free(footage: Footage, index: int) -> Grey:
+    """Return where no other participant stands in a picture: 255 there, else 0."""
+    mask = np.full(footage.grey[index].shape, 255, np.uint8)
+    view = footage.view(index)
+    for name, state in footage.moments[index].states.items():
+        box = None if name == footage.vut_id else shown_box(view, state)
+        if box is not None:
+            left, top, right, bottom = (round(edge) for edge in box)
+            mask[max(0, top - 2) : bottom + 6, max(0, left - 2) : right + 3] = 0
+    return mask
+
+
+@dataclass(frozen=True)
+class _Strip:
+    """Where cells of the road ahead lie in a picture; rows go ahead, columns to the left."""
+
+    u_px: Float32
+    v_px: Float32
+
+    @classmethod
+    def of(cls, lens: Intrinsics, mounting: Mounting) -> _Strip:
+        ahead_m = np.arange(_NEAR_M - _MARGIN_M, _FAR_M + _MARGIN_M, _STEP_M)
+        left_m = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M, _STEP_M)
+        x_m, y_m = np.meshgrid(ahead_m, left_m, indexing="ij")
+        points = np.stack([x_m, y_m, np.full_like(x_m, -mounting.height_m)], axis=-1)
+        axes = optical_axes(mounting.pitch_down_rad, mounting.yaw_left_rad, mounting.roll_right_rad)
+        optical = points @ axes.T
+        depth = np.where(optical[..., 2] > 0.5, optical[..., 2], np.nan)
+        u = lens.fx_px * optical[..., 0] / depth + lens.cx_px
+        v = lens.fy_px * optical[..., 1] / depth + lens.cy_px
+        return cls(
+            np.nan_to_num(u, nan=-1.0).astype(np.float32),
+            np.nan_to_num(v, nan=-1.0).astype(np.float32),
+        )
+
+    def resampled(self, picture: Grey, free: Grey) -> tuple[Float32, Mask]:
+        """Return the road from above without what doesn't change along it, and where it is seen."""
+        height, width = picture.shape
+        road = cv2.remap(picture, self.u_px, self.v_px, cv2.INTER_LINEAR)
+        clear = cv2.remap(free, self.u_px, self.v_px, cv2.INTER_NEAREST) > 0
+        inside = (
+            (self.u_px >= 0.0)
+            & (self.u_px < width - 1.0)
+            & (self.v_px >= 0.0)
+            & (self.v_px < height - 1.0)
+        )
+        mask: Mask = np.asarray(inside & clear, np.bool_)
+        shown = np.where(mask, road, 0).astype(np.float32)
+        along = (1, round(_ALONG_M / _STEP_M))
+        count = cv2.blur(mask.astype(np.float32), along)
+        mean = cv2.blur(shown, along) / np.maximum(count, 1e-3)
+        detail = cv2.GaussianBlur(np.where(mask, shown - mean, 0.0).astype(np.float32), (3, 3), 0)
+        return np.asarray(detail * mask, np.float32), mask
+
+
+def _correlate(
+    before: tuple[Float32, Mask], after: tuple[Float32, Mask], apart_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return ways in m, and the correlation of the road at each of them."""
+    most = round(_MARGIN_M / _STEP_M)
+    low = max(-most, round(_SLOWEST_MPS * apart_s / _STEP_M))
+    high = min(most, round(_FASTEST_MPS * apart_s / _STEP_M))
+    steps = np.arange(low, high + 1)
+    match = np.full(len(steps), np.nan)
+    (old, old_mask), (new, new_mask) = before, after
+    rows = len(old)
+    new, new_mask = new[most : rows - most], new_mask[most : rows - most]
+    for k, step in enumerate(steps):
+        part = slice(most + step, rows - most + step)
+        both = old_mask[part] & new_mask
+        if both.sum() < _LEAST_CELLS:
+            continue
+        a, b = old[part][both], new[both]
+        # One grey level of noise: a road without detail matches nothing.
+        energy = (float(a @ a) + both.sum()) * (float(b @ b) + both.sum())
+        match[k] = float(a @ b) / math.sqrt(energy)
+    return np.asarray(steps * _STEP_M, np.float64), match
+
+
+def mean_match(pairs: Sequence[Pair], ways_m: Sequence[float]) -> float:
+    """Return the mean correlation if the VUT went these ways; NaN where none was tried."""
+    found = [pair.match_at(way_m) for pair, way_m in zip(pairs, ways_m, strict=True)]
+    known = [value for value in found if math.isfinite(value)]
+    return math.fsum(known) / len(known) if known else math.nan

@@ -1,0 +1,374 @@
+"""Sound and false recordings by which the limits of pictures against states were chosen.
+
+``python ssp_eval/test/pictures_measure.py RESULTS.jsonl PATH…`` judges crops of recordings, and
+what is made of them, and prints the table that stands in docs/audit.md. A PATH is a run's folder, a
+bag, a clip of ``ssp spec clip`` with its truth file beside it, or a real clip of ``REAL``. What
+RESULTS holds already is not judged again.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ssp_core.bag.frames import Frames
+from ssp_core.bag.reader import BagReader
+from ssp_core.clock import ns_to_seconds
+from ssp_core.motion.state import ObjectState, Size
+from ssp_core.names import CAMERA_IMAGE, absolute
+from ssp_core.run_file.model import Camera
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import Intrinsics, Mounting, intrinsics
+from ssp_eval.audit.recording import read_recording
+from ssp_eval.pictures.compare import Compared, compare_pictures, plan_pairs
+from ssp_eval.pictures.footage import Footage, Grey, reduced
+from ssp_eval.recordings.sight import Moment, Optics
+
+CROPS = 30
+FALSE = 4
+# Real clips: focal length, columns and rows of the vanishing point in px, camera height in m; speed
+# in m/s and the car ahead (m ahead, m to the left) as they were read off the pictures.
+REAL = {
+    "highway_960x540": (862.0, 487.0, 308.0, 1.3, 26.2, None),
+    "highway_traffic_1280x720": (1150.0, 690.0, 415.0, 1.3, 31.0, (20.1, -2.9)),
+}
+Edit = Callable[[Grey, int], Grey]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Frames with their states, of one kind of recording."""
+
+    name: str
+    kind: str
+    moments: tuple[Moment, ...]
+    frames: tuple[Grey, ...]
+    optics: Optics
+    targets: tuple[str, ...]
+
+    def cut(self, from_s: float, to_s: float) -> Drive:
+        kept = [k for k, moment in enumerate(self.moments) if from_s <= moment.t_s <= to_s]
+        return replace(
+            self,
+            moments=tuple(self.moments[k] for k in kept),
+            frames=tuple(self.frames[k] for k in kept),
+        )
+
+    def edited(self, edit: Edit) -> Drive:
+        return replace(self, frames=tuple(edit(one, k) for k, one in enumerate(self.frames)))
+
+    def ordered(self, order: Sequence[int]) -> Drive:
+        return replace(self, frames=tuple(self.frames[k] for k in order))
+
+    def filmed_by(self, other: Drive, delay_s: float = 0.0, rate: float = 1.0) -> Drive:
+        """These states with the frames that another drive has at the same times."""
+        times_s = [moment.t_s for moment in other.moments]
+        start_s = self.moments[0].t_s
+        places = [
+            int(np.searchsorted(times_s, start_s + rate * (m.t_s - start_s) + delay_s - 1e-3))
+            for m in self.moments
+        ]
+        last = len(times_s) - 1
+        return replace(self, frames=tuple(other.frames[min(max(k, 0), last)] for k in places))
+
+
+def judge(drive: Drive) -> Compared:
+    plan = plan_pairs(drive.moments, drive.optics, "vut", drive.targets)
+    grey = {index: reduced(drive.frames[index]) for index in plan.wanted}
+    return compare_pictures(Footage(drive.moments, grey, drive.optics, "vut"), plan)
+
+
+def load(path: Path) -> Drive:
+    if path.stem in REAL:
+        return _real(path)
+    return _clip(path) if path.suffix == ".mp4" else _session(path)
+
+
+def _session(path: Path) -> Drive:
+    recording = read_recording(path)
+    facts, moments = recording.provenance, recording.moments()
+    assert recording.optics is not None
+    assert facts.participants is not None
+    frames: dict[float, Grey] = {}
+    with BagReader(recording.path) as bag:
+        zero_ns = facts.session_start_ns
+        for jpeg in Frames(bag, absolute(CAMERA_IMAGE)).jpegs():
+            zero_ns = jpeg.stamp_ns if zero_ns is None else zero_ns
+            grey = cv2.imdecode(np.frombuffer(jpeg.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+            frames[round(ns_to_seconds(jpeg.stamp_ns - zero_ns), 6)] = np.asarray(grey, np.uint8)
+    kept = [moment for moment in moments if round(moment.t_s, 6) in frames]
+    kind = "live" if facts.run is not None and facts.run.mode == "live" else "raster"
+    name = "-".join(path.parts[-3:])
+    grey_of = tuple(reduced(frames[round(moment.t_s, 6)]) for moment in kept)
+    targets = tuple(facts.participants.targets)
+    return Drive(name, kind, tuple(kept), grey_of, recording.optics, targets)
+
+
+def _video(path: Path) -> Iterator[Grey]:
+    video = cv2.VideoCapture(str(path))
+    while True:
+        more, image = video.read()
+        if not more:
+            return
+        yield reduced(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))
+
+
+def _clip(path: Path) -> Drive:
+    truth = json.loads(path.with_suffix(".truth.json").read_text("utf-8"))
+    given = {key: value for key, value in truth["camera"].items() if key != "provenance"}
+    camera = Camera.model_validate(given)
+    mounting = Mounting(camera.forward_m, camera.height_m, camera.pitch_down_rad)
+    moments = tuple(
+        Moment(row["t_s"], {one["object_id"]: _state(one) for one in row["objects"]})
+        for row in truth["frames"]
+    )
+    optics = Optics(intrinsics(camera), mounting)
+    return Drive(f"{path.parts[-3]}-{path.stem}", "clip", moments, tuple(_video(path)), optics,
+                 ("ot1",))  # fmt: skip
+
+
+def _state(row: dict[str, Any]) -> ObjectState:
+    words = {
+        "object_class": ObjectClass[row["object_class"].upper()],
+        "role": Role[row["role"].upper()],
+        "size": Size(**row["size"]),
+    }
+    return ObjectState(**{**row, **words})
+
+
+def _real(path: Path) -> Drive:
+    focal_px, column_px, row_px, height_m, speed_mps, ahead = REAL[path.stem]
+    frames = tuple(_video(path))
+    height, width = frames[0].shape
+    full_px = int(path.stem.split("_")[-1].split("x")[0])
+    scale = width / full_px
+    lens = Intrinsics(
+        width, height, focal_px * scale, focal_px * scale, (width - 1) / 2, (height - 1) / 2
+    )
+    down = math.atan((lens.cy_px - row_px * scale) / lens.fy_px)
+    left = math.atan((column_px * scale - lens.cx_px) / lens.fx_px)
+    moments = []
+    for k in range(len(frames)):
+        t_s = k / 25.0
+        places = {"vut": (speed_mps * t_s, 0.0)}
+        if ahead is not None:
+            places["ot1"] = (speed_mps * t_s + ahead[0], ahead[1])
+        moments.append(Moment(t_s, {who: _car(who, t_s, at, speed_mps)
+                                    for who, at in places.items()}))  # fmt: skip
+    optics = Optics(lens, Mounting(1.2, height_m, down, 0.0, left))
+    targets = () if ahead is None else ("ot1",)
+    return Drive(path.stem, "real", tuple(moments), frames, optics, targets)
+
+
+def _car(who: str, t_s: float, at: tuple[float, float], speed_mps: float) -> ObjectState:
+    return ObjectState(
+        who, ObjectClass.CAR, Role.VUT if who == "vut" else Role.OT, round(t_s * 1e9), *at, 0.0,
+        speed_mps, 0.0, 0.0, Size(3.6, 0.9, 1.8, 1.45),
+    )  # fmt: skip
+
+
+def crop(drive: Drive, chance: random.Random) -> Drive:
+    """Some seconds that hold the meeting with the object, where there is one."""
+    first_s, last_s = drive.moments[0].t_s, drive.moments[-1].t_s
+    if drive.kind == "real":
+        length_s = min(last_s, chance.uniform(1.4, 6.0))
+        from_s = chance.uniform(first_s, last_s - length_s)
+        return drive.cut(from_s, from_s + length_s)
+    length_s, nearest = chance.uniform(6.0, 9.0), (math.inf, first_s)
+    for moment in drive.moments:
+        if {"vut", *drive.targets} <= set(moment.states):
+            target = moment.states[drive.targets[0]]
+            ahead_m, left_m = moment.states["vut"].pose.to_local(target.x_m, target.y_m)
+            if ahead_m > 3.0:
+                nearest = min(nearest, (math.hypot(ahead_m, left_m), moment.t_s))
+    from_s = max(first_s, nearest[1] - length_s * chance.uniform(0.55, 0.85))
+    return drive.cut(from_s, from_s + length_s)
+
+
+def disturbed(drive: Drive, chance: random.Random, delay_s: float, noise_m: float) -> Drive:
+    """States as another system gives them: late, noisy, with an offset of the object."""
+    offset_m = chance.gauss(0.0, noise_m), chance.gauss(0.0, noise_m)
+    moments = []
+    for moment in drive.moments:
+        states = {}
+        for who, state in moment.states.items():
+            later = state.extrapolated(state.stamp_ns + round(delay_s * 1e9))
+            dx_m, dy_m = (0.0, 0.0) if who == "vut" else offset_m
+            states[who] = replace(
+                later,
+                x_m=later.x_m + dx_m + chance.gauss(0.0, noise_m / 2.0),
+                y_m=later.y_m + dy_m + chance.gauss(0.0, noise_m / 2.0),
+                yaw_rad=later.yaw_rad + chance.gauss(0.0, 0.004),
+            )
+        moments.append(Moment(moment.t_s, states))
+    return replace(drive, moments=tuple(moments))
+
+
+def foreign(drive: Drive, chance: random.Random) -> Drive:
+    """A drive as somebody else records it: other pictures, states and calibration."""
+    quality, gamma = chance.choice([25, 50, 80]), chance.choice([0.6, 1.0, 1.6])
+    width_px, sigma = chance.choice([400, 480, 640]), chance.choice([0.0, 2.0, 5.0])
+    noise = np.random.default_rng(chance.randrange(1 << 30))
+
+    def edit(grey: Grey, _: int) -> Grey:
+        height_px = round(grey.shape[0] * width_px / grey.shape[1])
+        small = cv2.resize(grey, (width_px, height_px), interpolation=cv2.INTER_AREA)
+        light = 255.0 * (small / 255.0) ** gamma + noise.normal(0.0, sigma, small.shape)
+        data = cv2.imencode(
+            ".jpg", np.clip(light, 0, 255).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality]
+        )[1]
+        return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
+
+    made = disturbed(drive, chance, chance.uniform(-0.25, 0.25), chance.choice([0.02, 0.1, 0.3]))
+    if chance.random() < 0.4:
+        made = replace(made, moments=made.moments[::2], frames=made.frames[::2])
+    at = made.optics.mounting
+    turned = replace(
+        at,
+        pitch_down_rad=at.pitch_down_rad + chance.gauss(0.0, 0.006),
+        yaw_left_rad=at.yaw_left_rad + chance.gauss(0.0, 0.006),
+        height_m=at.height_m * chance.uniform(0.95, 1.05),
+    )
+    return replace(made, optics=replace(made.optics, mounting=turned)).edited(edit)
+
+
+def live(drive: Drive, chance: random.Random) -> Drive:
+    """A live recording as it is; of a session, with late states and lost frames."""
+    if drive.kind == "live":
+        return drive
+    kept = [k for k in range(len(drive.frames)) if chance.random() > 0.04]
+    some = replace(
+        drive,
+        moments=tuple(drive.moments[k] for k in kept),
+        frames=tuple(drive.frames[k] for k in kept),
+    )
+    return disturbed(some, chance, chance.uniform(-0.08, 0.08), 0.03)
+
+
+def _mirror(grey: Grey, _: int) -> Grey:
+    return np.ascontiguousarray(grey[:, ::-1])
+
+
+def _upside_down(grey: Grey, _: int) -> Grey:
+    return np.ascontiguousarray(grey[::-1])
+
+
+def _seen_by(drive: Drive, other: Drive) -> Drive:
+    return replace(drive.filmed_by(other), optics=other.optics)
+
+
+def falsified(
+    drives: Sequence[Drive], k: int, chance: random.Random
+) -> Iterator[tuple[str, Drive]]:
+    """False recordings, the k-th of each kind that the drives allow."""
+    sessions = [one for one in drives if one.kind == "raster" and "without" not in one.name]
+    plain = sessions[k * 5 % len(sessions)]
+    one = crop(plain, chance)
+    n = len(one.frames)
+    event = "vru" if "vru" in plain.name else "cut_in"
+    mode = "physical" if "physical" in plain.name else "simulation"
+    alike = [s for s in sessions if event in s.name]
+    yield "mirrored session", one.edited(_mirror)
+    yield "mirrored foreign bag", foreign(one, chance).edited(_mirror)
+    if real := [drive for drive in drives if drive.kind == "real"]:
+        film = real[k % len(real)]
+        looped = tuple(film.frames[j * 5 // 2 % len(film.frames)] for j in range(n))
+        optics = Optics(film.optics.lens, one.optics.mounting)
+        yield "highway clip", replace(one, frames=looped, optics=optics)
+    simulated = [s for s in alike if "simulation" in s.name]
+    filmed = [s for s in alike if "physical" in s.name]
+    if simulated and filmed:
+        part = crop(simulated[k % len(simulated)], chance)
+        other = filmed[k % len(filmed)]
+        seen = replace(part.filmed_by(other), optics=other.optics)
+        yield "physical video, states of the simulation", seen
+    yield "shifted in time", one.filmed_by(plain, (-1.5, -0.7, 0.7, 1.5)[k % 4])
+    yield "reversed", one.ordered(range(n - 1, -1, -1))
+    yield "half or double speed", one.filmed_by(plain, rate=(0.5, 2.0)[k % 2])
+    yield "one picture", one.ordered([n // 3] * n)
+    yield "shuffled", one.ordered(chance.sample(range(n), n))
+    yield "upside down", one.edited(_upside_down)
+    if others := [s for s in sessions if event not in s.name and mode in s.name]:
+        yield "another event, same site", one.filmed_by(others[k % len(others)])
+    lens, at = one.optics.lens, one.optics.mounting
+    factor = (0.5, 2.0)[k % 2]
+    other_lens = replace(lens, fx_px=lens.fx_px * factor, fy_px=lens.fy_px * factor)
+    yield "focal length off by 2", replace(one, optics=Optics(other_lens, at))
+    turned = replace(at, yaw_left_rad=at.yaw_left_rad + (-0.17, 0.17)[k % 2])
+    yield "camera turned by 10 degrees", replace(one, optics=Optics(lens, turned))
+    empty = [s for s in drives if "without" in s.name and event in s.name]
+    if empty and mode == "simulation":
+        yield "object not in the pictures", one.filmed_by(empty[0])
+    if same := [s for s in alike if mode in s.name and s is not plain]:
+        yield "same plan, another seed", one.filmed_by(same[k % len(same)])
+
+
+def cases(drives: Sequence[Drive]) -> Iterator[tuple[str, str, str, Callable[[], Drive]]]:
+    """Name, group and kind of each recording, and what makes it."""
+    sessions = [one for one in drives if one.kind == "raster" and "without" not in one.name]
+    for k in range(CROPS):
+        for kind in ("raster", "clip", "real", "live", "foreign"):
+            fitting = [one for one in drives if one.kind == kind and "without" not in one.name]
+            source = (fitting or sessions)[k % len(fitting or sessions)]
+            chance = random.Random(f"{kind}{k}")
+
+            def made(
+                source: Drive = source, kind: str = kind, chance: random.Random = chance
+            ) -> Drive:
+                part = crop(source, chance)
+                return {"foreign": foreign, "live": live}.get(kind, lambda d, _: d)(part, chance)
+
+            yield f"{kind} {k}", "sound", kind, made
+        if k < FALSE:
+            for kind, drive in falsified(drives, k, random.Random(f"false{k}")):
+                yield f"{kind} {k}", "false", kind, lambda drive=drive: drive
+
+
+def table(rows: Sequence[dict[str, Any]]) -> None:
+    """Print how many recordings of each kind and half there are, and how many are refused."""
+    for group, kind in dict.fromkeys((row["group"], row["kind"]) for row in rows):
+        some = [row for row in rows if (row["group"], row["kind"]) == (group, kind)]
+        refused = Counter(row["half"] for row in some if row["fails"])
+        total = Counter(row["half"] for row in some)
+        halves = ", ".join(f"{refused[half]} of {total[half]}" for half in (0, 1))
+        print(f"{group:6s}{kind:42s} refused {halves}")
+        for name in dict.fromkeys(name for row in some for name in row["figures"]):
+            given = (row["figures"].get(name) for row in some)
+            if found := [figure for figure in given if figure is not None]:
+                ends = f"{min(found):.3f} to {max(found):.3f}"
+                print(f"          {name:24s} {len(found):3d} judged, {ends}")
+
+
+def main(results: Path, paths: Sequence[str]) -> None:
+    rows = (
+        [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
+    )
+    known = {row["id"] for row in rows}
+    drives = [load(Path(path)) for path in paths]
+    for name, group, kind, make in cases(drives):
+        if name in known:
+            continue
+        found = judge(make())
+        row = {
+            "id": name, "group": group, "kind": kind, "half": int(name.split()[-1]) % 2,
+            "fails": [check.name for check in found.checks if check.state == "fails"],
+            "figures": {check.name: check.figure for check in found.checks},
+        }  # fmt: skip
+        rows.append(row)
+        with results.open("a") as file:
+            file.write(json.dumps(row) + "\n")
+    table(rows)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2:])

@@ -1,0 +1,215 @@
+"""Pictures held against states: a drawn clip, and what is done to it (docs/audit.md)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import pytest
+
+from ssp_core.clock import seconds_to_ns
+from ssp_core.world.camera import Mounting, intrinsics
+from ssp_eval.data.audit import PictureCheck
+from ssp_eval.pictures.change import Change
+from ssp_eval.pictures.compare import (
+    change_check,
+    compare_pictures,
+    plan_pairs,
+    road_checks,
+    turning_check,
+)
+from ssp_eval.pictures.footage import Footage, Grey, pairs_apart, reduced
+from ssp_eval.pictures.ground import Pair
+from ssp_eval.pictures.turning import Turn, _rotation
+from ssp_eval.recordings.sight import Moment, Optics
+from ssp_ot_controller.camera.clip import board_of
+from ssp_ot_controller.camera.frames import Odometer
+from ssp_ot_controller.camera.renderer.render import render
+from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
+
+SIZE_PX = (384, 216)
+FROM_S, TO_S = 2.2, 6.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Frames of a clip with their states."""
+
+    moments: tuple[Moment, ...]
+    pictures: tuple[Grey, ...]
+    optics: Optics
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    """Frames of a pedestrian who crosses, and a VUT that brakes for her."""
+    board = board_of("vru_crossing", 3, 2, 2)
+    camera = board.camera.model_copy(update={"width_px": SIZE_PX[0], "height_px": SIZE_PX[1]})
+    odometer, indicators = Odometer(), Indicators(board.road)
+    moments, pictures = [], []
+    for index, t_s in enumerate(np.arange(FROM_S, TO_S, 0.1)):
+        states = board.states(t_s)
+        odometer.update(states)
+        blinking = indicators.update(states, seconds_to_ns(t_s))
+        vut = board.vut.state(t_s)
+        scene = Scene(board.road, vut, states, odometer.snapshot(), blinking)
+        drawn = render(scene, board.look, camera, index, board.seed)
+        moments.append(Moment(float(t_s), {state.object_id: state for state in states}))
+        pictures.append(np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2GRAY), np.uint8))
+    mounting = Mounting(camera.forward_m, camera.height_m, camera.pitch_down_rad)
+    return Drive(tuple(moments), tuple(pictures), Optics(intrinsics(camera), mounting))
+
+
+def held(drive: Drive) -> dict[str, PictureCheck]:
+    plan = plan_pairs(drive.moments, drive.optics, "vut", ["ot1"])
+    grey = {index: reduced(drive.pictures[index]) for index in plan.wanted}
+    footage = Footage(drive.moments, grey, drive.optics, "vut")
+    return {check.name: check for check in compare_pictures(footage, plan).checks}
+
+
+def failing(drive: Drive) -> set[str]:
+    return {name for name, check in held(drive).items() if check.state == "fails"}
+
+
+def test_pictures_of_these_states_hold(drive: Drive) -> None:
+    found = held(drive)
+    assert {name: check.told for name, check in found.items() if check.state == "fails"} == {}
+    assert {"speed", "ot1"} <= {n for n, check in found.items() if check.state == "holds"}
+    assert found["speed"].figure == pytest.approx(1.0, abs=0.1)
+    assert held(drive) == found
+
+
+def _with(change: Callable[[list[Grey]], list[Grey]]) -> Callable[[Drive], Drive]:
+    return lambda drive: replace(drive, pictures=tuple(change(list(drive.pictures))))
+
+
+@pytest.mark.parametrize(
+    ("falsify", "check"),
+    [
+        (_with(lambda all_: [np.ascontiguousarray(one[:, ::-1]) for one in all_]), "ot1"),
+        (_with(lambda all_: all_[::-1]), "speed"),
+        (_with(lambda all_: [all_[5]] * len(all_)), "speed"),
+        (_with(lambda all_: [all_[min(2 * k, len(all_) - 1)] for k in range(len(all_))]), "speed"),
+        (_with(lambda all_: [all_[k // 2] for k in range(len(all_))]), "speed"),
+        (_with(lambda all_: all_[15:] + all_[-1:] * 15), "ot1"),
+    ],
+    ids=["mirrored", "reversed", "one picture", "twice as fast", "half as fast", "too early"],
+)
+def test_pictures_of_other_states_are_told_apart(
+    falsify: Callable[[Drive], Drive], check: str, drive: Drive
+) -> None:
+    assert check in failing(falsify(drive))
+
+
+def test_an_object_that_the_pictures_do_not_hold_is_missed(drive: Drive) -> None:
+    moments = tuple(
+        Moment(m.t_s, {**m.states, "ot1": replace(m.states["ot1"], y_m=m.states["ot1"].y_m + 3.0)})
+        for m in drive.moments
+    )
+    assert failing(replace(drive, moments=moments)) == {"ot1"}
+
+
+def test_what_shows_too_little_is_not_judged_and_says_so(drive: Drive) -> None:
+    night = _with(lambda all_: [np.asarray(one // 40, np.uint8) for one in all_])(drive)
+    grey = _with(lambda all_: [np.full_like(one, 120) for one in all_])(drive)
+    for changed, why in ((night, "the pictures are dark"), (grey, "the pictures show nothing")):
+        found = held(changed)
+        assert {check.state for check in found.values()} == {"not judged"}
+        assert all(check.told.startswith(why) for check in found.values())
+
+
+def test_pictures_that_are_too_small_say_so(drive: Drive) -> None:
+    small = [cv2.resize(one, (96, 54), interpolation=cv2.INTER_AREA) for one in drive.pictures]
+    (told,) = {check.told for check in held(_with(lambda _: small)(drive)).values()}
+    assert told == "the pictures are too small: 96 px wide, needed are 240"
+
+
+def test_a_vut_that_stands_says_so(drive: Drive) -> None:
+    first = drive.moments[0].states
+    moments = tuple(Moment(m.t_s, {**m.states, "vut": first["vut"]}) for m in drive.moments)
+    stands = replace(drive, moments=moments, pictures=(drive.pictures[0],) * len(moments))
+    found = held(stands)["speed"]
+    assert (found.state, found.told) == (
+        "not judged",
+        "the VUT stands or creeps in all but 0 pairs of frames",
+    )
+
+
+def pair(t_s: float, recorded_mps: float, seen_mps: float) -> Pair:
+    ways_m = np.arange(-20, 61) * 0.1
+    return Pair(
+        t_s, 0.1, recorded_mps * 0.1, ways_m, np.exp(-(((ways_m - seen_mps * 0.1) / 0.3) ** 2))
+    )
+
+
+def braking(t_s: float) -> float:
+    return 12.0 - 4.0 * min(max(t_s - 3.0, 0.0), 2.0)
+
+
+@pytest.mark.parametrize(("late_s", "state"), [(0.0, "holds"), (0.3, "holds"), (1.0, "fails")])
+def test_a_delay_of_the_pictures_is_found(late_s: float, state: str) -> None:
+    times_s = np.arange(0.0, 8.0, 0.2)
+    found = road_checks([pair(t, braking(t), braking(t - late_s)) for t in times_s])
+    (time,) = (check for check in found if check.name == "time")
+    assert time.state == state
+    assert time.figure == pytest.approx(-late_s, abs=0.1)
+
+
+def test_a_constant_speed_tells_no_delay() -> None:
+    found = road_checks([pair(k * 0.2, 12.0, 12.0) for k in range(30)])
+    assert [check.state for check in found] == ["holds", "holds", "not judged"]
+
+
+def test_a_road_without_detail_is_not_judged() -> None:
+    flat = [replace(pair(k * 0.2, 12.0, 12.0), match=np.full(81, 0.1)) for k in range(30)]
+    assert {check.state for check in road_checks(flat)} == {"not judged"}
+
+
+@pytest.mark.parametrize(
+    ("recorded", "seen", "state"),
+    [(0.06, 0.06, "holds"), (0.06, -0.06, "fails"), (0.06, 0.0, "fails"), (0.0, 0.0, "holds"),
+     (0.0, 0.08, "fails")],
+)  # fmt: skip
+def test_turning_is_held_against_the_yaw_rate(recorded: float, seen: float, state: str) -> None:
+    assert turning_check([Turn(k * 0.1, recorded, seen) for k in range(10)]).state == state
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.012, -0.012])
+def test_rotation_is_found_whatever_the_distances(yaw_rad: float) -> None:
+    random = np.random.default_rng(4)
+    x_m, y_m = random.uniform(6, 80, 200), random.uniform(-15, 15, 200)
+    z_m = np.where(random.random(200) < 0.5, -1.4, random.uniform(-1.0, 6.0, 200))
+    way_m, ahead_m = 1.3, 1.8
+    # The axle turns; the camera sits ahead of it.
+    axle = np.array([way_m * math.cos(yaw_rad / 2.0), way_m * math.sin(yaw_rad / 2.0)])
+    at = axle + ahead_m * np.array([math.cos(yaw_rad), math.sin(yaw_rad)]) - [ahead_m, 0.0]
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    dx, dy = x_m - at[0], y_m - at[1]
+    to_x, to_y = c * dx + s * dy, -s * dx + c * dy
+    old = np.column_stack([-y_m / x_m, -z_m / x_m])
+    new = np.column_stack([-to_y / to_x, -z_m / to_x])
+    assert _rotation(old, new, way_m, ahead_m) == pytest.approx(yaw_rad, abs=5e-4)
+    mirrored = np.array([-1.0, 1.0])
+    turned = _rotation(old * mirrored, new * mirrored, way_m, ahead_m)
+    assert turned == pytest.approx(-yaw_rad, abs=5e-4)
+
+
+def test_pairs_beside_the_middle_must_hold_by_themselves() -> None:
+    ahead = [Change(k * 0.1, 30.0, 3.0, None) for k in range(20)]
+    aside = [Change(k * 0.1, 2.0, 3.0, 30.0) for k in range(6)]
+    assert change_check("ot1", ahead).state == "holds"
+    found = change_check("ot1", ahead + aside)
+    assert (found.state, found.figure) == ("fails", 0.75)
+    assert found.told.endswith("and 7.75 times as much where a mirrored picture had it")
+    assert change_check("ot1", ahead[:7]).state == "not judged"
+
+
+def test_pairs_are_spread_over_the_recording_and_skip_gaps() -> None:
+    times_s = [k * 0.1 for k in range(100) if not 40 <= k < 60]
+    found = pairs_apart(times_s, 0.1, 10, range(len(times_s)))
+    assert len(found) == 10
+    assert (found[0], found[-1]) == ((0, 1), (78, 79))
+    assert all(times_s[b] - times_s[a] == pytest.approx(0.1) for a, b in found)
