@@ -178,21 +178,24 @@ def _car(who: str, t_s: float, at: tuple[float, float], speed_mps: float) -> Obj
 
 
 def crop(drive: Drive, chance: random.Random) -> Drive:
-    """Some seconds that hold the meeting with the object, where there is one."""
+    """Return some seconds that hold the object's manoeuvre, where there is one."""
     first_s, last_s = drive.moments[0].t_s, drive.moments[-1].t_s
     if drive.kind == "real":
         length_s = min(last_s, chance.uniform(1.4, 6.0))
         from_s = chance.uniform(first_s, last_s - length_s)
         return drive.cut(from_s, from_s + length_s)
-    length_s, nearest = chance.uniform(6.0, 9.0), (math.inf, first_s)
+    # The manoeuvre is in it: the object's place across the VUT's direction changes by half a metre.
+    start_m, at_s = None, first_s
     for moment in drive.moments:
         if {"vut", *drive.targets} <= set(moment.states):
             target = moment.states[drive.targets[0]]
-            ahead_m, left_m = moment.states["vut"].pose.to_local(target.x_m, target.y_m)
-            if ahead_m > 3.0:
-                nearest = min(nearest, (math.hypot(ahead_m, left_m), moment.t_s))
-    from_s = max(first_s, nearest[1] - length_s * chance.uniform(0.55, 0.85))
-    return drive.cut(from_s, from_s + length_s)
+            _, left_m = moment.states["vut"].pose.to_local(target.x_m, target.y_m)
+            start_m = left_m if start_m is None else start_m
+            if abs(left_m - start_m) > 0.5:
+                at_s = moment.t_s
+                break
+    from_s = max(first_s, at_s - chance.uniform(1.5, 3.0))
+    return drive.cut(from_s, from_s + chance.uniform(6.0, 9.0))
 
 
 def disturbed(drive: Drive, chance: random.Random, delay_s: float, noise_m: float) -> Drive:

@@ -8,13 +8,16 @@ road is compared, with the same rows of the road beside it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ssp_core.geometry import FloatArray
+from ssp_core.motion.state import ObjectState
 from ssp_core.world.camera import Intrinsics, Mounting, View, optical_axes, shown_box
 from ssp_eval.pictures.footage import Footage, Mask
 from ssp_eval.recordings.sight import clear_share
@@ -23,6 +26,8 @@ _REACH_M, _HALF_WIDTH_M = 45.0, 8.0
 _LEAST_HEIGHT_PX, _LEAST_WIDTH_PX = 12.0, 4.0
 _LEAST_INSIDE, _LEAST_OUTSIDE = 12, 30
 _GROWN_PX = 6
+# Beside the box, in its widths.
+_REACH_WIDTHS = 2.0
 # Less of it is clear of others: then what changes may be them.
 _CLEAR = 0.6
 # Of a grey level: noise of both, so that two quiet places differ by nothing.
@@ -39,12 +44,14 @@ class Change:
         outside: mean beside it.
         mirrored: mean where the box would be in a mirrored picture; None: it overlaps the box, or
             lies outside of the picture.
+        off_m: how far to the right of the box, at its distance, the change lies; None: unclear.
     """
 
     t_s: float
     inside: float
     outside: float
     mirrored: float | None
+    off_m: float | None = None
 
     @property
     def factor(self) -> float:
@@ -136,12 +143,52 @@ def _change(
     place = mirror & road & ~was
     if not (mirror & grown).any() and place.sum() >= _LEAST_INSIDE:
         mirrored = float(changed[place].mean())
+    off_px = _off_px(changed, box, road & (box | ~was))
+    state = footage.moments[second].states[object_id]
     return Change(
         footage.moments[second].t_s,
         float(changed[inside].mean()),
         float(changed[beside].mean()),
         mirrored,
+        None if off_px is None else off_px * _metres_per_px(after, state),
     )
+
+
+def _metres_per_px(view: View, state: ObjectState) -> float:
+    """Return how wide a pixel is at an object's distance."""
+    at = np.array([state.x_m, state.y_m, 0.0]) - view.position_m
+    return float(at @ view.rotation[2]) / view.intrinsics.fx_px
+
+
+def _off_px(changed: NDArray[np.float32], box: Mask, road: Mask) -> int | None:
+    """Return how far beside the box the change lies that stands out most from both its sides."""
+    rows = np.flatnonzero((box & road).any(axis=1))
+    columns = np.flatnonzero(box.any(axis=0))
+    part, known = changed[rows[0] : rows[-1] + 1], road[rows[0] : rows[-1] + 1]
+    total = np.concatenate([[0.0], np.cumsum(np.where(known, part, 0.0).sum(axis=0))])
+    count = np.concatenate([[0.0], np.cumsum(known.sum(axis=0))])
+    left, right = int(columns[0]), int(columns[-1]) + 1
+    width, last = right - left, box.shape[1]
+    flank = max(2, width // 2)
+
+    def mean(start: int, end: int) -> float:
+        start, end = min(max(start, 0), last), min(max(end, 0), last)
+        cells = count[end] - count[start]
+        return float((total[end] - total[start]) / cells) if cells >= 4 else math.nan
+
+    best = -math.inf
+    found: int | None = None
+    reach = round(_REACH_WIDTHS * width)
+    for by in sorted(range(-reach, reach + 1), key=abs):
+        inside = mean(left + by, right + by)
+        sides = [mean(left + by - flank, left + by), mean(right + by, right + by + flank)]
+        known_sides = [side for side in sides if math.isfinite(side)]
+        if not math.isfinite(inside) or not known_sides:
+            continue
+        stands_out = inside - sum(known_sides) / len(known_sides)
+        if stands_out > best + 1e-9:
+            best, found = stands_out, by
+    return found
 
 
 def _of_ground(view: View) -> FloatArray:

@@ -10,7 +10,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ssp_eval.data.audit import PictureCheck
 from ssp_eval.pictures.change import Change, compare_change, is_aside, is_shown
@@ -18,6 +20,8 @@ from ssp_eval.pictures.footage import Footage, Grey, pairs_apart, reduced_size, 
 from ssp_eval.pictures.ground import Pair, compare_ground, mean_match
 from ssp_eval.pictures.turning import Turn, compare_turning
 from ssp_eval.recordings.sight import Moment, Optics
+
+Float32 = NDArray[np.float32]
 
 _ROAD_APART_S, _ROAD_PAIRS = 0.1, 48
 # Of the pairs those come first in which an object's mirror image would lie elsewhere.
@@ -45,6 +49,10 @@ _LEAST_TURNS = 4
 TURN_LIMITS = (0.5, 1.5)
 # Without recorded turning: median of the pictures' yaw rate.
 STRAIGHT_LIMIT_RADPS = 0.03
+# Difference of frames near in time over that of frames further apart.
+ORDER_LIMIT, _FAR_PAIRS, _COARSE_PX, _LEAST_DIFFERENCE = 0.85, 16, 80, 0.5
+# Of the change beside an object's box.
+PLACE_LIMIT_M = 0.6
 # How many times as much changes in an object's box as beside it.
 CHANGE_LIMIT = 1.3
 # Darker or flatter pictures show too little, median over frames in grey levels.
@@ -55,15 +63,22 @@ _DARK, _FLAT, _LIT_FRAMES = 20.0, 6.0, 16
 
 @dataclass(frozen=True)
 class Plan:
-    """Pairs of frames that are compared, by index, the earlier one first."""
+    """Pairs of frames that are compared, by index, the earlier one first.
+
+    Args:
+        road: near in time, for motion and turning.
+        far: of some of these the earlier frame, with one further away, for the order of frames.
+        change: per object that is looked for.
+    """
 
     road: Sequence[tuple[int, int]]
+    far: Sequence[tuple[int, int]]
     change: Mapping[str, Sequence[tuple[int, int]]]
 
     @property
     def wanted(self) -> set[int]:
         """Indices of all frames that are needed."""
-        pairs = [*self.road, *(pair for one in self.change.values() for pair in one)]
+        pairs = [*self.road, *self.far, *(pair for one in self.change.values() for pair in one)]
         return {index for pair in pairs for index in pair}
 
 
@@ -90,7 +105,9 @@ def plan_pairs(
         rest = [pair for pair in shown if pair not in set(aside)]
         chosen = [*spread(aside, _ASIDE_PAIRS), *spread(rest, _CHANGE_PAIRS - _ASIDE_PAIRS)]
         change[target] = sorted(chosen)
-    return Plan(road, change)
+    starts = {first for first, _ in spread(road, _FAR_PAIRS)}
+    far = [pair for pair in wide if pair[0] in starts]
+    return Plan(road, far, change)
 
 
 @dataclass(frozen=True)
@@ -115,7 +132,8 @@ def compare_pictures(footage: Footage, plan: Plan) -> Compared:
 
     road_pairs = read(plan.road)
     if why := _unlit(footage.grey):
-        names = ["speed", "course of the speed", "time", "turning", *plan.change]
+        names = ["speed", "course of the speed", "time", "turning", "order of the frames"]
+        names += plan.change
         return Compared(tuple(_open(name, why) for name in names))
     road = compare_ground(footage, road_pairs)
     moving = [
@@ -129,7 +147,11 @@ def compare_pictures(footage: Footage, plan: Plan) -> Compared:
         for target, pairs in plan.change.items()
     }
     checks = [*road_checks(road), turning_check(turns)]
-    checks += [change_check(target, found) for target, found in change.items()]
+    starts = {first for first, _ in moving}
+    far = [pair for pair in read(plan.far) if pair[0] in starts]
+    checks.append(order_check(footage.grey, moving, far))
+    for target, found in change.items():
+        checks += [change_check(target, found), place_check(target, found)]
     return Compared(tuple(checks), tuple(road), tuple(turns), change)
 
 
@@ -257,6 +279,41 @@ def turning_check(turns: Sequence[Turn]) -> PictureCheck:
     return _figure(name, rate_radps, (None, STRAIGHT_LIMIT_RADPS), len(turns), told, "rad/s")
 
 
+def order_check(
+    grey: Mapping[int, Grey], near: Sequence[tuple[int, int]], far: Sequence[tuple[int, int]]
+) -> PictureCheck:
+    """Judge whether frames that lie close together resemble each other more than others do.
+
+    Args:
+        near: pairs of frames, while the VUT moves.
+        far: pairs that lie further apart.
+    """
+    name = "order of the frames"
+    if len(near) < _LEAST_PAIRS or len(far) < _LEAST_PAIRS:
+        return _open(name, f"there are {min(len(near), len(far))} pairs of frames to compare")
+
+    def differ(pairs: Sequence[tuple[int, int]]) -> float:
+        found = (cv2.absdiff(_coarse(grey[a]), _coarse(grey[b])).mean() for a, b in pairs)
+        return median(float(value) for value in found)
+
+    apart = differ(far)
+    if apart < _LEAST_DIFFERENCE:
+        return _open(name, f"frames {_CHANGE_APART_S:g} s apart hardly differ", len(near))
+    share = differ(near) / apart
+    told = (
+        f"frames {_ROAD_APART_S:g} s apart differ {share:.2f} times as much as frames "
+        f"{_CHANGE_APART_S:g} s apart"
+    )
+    return _figure(name, share, (None, ORDER_LIMIT), len(near), told)
+
+
+def _coarse(picture: Grey) -> Float32:
+    """Return a small picture, in which noise is averaged out."""
+    height, width = picture.shape
+    size = (_COARSE_PX, max(1, round(height * _COARSE_PX / width)))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
 def change_check(target: str, found: Sequence[Change]) -> PictureCheck:
     """Judge whether an object is where its states say.
 
@@ -276,3 +333,14 @@ def change_check(target: str, found: Sequence[Change]) -> PictureCheck:
         elsewhere = f", and {mirrored:.2f} times as much where a mirrored picture had it"
     told = f"{factor:.2f} times as much changes in its box as on the road beside it{elsewhere}"
     return _figure(target, factor, (CHANGE_LIMIT, None), len(found), told)
+
+
+def place_check(target: str, found: Sequence[Change]) -> PictureCheck:
+    """Judge how far beside an object's box the change lies: in three of four pairs no further."""
+    name = f"place of {target}"
+    off_m = [abs(one.off_m) for one in found if one.off_m is not None]
+    if len(off_m) < _LEAST_PAIRS:
+        return _open(name, f"change stands out in {len(off_m)} pairs of frames", len(off_m))
+    figure_m = float(np.percentile(off_m, 75))
+    told = f"in three of four pairs the change lies within {figure_m:.2f} m of the box"
+    return _figure(name, figure_m, (None, PLACE_LIMIT_M), len(off_m), told, "m")
