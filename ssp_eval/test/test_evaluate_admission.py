@@ -245,6 +245,9 @@ Change = Callable[[list[dict[str, Any]]], object]
         ("admitted", lambda e: e[1].update(kpr=0.8), "its KPR is 0.8"),
         ("admitted", lambda e: e[1].update(coverage={"source": "none"}), "its camera covers"),
         ("admitted", lambda e: e[1]["coverage"]["zone"].update(fraction=0.5), "is visible for 0.5"),
+        ("admitted", lambda e: e[1].update(pictures={"checks": [
+            {"name": "ot1", "figure": 0.4, "low": 1.3, "told": "nothing is there"}]}),
+         "its pictures differ from its states: nothing is there"),
     ],
 )  # fmt: skip
 def test_a_status_that_its_own_values_contradict_is_no_audit(

@@ -12,9 +12,12 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from ssp_eval.audit import pictures
 from ssp_eval.data.audit import Audit, RecordingEntry, load_audit
+from ssp_eval.pictures.footage import Grey, read_grey
 from tests.system.recordings import Changes, Recordings, changed_run, ssp, succeed
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -74,6 +77,13 @@ def test_good_runs_are_admitted(event: str, recordings: Recordings, tmp_path: Pa
     assert status == 0
     version = recordings.version(event)
     assert {found.event_version, *(r.event_version for r in found.recordings)} == {version}
+    synthetic, *driven = (recording.pictures for recording in found.recordings)
+    assert synthetic is not None
+    assert synthetic.note == "there are no states to hold the pictures against"
+    for held in driven:
+        assert held is not None
+        names = {check.name for check in held.checks if check.state == "holds"}
+        assert {"speed", "course of the speed", "turning", "ot1", "place of ot1"} <= names
     for index, recording in enumerate(found.recordings):
         assert recording.kpr == 1.0
         assert recording.epd is not None
@@ -98,6 +108,28 @@ def test_good_runs_are_admitted(event: str, recordings: Recordings, tmp_path: Pa
 
 
 # -- the negative set ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("event", ["cut_in", "vru_crossing"])
+def test_mirrored_pictures(
+    event: str, recordings: Recordings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All but the pictures is that of a good run: states, coverage, log and seals."""
+    simulation = recordings.get(event, "simulation")
+
+    def read(path: Path, *rest: Any) -> dict[int, Grey]:
+        found = read_grey(path, *rest)
+        if not path.is_relative_to(simulation):
+            return found
+        return {index: np.ascontiguousarray(grey[:, ::-1]) for index, grey in found.items()}
+
+    monkeypatch.setattr(pictures, "read_grey", read)
+    status, found = audit(tmp_path, recordings, event, simulation)
+    entry = refused(found)
+    assert status == 1
+    assert codes(entry) == {"pictures_differ": []}
+    assert "ot1: " in entry.reasons[0].detail
+    assert "limit at least 1.3" in entry.reasons[0].detail
 
 
 def mirrored() -> Changes:
