@@ -95,7 +95,7 @@ def _with(change: Callable[[list[Grey]], list[Grey]]) -> Callable[[Drive], Drive
         (_with(lambda all_: [all_[5]] * len(all_)), "speed"),
         (_with(lambda all_: [all_[min(2 * k, len(all_) - 1)] for k in range(len(all_))]), "speed"),
         (_with(lambda all_: [all_[k // 2] for k in range(len(all_))]), "speed"),
-        (_with(lambda all_: all_[10:] + all_[-1:] * 10), "place of ot1"),
+        (_with(lambda all_: all_[10:] + all_[-1:] * 10), "ot1"),
         (_with(lambda all_: [all_[17 * k % len(all_)] for k in range(len(all_))]), ORDER),
     ],
     ids=["mirrored", "reversed", "one picture", "twice as fast", "half as fast", "early", "mixed"],
@@ -111,7 +111,10 @@ def test_an_object_that_the_pictures_do_not_hold_is_missed(drive: Drive) -> None
         Moment(m.t_s, {**m.states, "ot1": replace(m.states["ot1"], y_m=m.states["ot1"].y_m + 3.0)})
         for m in drive.moments
     )
-    assert failing(replace(drive, moments=moments)) >= {"ot1", "place of ot1"}
+    elsewhere = held(replace(drive, moments=moments))
+    assert elsewhere["ot1"].state == "fails"
+    # Places from other systems may be off, so this figure refuses nothing.
+    assert elsewhere["place of ot1"].state == "shown"
 
 
 def test_what_shows_too_little_is_not_judged_and_says_so(drive: Drive) -> None:
@@ -168,6 +171,21 @@ def test_a_constant_speed_tells_no_delay() -> None:
 def test_a_road_without_detail_is_not_judged() -> None:
     flat = [replace(pair(k * 0.2, 12.0, 12.0), match=np.full(81, 0.1)) for k in range(30)]
     assert {check.state for check in road_checks(flat)} == {"not judged"}
+
+
+def test_artefacts_that_stand_still_are_not_taken_for_the_road() -> None:
+    moves = [pair(k * 0.2, 12.0, 12.0) for k in range(12)]
+    still = [pair(k * 0.2, 12.0, 0.0) for k in range(12, 30)]
+    found = road_checks(moves + still)
+    assert {check.state for check in found} == {"not judged"}
+    assert found[0].told == (
+        "the road could be followed in 12 of 30 pairs of frames; in 18 what is seen stands "
+        "still, as artefacts of compression do"
+    )
+    assert road_checks(moves + still[:8])[0].state == "holds"
+    # One and the same picture shows that nothing moved.
+    repeated = [replace(one, is_repeated=True) for one in still]
+    assert road_checks(moves + repeated)[0].state == "fails"
 
 
 @pytest.mark.parametrize(

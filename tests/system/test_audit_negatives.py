@@ -83,7 +83,7 @@ def test_good_runs_are_admitted(event: str, recordings: Recordings, tmp_path: Pa
     for held in driven:
         assert held is not None
         names = {check.name for check in held.checks if check.state == "holds"}
-        assert {"speed", "course of the speed", "turning", "ot1", "place of ot1"} <= names
+        assert {"speed", "course of the speed", "turning", "ot1"} <= names
     for index, recording in enumerate(found.recordings):
         assert recording.kpr == 1.0
         assert recording.epd is not None

@@ -287,10 +287,12 @@ class PictureCheck(Strict):
     told: str = Field(description="what the figure says, or why there is none")
 
     @property
-    def state(self) -> Literal["holds", "fails", "not judged"]:
-        """Whether the figure lies within its limits."""
+    def state(self) -> Literal["holds", "fails", "shown", "not judged"]:
+        """Whether the figure lies within its limits; without limits it is only shown."""
         if self.figure is None:
             return "not judged"
+        if self.low is None and self.high is None:
+            return "shown"
         is_low = self.low is not None and self.figure < self.low
         is_high = self.high is not None and self.figure > self.high
         return "fails" if is_low or is_high else "holds"

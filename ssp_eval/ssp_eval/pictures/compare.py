@@ -12,16 +12,13 @@ from statistics import median
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ssp_eval.data.audit import PictureCheck
 from ssp_eval.pictures.change import Change, compare_change, is_aside, is_shown
-from ssp_eval.pictures.footage import Footage, Grey, pairs_apart, reduced_size, spread
+from ssp_eval.pictures.footage import Footage, Grey, coarse, pairs_apart, reduced_size, spread
 from ssp_eval.pictures.ground import Pair, compare_ground, mean_match
 from ssp_eval.pictures.turning import Turn, compare_turning
 from ssp_eval.recordings.sight import Moment, Optics
-
-Float32 = NDArray[np.float32]
 
 _ROAD_APART_S, _ROAD_PAIRS = 0.1, 48
 # Of the pairs those come first in which an object's mirror image would lie elsewhere.
@@ -32,7 +29,7 @@ _MOVING_MPS = 2.0
 _LEAST_PAIRS, _LEAST_ASIDE = 8, 5
 
 # Pictures' speed over recorded speed. A camera whose pitch is off by a degree makes a quarter.
-RATIO_LIMITS = (0.67, 1.5)
+RATIO_LIMITS = (0.7, 1.4)
 _RATIOS = tuple(k / 20.0 for k in range(-30, 61))
 # The course of the speed: a quarter of it, or 1 m/s.
 _AGREE_SHARE, _AGREE_MPS = 0.25, 1.0
@@ -50,9 +47,7 @@ TURN_LIMITS = (0.5, 1.5)
 # Without recorded turning: median of the pictures' yaw rate.
 STRAIGHT_LIMIT_RADPS = 0.03
 # Difference of frames near in time over that of frames further apart.
-ORDER_LIMIT, _FAR_PAIRS, _COARSE_PX, _LEAST_DIFFERENCE = 0.85, 16, 80, 0.5
-# Of the change beside an object's box.
-PLACE_LIMIT_M = 0.6
+ORDER_LIMIT, _FAR_PAIRS, _LEAST_DIFFERENCE = 0.85, 16, 0.5
 # How many times as much changes in an object's box as beside it.
 CHANGE_LIMIT = 1.3
 # Darker or flatter pictures show too little, median over frames in grey levels.
@@ -199,8 +194,11 @@ def road_checks(pairs: Sequence[Pair]) -> list[PictureCheck]:
         why = f"the VUT stands or creeps in all but {len(moving)} pairs of frames"
         return [_open(name, why, len(moving)) for name in names]
     known = [pair for pair in moving if pair.is_followed]
-    if len(known) < max(_LEAST_PAIRS, len(moving) / 3.0):
+    if len(known) < max(_LEAST_PAIRS, len(moving) / 2.0):
+        still = sum(pair.is_still for pair in moving)
         why = f"the road could be followed in {len(known)} of {len(moving)} pairs of frames"
+        if still:
+            why += f"; in {still} what is seen stands still, as artefacts of compression do"
         return [_open(name, why, len(known)) for name in names]
     ratio = max(_RATIOS, key=lambda r: _fit(known, [r * pair.way_m for pair in known]))
     speed = _figure(
@@ -293,7 +291,7 @@ def order_check(
         return _open(name, f"there are {min(len(near), len(far))} pairs of frames to compare")
 
     def differ(pairs: Sequence[tuple[int, int]]) -> float:
-        found = (cv2.absdiff(_coarse(grey[a]), _coarse(grey[b])).mean() for a, b in pairs)
+        found = (cv2.absdiff(coarse(grey[a]), coarse(grey[b])).mean() for a, b in pairs)
         return median(float(value) for value in found)
 
     apart = differ(far)
@@ -305,13 +303,6 @@ def order_check(
         f"{_CHANGE_APART_S:g} s apart"
     )
     return _figure(name, share, (None, ORDER_LIMIT), len(near), told)
-
-
-def _coarse(picture: Grey) -> Float32:
-    """Return a small picture, in which noise is averaged out."""
-    height, width = picture.shape
-    size = (_COARSE_PX, max(1, round(height * _COARSE_PX / width)))
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def change_check(target: str, found: Sequence[Change]) -> PictureCheck:
@@ -336,11 +327,14 @@ def change_check(target: str, found: Sequence[Change]) -> PictureCheck:
 
 
 def place_check(target: str, found: Sequence[Change]) -> PictureCheck:
-    """Judge how far beside an object's box the change lies: in three of four pairs no further."""
+    """Tell how far beside an object's box the change lies: in three of four pairs no further.
+
+    It has no limit: places from other systems are sound and off by decimetres.
+    """
     name = f"place of {target}"
     off_m = [abs(one.off_m) for one in found if one.off_m is not None]
     if len(off_m) < _LEAST_PAIRS:
         return _open(name, f"change stands out in {len(off_m)} pairs of frames", len(off_m))
     figure_m = float(np.percentile(off_m, 75))
     told = f"in three of four pairs the change lies within {figure_m:.2f} m of the box"
-    return _figure(name, figure_m, (None, PLACE_LIMIT_M), len(off_m), told, "m")
+    return _figure(name, figure_m, (None, None), len(off_m), told, "m")

@@ -24,11 +24,13 @@ from ssp_eval.recordings.sight import Moment, Optics
 from ssp_eval.recordings.states import clip_zero_ns
 
 Grey = NDArray[np.uint8]
+Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Item = TypeVar("Item")
 
 # Pictures are compared at this width, or at their own where that is smaller.
 WIDTH_PX = 640
+_COARSE_PX = 80
 _SAME_S = 1e-6
 _IMAGE = absolute(CAMERA_IMAGE)
 
@@ -72,6 +74,13 @@ def reduced_lens(lens: Intrinsics, picture: Grey) -> Intrinsics:
         (lens.cx_px + 0.5) * across - 0.5,
         (lens.cy_px + 0.5) * down - 0.5,
     )
+
+
+def coarse(picture: Grey) -> Float32:
+    """Return a small picture, in which noise is averaged out."""
+    height, width = picture.shape
+    size = (_COARSE_PX, max(1, round(height * _COARSE_PX / width)))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def reduced_size(width_px: int, height_px: int) -> tuple[int, int]:

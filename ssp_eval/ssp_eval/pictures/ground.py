@@ -14,13 +14,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ssp_core.geometry import FloatArray
 from ssp_core.world.camera import Intrinsics, Mounting, optical_axes, shown_box
-from ssp_eval.pictures.footage import Footage, Grey, Mask
-
-Float32 = NDArray[np.float32]
+from ssp_eval.pictures.footage import Float32, Footage, Grey, Mask, coarse
 
 _STEP_M = 0.1
 _NEAR_M, _FAR_M, _HALF_WIDTH_M = 5.0, 20.0, 5.0
@@ -31,6 +28,10 @@ _ALONG_M = 3.1
 _LEAST_CELLS = 2000
 # Of the correlation at the best speed; a pair below it shows nothing that could be followed.
 FOLLOWED = 0.4
+# At a shorter way the road stands still in the pictures.
+_STILL_M = 0.15
+# In grey levels; frames of a moving camera differ by 0.9 or more.
+_REPEATED_DIFFERENCE = 0.05
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class Pair:
         way_m: that the VUT went in between by its states, + forward.
         ways_m: that were tried, rising.
         match: correlation of the road at each of them, NaN where it wasn't comparable.
+        is_repeated: both frames are one picture.
     """
 
     t_s: float
@@ -50,6 +52,7 @@ class Pair:
     way_m: float
     ways_m: FloatArray
     match: FloatArray
+    is_repeated: bool = False
 
     @property
     def speed_mps(self) -> float:
@@ -64,7 +67,17 @@ class Pair:
     @property
     def is_followed(self) -> bool:
         """Whether the road shows something that is found again."""
-        return self.best >= FOLLOWED
+        return self.best >= FOLLOWED and not self.is_still
+
+    @property
+    def is_still(self) -> bool:
+        """Whether different pictures of a moving VUT match best where they are.
+
+        Artefacts of compression and dirt on the lens do so, whatever the road does.
+        """
+        if self.is_repeated or abs(self.way_m) <= 2.0 * _STILL_M or not self.best > 0.0:
+            return False
+        return abs(self.seen_mps * self.apart_s) <= _STILL_M
 
     @property
     def seen_mps(self) -> float:
@@ -99,7 +112,10 @@ def compare_ground(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[P
         at, to = before.states[footage.vut_id], after.states[footage.vut_id]
         way_m = at.pose.to_local(to.x_m, to.y_m)[0]
         ways_m, match = _correlate(view(first), view(second), apart_s)
-        found.append(Pair((before.t_s + after.t_s) / 2.0, apart_s, way_m, ways_m, match))
+        small = [coarse(footage.grey[index]) for index in (first, second)]
+        is_repeated = float(cv2.absdiff(*small).mean()) < _REPEATED_DIFFERENCE
+        middle_s = (before.t_s + after.t_s) / 2.0
+        found.append(Pair(middle_s, apart_s, way_m, ways_m, match, is_repeated))
     return found
 
 
