@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import yaml
@@ -17,6 +18,7 @@ from foreign_recordings import (
     event_of,
     imported,
     jpeg,
+    number_of,
     starts,
     truth,
     write_bag,
@@ -26,10 +28,14 @@ from foreign_recordings import (
 
 from ssp_core.cli import main
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera, RunSpec, load_run
 from ssp_core.vocabulary import PHASES, ObjectClass, Role
 from ssp_eval.audit.examine import examine
 from ssp_eval.audit.recording import read_recording
 from ssp_ot_controller.camera.clip import write_clip
+from ssp_ot_controller.camera.frames import Odometer
+from ssp_ot_controller.camera.renderer.render import render
+from ssp_ot_controller.camera.renderer.scene import Scene
 from ssp_ot_controller.camera.storyboards import storyboard
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.maps.load import load_library
@@ -40,12 +46,18 @@ ROLES = {"vut": Role.VUT, "ot1": Role.OT}
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> TrackDay:
-    """The states of a session of the shipped cut-in on the boulevard, from its start on."""
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Task and run of the shipped cut-in on the boulevard."""
     folder = tmp_path_factory.mktemp("session")
     task = ("cut_in", "--site", "boulevard", "--target", "sumo", "--out", str(folder / "task"))
     assert main(["compile", *task]) == 0
     assert main(["run", str(folder / "task"), "--in-process", "--out", str(folder / "run")]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def session(folder: Path) -> TrackDay:
+    """The states of that run, from its start on."""
     size = DEFAULT_SIZES[ObjectClass.CAR]
     with np.load(folder / "run" / "states.npz") as kept:
         columns = [str(name) for name in kept["columns"]]
@@ -59,6 +71,22 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> TrackDay:
             one = ObjectState(name, ObjectClass.CAR, ROLES[name], stamp_ns=ns, size=size, **of)
             states.setdefault(name, []).append(one)
     return TrackDay(states)
+
+
+def draw(run: RunSpec, session: TrackDay, size: tuple[int, int]) -> list[Any]:
+    """The frames of a session through a camera of 90 degrees, 1.6 m ahead and 1.4 m up."""
+    camera = Camera(
+        width_px=size[0], height_px=size[1], hfov_deg=90.0,
+        forward_m=1.6, height_m=1.4, pitch_down_rad=math.radians(2.0),
+    )  # fmt: skip
+    at = {name: {one.stamp_ns: one for one in rows} for name, rows in session.states.items()}
+    odometer, found = Odometer(), []
+    for index, ns in enumerate(session.frames_ns):
+        states = tuple(rows[ns] for rows in at.values())
+        odometer.update(states)
+        scene = Scene(run.road, at["vut"][ns], states, odometer.snapshot(), {})
+        found.append(render(scene, run.look, camera, index, run.seed))
+    return found
 
 
 def test_a_session_as_a_plain_bag_measures_the_same_event(
@@ -80,11 +108,12 @@ def test_a_session_as_a_plain_bag_measures_the_same_event(
 
 
 def test_the_audit_finds_nothing_but_what_nobody_declared(
-    session: TrackDay, tmp_path: Path
+    folder: Path, session: TrackDay, tmp_path: Path
 ) -> None:
     size = (640, 480)
     lens = camera_info(session.zero_ns, 320.0, size)
-    frames = session.messages(lambda ns, image: jpeg(ns, cv2.resize(image, size)))
+    drawn = draw(load_run(folder / "run" / "run.yaml"), session, size)
+    frames = session.messages(lambda ns, image: jpeg(ns, drawn[number_of(image)]))
     source = write_bag(tmp_path / "day", [*frames, ("/info", INFO, session.zero_ns, lens)])
     given = ("--camera-info", "/info", "--mount", "1.6,0,1.4,2", "--domain", "physical",
              "--site", "boulevard", "--event", "cut_in")  # fmt: skip

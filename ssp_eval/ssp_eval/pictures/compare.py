@@ -288,22 +288,25 @@ def order_check(
         far: pairs that lie further apart.
     """
     name = "order of the frames"
-    if len(near) < _LEAST_PAIRS or len(far) < _LEAST_PAIRS:
-        return _open(name, f"there are {min(len(near), len(far))} pairs of frames to compare")
+    second = dict(near)
+    starts = [(first, later) for first, later in far if first in second]
+    if len(starts) < _LEAST_PAIRS:
+        return _open(name, f"there are {len(starts)} triples of frames to compare")
 
-    def differ(pairs: Sequence[tuple[int, int]]) -> float:
-        found = (cv2.absdiff(coarse(grey[a]), coarse(grey[b])).mean() for a, b in pairs)
-        return median(float(value) for value in found)
+    def differ(one: int, other: int) -> float:
+        return float(cv2.absdiff(coarse(grey[one]), coarse(grey[other])).mean())
 
-    apart = differ(far)
-    if apart < _LEAST_DIFFERENCE:
-        return _open(name, f"frames {_CHANGE_APART_S:g} s apart hardly differ", len(near))
-    share = differ(near) / apart
+    apart = [differ(first, later) for first, later in starts]
+    if median(apart) < _LEAST_DIFFERENCE:
+        return _open(name, f"frames {_CHANGE_APART_S:g} s apart hardly differ", len(starts))
+    # From one frame each: what a drive shows in one stretch says nothing of another.
+    close = [differ(first, second[first]) for first, _ in starts]
+    share = median(one / max(other, 1e-9) for one, other in zip(close, apart, strict=True))
     told = (
         f"frames {_ROAD_APART_S:g} s apart differ {share:.2f} times as much as frames "
         f"{_CHANGE_APART_S:g} s apart"
     )
-    return _figure(name, share, (None, ORDER_LIMIT), len(near), told)
+    return _figure(name, share, (None, ORDER_LIMIT), len(starts), told)
 
 
 def change_check(target: str, found: Sequence[Change]) -> PictureCheck:
