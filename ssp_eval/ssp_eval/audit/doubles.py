@@ -71,7 +71,7 @@ def hold_apart(examined: Sequence[Examined]) -> list[Held]:
 
 
 def _shared(first: Provenance, second: Provenance) -> list[str]:
-    """What of two recordings is the same, or made of the other."""
+    """List what two recordings have in common, and which one was made from the other."""
     found = []
     if first.bag_sha256 == second.bag_sha256:
         found.append("the bag is that")

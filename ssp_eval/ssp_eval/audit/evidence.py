@@ -1,4 +1,4 @@
-"""What K* expects of each property, and which sources say what a recording shows (METHOD 4.3)."""
+"""Expected properties of K*, and the sources that say what a recording shows (METHOD 4.3)."""
 
 from __future__ import annotations
 
@@ -283,7 +283,7 @@ PREDICTED = ("conflict", "resolution")
 def observed_differences(
     said: Sequence[Evidence], varying: Collection[str] = ()
 ) -> list[Difference]:
-    """Where an observation differs from what counts before it (METHOD 4.3).
+    """List where an observation differs from a source that ranks above it (METHOD 4.3).
 
     A part that one source is silent about, such as the lane that somebody starts in where no road
     is bound to the states, isn't contradicted by another one; who takes part always is. What may
@@ -325,7 +325,7 @@ def observed_differences(
 
 
 def _phase_differences(before: Sequence[Evidence], other: Evidence) -> list[Difference]:
-    """Where an observation locates phases elsewhere than what counts before it."""
+    """List the phases that an observation locates elsewhere than a source that ranks above it."""
     first = next((one for one in before if one.starts is not None), None)
     if first is None or first.starts is None:
         return []
@@ -411,16 +411,16 @@ class Subject:
 
     @property
     def agreement(self) -> Agreement | None:
-        """Of those who looked at it; None: nobody did."""
+        """Agreement of the observers; None without observers."""
         return self.whole.agreement
 
     @property
     def observed_differences(self) -> list[Difference]:
-        """Where an observation differs from what counts before it."""
+        """List where an observation differs from a source that ranks above it."""
         varying = frozenset[str]() if self.event is None else varying_parts(self.event)
         return observed_differences(self.said, varying)
 
     @property
     def located(self) -> Evidence | None:
-        """Who says when the phases begin; None: nobody does."""
+        """Source of the phases' starts; None without one."""
         return next((one for one in self.said if one.starts is not None), None)

@@ -286,7 +286,7 @@ def _disclosing(entry: RecordingEntry, more: Mapping[str, str]) -> RecordingEntr
 
 
 def _drive(one: Examined) -> Drive:
-    """What the VUT of a recording did within its clip, against the OT of its event."""
+    """Measure the response of a recording's VUT to the OT of its event, within the clip."""
     who, measured = one.recording.provenance.participants, one.measured
     if who is None or measured is None:
         return no_drive()

@@ -19,7 +19,7 @@ REMEDY = (
 
 @dataclass(frozen=True)
 class PicturesExamined:
-    """What pictures and states of a clip say of each other.
+    """Comparison of a clip's pictures with its states.
 
     Args:
         entry: all figures, or why there are none.

@@ -288,7 +288,7 @@ class PictureCheck(Strict):
 
     @property
     def state(self) -> Literal["holds", "fails", "shown", "not judged"]:
-        """Whether the figure lies within its limits; without limits it is only shown."""
+        """Judge the figure by its limits; without limits it is only shown."""
         if self.figure is None:
             return "not judged"
         if self.low is None and self.high is None:
@@ -312,7 +312,7 @@ class PictureCheck(Strict):
 
 
 class PicturesEntry(Strict):
-    """What of a recording's pictures was held against its states."""
+    """Checks of a recording's pictures against its states."""
 
     checks: list[PictureCheck] = []
     note: str = Field("", description="why nothing could be compared; empty where something was")

@@ -240,7 +240,7 @@ class Provenance:
 
     @property
     def declared_by(self) -> str:
-        """Who says of which domain it is, when and where; empty where no person had to."""
+        """Name the person who declares its domain, with date and place; empty where none had to."""
         if self.imported is not None:
             declared = self.imported.declaration
             return "" if declared is None else declared.text.removeprefix("declared by ")
@@ -344,7 +344,7 @@ def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
 
 
 def checked_seal(bag: BagReader) -> str:
-    """How a bag's seal stands to what is in it, for people; it reads every byte of it.
+    """Describe whether a bag's seal fits its content, for people; every byte is read.
 
     Raises:
         InputError: the bag was altered since it was sealed, or its verdict was.

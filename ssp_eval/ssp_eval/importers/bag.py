@@ -1,4 +1,4 @@
-"""From anybody's ROS 2 bag to a recording that can be audited (METHOD 4.3), with its camera."""
+"""Conversion of others' ROS 2 bags, with their camera, into auditable recordings (METHOD 4.3)."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ class Finding:
 
     @property
     def record(self) -> AcceptedFinding:
-        """What import.json says of it once it is accepted."""
+        """Return the entry of import.json for an accepted finding."""
         plain = InputError(self.problem, line=self.line, field=self.field, value=self.value)
         return AcceptedFinding(name=self.name, text=str(plain)[:500])
 

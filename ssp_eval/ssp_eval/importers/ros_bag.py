@@ -168,7 +168,7 @@ _REPAIRABLE = "a damaged MCAP file is mended by `ssp bag recover`"
 
 
 class _Storage(Protocol):
-    """What is asked of a bag, whatever stores it; several readings may go on side by side."""
+    """Reading interface of a bag in any storage; several readings may go on side by side."""
 
     types: dict[str, str]
 
@@ -394,7 +394,7 @@ class SourceBag(Closing):
         return found[0] if len(found) == 1 else sha256_json(found)
 
     def seal(self) -> Seal:
-        """How the bag's seal stands to what is in it.
+        """Hold the bag's seal against its content.
 
         Raises:
             InputError: it, or a bag of which it was made, isn't what was sealed.

@@ -1,4 +1,4 @@
-"""From a video file, and a table of states beside it, to a bag directory."""
+"""Conversion of a video file, and a table of its states, into a bag directory."""
 
 from __future__ import annotations
 

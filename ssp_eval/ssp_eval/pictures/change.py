@@ -55,7 +55,7 @@ class Change:
 
     @property
     def factor(self) -> float:
-        """How many times as much changes inside the box as beside it."""
+        """Ratio of the change inside the box to that beside it."""
         return (self.inside + _QUIET) / (self.outside + _QUIET)
 
     @property
@@ -67,7 +67,7 @@ class Change:
 
 
 def is_shown(footage: Footage, index: int, object_id: str) -> bool:
-    """Whether an object is large and clear enough in a frame, by its states, to be looked for."""
+    """Tell whether an object is large and clear enough in a frame, by its states, to be judged."""
     states = footage.moments[index].states
     if object_id not in states or footage.vut_id not in states:
         return False
@@ -80,7 +80,7 @@ def is_shown(footage: Footage, index: int, object_id: str) -> bool:
 
 
 def is_aside(footage: Footage, index: int, object_id: str) -> bool:
-    """Whether an object that is shown lies wholly in one half of the picture."""
+    """Tell whether an object that is shown lies wholly in one half of the picture."""
     box = shown_box(footage.view(index), footage.moments[index].states[object_id])
     middle_px = (footage.lens.width_px - 1) / 2.0
     if box is None:

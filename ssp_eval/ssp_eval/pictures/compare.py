@@ -1,4 +1,4 @@
-"""What pictures and states of a recording say of each other: figures, each with its limit.
+"""Comparison of a recording's pictures with its states: figures, each with its limit.
 
 How the limits were chosen is told in docs/audit.md.
 """

@@ -66,12 +66,12 @@ class Pair:
 
     @property
     def is_followed(self) -> bool:
-        """Whether the road shows something that is found again."""
+        """Tell whether the road shows detail that is found again."""
         return self.best >= FOLLOWED and not self.is_still
 
     @property
     def is_still(self) -> bool:
-        """Whether different pictures of a moving VUT match best where they are.
+        """Tell whether different pictures of a moving VUT match best without any motion.
 
         Artefacts of compression and dirt on the lens do so, whatever the road does.
         """
@@ -133,7 +133,7 @@ def _free(footage: Footage, index: int) -> Grey:
 
 @dataclass(frozen=True)
 class _Strip:
-    """Where cells of the road ahead lie in a picture; rows go ahead, columns to the left."""
+    """Pixels of the cells of the road ahead; rows go ahead, columns to the left."""
 
     u_px: Float32
     v_px: Float32

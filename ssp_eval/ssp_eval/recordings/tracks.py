@@ -83,7 +83,7 @@ class SameDrive:
 
     @property
     def text(self) -> str:
-        """How they are equal, for people."""
+        """Describe their equality, for people."""
         how = f"{100 * self.rms_m:.1f} cm rms over {self.length_s:.1f} s"
         turned_deg = math.degrees(self.turned_rad)
         moved = [
@@ -114,7 +114,7 @@ def _track(places: Mapping[float, complex]) -> Track:
 def same_drive(
     first: Mapping[str, Track], second: Mapping[str, Track], vut: tuple[str, str]
 ) -> SameDrive | None:
-    """Whether VUT and one object moved alike in both; None where they didn't, or too little did.
+    """Find equal motion of VUT and one object in both; None where it differs or is too short.
 
     Args:
         first: tracks by id.
@@ -172,7 +172,7 @@ class _Pair:
         return found
 
     def moving_s(self, first_s: float, last_s: float) -> float:
-        """For how long either of the two moves from one time to another."""
+        """Sum the time in which either of the two moves, in s."""
         inside = (self.grid_s >= first_s) & (self.grid_s <= last_s)
         return _GRID_S * float(self.moves[inside].sum())
 
@@ -273,7 +273,7 @@ def _laid(a: _Pair, b: _Pair, span_s: tuple[float, float], lag_s: float) -> Same
 
 
 def _shape_m(tracks: Iterable[Track]) -> float:
-    """How far they depart from straight lines at constant speed, rms in m."""
+    """Rms departure from straight lines at constant speed, in m."""
     squares = []
     for track in tracks:
         basis = np.vstack([np.ones(len(track)), track.times_s - track.times_s.mean()])

@@ -126,7 +126,7 @@ def _of_plan(rows: Sequence[CellRow], expected: Iterable[str]) -> Iterable[Notic
 
 
 def declared_texts(rows: Iterable[CellRow]) -> list[tuple[str, tuple[str, ...]]]:
-    """By person who says of which domain recordings are: the sentence, and the recordings."""
+    """Group recordings by the person who declares their domain, with the sentence that says so."""
     found: dict[tuple[str, str], set[str]] = {}
     for row in rows:
         if row.declared_by:
@@ -140,13 +140,13 @@ def declared_texts(rows: Iterable[CellRow]) -> list[tuple[str, tuple[str, ...]]]
 
 
 def domain_text(rows: Sequence[CellRow]) -> str:
-    """What a caption must say of the domains of recordings; empty for nothing."""
+    """Write what a caption must say of the recordings' domains; empty for nothing."""
     told = (stand_in_text(stand_ins(rows)), *(text for text, _ in declared_texts(rows)))
     return " ".join(text for text in told if text)
 
 
 def lead(rows: Sequence[CellRow]) -> str:
-    """What the cells are, and what a difference between two of them is; it names no cause."""
+    """Describe the cells and what a difference between two of them is, without naming a cause."""
     scenarios, domains = {row.scenario for row in rows}, {row.domain for row in rows}
     models = {row.model for row in rows if not row.control}
     events = "one event" if len(scenarios) == 1 else f"{len(scenarios)} events"

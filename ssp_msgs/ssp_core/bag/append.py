@@ -100,7 +100,7 @@ def append_attachment(bag: Path, name: str, data: bytes, media_type: str) -> str
 
 
 def _data_end(file: McapFile) -> tuple[int, int]:
-    """Where the record DataEnd stands, and the CRC that it states."""
+    """Find the record DataEnd, and the CRC that it states."""
     with open_bounded(file.path) as stream, damage_of(file.path):
         stream.seek(stream.size - FOOTER.size - len(MCAP0_MAGIC))
         _, _, start, _, _ = FOOTER.unpack(stream.read(FOOTER.size))

@@ -28,7 +28,7 @@ NOTHING = bytes(DIGEST_BYTES)
 
 
 class Maker(StrEnum):
-    """What wrote a bag."""
+    """Kind of program that wrote a bag."""
 
     RECORDER = "recorder"
     CUT = "cut"
@@ -39,7 +39,7 @@ class Maker(StrEnum):
 
 
 class Ending(StrEnum):
-    """What a closing record ends: a file behind which another follows, or the bag."""
+    """Scope of a closing record: a file that another one follows, or the bag."""
 
     FILE = "file"
     BAG = "bag"
@@ -64,7 +64,7 @@ class Source:
     altered: bool = False
 
     def values(self) -> dict[str, str]:
-        """What stands in the record."""
+        """Return the values of the record."""
         return {
             "name": self.name,
             "sha256": self.sha256,

@@ -139,7 +139,7 @@ def _check_seal(path: Path, problems: list[str], remarks: list[str]) -> str:
 
 
 class _Pass:
-    """What one pass through the files finds, from their first bytes on and with every CRC checked.
+    """Result of one pass through the files, from their first bytes on, with every CRC checked.
 
     Args:
         messages: all of them, by topic.

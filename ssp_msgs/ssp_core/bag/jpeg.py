@@ -248,7 +248,7 @@ def _decoded(data: bytes) -> NDArray[np.uint8] | None:
 
 
 def _is_left_over(warning: bytes, data: bytes, scan: int) -> bool:
-    """Whether a warning is of bytes that a camera leaves between a whole picture and its end."""
+    """Tell whether a warning is of bytes that a camera leaves behind a whole picture."""
     extra = _EXTRA.search(warning)
     if extra is None:
         return False
@@ -257,7 +257,7 @@ def _is_left_over(warning: bytes, data: bytes, scan: int) -> bool:
 
 
 def _scan(data: memoryview) -> tuple[bool, int]:
-    """Whether a JPEG is progressive, and where its first scan begins."""
+    """Tell whether a JPEG is progressive, and find the start of its first scan."""
     is_progressive = False
     try:
         for kind, _, end in _segments(data):

@@ -1,4 +1,4 @@
-"""Whether a bag is as it was sealed: its digest chain, computed anew from its bytes."""
+"""Verification of a bag's seal: its digest chain, computed anew from its bytes."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ _MAKERS = {
 
 @dataclass(frozen=True, slots=True)
 class Seal:
-    """How the seal of a bag stands to what is in it.
+    """Result of holding a bag's seal against its content.
 
     Args:
         maker: what wrote the bag; None: it has no seal.
@@ -109,7 +109,7 @@ class Seal:
 
     @property
     def lineage(self) -> tuple[str, ...]:
-        """What its sources were, for people."""
+        """Describe its sources, for people."""
         return tuple(f"made of {one.name}, {one.state}" for one in self.sources)
 
     @property
@@ -179,7 +179,7 @@ def files_seal(files: Sequence[Path], *, whole: bool) -> Seal:
 
 @dataclass
 class _Walk:
-    """What goes through the files of a bag."""
+    """Walk through the files of a bag."""
 
     whole: bool
     maker: str | None = None
@@ -192,7 +192,7 @@ class _Walk:
     chain: Chain = field(default_factory=Chain)
 
     def seal(self) -> Seal:
-        """What was found."""
+        """Return the findings so far."""
         return Seal(
             self.maker, self.chunks, tuple(self.ends), self.open_at, self.altered, self.damaged,
             tuple(self.sources),
@@ -249,7 +249,7 @@ class _FileWalk:
         return any(index.name == SEAL_NAME for index in summary.metadata_indexes)
 
     def opening(self) -> tuple[str, int, str] | None:
-        """What made the file, its number in the bag and the digest it begins with; None: no seal.
+        """Maker of a file, its number in the bag and its first digest; None without a seal.
 
         The chain takes nothing here, since it must begin with that digest.
         """
@@ -324,7 +324,7 @@ class _FileWalk:
             self._into.altered = what
 
     def _summary_crc(self) -> bool | None:
-        """Whether the checksum over the summary is right; None: there is none."""
+        """Tell whether the checksum over the summary is right; None without one."""
         tail_at = self._stream.size - FOOTER.size - len(MCAP0_MAGIC)
         footer = self._read(max(0, tail_at), FOOTER.size)
         if len(footer) < FOOTER.size:
@@ -448,7 +448,7 @@ class _FileWalk:
         return found
 
     def _values(self, frame: RecordFrame) -> dict[str, str] | None:
-        """What a seal says; None for another record."""
+        """Read the values of a seal; None for another record."""
         found = self._metadata(frame)
         return found.metadata if found is not None and found.name == SEAL_NAME else None
 

@@ -42,7 +42,7 @@ class Crossing:
 
     @property
     def reach_m(self) -> float:
-        """How far from its middle people use it."""
+        """Distance from its middle within which people use it."""
         return max(CROSSING_HALF_M, self.half_m + CROSSING_HALF_M - ZEBRA_HALF_M)
 
     def at(self, s_m: float) -> Crossing:

@@ -110,7 +110,7 @@ def _scalar(part: str, text: str) -> Any:
 
 
 def combinations(variations: Sequence[Variation]) -> int:
-    """How many combinations there are of the values that are taken in turn."""
+    """Number of combinations of the values that are taken in turn."""
     return math.prod(len(v.values) for v in variations if not v.drawn)
 
 
