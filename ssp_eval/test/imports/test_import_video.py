@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
+from ssp_core import RULES_VERSION
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
@@ -91,6 +92,7 @@ def test_import_json_says_what_is_known_and_what_is_not(video: Path, tmp_path: P
     assert data is not None
     assert json.loads(data) == {
         "schema": "ssp.import/2",
+        "rules_version": RULES_VERSION,
         "source": {
             "name": "source.avi", "sha256": sha256_file(video), "kind": "video", "width_px": 64,
             "height_px": 48, "fps": 25.0, "frames": 100,

@@ -147,6 +147,8 @@ def _sources(source: Path, files: Sequence[Path]) -> tuple[Source, ...]:
     """The bag that is recovered, as far as it can be read, and its own sources."""
     digest, seal = "", Seal(damaged="can't be read whole")
     with suppress(InputError):
+        for file in files:
+            open_bounded(file).close()  # refuses a pipe, for which a digest would wait
         digest = files_sha256(files)
         seal = files_seal(files, whole=source.is_dir())
     return sources_with(source.resolve().name, digest, seal)
