@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import importlib
 import os
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+import pytest
 from hypothesis import settings
 
 import ssp_core
@@ -42,3 +44,24 @@ _PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 _of_sessions = session_environment(0, _PROFILE)
 if _SETTINGS in _of_sessions:
     os.environ[_SETTINGS] = _of_sessions[_SETTINGS]
+
+# CARLA's client has no wheel for a later Python. On the others its absence fails these tests.
+_NEWEST_OF_CARLA = (3, 12)
+_HAS_CARLA = sys.version_info[:2] <= _NEWEST_OF_CARLA
+
+
+def pytest_report_header() -> str | None:
+    """Say in one line that the tests of CARLA are left out, where they are."""
+    if _HAS_CARLA:
+        return None
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    return f"CARLA's client has no wheel for Python {version}: the tests marked carla are left out"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the tests of CARLA out where its client can't be."""
+    if _HAS_CARLA:
+        return
+    left_out = [item for item in items if item.get_closest_marker("carla")]
+    items[:] = [item for item in items if item not in left_out]
+    config.hook.pytest_deselected(items=left_out)

@@ -127,7 +127,7 @@ def install_test_tools() -> int:
     stamp, wanted = VENV / "ssp-test-lock", ROOT / "bootstrap" / "test.lock"
     digest = hashlib.sha256(wanted.read_bytes()).hexdigest()
     if not stamp.exists() or stamp.read_text() != digest:
-        step("installing the packages of the tests (about 150 MB to download)")
+        step("installing the packages of the tests (about 180 MB to download)")
         try:
             install_lock(wanted)
         except BootstrapError as error:

@@ -229,6 +229,13 @@ def test_the_tests_add_packages_and_change_none() -> None:
     assert not {"mypy", "ruff", "ray", "hypothesis"} & of_all.keys()
 
 
+def test_the_tests_speak_to_carla_by_the_client_of_the_extra() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    (wanted,) = project["optional-dependencies"]["carla"]
+    name, _, version = wanted.partition("==")
+    assert pins("test.lock")[name].split(" ;")[0] == version
+
+
 def test_every_place_names_the_same_versions_of_python() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     oldest, after = re.fullmatch(r">=3\.(\d+),<3\.(\d+)", project["requires-python"]).groups()  # type: ignore[union-attr]

@@ -20,7 +20,7 @@ from ssp_core.geometry import Pose2
 from ssp_core.hashing import sha256_file
 from ssp_scenario_manager.compile.targets import carla
 from ssp_scenario_manager.compile.targets.carla import carla_config, export_carla, transform
-from ssp_scenario_manager.compile.targets.carla_check import check_against_map, is_installed
+from ssp_scenario_manager.compile.targets.carla_check import check_against_map
 from ssp_scenario_manager.compile.targets.map_file import map_file
 from ssp_scenario_manager.compile.task import PlaceLink
 
@@ -98,9 +98,9 @@ def _made_here() -> types.ModuleType:
     return module
 
 
-@pytest.fixture(params=["made here", "installed"] if is_installed() else ["made here"])
+@pytest.fixture(params=["made here", pytest.param("installed", marks=pytest.mark.carla)])
 def with_carla(request: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """CARLA's map: one of a known road made here, and the real one where the extra is there."""
+    """CARLA's map: one of a known road made here, and the real one."""
     if request.param == "made here":
         monkeypatch.setitem(sys.modules, "carla", _made_here())
 
@@ -301,8 +301,8 @@ def test_a_verge_is_ground_to_wait_on(case_of: Any, block_of: Any) -> None:
     assert check_against_map(raw, text) == []
 
 
+@pytest.mark.carla
 def test_a_bent_road_fits_carlas_reading(case_of: Any, curved_block: Any) -> None:
-    pytest.importorskip("carla", reason="the extra carla isn't installed")
     for name in EVENTS:
         config, text = config_of(case_of(name, curved_block))
         assert check_against_map(config, text) == []
