@@ -2,8 +2,9 @@
 
 Runs on the system's Python with the standard library only. Called by ./ssp when something that
 the environment was made from has changed; safe to call again after an interruption. With
-``--test-tools`` it installs what only the tests need, as `ssp test` does first. With ``--ros`` it
-makes .ros-venv in place of .venv, beside an installed ROS 2 (README, "On a ROS machine").
+``--test-tools`` it installs what only the tests need, as `ssp test` does first, with
+``--docs-tools`` what only `ssp docs` needs. With ``--ros`` it makes .ros-venv in place of .venv,
+beside an installed ROS 2 (README, "On a ROS machine").
 """
 
 from __future__ import annotations
@@ -124,16 +125,8 @@ def rpm_advice(packages: list[str]) -> str:
 
 def install_test_tools() -> int:
     """Install what only the tests need: their packages, and a browser."""
-    stamp, wanted = VENV / "ssp-test-lock", ROOT / "bootstrap" / "test.lock"
-    digest = hashlib.sha256(wanted.read_bytes()).hexdigest()
-    if not stamp.exists() or stamp.read_text() != digest:
-        step("installing the packages of the tests (about 180 MB to download)")
-        try:
-            install_lock(wanted)
-        except BootstrapError as error:
-            print(f"ssp setup: {error}", file=sys.stderr)
-            return 1
-        stamp.write_text(digest)
+    if status := add_lock("test.lock", "the packages of the tests (about 180 MB to download)"):
+        return status
     if any(shutil.which(name) for name in BROWSERS):
         return 0
     try:
@@ -141,6 +134,26 @@ def install_test_tools() -> int:
     except BootstrapError as error:
         print(f"ssp setup: the tests of pages need a browser: {error}", file=sys.stderr)
         return 1
+    return 0
+
+
+def install_docs_tools() -> int:
+    """Install what only the site of the documentation needs."""
+    return add_lock("docs.lock", "the packages of the documentation (about 15 MB to download)")
+
+
+def add_lock(name: str, what: str) -> int:
+    """Install a further lock into .venv, unless its packages are there; return the exit status."""
+    stamp, wanted = VENV / f"ssp-{name.replace('.', '-')}", ROOT / "bootstrap" / name
+    digest = hashlib.sha256(wanted.read_bytes()).hexdigest()
+    if not stamp.exists() or stamp.read_text() != digest:
+        step(f"installing {what}")
+        try:
+            install_lock(wanted)
+        except BootstrapError as error:
+            print(f"ssp setup: {error}", file=sys.stderr)
+            return 1
+        stamp.write_text(digest)
     return 0
 
 
@@ -340,5 +353,9 @@ def main(fingerprint: str) -> int:
 
 
 if __name__ == "__main__":
-    asked = {"--test-tools": install_test_tools, "--ros": set_up_ros_machine}
+    asked = {
+        "--test-tools": install_test_tools,
+        "--docs-tools": install_docs_tools,
+        "--ros": set_up_ros_machine,
+    }
     sys.exit(asked[sys.argv[1]]() if sys.argv[1] in asked else main(sys.argv[1]))

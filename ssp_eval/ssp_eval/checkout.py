@@ -1,4 +1,4 @@
-"""``ssp test``: format, lint, types and tests of a source checkout."""
+"""``ssp test`` and ``ssp check``: format, lint, types and tests of a source checkout."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import click
 
 from ssp_core import console
-from ssp_core.errors import HostError
+from ssp_core.errors import HostError, InputError
+from ssp_eval.import_graph import distances, keep_tests, read_graph
 
 PACKAGES = (
     "ssp_msgs/ssp_core",
@@ -22,19 +24,22 @@ PACKAGES = (
     "ssp_eval/ssp_eval",
 )
 
-
 QUICK = "ros and not system"
 SESSIONS = "ros or system"
 # Where the language model of --real-model lies, and the variable that tells its tests so.
 MODEL_FOLDER = ".venv/real-model"
 MODEL_VARIABLE = "SSP_REAL_MODEL"
+PYTEST = [sys.executable, "-m", "pytest"]
+# Of those that a change reaches: if all were read first, the nearest would start a minute late.
+FILES_AT_ONCE = 20
+TOOLS = [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]
 
 
 def _checks(
     arguments: tuple[str, ...], quick: bool, real_model: bool
 ) -> list[tuple[str, list[str]]]:
-    tools = ("tools", [sys.executable, "bootstrap/bootstrap.py", "--test-tools"])
-    pytest = [sys.executable, "-m", "pytest", "--durations=50", "--durations-min=0.5"]
+    tools = ("tools", TOOLS)
+    pytest = [*PYTEST, "--durations=50", "--durations-min=0.5"]
     if real_model:
         folder = "tests/real_model"
         return [
@@ -63,6 +68,116 @@ def _checks(
     ]
 
 
+def _root(work: str) -> Path:
+    """Return the folder of the checkout, which the launcher names."""
+    root = os.environ.get("SSP_ROOT")
+    if root is None or not (Path(root) / "pyproject.toml").is_file():
+        raise HostError(f"{work} the source checkout: start it with ./ssp")
+    return Path(root)
+
+
+def _run_all(
+    root: Path, checks: Sequence[tuple[str, list[str]]], nothing: Collection[int] = ()
+) -> int:
+    """Run all commands, whatever the earlier ones ended with; 1 when any failed, else 0.
+
+    Args:
+        root: folder of the checkout.
+        checks: name and command of each.
+        nothing: further statuses that are no failure: pytest ends with 5 where nothing is chosen.
+    """
+    # Compiled tests are kept: to rewrite their asserts takes each process half a minute.
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    # As many processes as processors: a small matrix isn't worth waiting for each other's threads.
+    environment.setdefault("OPENBLAS_NUM_THREADS", "1")
+    environment[MODEL_VARIABLE] = str(root / MODEL_FOLDER)
+    failed = []
+    for name, command in checks:
+        console.note(f"== {name}")
+        started = time.monotonic()
+        status = subprocess.run(command, cwd=root, env=environment, check=False).returncode
+        seconds = time.monotonic() - started
+        good = status == 0 or status in nothing
+        console.note(f"== {name} {'ok' if good else 'FAILED'} after {seconds:.0f} s")
+        if not good:
+            failed.append(name)
+    if failed:
+        console.report_error(f"failed: {', '.join(failed)}")
+    return 1 if failed else 0
+
+
+def _git(root: Path, *arguments: str) -> list[str]:
+    """Run git, and split what it prints at its NUL bytes."""
+    command = ["git", *arguments]
+    try:
+        done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+    except FileNotFoundError as error:
+        raise HostError("git, which says what changed, isn't installed") from error
+    if done.returncode != 0:
+        raise HostError(f"{' '.join(command)}: {done.stderr.strip()}")
+    return [file for file in done.stdout.split("\0") if file]
+
+
+def changed_files(root: Path, since: str | None) -> list[str]:
+    """List the files that differ from a commit, new ones among them, deleted ones not.
+
+    Args:
+        root: folder of the checkout.
+        since: the commit. Without one the last commit counts, and where nothing differs from
+            that, the one before it.
+    """
+    if since is not None and since.startswith("-"):
+        raise InputError(f"--since {since} is no commit; give a branch, a tag or a hash")
+    for commit in [since] if since else ["HEAD", "HEAD~1"]:
+        found = _git(root, "diff", "--name-only", "-z", commit, "--")
+        found += _git(root, "ls-files", "--others", "--exclude-standard", "-z")
+        if found:
+            console.note(f"differing from {commit}: {len(found)} files")
+            return sorted(file for file in set(found) if (root / file).is_file())
+    console.note("nothing differs")
+    return []
+
+
+def _test_changes(root: Path, since: str | None, within_s: int, arguments: Sequence[str]) -> int:
+    """Run the tests that a change reaches, a few files at a time, the nearest first."""
+    end = time.monotonic() + within_s
+    changed = changed_files(root, since)
+    files = _git(root, "ls-files", "--cached", "--others", "--exclude-standard", "-z")
+    waiting = keep_tests(distances(read_graph(root, files), changed))
+    console.note(f"{len(waiting)} of {len(keep_tests(files))} test files are reached")
+    status = 0
+    while waiting and (left_s := end - time.monotonic()) > 0:
+        batch, waiting = waiting[:FILES_AT_ONCE], waiting[FILES_AT_ONCE:]
+        command = [*PYTEST, "-q", "-m", "not system", "--within", f"{left_s:.0f}"]
+        command += [*arguments, *batch]
+        status |= _run_all(root, [(f"tests of {len(batch)} files", command)], nothing=(5,))
+    if waiting:
+        console.note(f"{len(waiting)} files further away weren't started: ./ssp test runs all")
+    return status
+
+
+@click.command()
+@click.option("--since", metavar="COMMIT", help="Compare with this commit instead of the last one.")
+@click.option("--fix", is_flag=True, help="Format, and mend what the linter can mend.")
+def check(since: str | None, fix: bool) -> int:
+    """Check format, lint and types of what changed; under a minute.
+
+    Compares with the last commit, or, when nothing differs from that, with the one before.
+    """
+    root = _root("the checks need")
+    python = [file for file in changed_files(root, since) if file.endswith(".py")]
+    checks = []
+    if python:
+        checks = [
+            ("tools", TOOLS),
+            ("format", ["ruff", "format", *([] if fix else ["--check"]), *python]),
+            ("lint", ["ruff", "check", "--force-exclude", *(["--fix"] if fix else []), *python]),
+            # It keeps what it knows of files that didn't change.
+            ("types", ["mypy", *PACKAGES]),
+        ]
+    return _run_all(root, checks)
+
+
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.option("--quick", is_flag=True, help="Leave out the tests that run whole sessions.")
 @click.option(
@@ -71,29 +186,36 @@ def _checks(
     help="Instead, download a small language model (130 MB) and run the tests that ask it: about "
     "15 minutes, both processors, half a GB of memory.",
 )
+@click.option(
+    "--changed",
+    is_flag=True,
+    help="Only the tests that the import graph reaches from what changed, the nearest first, "
+    "without whole sessions, and no further ones after --within.",
+)
+@click.option("--since", metavar="COMMIT", help="With --changed: compare with this commit.")
+@click.option(
+    "--within",
+    "within_s",
+    metavar="SECONDS",
+    type=click.IntRange(1, 3600),
+    default=50,
+    show_default=True,
+    help="With --changed: start no test after this time; the others are counted.",
+)
 @click.argument("pytest_arguments", nargs=-1, type=click.UNPROCESSED)
-def test(quick: bool, real_model: bool, pytest_arguments: tuple[str, ...]) -> int:
+def test(
+    quick: bool,
+    real_model: bool,
+    changed: bool,
+    since: str | None,
+    within_s: int,
+    pytest_arguments: tuple[str, ...],
+) -> int:
     """Run format, lint, types and all tests; further arguments go to pytest.
 
     All of them run even when one fails; exit status 1 when any did.
     """
-    root = os.environ.get("SSP_ROOT")
-    if root is None or not (Path(root) / "pyproject.toml").is_file():
-        raise HostError("the tests need the source checkout: start them with ./ssp test")
-    # Compiled tests are kept: to rewrite their asserts takes each process half a minute.
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
-    # As many processes as processors: a small matrix isn't worth waiting for each other's threads.
-    environment.setdefault("OPENBLAS_NUM_THREADS", "1")
-    environment[MODEL_VARIABLE] = str(Path(root) / MODEL_FOLDER)
-    failed = []
-    for name, command in _checks(pytest_arguments, quick, real_model):
-        console.note(f"== {name}")
-        started = time.monotonic()
-        status = subprocess.run(command, cwd=root, env=environment, check=False).returncode
-        seconds = time.monotonic() - started
-        console.note(f"== {name} {'ok' if status == 0 else 'FAILED'} after {seconds:.0f} s")
-        if status != 0:
-            failed.append(name)
-    if failed:
-        console.report_error(f"failed: {', '.join(failed)}")
-    return 1 if failed else 0
+    root = _root("the tests need")
+    if not changed:
+        return _run_all(root, _checks(pytest_arguments, quick, real_model))
+    return _test_changes(root, since, within_s, pytest_arguments)

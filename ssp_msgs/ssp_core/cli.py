@@ -71,6 +71,7 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_scenario_manager.cli.doctor:doctor",
         "Say what is installed, missing or broken.",
     ),
+    "check": ("ssp_eval.checkout:check", "Check format, lint and types of what changed."),
     "test": ("ssp_eval.checkout:test", "Run lint, types and all tests."),
 }
 
