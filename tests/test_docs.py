@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from pathlib import Path
 
@@ -11,8 +12,8 @@ from ssp_core.cli import VERBS
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = [
-    ROOT / "README.md",
-    ROOT / "CHANGELOG.md",
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")),
+    ROOT / "llms.txt",
     *sorted((ROOT / "docs").rglob("*.md")),
     *sorted(ROOT.glob("ssp_*/README.md")),
 ]
@@ -31,6 +32,29 @@ def test_the_readme_names_every_verb_but_no_other() -> None:
     named = set(re.findall(r"\./ssp ([a-z][a-z-]*)", (ROOT / "README.md").read_text()))
     # The launcher's own: it prints the environment that the command line is called in.
     assert named == {*VERBS, "env"}
+
+
+@pytest.mark.parametrize(
+    "package",
+    [
+        "ssp_core",
+        "ssp_scenario_manager",
+        "ssp_ot_controller",
+        "ssp_monitor",
+        "ssp_vla_bridge",
+        "ssp_eval",
+    ],
+)
+def test_the_public_names_of_a_package_are_those_of_the_page(package: str) -> None:
+    module = importlib.import_module(package)
+    for name, place in module.PUBLIC.items():
+        assert getattr(module, name) is getattr(importlib.import_module(place), name)
+        assert getattr(module, name).__doc__
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        _ = module.nothing
+    page = (ROOT / "docs" / "api.md").read_text()
+    named = re.findall(rf"^::: ({package}\..+)$", page, re.M)
+    assert named == [f"{place}.{name}" for name, place in module.PUBLIC.items()]
 
 
 def test_the_architecture_names_functions_that_are_there() -> None:

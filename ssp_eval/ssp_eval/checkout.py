@@ -32,6 +32,8 @@ MODEL_VARIABLE = "SSP_REAL_MODEL"
 PYTEST = [sys.executable, "-m", "pytest"]
 # Of those that a change reaches: if all were read first, the nearest would start a minute late.
 FILES_AT_ONCE = 20
+MKDOCS = [sys.executable, "-m", "mkdocs"]
+DOCS_TOOLS = [sys.executable, "bootstrap/bootstrap.py", "--docs-tools"]
 TOOLS = [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]
 
 
@@ -63,6 +65,8 @@ def _checks(
     of_nodes = ("tests of nodes", QUICK) if quick else ("tests of nodes and sessions", SESSIONS)
     return [
         *checks,
+        ("tools of the site", DOCS_TOOLS),
+        ("site", [*MKDOCS, "build", "--strict", "--site-dir", "log/site"]),
         ("tests of cores", [*pytest, *stealing, "auto", "-m", "not ros and not system"]),
         (of_nodes[0], [*pytest, *stealing, at_once, "-m", of_nodes[1]]),
     ]
@@ -91,6 +95,7 @@ def _run_all(
     # As many processes as processors: a small matrix isn't worth waiting for each other's threads.
     environment.setdefault("OPENBLAS_NUM_THREADS", "1")
     environment[MODEL_VARIABLE] = str(root / MODEL_FOLDER)
+    environment["NO_MKDOCS_2_WARNING"] = "1"
     failed = []
     for name, command in checks:
         console.note(f"== {name}")
@@ -219,3 +224,24 @@ def test(
     if not changed:
         return _run_all(root, _checks(pytest_arguments, quick, real_model))
     return _test_changes(root, since, within_s, pytest_arguments)
+
+
+@click.command()
+@click.option("--out", default="out/docs", show_default=True, help="Folder for the site.")
+@click.option("--serve", is_flag=True, help="Show it on http://127.0.0.1:8000 while you edit it.")
+def docs(out: str, serve: bool) -> int:
+    """Build the site of the documentation; exit status 1 for a link that is broken.
+
+    A link, an anchor or the name of a function that leads nowhere is an error. The first call
+    installs MkDocs (15 MB). Its search needs a server: --serve, or any other.
+    """
+    root = _root("the site is made from")
+    if status := _run_all(root, [("tools of the site", DOCS_TOOLS)]):
+        return status
+    if serve:
+        return _run_all(root, [("site", [*MKDOCS, "serve"])])
+    folder = Path(out).resolve()
+    status = _run_all(root, [("site", [*MKDOCS, "build", "--strict", "--site-dir", str(folder)])])
+    if status == 0:
+        console.out.print(str(Path(out) / "index.html"), markup=False)
+    return status

@@ -42,7 +42,8 @@ def read_graph(root: Path, files: Collection[str]) -> dict[str, set[str]]:
             nodes = []
         for name in _imports(nodes, _package(file, modules)):
             found |= _files_of(name, modules)
-        for text in _strings(nodes):
+        # A package names the modules of its public API, and loads one when somebody asks for it.
+        for text in () if file.endswith("/__init__.py") else _strings(nodes):
             found |= _files_of(text.partition(":")[0], modules)
             found |= data.get(text.rpartition("/")[2], set())
         for text in _first_words(nodes):

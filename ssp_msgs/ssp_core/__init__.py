@@ -1,4 +1,11 @@
-"""The small library that every SSP package shares; it imports without ROS."""
+"""The small library that every SSP package shares; it imports without ROS.
+
+Its public API is what ``PUBLIC`` names; docs/api.md describes it.
+"""
+
+from typing import Any
+
+from ssp_core.public_names import public_name
 
 __version__ = "0.1.0"
 
@@ -6,3 +13,19 @@ __version__ = "0.1.0"
 # imports hold it. It is raised where what was made before may come out otherwise, see
 # docs/updating.md.
 RULES_VERSION = 2
+
+# Loaded when they are asked for, so that a node or command pays for what it uses alone.
+PUBLIC = {
+    "BagReader": "ssp_core.bag.reader",
+    "BagWriter": "ssp_core.bag.writer",
+    "InputError": "ssp_core.errors",
+    "ObjectState": "ssp_core.motion.state",
+    "RunSpec": "ssp_core.run_file.model",
+    "SspError": "ssp_core.errors",
+    "check_bag": "ssp_core.bag.check",
+    "load_run": "ssp_core.run_file.model",
+}
+
+
+def __getattr__(name: str) -> Any:
+    return public_name(__name__, PUBLIC, name)

@@ -72,6 +72,7 @@ VERBS: dict[str, tuple[str, str]] = {
         "Say what is installed, missing or broken.",
     ),
     "check": ("ssp_eval.checkout:check", "Check format, lint and types of what changed."),
+    "docs": ("ssp_eval.checkout:docs", "Build the site of the documentation."),
     "test": ("ssp_eval.checkout:test", "Run lint, types and all tests."),
 }
 
