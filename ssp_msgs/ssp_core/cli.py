@@ -66,6 +66,10 @@ VERBS: dict[str, tuple[str, str]] = {
         "Inject every fault at every stage of a run and judge what comes of it.",
     ),
     "iso": ("ssp_ot_controller.rehearsal.iso:iso", "Play and probe objects that speak ISO 22133."),
+    "carla": (
+        "ssp_scenario_manager.cli.carla:carla",
+        "Measure what a CARLA server does of what a run relies on.",
+    ),
     "bench": ("ssp_eval.bench:bench", "Measure each path beside its own lower bound."),
     "doctor": (
         "ssp_scenario_manager.cli.doctor:doctor",

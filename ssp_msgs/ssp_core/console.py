@@ -39,8 +39,9 @@ class _Console(Console):
         )
 
 
-out = _Console(highlight=False, soft_wrap=True)
-err = _Console(stderr=True, highlight=False, soft_wrap=True)
+# Without emoji: ``a:b:c`` in a message stays what somebody wrote.
+out = _Console(highlight=False, soft_wrap=True, emoji=False)
+err = _Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
 def report_error(message: str) -> None:

@@ -22,6 +22,11 @@ def test_controls_are_shown_and_the_rest_is_left_alone() -> None:
     assert console.visible("tab\tline\nü – ✓ 車") == "tab\tline\nü – ✓ 車"
 
 
+def test_a_name_between_colons_is_no_emoji(capsys: pytest.CaptureFixture[str]) -> None:
+    console.report_error("host:b:c")
+    assert capsys.readouterr().err == "error: host:b:c\n"
+
+
 def test_what_is_printed_holds_no_controls(capsys: pytest.CaptureFixture[str]) -> None:
     console.report_error(HOSTILE)
     console.note(HOSTILE)

@@ -13,10 +13,18 @@ from rich.markup import escape
 from rich.table import Table
 
 from ssp_core import console
+from ssp_core.carla.address import parse_address
 from ssp_core.environment import require_sound
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import load_run
-from ssp_scenario_manager.doctor.checks import Finding, LinkMeasurement, Status, all_checks
+from ssp_scenario_manager.cli.carla import map_sha256
+from ssp_scenario_manager.doctor.checks import (
+    Finding,
+    LinkMeasurement,
+    Status,
+    all_checks,
+    carla_server,
+)
 from ssp_scenario_manager.doctor.session import failed, session_findings
 
 _STYLE = {Status.OK: "green", Status.WARN: "yellow", Status.FAIL: "bold red"}
@@ -48,6 +56,18 @@ _STEPS = 100
     metavar="FROM:=TO",
     help="With --session: as given to `ssp run`; may be repeated.",
 )
+@click.option(
+    "--carla",
+    "carla_text",
+    metavar="HOST[:PORT]",
+    help="Say instead whether a CARLA server would be accepted for a run.",
+)
+@click.option(
+    "--map",
+    "map_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="With --carla: OpenDRIVE file that the server's map must be.  [default: any]",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def doctor(
     run_file: Path | None,
@@ -55,17 +75,26 @@ def doctor(
     odometry: str | None,
     navsat: str | None,
     remappings: tuple[str, ...],
+    carla_text: str | None,
+    map_file: Path | None,
     as_json: bool,
 ) -> int:
     """Say what is installed, what is missing, and whether two processes can talk over DDS.
 
     With --session it listens, in the ROS domain and with the DDS profile of the environment, to the
     session of a run file: rates, stamps, frames, clock offsets and link delays of what is
-    connected, and what keeps it from arming. It sends nothing.
+    connected, and what keeps it from arming. It sends nothing. With --carla it asks a CARLA server
+    and changes nothing there.
 
     Exit status 1 when something that a session needs is missing.
     """
-    if run_file is None:
+    if carla_text is not None and run_file is not None:
+        raise click.UsageError("--carla and --session ask different things: give one of them")
+    if map_file is not None and carla_text is None:
+        raise click.UsageError("--map goes with --carla")
+    if carla_text is not None:
+        findings = [_ask_carla(carla_text, map_file)]
+    elif run_file is None:
         if odometry is not None or navsat is not None or remappings:
             raise click.UsageError("--odometry, --navsat and --remap go with --session")
         findings = all_checks(_measure_link)
@@ -82,9 +111,17 @@ def doctor(
             )
         )
         return 1 if bad else 0
+    if carla_text is not None:
+        _print_line(findings[0])
+        return 1 if bad else 0
     _print_table(findings)
     console.out.print("something that a session needs is missing" if bad else "ready")
     return 1 if bad else 0
+
+
+def _ask_carla(text: str, map_file: Path | None) -> Finding:
+    address = parse_address(text, "--carla")
+    return carla_server(address, None if map_file is None else map_sha256(map_file))
 
 
 def _measure_link() -> LinkMeasurement:
@@ -123,6 +160,12 @@ def _listen(
         )
         bar.update(bar.task_ids[0], completed=_STEPS)
     return session_findings(spec, heard)
+
+
+def _print_line(finding: Finding) -> None:
+    style, remedy = _STYLE[finding.status], f"; {finding.remedy}" if finding.remedy else ""
+    console.out.print(f"[{style}]{finding.status.value}[/] ", end="")
+    console.out.print(f"{finding.name}: {finding.text}{remedy}", markup=False)
 
 
 def _print_table(findings: Sequence[Finding]) -> None:

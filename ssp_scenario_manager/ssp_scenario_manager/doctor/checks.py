@@ -16,6 +16,9 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from ssp_core.carla.acceptance import refusals
+from ssp_core.carla.address import CarlaAddress
+from ssp_core.carla.client import CarlaServer
 from ssp_core.clock import NS_PER_S
 from ssp_core.environment import (
     environment_errors,
@@ -23,7 +26,7 @@ from ssp_core.environment import (
     installed_middlewares,
     nobody_listens,
 )
-from ssp_core.errors import HostError
+from ssp_core.errors import HostError, PeerError
 from ssp_core.leap_seconds import TABLE_GOOD_UNTIL, leap_seconds, leap_seconds_may_be_old
 from ssp_core.processes import DOMAINS, check_shared_memory, free_domain
 
@@ -88,6 +91,26 @@ def package(module: str, distribution: str, use: str) -> Finding:
         return ok(module, importlib.metadata.version(distribution))
     except importlib.metadata.PackageNotFoundError:
         return ok(module, "installed with the system")
+
+
+def carla_server(address: CarlaAddress, map_sha256: str | None) -> Finding:
+    """Tell whether a CARLA server would be accepted for a run now; it is asked, and left alone.
+
+    Args:
+        map_sha256: that its map must have; None: any.
+    """
+    name = f"carla {address}"
+    try:
+        with CarlaServer(address) as server:
+            facts = server.facts()
+    except (HostError, PeerError) as error:
+        return fail(name, str(error), "docs/carla.md says how a server is started")
+    refused = refusals(facts, map_sha256)
+    if refused:
+        texts, remedies = ([getattr(r, part) for r in refused] for part in ("text", "remedy"))
+        return fail(name, "a run would be refused: " + "; ".join(texts), "; ".join(remedies))
+    text = f"a run would be accepted: CARLA {facts.version}, {facts.map_name}, {facts.map_sha256}"
+    return ok(name, text)
 
 
 def interfaces() -> Finding:

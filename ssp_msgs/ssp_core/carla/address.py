@@ -1,0 +1,46 @@
+"""The address of a CARLA server."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from ssp_core.errors import InputError
+
+DEFAULT_PORT = 2000
+SCHEME = "carla://"
+_ADDRESS = re.compile(r"(?P<host>[^:/?#@\[\]\s]+|\[[0-9a-fA-F:.]+\])(:(?P<port>[0-9]{1,5}))?")
+
+
+@dataclass(frozen=True, slots=True)
+class CarlaAddress:
+    """Host and RPC port of a server; its streams come from the next port."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{host}:{self.port}"
+
+
+def parse_address(text: str, field: str) -> CarlaAddress:
+    """Read ``HOST[:PORT]``, with or without ``carla://`` in front.
+
+    Args:
+        field: the argument or option that the text was given to.
+
+    Raises:
+        InputError: it is none.
+    """
+    match = _ADDRESS.fullmatch(text.removeprefix(SCHEME))
+    port = DEFAULT_PORT if match is None or match["port"] is None else int(match["port"])
+    # The next port is the streams'.
+    if match is None or not 1 <= port < 65_535:
+        raise InputError(
+            "is no address of a CARLA server",
+            field=field,
+            value=text,
+            remedy=f"write HOST or HOST:PORT, with a port from 1 to 65534 (default {DEFAULT_PORT})",
+        )
+    return CarlaAddress(match["host"].strip("[]"), port)

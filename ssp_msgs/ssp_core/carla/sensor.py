@@ -1,0 +1,63 @@
+"""CARLA's RGB camera and weather for a run: what is asked of the server, in its own words."""
+
+from __future__ import annotations
+
+import math
+
+from ssp_core.run_file.model import Camera, Look
+
+CAMERA_BLUEPRINT = "sensor.camera.rgb"
+INSTANCES_BLUEPRINT = "sensor.camera.instance_segmentation"
+# Written out, so that no default decides: nothing that depends on earlier pictures or the lens.
+_PLAIN = {
+    "sensor_tick": "0.0",
+    "motion_blur_intensity": "0.0",
+    "motion_blur_max_distortion": "0.0",
+    "lens_flare_intensity": "0.0",
+    "bloom_intensity": "0.0",
+    "chromatic_aberration_intensity": "0.0",
+    "lens_circle_multiplier": "0.0",
+    "lens_k": "0.0",
+    "lens_kcube": "0.0",
+    "enable_postprocess_effects": "true",
+}
+# Fields of carla.WeatherParameters under a clear sky.
+_CLEAR_SKY = {
+    "cloudiness": 10.0,
+    "precipitation": 0.0,
+    "precipitation_deposits": 0.0,
+    "wind_intensity": 5.0,
+    "fog_distance": 0.0,
+    "wetness": 0.0,
+}
+# Fog as CARLA's percent: how much of the light is lost over this distance.
+_FOG_OVER_M = 100.0
+
+
+def camera_attributes(camera: Camera) -> dict[str, str]:
+    """The attributes of CARLA's camera that a run's camera asks for; its others stay as they are.
+
+    The field of view is horizontal in both, so that the focal length in pixels is the same.
+    """
+    return {
+        "image_size_x": str(camera.width_px),
+        "image_size_y": str(camera.height_px),
+        "fov": f"{camera.hfov_deg:g}",
+        **_PLAIN,
+    }
+
+
+def weather_of(look: Look) -> dict[str, float]:
+    """Sun and fog of a run as fields of carla.WeatherParameters; azimuth turns as CARLA's yaw."""
+    return {
+        **_CLEAR_SKY,
+        "sun_azimuth_angle": round(-look.sun_azimuth_deg % 360.0, 6),
+        "sun_altitude_angle": look.sun_elevation_deg,
+        "fog_density": round(100.0 * -math.expm1(-look.fog_per_m * _FOG_OVER_M), 6),
+    }
+
+
+def instance_attributes(camera: Camera) -> dict[str, str]:
+    """The attributes of a camera that gives each actor a colour of its own."""
+    wanted = camera_attributes(camera)
+    return {name: wanted[name] for name in ("image_size_x", "image_size_y", "fov", "sensor_tick")}
