@@ -13,7 +13,7 @@ import ssp_core
 from ssp_core import names
 from ssp_core.bag.reader import BagReader
 from ssp_core.environment import require_sound
-from ssp_core.options import Number, usage_errors
+from ssp_core.options import Number, WholeNumber, usage_errors
 from ssp_core.processes import live_environment, session_environment
 from ssp_monitor.recorder.topics import Pattern
 from ssp_monitor.replay.plan import DEFAULT_CLOCK_HZ, ReplayOptions, is_name
@@ -92,7 +92,7 @@ def _expressions(
 )
 @click.option(
     "--wait-for",
-    type=click.IntRange(0),
+    type=WholeNumber(0),
     default=0,
     help="Begin when each topic has so many subscribers, within 30 s.",
 )

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import click
 
-from ssp_core.decimals import decimal
+from ssp_core.decimals import decimal, whole_number
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import DOMAINS_READ, DomainWord, read_domain
 
@@ -45,6 +45,20 @@ class Number(click.ParamType[float]):
             limits += f" up to {self._high:g}" if math.isfinite(self._high) else ""
             self.fail(f"{value!r} is no number {limits}", param, ctx)
         return number
+
+
+class WholeNumber(click.IntRange):
+    """A whole number within limits, in digits; click's own range takes `1_000`."""
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int:
+        if isinstance(value, str):
+            try:
+                value = whole_number(value)
+            except ValueError as error:
+                self.fail(str(error), param, ctx)
+        return super().convert(value, param, ctx)  # type: ignore[arg-type]  # it takes all
 
 
 class Domain(click.ParamType[DomainWord]):

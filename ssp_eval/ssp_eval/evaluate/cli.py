@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from ssp_core import console
+from ssp_core.options import Number, WholeNumber
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CELL_FILE, CELLS
@@ -167,7 +168,7 @@ _PATH = click.Path(path_type=Path)
 @click.option(
     "--timeout",
     "timeout_s",
-    type=click.FloatRange(0.1, 86400.0),
+    type=Number(0.1, 86400.0),
     default=60.0,
     show_default=True,
     help="Seconds that a model has for one answer, unless it has a time of its own.",
@@ -175,14 +176,14 @@ _PATH = click.Path(path_type=Path)
 @click.option(
     "--start-timeout",
     "start_timeout_s",
-    type=click.FloatRange(0.1, 86400.0),
+    type=Number(0.1, 86400.0),
     default=CONNECT_S,
     show_default=True,
     help="Seconds until a bridge is on its topics, which is after it has loaded its model.",
 )
 @click.option(
     "--retry-errors",
-    type=click.IntRange(0, 100),
+    type=WholeNumber(0, 100),
     default=0,
     show_default=True,
     help="How often a question is repeated after a timeout, an overload or a bridge that died or "
@@ -224,7 +225,7 @@ _PATH = click.Path(path_type=Path)
 )
 @click.option(
     "--workers",
-    type=click.IntRange(1, 1024),
+    type=WholeNumber(1, 1024),
     default=None,
     help="Evaluate that many cells at a time, each in a process with bridges of its own.",
 )

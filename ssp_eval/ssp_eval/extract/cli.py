@@ -16,6 +16,7 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import MAX_TEXT_BYTES, refuse_named_pipe
 from ssp_core.hashing import sha256_file
+from ssp_core.options import WholeNumber
 from ssp_core.run_file.values import Strict
 from ssp_eval.data.labels import Text
 from ssp_eval.data.records import BehaviourRecord, parse_line, record_to_json
@@ -37,9 +38,9 @@ _PATH = click.Path(path_type=Path)
 @llm_options()
 @click.option("--review", "out", type=_PATH, metavar="OUT", help="Write a blind review of some of "
               "the texts for two people to the new folder OUT.")  # fmt: skip
-@click.option("--n", "count", type=click.IntRange(1, 5000), default=100, show_default=True,
+@click.option("--n", "count", type=WholeNumber(1, 5000), default=100, show_default=True,
               help="Texts to review.")  # fmt: skip
-@click.option("--seed", type=int, default=0, show_default=True, help="Of their choice.")
+@click.option("--seed", type=WholeNumber(), default=0, show_default=True, help="Of their choice.")
 @click.option("--returned", type=_PATH, nargs=2, metavar="A B",
               help="What both reviewers returned, JSON; needs --key.")  # fmt: skip
 @click.option("--key", "key_file", type=_PATH, help="Key of the review, key.json.")

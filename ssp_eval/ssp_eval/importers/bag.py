@@ -156,11 +156,10 @@ def import_bag(
             for name, one in poses.items()
         }
         notes = list[str]()
-        with findings.noted("clocks"):
-            times = [*(p.times for p in poses.values()), span.within(shown)]
-            notes += check_clocks(options.bag, options.clock, times)
-        with findings.noted("frames"):
-            _check_frames(options, poses)
+        times = [*(p.times for p in poses.values()), span.within(shown)]
+        notes += check_clocks(options.bag, options.clock, times, findings)
+        for error in _frame_errors(options, poses):
+            findings.note("frames", error)
         findings.need()
         with findings.noted("crop"):
             clip = _clip(options, shown.on(options.clock), poses[VUT_ID], span)
@@ -227,24 +226,24 @@ def _camera_source(
     )  # fmt: skip
 
 
-def _check_frames(options: BagOptions, poses: Mapping[str, Poses]) -> None:
-    """Raises InputError where poses in one frame are taken for poses in another."""
+def _frame_errors(options: BagOptions, poses: Mapping[str, Poses]) -> Iterator[InputError]:
+    """Yield each object whose poses in one frame are taken for poses in another."""
     plain = {
         name: pose.frame_id
         for name, pose in poses.items()
         if name not in options.clip.motion.transforms
     }
     frames = sorted(set(plain.values()))
-    if len(frames) > 1:
-        odd = next(name for name, frame in plain.items() if frame != plain.get(VUT_ID, frames[0]))
-        raise InputError(
-            f"its poses are in frame {plain[odd] or '(none)'!r}, the others' in "
-            f"{', '.join(repr(f) for f in frames if f != plain[odd])}",
-            file=options.bag,
-            field=options.objects[odd][0],
-            remedy=f"say how its frame lies in theirs with --transform {odd}=X,Y,YAW_DEG "
-            "(0,0,0 where they are the same)",
-        )
+    for odd, frame in plain.items():
+        if frame != plain.get(VUT_ID, frames[0]):
+            yield InputError(
+                f"its poses are in frame {frame or '(none)'!r}, the others' in "
+                f"{', '.join(repr(f) for f in frames if f != frame)}",
+                file=options.bag,
+                field=options.objects[odd][0],
+                remedy=f"say how its frame lies in theirs with --transform {odd}=X,Y,YAW_DEG "
+                "(0,0,0 where they are the same)",
+            )
 
 
 def _settled(options: BagOptions, shown: Times) -> tuple[Times, NDArray[np.bool_]]:

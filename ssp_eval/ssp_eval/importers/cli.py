@@ -13,7 +13,7 @@ import click
 from ssp_core.console import note, out, progress
 from ssp_core.geodesy import Datum, Place
 from ssp_core.names import VUT_ID
-from ssp_core.options import Number
+from ssp_core.options import Number, WholeNumber
 from ssp_core.vocabulary import OBJECTS, ObjectClass
 from ssp_core.world.camera import Mounting
 from ssp_eval.importers.axes import Axes
@@ -78,7 +78,7 @@ from ssp_eval.importers.video import TableOptions, VideoOptions, import_clip
 @click.option(
     "--accept-damaged",
     "most_damaged",
-    type=click.IntRange(0),
+    type=WholeNumber(0),
     default=0,
     show_default=True,
     metavar="N",

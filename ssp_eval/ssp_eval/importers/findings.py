@@ -103,13 +103,19 @@ class Findings:
         try:
             yield part
         except InputError as error:
-            part.has_ended = self._lacks = True
-            self._refused.append(
-                InputError(
-                    f"{error.problem} [{name}]", file=error.file, line=error.line,
-                    field=error.field, value=error.value, remedy=error.remedy,
-                )
-            )  # fmt: skip
+            part.has_ended = True
+            if all(error is not one for one in self._refused):  # which ``need`` raises
+                self.note(name, error)
+
+    def note(self, name: str, error: InputError) -> None:
+        """Note an error under the name of its part, which then gives nothing to go on with."""
+        self._lacks = True
+        self._refused.append(
+            InputError(
+                f"{error.problem} [{name}]", file=error.file, line=error.line,
+                field=error.field, value=error.value, remedy=error.remedy,
+            )
+        )  # fmt: skip
 
     def need(self) -> None:
         """Raise InputError where a part ended; within ``listed``."""

@@ -63,24 +63,28 @@ class Times:
         return found
 
 
-def check_clocks(file: Path, clock: Clock, topics: Sequence[Times]) -> list[str]:
+def check_clocks(
+    file: Path, clock: Clock, topics: Sequence[Times], findings: Findings
+) -> list[str]:
     """Checks the topics' time bases against each other.
 
+    They are compared with the topic that most of them agree with; with the first of these where
+    there are several.
+
     Args:
-        topics: the VUT's first; the others are compared with it.
+        topics: the VUT's first.
+        findings: take each topic whose stamps are missing or go backwards, or that is on another
+            clock.
 
     Returns:
         What is to be known of them.
-
-    Raises:
-        InputError: stamps are missing or go backwards, or two topics are on two clocks.
     """
     if clock == "receive":
         return ["times are those of receipt by the recorder; stamps were left aside"]
-    for one in topics:
-        _check_stamps(file, one)
+    broken = {one.topic: list(_stamp_errors(file, one)) for one in topics}
+    for error in (error for errors in broken.values() for error in errors):
+        findings.note("clocks", error)
     notes = []
-    first = topics[0]
     for one in topics:
         spread_s = float(np.ptp(np.percentile(one.delay_s, (5, 95))))
         if spread_s > _SAID_S:
@@ -88,34 +92,61 @@ def check_clocks(file: Path, clock: Clock, topics: Sequence[Times]) -> list[str]
                 f"{one.topic}: receipt comes {np.median(one.delay_s):.3f} s after the stamp, "
                 f"within {spread_s:.3f} s (5th to 95th percentile)"
             )
-    for other in topics[1:]:
-        late_s = _later_s(other, first)
-        if not len(late_s):
+    sound = [one for one in topics if not broken[one.topic]]
+    first = _most_agreed(sound)
+    for other in sound:
+        apart = None if first is None or other is first else _apart(other, first)
+        if first is None or apart is None:
             continue
-        apart_s = float(np.median(late_s))
-        if abs(apart_s) > APART_S:
-            raise InputError(
-                f"its stamps lie {abs(apart_s):.3f} s {'before' if apart_s > 0 else 'after'} those "
+        late_s, drift_s = apart
+        if abs(late_s) > APART_S:
+            findings.note("clocks", InputError(
+                f"its stamps lie {abs(late_s):.3f} s {'before' if late_s > 0 else 'after'} those "
                 f"of {first.topic}, by when both were received: two clocks",
                 file=file, field=other.topic,
                 remedy="set the recorder's clocks, or take the times of receipt with "
                 "--clock receive",
-            )  # fmt: skip
-        third = max(1, len(late_s) // 3)
-        drift_s = float(np.median(late_s[-third:]) - np.median(late_s[:third]))
-        if abs(drift_s) > DRIFT_S:
-            raise InputError(
+            ))  # fmt: skip
+        elif abs(drift_s) > DRIFT_S:
+            findings.note("clocks", InputError(
                 f"its stamps drift by {drift_s:.3f} s against those of {first.topic} over the "
                 "recording: two clocks",
                 file=file, field=other.topic,
                 remedy="take the times of receipt with --clock receive",
-            )  # fmt: skip
-        if abs(apart_s) > _SAID_S:
+            ))  # fmt: skip
+        elif abs(late_s) > _SAID_S:
             notes.append(
-                f"{other.topic}: delivered {abs(apart_s):.3f} s "
-                f"{'later' if apart_s > 0 else 'sooner'} than {first.topic}, by stamp and receipt"
+                f"{other.topic}: delivered {abs(late_s):.3f} s "
+                f"{'later' if late_s > 0 else 'sooner'} than {first.topic}, by stamp and receipt"
             )
     return notes
+
+
+def _most_agreed(topics: Sequence[Times]) -> Times | None:
+    """Give the topic whose clock most topics have; None: there is none."""
+
+    def others(one: Times) -> int:
+        found = [_apart(other, one) for other in topics]
+        return sum(
+            apart is not None and abs(apart[0]) <= APART_S and abs(apart[1]) <= DRIFT_S
+            for apart in found
+        )
+
+    return max(topics, key=others, default=None)
+
+
+def _apart(other: Times, first: Times) -> tuple[float, float] | None:
+    """Compute how much later another topic is received than a first one, and its drift, in s.
+
+    Returns:
+        None where they were never received at the same time.
+    """
+    late_s = _later_s(other, first)
+    if not len(late_s):
+        return None
+    third = max(1, len(late_s) // 3)
+    drift_s = float(np.median(late_s[-third:]) - np.median(late_s[:third]))
+    return float(np.median(late_s)), drift_s
 
 
 def _later_s(other: Times, first: Times) -> NDArray[np.float64]:
@@ -132,25 +163,28 @@ def _later_s(other: Times, first: Times) -> NDArray[np.float64]:
     return found
 
 
-def _check_stamps(file: Path, times: Times) -> None:
+def _stamp_errors(file: Path, times: Times) -> Iterator[InputError]:
+    """Yield what no clock can have written: stamps of 0, and others that go backwards."""
     remedy = "take the times of receipt with --clock receive"
-    zero = int((times.stamps_ns == 0).sum())
+    is_zero = times.stamps_ns == 0
+    zero = int(is_zero.sum())
     # A simulator's time begins at 0, once.
     begins = zero == 1 and times.stamps_ns[0] == 0 and times.stamps_ns[1:2].sum() < NS_PER_S
     if zero and not begins:
-        raise InputError(
+        yield InputError(
             f"{zero} of {len(times.stamps_ns)} messages have the stamp 0", file=file,
             field=times.topic, remedy=remedy,
         )  # fmt: skip
-    back = np.diff(times.stamps_ns) < 0
+    stamps_ns = times.stamps_ns[~is_zero]
+    back = np.diff(stamps_ns) < 0
     if back.any():
         i = int(np.argmax(back)) + 1
-        step_s = (times.stamps_ns[i] - times.stamps_ns[i - 1]) / NS_PER_S
-        raise InputError(
+        step_s = (stamps_ns[i] - stamps_ns[i - 1]) / NS_PER_S
+        yield InputError(
             f"{int(back.sum())} stamps go backwards, the first by {-step_s:.3f} s",
             file=file,
             field=times.topic,
-            value=times.stamps_ns[i] / NS_PER_S,
+            value=stamps_ns[i] / NS_PER_S,
             remedy=f"name a topic with one sender, or {remedy}",
         )
 

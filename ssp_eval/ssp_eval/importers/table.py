@@ -21,6 +21,7 @@ from ssp_core.files import read_text
 from ssp_core.geometry import FloatArray
 from ssp_core.motion.state import DEFAULT_SIZES, Size
 from ssp_core.vocabulary import OBJECTS, ObjectClass
+from ssp_eval.importers.findings import Findings
 from ssp_eval.importers.tracks import Samples, Source, size_of
 
 MAX_BYTES = 256 << 20
@@ -52,105 +53,146 @@ class Table:
     ignored: tuple[str, ...]
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path, findings: Findings) -> Table:
     """Reads and checks a table of states.
 
+    Args:
+        findings: take each kind of error in each column once, with file, first line, column,
+            value, remedy and the number of rows.
+
     Raises:
-        InputError: a column is missing, a value is none, or an id changes its class or size; with
-            file, line, column, value and remedy.
+        InputError: with all of them, within ``findings.listed``.
     """
-    rows = csv.reader(io.StringIO(read_text(path, MAX_BYTES).removeprefix("\ufeff")), strict=True)
-    lines: list[int] = []
-    cells: list[list[str]] = []
-    try:
-        header = [name.strip() for name in next(rows, [])]
-        _check_header(path, header)
-        for row in rows:
-            if not any(cell.strip() for cell in row):
-                continue
-            if len(row) != len(header):
-                raise InputError(
-                    f"has {len(row)} values, the header {len(header)}", file=path,
-                    line=rows.line_num,
-                    remedy="a comma separates values, a point is the decimal mark",
-                )  # fmt: skip
-            lines.append(rows.line_num)
-            cells.append([cell.strip() for cell in row])
-    except csv.Error as error:
-        raise InputError(
-            f"is no CSV: {error}", file=path, line=rows.line_num, remedy="save it as plain CSV"
-        ) from error
-    if not cells:
-        raise InputError("holds no row", file=path, remedy=f"columns: {', '.join(COLUMNS)}")
+    header, lines, cells = _read(path, findings)
     columns = dict(zip(header, zip(*cells, strict=True), strict=True))
-    classes = _classes(path, lines, columns["id"], columns["class"])
+    classes = _classes(path, lines, columns["id"], columns["class"], findings)
     numbers = {
-        name: _numbers(path, lines, name, columns[name])
+        name: _numbers(path, lines, name, columns[name], findings)
         for name in ("t_s", *_MOTION, *_EXTENT, *OPTIONAL)
         if name in columns
     }
+    findings.need()
     ids = np.array(columns["id"])
     objects = {}
     for name, object_class in classes.items():
         rows_of = np.flatnonzero(ids == name)
         own_lines = [lines[i] for i in rows_of]
         own = {column: values[rows_of] for column, values in numbers.items()}
-        objects[name] = _object(Source(path, f"id {name}", own_lines), object_class, own)
+        source = Source(path, f"id {name}", own_lines)
+        objects[name] = _object(source, object_class, own, findings)
+    findings.need()
     ignored = tuple(name for name in header if name not in (*COLUMNS, *OPTIONAL))
     return Table(objects, ignored)
 
 
-def _check_header(path: Path, header: Sequence[str]) -> None:
+def _read(path: Path, findings: Findings) -> tuple[list[str], list[int], list[list[str]]]:
+    """Read header, line numbers and cells of the rows that have as many as the header."""
+    rows = csv.reader(io.StringIO(read_text(path, MAX_BYTES).removeprefix("\ufeff")), strict=True)
+    lines: list[int] = []
+    cells: list[list[str]] = []
+    other: list[tuple[int, int]] = []
+    try:
+        header = [name.strip() for name in next(rows, [])]
+        _check_header(path, header, findings)
+        for row in rows:
+            if not any(cell.strip() for cell in row):
+                continue
+            if len(row) != len(header):
+                other.append((rows.line_num, len(row)))
+                continue
+            lines.append(rows.line_num)
+            cells.append([cell.strip() for cell in row])
+    except csv.Error as error:
+        raise InputError(
+            f"is no CSV: {error}", file=path, line=rows.line_num, remedy="save it as plain CSV"
+        ) from error
+    if other:
+        findings.note("table", InputError(
+            f"has {other[0][1]} values, the header {len(header)}{_further(len(other))}", file=path,
+            line=other[0][0], remedy="a comma separates values, a point is the decimal mark",
+        ))  # fmt: skip
+    if not cells:
+        findings.need()
+        raise InputError("holds no row", file=path, remedy=f"columns: {', '.join(COLUMNS)}")
+    return header, lines, cells
+
+
+def _further(count: int) -> str:
+    """Say in how many rows beside the first one an error stands."""
+    return "" if count == 1 else f", and so in {count - 1} further row{'s' * (count > 2)}"
+
+
+def _check_header(path: Path, header: Sequence[str], findings: Findings) -> None:
     for name in (*COLUMNS, *OPTIONAL):
         if header.count(name) > 1:
-            raise InputError("stands twice", file=path, line=1, field=name,
-                             remedy="one column each")  # fmt: skip
-    missing = [name for name in COLUMNS if name not in header]
-    if missing:
-        near = [g for g in header if g.split("_")[0].lower() == missing[0].split("_")[0]]
+            findings.note("table", InputError("stands twice", file=path, line=1, field=name,
+                                              remedy="one column each"))  # fmt: skip
+    for i, missing in enumerate(name for name in COLUMNS if name not in header):
+        near = [g for g in header if g.split("_")[0].lower() == missing.split("_")[0]]
         unit = f"; {near[0]} isn't read, convert and rename it" if near else ""
-        raise InputError(
-            "is missing", file=path, line=1, field=missing[0], value=",".join(header),
+        findings.note("table", InputError(
+            "is missing", file=path, line=1, field=missing,
+            value=None if i else ",".join(header),
             remedy=f"the columns are {', '.join(COLUMNS)} (m, s, rad){unit}",
-        )  # fmt: skip
+        ))  # fmt: skip
+    findings.need()
 
 
 def _classes(
-    path: Path, lines: Sequence[int], ids: Sequence[str], words: Sequence[str]
+    path: Path, lines: Sequence[int], ids: Sequence[str], words: Sequence[str], findings: Findings
 ) -> dict[str, ObjectClass]:
     """The class of each id, which never changes."""
     found: dict[str, str] = {}
     last: dict[str, int] = {}
+    empty: list[int] = []
+    unknown: dict[str, list[int]] = {}
+    changed: dict[str, InputError] = {}
     for line, name, word in zip(lines, ids, words, strict=True):
         if not name:
-            raise InputError("is empty", file=path, line=line, field="id",
-                             remedy="every row names its object")  # fmt: skip
+            empty.append(line)
         if word not in OBJECTS:
-            raise InputError("is no class", file=path, line=line, field="class", value=word,
-                             remedy=f"known are {', '.join(OBJECTS)}")  # fmt: skip
-        if found.setdefault(name, word) != word:
-            raise InputError(
+            unknown.setdefault(word, []).append(line)
+        if not name or word not in OBJECTS:
+            continue
+        if found.setdefault(name, word) != word and name not in changed:
+            changed[name] = InputError(
                 f"{name} was a {found[name]} until line {last[name]}: one id must be one object",
                 file=path, line=line, field="class", value=word, remedy="mend the ids",
             )  # fmt: skip
         last[name] = line
+    if empty:
+        findings.note("table", InputError(
+            f"is empty{_further(len(empty))}", file=path, line=empty[0], field="id",
+            remedy="every row names its object",
+        ))  # fmt: skip
+    for word, places in unknown.items():
+        findings.note("table", InputError(
+            f"is no class{_further(len(places))}", file=path, line=places[0], field="class",
+            value=word, remedy=f"known are {', '.join(OBJECTS)}",
+        ))  # fmt: skip
+    for error in changed.values():
+        findings.note("table", error)
     return {name: ObjectClass.from_word(word) for name, word in found.items()}
 
 
-def _numbers(path: Path, lines: Sequence[int], name: str, texts: Sequence[str]) -> FloatArray:
+def _numbers(
+    path: Path, lines: Sequence[int], name: str, texts: Sequence[str], findings: Findings
+) -> FloatArray:
     """A column, in which every row has a finite number; extents are those of road users."""
     found = np.array([_number(text) for text in texts])
-    wrong = ~np.isfinite(found)
-    problem, remedy = "is no number", "every row needs all its values"
-    if not wrong.any() and name in (*_EXTENT, "height_m"):
-        wrong = (found <= 0.0) | (found > _LONGEST_M)
-        problem = "is no extent of a road user"
+    none = ~np.isfinite(found)
+    wrong = [(none, "is no number", "every row needs all its values")]
+    if name in (*_EXTENT, "height_m"):
+        far = ~none & ((found <= 0.0) | (found > _LONGEST_M))
         remedy = f"m, above 0 and up to {_LONGEST_M:g}"
-    if wrong.any():
-        i = int(np.argmax(wrong))
-        raise InputError(
-            problem, file=path, line=lines[i], field=name, value=texts[i], remedy=remedy
-        )
+        wrong.append((far, "is no extent of a road user", remedy))
+    for rows, problem, remedy in wrong:
+        if rows.any():
+            i = int(np.argmax(rows))
+            findings.note("table", InputError(
+                f"{problem}{_further(int(rows.sum()))}", file=path, line=lines[i], field=name,
+                value=texts[i], remedy=remedy,
+            ))  # fmt: skip
     return found
 
 
@@ -162,7 +204,10 @@ def _number(text: str) -> float:
 
 
 def _object(
-    source: Source, object_class: ObjectClass, columns: Mapping[str, FloatArray]
+    source: Source,
+    object_class: ObjectClass,
+    columns: Mapping[str, FloatArray],
+    findings: Findings,
 ) -> TableObject:
     extent = {}
     for name in (*_EXTENT, "height_m"):
@@ -171,11 +216,11 @@ def _object(
         other = np.abs(values - values[0]) > _SIZE_M
         if other.any() and source.lines is not None:
             i = int(np.argmax(other))
-            raise InputError(
+            findings.note("table", InputError(
                 f"was {values[0]:g} in line {source.lines[0]}: one id must be one object",
                 file=source.file, line=source.lines[i], field=name, value=float(values[i]),
                 remedy="mend the ids",
-            )  # fmt: skip
+            ))  # fmt: skip
     stamps_ns = np.array([seconds_to_ns(t_s) for t_s in columns["t_s"]], dtype=np.int64)
     motion = {name: columns[name] for name in (*_MOTION, *_RATES) if name in columns}
     return TableObject(

@@ -27,7 +27,7 @@ from ssp_eval.importers import target
 from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.importers.frames import Repeats, speeds_of
 from ssp_eval.importers.options import ImportOptions
-from ssp_eval.importers.table import Table, read_table
+from ssp_eval.importers.table import Table, TableObject, read_table
 from ssp_eval.importers.target import (
     IMAGE,
     CameraFacts,
@@ -113,7 +113,7 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
         kept = _kept(video, options, every, sound)
         table = None
         with findings.noted("table"):
-            table = None if options.table is None else read_table(options.table.file)
+            table = None if options.table is None else read_table(options.table.file, findings)
         findings.need()
         return make_bag(
             options.clip.out,
@@ -294,7 +294,7 @@ def _measured(
         last_ns: clip time of the last frame.
         findings: take what contradicts itself in the table.
     """
-    names = _names(given, table)
+    names = _names(given, table, findings)
     options.clip.check_ids(tuple(names))
     high_ns = low_ns + last_ns
     notes, tracks = [], []
@@ -303,28 +303,44 @@ def _measured(
     if others := len(table.objects) - len(names):
         notes.append(f"{others} other objects of the table are left out")
     for object_id, name in names.items():
-        one = table.objects[name]
-        stamps_ns = one.samples.stamps_ns + seconds_to_ns(given.time_offset_s)
-        inside = (stamps_ns >= low_ns) & (stamps_ns <= high_ns)
-        if inside.sum() < LEAST_SAMPLES:
-            raise one.samples.source.error(
-                f"has {int(inside.sum())} rows within the clip, from "
-                f"{ns_to_seconds(low_ns):.3f} to {ns_to_seconds(high_ns):.3f} s of the video: its "
-                f"rows go from {ns_to_seconds(int(stamps_ns.min())):.3f} to "
-                f"{ns_to_seconds(int(stamps_ns.max())):.3f} s",
-                "give the table of this run, times in s; --time-offset S is added to them",
-                index=0,
+        with findings.noted("states"):
+            track = _track(
+                options, given, object_id, table.objects[name], low_ns, high_ns, findings
             )
-        role = Role.VUT if object_id == VUT_ID else Role.OT
-        body = options.clip.motion.body(object_id, one.object_class, "centre", role, one.size)
-        samples = replace(one.samples, stamps_ns=stamps_ns).taken(np.flatnonzero(inside))
-        track = make_track(samples, body, findings)
-        notes += [*track.notes, *_coverage(track, low_ns, high_ns)]
-        tracks.append(track)
+            notes += [*track.notes, *_coverage(track, low_ns, high_ns)]
+            tracks.append(track)
+    findings.need()
     return measured_motion(
         options.clip.motion, tracks, given.file.name, sha256_file(given.file), notes,
         given.time_offset_s,
     )  # fmt: skip
+
+
+def _track(
+    options: VideoOptions,
+    given: TableOptions,
+    object_id: str,
+    one: TableObject,
+    low_ns: int,
+    high_ns: int,
+    findings: Findings,
+) -> Track:
+    """The track of an object within the clip, which lasts from and to times of the video."""
+    stamps_ns = one.samples.stamps_ns + seconds_to_ns(given.time_offset_s)
+    inside = (stamps_ns >= low_ns) & (stamps_ns <= high_ns)
+    if inside.sum() < LEAST_SAMPLES:
+        raise one.samples.source.error(
+            f"has {int(inside.sum())} rows within the clip, from "
+            f"{ns_to_seconds(low_ns):.3f} to {ns_to_seconds(high_ns):.3f} s of the video: its "
+            f"rows go from {ns_to_seconds(int(stamps_ns.min())):.3f} to "
+            f"{ns_to_seconds(int(stamps_ns.max())):.3f} s",
+            "give the table of this run, times in s; --time-offset S is added to them",
+            index=0,
+        )
+    role = Role.VUT if object_id == VUT_ID else Role.OT
+    body = options.clip.motion.body(object_id, one.object_class, "centre", role, one.size)
+    samples = replace(one.samples, stamps_ns=stamps_ns).taken(np.flatnonzero(inside))
+    return make_track(samples, body, findings)
 
 
 @dataclass
@@ -389,7 +405,7 @@ def _check_motion(measured: Motion, change: _FrameChange, frames_ns: NDArray[np.
     measured.states.notes.append(f"the table {text}: is it of this run?")
 
 
-def _names(given: TableOptions, table: Table) -> dict[str, str]:
+def _names(given: TableOptions, table: Table, findings: Findings) -> dict[str, str]:
     """The id in the table by the id in the recording, the VUT first."""
     wanted = {VUT_ID: given.vut, **given.objects}
     if not given.objects:
@@ -397,10 +413,11 @@ def _names(given: TableOptions, table: Table) -> dict[str, str]:
     for object_id, name in wanted.items():
         if name not in table.objects:
             option = "--vut" if object_id == VUT_ID else f"--object {object_id}"
-            raise InputError(
+            findings.note("table", InputError(
                 "is no id of the table", file=given.file, field=option, value=name,
                 remedy=f"its ids are {', '.join(list(table.objects)[:12])}",
-            )  # fmt: skip
+            ))  # fmt: skip
+    findings.need()
     if len(wanted) < 2:
         raise InputError(
             "holds no object beside the VUT", file=given.file, field="id", value=given.vut,

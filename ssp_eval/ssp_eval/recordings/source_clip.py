@@ -22,6 +22,7 @@ from ssp_core.files import new_files
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.event import find_event, instants_of
+from ssp_core.options import WholeNumber
 from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_eval.recordings.event import rules_of
 from ssp_ot_controller.camera import clip
@@ -197,7 +198,7 @@ def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> LaneCount
     "--seed",
     default=1,
     show_default=True,
-    type=click.IntRange(0, 2**31),
+    type=WholeNumber(0, 2**31),
     help="Of speeds, timing and light.",
 )
 @click.option(

@@ -13,6 +13,7 @@ from click.core import ParameterSource
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
+from ssp_core.options import WholeNumber
 from ssp_eval.causes.answers import Asked
 from ssp_eval.causes.findings import answers_in, moved_by
 from ssp_eval.causes.tables import moved_tables
@@ -192,21 +193,21 @@ class _Wanted:
 @click.option("--reference", metavar="NAME", help="Model that the others are compared with.")
 @click.option(
     "--resamples",
-    type=click.IntRange(min=100, max=1_000_000),
+    type=WholeNumber(min=100, max=1_000_000),
     default=RESAMPLES,
     show_default=True,
     help="Of the bootstrap, and sets of weights that are tried.",
 )
 @click.option(
     "--block",
-    type=click.IntRange(min=1),
+    type=WholeNumber(min=1),
     metavar="LABELS",
     help="Neighbouring labels that are drawn together; the cube root of a clip's number of them "
     "where it isn't given, 1 draws each alone.",
 )
 @click.option(
     "--seed",
-    type=click.IntRange(min=0),
+    type=WholeNumber(min=0),
     default=SEED,
     show_default=True,
     help="Of all random numbers; the same one gives the same files.",

@@ -13,7 +13,7 @@ from ssp_core import __version__, console
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
 from ssp_core.hashing import sha256_file
-from ssp_core.options import Number
+from ssp_core.options import Number, WholeNumber
 from ssp_core.run_file.shortlist import LeftOut, Limits, Listed, Shortlist
 from ssp_core.vocabulary import DomainWord
 from ssp_eval.evaluate.cell_file import CELL_FILE, losses_text, outages
@@ -260,9 +260,9 @@ _EXPLAINED = (
               help="Likewise, share of pairs of models whose order turns.")  # fmt: skip
 @click.option("--width", type=_SHARE, default=DEFAULT_LIMITS.width, show_default=True,
               help="Likewise, mean width of the intervals of IVCS.")  # fmt: skip
-@click.option("--most", type=click.IntRange(1), default=DEFAULT_LIMITS.most, show_default=True,
+@click.option("--most", type=WholeNumber(1), default=DEFAULT_LIMITS.most, show_default=True,
               help="Ranks that are listed.")  # fmt: skip
-@click.option("--resamples", type=click.IntRange(100, 1_000_000), default=RESAMPLES,
+@click.option("--resamples", type=WholeNumber(100, 1_000_000), default=RESAMPLES,
               show_default=True, help="Of the intervals.")  # fmt: skip
 @click.option("--out", type=_PATH, metavar="FILE.json",
               help="Also write the list, for `ssp compile --shortlist`.")  # fmt: skip

@@ -128,8 +128,30 @@ def test_poses_on_another_clock_are_named_as_that_alone(
         message.header.stamp.sec += ahead_s
     bag = write_bag(tmp_path / "bag", messages)
     text = refused("import-bag", bag, *OBJECTS, "--domain", "physical", "--out", tmp_path / "rec")
-    assert "those of /vut/odom, by when both were received: two clocks [clocks]" in text
+    assert "/vut/odom: its stamps lie " in text
+    assert "those of /ot1/odom, by when both were received: two clocks [clocks]" in text
     assert "errors" not in text
+
+
+def test_all_clocks_and_frames_that_do_not_agree_are_listed_at_once(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    messages = day.messages()
+    for topic, _, _, message in messages:
+        if topic == "/ot1/odom":
+            message.header.frame_id = "odom"
+            message.header.stamp.sec = 0 if message.header.stamp.nanosec < 500_000_000 else 5
+            message.header.stamp.nanosec *= message.header.stamp.sec > 0
+        if topic == "/cam":
+            message.header.stamp.sec += 9
+    bag = write_bag(tmp_path / "bag", messages)
+    text = refused("import-bag", bag, *OBJECTS, "--domain", "physical", "--out", tmp_path / "rec",
+                   "--end", "4")  # fmt: skip
+    assert "/ot1/odom: its poses are in frame 'odom', the others' in 'map' [frames]" in text
+    assert "messages have the stamp 0 [clocks]" in text
+    assert "stamps go backwards, the first by" in text
+    assert "/cam: its stamps lie 9.000 s after those of /vut/odom" in text
+    assert "has 4 errors" in text
 
 
 def test_a_twist_across_the_heading_is_no_speed_that_is_missing(

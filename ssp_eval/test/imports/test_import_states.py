@@ -275,11 +275,59 @@ def test_ids_that_switch_are_refused_where_they_do(
     assert re.search(r"states.csv:\d+: id (vut|ot1): jumps by 1\d\.\d m within 0.04 s", message)
 
 
+def test_all_that_is_wrong_in_a_table_is_listed_at_once(
+    video: Path, table: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    def wrong(rows: list[dict[str, Any]]) -> None:
+        rows[7]["speed_mps"] = rows[9]["speed_mps"] = rows[11]["speed_mps"] = "fast"
+        rows[20]["x_m"] = "1_0"
+        rows[30]["width_m"] = "0"
+        rows[40]["id"] = ""
+        rows[300]["class"] = "lorry"
+        rows[310]["class"] = "truck"
+
+    message = changed(table, wrong).read_text().splitlines(keepends=True)
+    message[60] = message[60].replace("car", "car,1")
+    table.write_text("".join(message))
+    text = refused("import-video", video, "--states", table, "--out", tmp_path / "rec")
+    assert "has 7 errors" in text
+    for one in (
+        "states.csv:61: has 10 values, the header 9 [table]",
+        "states.csv:42: id: is empty [table]",
+        "states.csv:302: class: is no class [table] (got 'lorry')",
+        "states.csv:312: class: ot1 was a car until line 311: one id must be one object [table]",
+        "states.csv:22: x_m: is no number [table] (got '1_0')",
+        "states.csv:9: speed_mps: is no number, and so in 2 further rows [table] (got 'fast')",
+        "states.csv:32: width_m: is no extent of a road user [table] (got '0')",
+    ):
+        assert one in text
+
+
+@pytest.mark.parametrize("change", [with_text("x_m,y_m", "x,y"), with_text("x_m,y_m", "x_m,x_m")])
+def test_all_columns_that_are_missing_are_named_at_once(
+    video: Path, table: Path, tmp_path: Path, refused: Callable[..., str],
+    change: Callable[[str], str],
+) -> None:  # fmt: skip
+    table.write_text(change(table.read_text()))
+    text = refused("import-video", video, "--states", table, "--out", tmp_path / "rec")
+    assert "has 2 errors" in text
+    assert "y_m: is missing [table]" in text
+
+
 @pytest.mark.parametrize(
     ("options", "status", "match"),
     [
-        (("--vut", "ego"), 1, "--vut: is no id of the table (got 'ego'); its ids are vut, ot1"),
-        (("--object", "ot1=9"), 1, "--object ot1: is no id of the table (got '9')"),
+        (
+            ("--vut", "ego", "--object", "ot1=9"),
+            1,
+            "--object ot1: is no id of the table [table] (got '9')",
+        ),
+        (
+            ("--vut", "ego"),
+            1,
+            "--vut: is no id of the table [table] (got 'ego'); its ids are vut, ot1",
+        ),
+        (("--object", "ot1=9"), 1, "--object ot1: is no id of the table [table] (got '9')"),
         (("--object", "ot1=vut"), 1, "--object: is named twice (got 'vut')"),
         (
             ("--time-offset", "-9.9"),

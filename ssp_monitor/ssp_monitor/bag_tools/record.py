@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from ssp_core.console import err, note, out
-from ssp_core.options import Number, usage_errors
+from ssp_core.options import Number, WholeNumber, usage_errors
 from ssp_core.terminal import on_stop_signals
 from ssp_monitor.recorder.encoding import CODECS
 from ssp_monitor.recorder.plan import MB, QUEUE_MB, RESERVE_MB, options_plan
@@ -36,14 +36,14 @@ from ssp_monitor.recorder.topics import MOST_TOPICS
 @click.option("--video-topics", default="", metavar="RE", help="Only the images of these topics.")
 @click.option(
     "--queue-mb",
-    type=click.IntRange(1),
+    type=WholeNumber(1),
     default=QUEUE_MB,
     show_default=True,
     help="What may wait for the disk before something is dropped.",
 )
 @click.option(
     "--reserve-mb",
-    type=click.IntRange(0),
+    type=WholeNumber(0),
     default=RESERVE_MB,
     show_default=True,
     help="End the recording when the disk has less room than this.",

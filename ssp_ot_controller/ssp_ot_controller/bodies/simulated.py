@@ -14,6 +14,7 @@ import click
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Pose2
+from ssp_core.options import Number, WholeNumber
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.body import BodyReading
 from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
@@ -161,17 +162,26 @@ def serve(
 @click.option("--object", "object_id", required=True, help="Whose body, as in the run file.")
 @click.option("--class", "object_class", type=click.Choice(_CLASSES), default="car")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
-@click.option("--port", default=0, show_default=True, help="0: one that is free.")
-@click.option("--x", "x_m", default=0.0, help="Where it stands, m, map.")
-@click.option("--y", "y_m", default=0.0, help="Where it stands, m, map.")
+@click.option(
+    "--port", type=WholeNumber(0, 65535), default=0, show_default=True, help="0: one that is free."
+)
+@click.option("--x", "x_m", type=Number(), default=0.0, help="Where it stands, m, map.")
+@click.option("--y", "y_m", type=Number(), default=0.0, help="Where it stands, m, map.")
 @click.option(
     "--yaw",
     "yaw_rad",
     default=0.0,
-    type=click.FloatRange(-6.2832, 6.2832),
+    type=Number(-6.2832, 6.2832),
     help="Where it looks, rad from east.",
 )
-@click.option("--rate", "rate_hz", default=100.0, show_default=True, help="States per second.")
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=Number(0, low_open=True),
+    default=100.0,
+    show_default=True,
+    help="States per second.",
+)
 def main(
     object_id: str,
     object_class: str,
@@ -183,8 +193,6 @@ def main(
     rate_hz: float,
 ) -> None:
     """Plays the body of one object: follows commands, sends states, brakes when it hears none."""
-    if not rate_hz > 0.0:
-        raise click.BadParameter(f"must be positive, got {rate_hz:g}", param_hint="--rate")
     cls = ObjectClass.from_word(object_class)
     server = BodyServer(object_id, cls, Pose2(x_m, y_m, yaw_rad), time.time_ns(), rate_hz)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:

@@ -19,6 +19,7 @@ import click
 import ssp_core
 from ssp_core.console import report_error
 from ssp_core.errors import InputError, SspError
+from ssp_core.options import Number, WholeNumber
 from ssp_core.processes import ProcessGroup, live_environment
 from ssp_core.run_file.model import load_run
 from ssp_core.terminal import catch_stop_signals, own_command, survive_lost_output
@@ -48,15 +49,24 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
 @click.option("--velocity", metavar="TOPIC", help="Its TwistStamped, with --navsat.")
 @click.option(
     "--fix-type",
+    type=WholeNumber(-1, 2),
     default=2,
     show_default=True,
     help="Of the places: -1 none, 0 fix, 1 SBAS, 2 GBAS.",
 )
-@click.option("--rate", "rate_hz", default=100.0, show_default=True, help="Of the GNSS/INS, Hz.")
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=Number(0, low_open=True),
+    default=100.0,
+    show_default=True,
+    help="Of the GNSS/INS, Hz.",
+)
 @click.option("--frame", default="map", show_default=True, help="Of the odometry.")
 @click.option(
     "--clock-offset",
     "clock_offset_s",
+    type=Number(),
     default=0.0,
     show_default=True,
     help="Of the VUT's clock, s: what a clock that isn't synchronised does.",
@@ -66,6 +76,7 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
 )
 @click.option(
     "--first-port",
+    type=WholeNumber(0, 65535),
     default=FIRST_PORT,
     show_default=True,
     help="Of the first body, the others follow (an ISO object has two: UDP is the one below); 0: "
@@ -94,8 +105,6 @@ def main(
     FOLDER is what `ssp compile --target track` or `ssp run --mode live` wrote, or a run.yaml.
     Start it first: it says how `ssp run --mode live`, in another terminal, reaches what it plays.
     """
-    if not rate_hz > 0.0:
-        raise click.BadParameter(f"must be positive, got {rate_hz:g}", param_hint="--rate")
     gnss = {"navsat": navsat, "heading": heading, "velocity": velocity}
     if (navsat is None) != (heading is None) or (velocity is not None and navsat is None):
         raise click.UsageError("--navsat and --heading go together, and --velocity with them")

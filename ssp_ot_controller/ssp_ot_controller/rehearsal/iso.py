@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from ssp_core.errors import InputError
+from ssp_core.options import WholeNumber
 from ssp_core.run_file.model import load_run
 from ssp_core.terminal import catch_stop_signals
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT
@@ -42,7 +43,7 @@ iso.add_command(probe_command)
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address that it listens at.")
 @click.option(
     "--port",
-    type=click.IntRange(0, 65535),
+    type=WholeNumber(0, 65535),
     default=TCP_PORT,
     show_default=True,
     help="Of TCP, UDP is the one below; 0: any that are free.",

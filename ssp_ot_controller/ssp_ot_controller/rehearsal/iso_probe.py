@@ -19,6 +19,7 @@ from ssp_core.files import load_model
 from ssp_core.geodesy import Datum, Place
 from ssp_core.geometry import Point, outline_problem
 from ssp_core.motion.state import Size
+from ssp_core.options import Number
 from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import Motion
 from ssp_core.run_file.values import Outline, SiteDatum, Strict
@@ -158,7 +159,7 @@ def load_motion(path: Path, datum: Datum) -> Motion:
 @click.option(
     "--heartbeat-timeout",
     "heartbeat_s",
-    type=click.FloatRange(0.05, 5.0),
+    type=Number(0.05, 5.0),
     default=Limits.model_fields["heartbeat_s"].default,
     show_default=True,
     help="Of the OSEM, s; a session gives that of its site.",

@@ -13,6 +13,7 @@ import click
 from rich.progress import Progress
 
 from ssp_core import console
+from ssp_core.options import WholeNumber
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import (
     Compiled,
@@ -58,7 +59,7 @@ def _login_name() -> str | None:
 @click.option(
     "--choose", metavar="BLOCK", help="Your choice among blocks that tie; goes into the log."
 )
-@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31 - 1))
+@click.option("--seed", default=1, show_default=True, type=WholeNumber(0, 2**31 - 1))
 @click.option("--who", metavar="NAME", help="Who chooses, for the log. [default: login name]")
 @click.option(
     "--validated-by",

@@ -16,6 +16,7 @@ from ssp_core import console
 from ssp_core.carla.address import parse_address
 from ssp_core.environment import require_sound
 from ssp_core.errors import InputError
+from ssp_core.options import Number
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.cli.carla import map_sha256
 from ssp_scenario_manager.doctor.checks import (
@@ -40,7 +41,7 @@ _STEPS = 100
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(1.0, 600.0),
+    type=Number(1.0, 600.0),
     default=5.0,
     show_default=True,
     help="How long to listen, with --session.",

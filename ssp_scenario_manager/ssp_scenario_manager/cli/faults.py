@@ -13,6 +13,7 @@ import click
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder, write_json, write_text
+from ssp_core.options import WholeNumber
 from ssp_scenario_manager.faults.campaign import (
     CellResult,
     FaultScenario,
@@ -43,7 +44,7 @@ DEFAULT_OUT = Path("out") / "faults"
     help=f"Event, by name or K* file; may be given again. [default: {', '.join(SCENARIOS)}]",
 )
 @click.option("--site", default="boulevard", show_default=True, help="Site, by name or file.")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True)
+@click.option("--seed", type=WholeNumber(0, 2**31 - 1), default=1, show_default=True)
 @click.option(
     "--only",
     multiple=True,

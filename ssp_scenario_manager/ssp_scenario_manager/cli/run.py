@@ -16,6 +16,7 @@ from ssp_core import console, names
 from ssp_core.bag.declaration import load_declaration, seal_declaration
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
+from ssp_core.options import WholeNumber
 from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
@@ -43,9 +44,7 @@ DEFAULT_SITE = "boulevard"
 @click.option(
     "--site", help=f"Site, by name or file; not with a compiled folder. [default: {DEFAULT_SITE}]"
 )
-@click.option(
-    "--seed", type=click.IntRange(0, 2**31 - 1), help="[default: the compiled task's, or 1]"
-)
+@click.option("--seed", type=WholeNumber(0, 2**31 - 1), help="[default: the compiled task's, or 1]")
 @click.option(
     "--mode",
     type=click.Choice(["lockstep", "realtime", "live"]),
@@ -72,7 +71,7 @@ DEFAULT_SITE = "boulevard"
 )
 @click.option(
     "--runs",
-    type=click.IntRange(1),
+    type=WholeNumber(1),
     help="With --in-process: so many runs, with seeds that count up; one row each in runs.csv.",
 )
 @click.option(
@@ -84,7 +83,7 @@ DEFAULT_SITE = "boulevard"
 )
 @click.option(
     "--jobs",
-    type=click.IntRange(1),
+    type=WholeNumber(1),
     help="With --runs or --vary: processes that share the runs. [default: 1]",
 )
 @click.option(
@@ -101,7 +100,7 @@ DEFAULT_SITE = "boulevard"
 @click.option(
     "--page",
     "page_port",
-    type=click.IntRange(0, 65535),
+    type=WholeNumber(0, 65535),
     is_flag=False,
     flag_value=DEFAULT_PORT,
     metavar="[PORT]",

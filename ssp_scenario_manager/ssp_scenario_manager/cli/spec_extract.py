@@ -19,7 +19,7 @@ from ssp_core.chat import OpenAIChat, Policy
 from ssp_core.credentials import check_key, is_http_address, without_userinfo
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
-from ssp_core.options import Number
+from ssp_core.options import Number, WholeNumber
 from ssp_scenario_manager.event_spec.checks.check import Undecided, check_event
 from ssp_scenario_manager.event_spec.extract.candidate import Origin
 from ssp_scenario_manager.event_spec.extract.clip import WIDE_SPACING_S, Crop
@@ -67,13 +67,13 @@ _REMEDIES = {
               "where a person states it; else the model's answer.")  # fmt: skip
 @click.option("--annotation", type=_PATH, help="EMM-AU annotation, kept as provenance.")
 @click.option("--show-annotation", is_flag=True, help="Show its descriptions to the model.")
-@click.option("--frames", type=click.IntRange(2, 200), default=16, show_default=True,
+@click.option("--frames", type=WholeNumber(2, 200), default=16, show_default=True,
               help="Frames shown, evenly over the crop.")  # fmt: skip
-@click.option("--width", type=click.IntRange(64, 4096), default=960, show_default=True,
+@click.option("--width", type=WholeNumber(64, 4096), default=960, show_default=True,
               help="Wider frames are scaled down to this, px.")  # fmt: skip
 @click.option("--timeout", type=Number(0.1), default=120.0, show_default=True,
               help="For one answer, s.")  # fmt: skip
-@click.option("--tries", type=click.IntRange(1, 20), default=3, show_default=True,
+@click.option("--tries", type=WholeNumber(1, 20), default=3, show_default=True,
               help="Of one request, while the server is silent, away or busy.")  # fmt: skip
 @click.option("--no-schema", is_flag=True, help="Don't ask the server to hold answers to a schema.")
 @click.option("--generator", default="unknown", show_default=True, help="What made the video.")

@@ -16,6 +16,7 @@ import click
 from ssp_core import names
 from ssp_core.bag.declaration import load_declaration
 from ssp_core.errors import InputError
+from ssp_core.options import Number
 from ssp_core.run_file.model import RunSpec
 from ssp_core.terminal import own_command
 
@@ -55,7 +56,7 @@ _OPTIONS = (
     ),
     click.option(
         "--unit",
-        type=(float, float, float),
+        type=(Number(), Number(), Number()),
         metavar="FORWARD LEFT YAW",
         help="With --odometry or --navsat: where the unit sits, m ahead of the rear axle and left "
         "of the middle, rad turned to the left. [default: 0 0 0]",
