@@ -13,7 +13,7 @@ from support.runs import small_run
 
 OBJECTS = [{**small_run()["targets"][0], "id": f"ot{number}"} for number in range(1, 7)]
 # Nodes beside a session; what they publish isn't the session's.
-BESIDE = ("view", "gnss_ins")
+BESIDE = ("view", "gnss_ins", "body")
 
 
 def run_of(mode: str, objects: int) -> RunSpec:

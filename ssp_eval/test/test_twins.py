@@ -14,6 +14,7 @@ import pytest
 
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.seal import read_seal
 from ssp_core.cdr.states import decode_state
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.cli import main
@@ -24,6 +25,7 @@ from ssp_eval.recordings.clip import Clip, Question
 from ssp_eval.twins.audit import Pixels, audit_of
 from ssp_eval.twins.changes import parse_change
 from ssp_eval.twins.files import TwinRecord, bag_of, read_set, usable_twins
+from tests.support.seals import with_checksums
 from tests.support.worlds import HELD, IMAGE, TICK, cutting_in, record_world, small_world
 
 ALL = {
@@ -82,6 +84,32 @@ def test_a_twin_is_a_whole_bag(made: Path, name: str) -> None:
         assert twin.topics.keys() == bag.topics.keys()
         assert set(twin.attachments) == {"run.yaml", "twin.json"}
         assert twin.attachment("run.yaml") == bag.attachment("run.yaml")
+        seal, parent = read_seal(twin), read_seal(bag)
+    assert seal.maker == "twin"
+    assert seal.is_sound
+    assert [(one.name, one.ends) for one in seal.sources] == [("bag", parent.ends)]
+
+
+def test_an_altered_recording_and_an_altered_twin_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = record_world(tmp_path / "run", steps=30)
+    command = ["twins", str(run), "--change", "control"]
+    assert main(command) == 0
+    file = bag_of(run / "bag", "control.car") / "bag_0.mcap"
+    sound, data = file.read_bytes(), bytearray(file.read_bytes())
+    data[data.index(b"\xff\xd8\xff") + 20] ^= 1
+    file.write_bytes(with_checksums(data))
+    assert not check_bag(file.parent).ok
+    assert main(command) == 0  # it is made again
+    assert file.read_bytes() == sound
+    file = run / "bag" / "bag_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[data.index(b"\xff\xd8\xff") + 20] ^= 1
+    file.write_bytes(with_checksums(data))
+    capsys.readouterr()
+    assert main([*command, "--force"]) == 1
+    assert "is altered since it was sealed: chunk 1 of bag_0.mcap" in capsys.readouterr().err
 
 
 def test_without_an_object_nothing_tells_of_it(made: Path) -> None:

@@ -11,6 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.seal import read_seal
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cli import main
@@ -99,6 +100,14 @@ def test_a_bag_of_sqlite_is_cut(tmp_path: Path, as_file: bool) -> None:
     with BagReader(out) as reader:
         found = [(m.log_time_ns, reader.decode(m).data) for m in reader.messages()]
         assert list(reader.topics) == ["/text0"]
+        seal = read_seal(reader)
+    (parent,) = seal.sources
+    assert (seal.maker, parent.name, parent.state, parent.ends) == (
+        "cut",
+        given.name,
+        "not sealed",
+        (),
+    )
     assert found == [(NOW_NS + step * 10**8, str(step)) for step in range(5, 13)]
     assert check_bag(out).ok
     assert {file.name: file.read_bytes() for file in source.iterdir()} == before

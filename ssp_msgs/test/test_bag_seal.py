@@ -401,6 +401,36 @@ def test_a_verdict_of_another_bag_is_named(bag: Path, tmp_path: Path) -> None:
         judged(bag)
 
 
+def leave_result(folder: Path, **values: object) -> None:
+    value = {"schema": "ssp.result/1", "bag": folder.name, **values}
+    (folder.parent / "result.json").write_text(json.dumps(value))
+
+
+def test_the_result_of_a_run_is_held_against_its_bag(bag: Path) -> None:
+    end = leave_verdict(bag, Verdict.OFF_SPEC, ["too late"], "runner")
+    leave_result(bag, seal=end, verdict="off_spec")
+    assert judged(bag) == ""
+    assert check_bag(bag).ok
+    leave_result(bag, seal=end, verdict="valid")
+    with pytest.raises(InputError, match=r"verdict: says another verdict than its bag, off_spec"):
+        judged(bag)
+    # The bag is sealed anew, with a verdict that is its own.
+    leave_result(bag, seal=end, verdict="off_spec")
+    leave_verdict(bag, Verdict.OFF_SPEC, [], "runner")
+    with pytest.raises(InputError, match=r"result.json: seal: names another seal than its bag"):
+        judged(bag)
+    assert any("another seal" in problem for problem in check_bag(bag).problems)
+
+
+@pytest.mark.parametrize("values", [{"bag": "other"}, {"schema": "mine/1"}, {"seal": None}])
+def test_a_result_that_is_not_of_the_bag_says_nothing(bag: Path, values: dict[str, object]) -> None:
+    leave_verdict(bag, Verdict.VALID, [], "runner")
+    leave_result(bag, **{"seal": "00" * 32, **values})
+    assert judged(bag) == ""
+    (bag.parent / "result.json").write_text("no JSON")
+    assert judged(bag) == ""
+
+
 def test_a_verdict_beside_a_bag_alone_is_said(bag: Path) -> None:
     (bag / "verdict.json").write_text(
         '{"schema": "ssp.verdict/1", "verdict": "valid", "reasons": []}'

@@ -24,6 +24,19 @@ def test_vut_positioning_camera_and_each_object_with_its_body_declare() -> None:
     assert "vut/camera" not in declaring(without)
 
 
+def test_the_run_file_lists_at_least_these() -> None:
+    listed = RunSpec.model_validate(
+        {**cut_in_run(), "camera": {}, "declaring": [*EVERYBODY, "gate"]}
+    )
+    read = RunSpec.model_validate_json(listed.model_dump_json(by_alias=True))
+    assert declaring(read) == declaring(listed) == (*EVERYBODY, "gate")
+    assert "declaring" not in RUN.model_dump()
+    for who in EVERYBODY:
+        rest = [other for other in EVERYBODY if other != who]
+        with pytest.raises(ValueError, match=f"declaring lacks {who}, which must declare"):
+            RunSpec.model_validate({**cut_in_run(), "camera": {}, "declaring": rest})
+
+
 def test_a_session_is_real_only_if_everybody_is() -> None:
     assert Participation("live", ALL_REAL).standing is Standing.REAL
 

@@ -153,6 +153,7 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
             serves=services,
             own=(*_PARAMETERS, *_LIFECYCLE),
         ),
+        "body": Rights(DRIVERS, publishes=of_objects),
         "gnss_ins": Rights(
             DRIVERS, publishes=(*receiver, declared[names.VUT_ID], declared[POSITIONING])
         ),

@@ -36,8 +36,10 @@ from foreign_recordings import (
     truth,
     write_bag,
 )
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.seal import Seal, read_seal
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
@@ -46,6 +48,7 @@ from ssp_scenario_manager.event_spec.log import read_log
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_vla_bridge.window import mounting_of
 from support.bags import without_index
+from support.seals import with_checksums
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
@@ -366,6 +369,65 @@ def test_wrong_use_is_explained_and_leaves_nothing(
 ) -> None:  # fmt: skip
     given = ("import-bag", bag, *OBJECTS, *DECLARED, *options, "--out", tmp_path / "rec")
     assert match in refused(*given, status=status)
+
+
+def sealed_as(path: Path) -> Seal:
+    with BagReader(path) as reader:
+        return read_seal(reader)
+
+
+@pytest.mark.parametrize("sqlite", [False, True])
+def test_a_bag_of_others_is_sealed_at_import(day: TrackDay, tmp_path: Path, sqlite: bool) -> None:
+    source = write_bag(tmp_path / "day", day.messages(), sqlite=sqlite)
+    assert run(source, tmp_path / "rec", *DECLARED) == 0
+    seal = sealed_as(tmp_path / "rec")
+    assert (seal.maker, seal.is_sound, bool(seal.end)) == ("import", True, True)
+    (parent,) = seal.sources
+    files = [p for p in source.iterdir() if p.suffix in (".mcap", ".db3")]
+    assert (parent.name, parent.sha256) == ("day", sha256_file(files[0]))
+    assert (parent.state, parent.ends) == ("not sealed", ())
+
+
+def test_a_sealed_bag_keeps_its_lineage_at_import_unless_it_was_altered(
+    bag: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    cut = tmp_path / "cut"
+    assert main(["bag", "cut", str(bag), "--start", "0.5", "--end", "9", "-o", str(cut)]) == 0
+    assert run(cut, tmp_path / "rec", *DECLARED) == 0
+    parent, grandparent = sealed_as(tmp_path / "rec").sources
+    assert (parent.name, parent.ends) == ("cut", sealed_as(cut).ends)
+    assert (grandparent.name, grandparent.state) == ("bag", "not sealed")
+    file = next(cut.glob("*.mcap"))
+    data = bytearray(file.read_bytes())
+    data[data.index(b"\xff\xd8\xff") + 20] ^= 1
+    file.write_bytes(with_checksums(data))
+    given = ("import-bag", cut, *OBJECTS, *DECLARED, "--out", tmp_path / "other")
+    assert f"is altered since it was sealed: chunk 1 of {file.name}" in refused(*given)
+
+
+def test_a_sealed_bag_that_another_program_converts_is_one_of_others(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What a converter writes, here to SQLite, holds no seal."""
+    cut, converted = tmp_path / "cut", tmp_path / "converted"
+    assert main(["bag", "cut", str(bag), "--end", "9", "-o", str(cut)]) == 0
+    with (
+        Reader(cut) as reader,
+        Writer(converted, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer,
+    ):
+        made = {
+            c.id: writer.add_connection(c.topic, c.msgtype, typestore=TYPES)
+            for c in reader.connections
+        }
+        for connection, received_ns, data in reader.messages():
+            writer.write(made[connection.id], received_ns, data)
+    assert run(converted, tmp_path / "rec", *DECLARED) == 0
+    (parent,) = sealed_as(tmp_path / "rec").sources
+    assert (parent.name, parent.state) == ("converted", "not sealed")
+    capsys.readouterr()
+    assert main(["bag", "check", str(tmp_path / "rec")]) == 0
+    said = capsys.readouterr()
+    assert "made of converted, not sealed" in " ".join((said.out + said.err).split())
 
 
 def test_what_is_no_bag_is_one_message(tmp_path: Path, refused: Callable[..., str]) -> None:

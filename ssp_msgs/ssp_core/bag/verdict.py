@@ -1,21 +1,29 @@
 """Binds a run's verdict to its bag: ``verdict.json`` lies beside the files and in the last of them.
 
 The file names the seal of the recording, and the bag's seal covers the copy in it, so neither
-changes without the other.
+changes without the other. ``result.json`` in the run's folder names the digest of the finished bag,
+and its verdict.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from ssp_core.bag.append import append_attachment, sealed_end
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.seal import Seal
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, write_bytes
-from ssp_core.run_file.verdict import VERDICT_FILE, parse_verdict, verdict_bytes
+from ssp_core.run_file.verdict import (
+    RESULT_FILE,
+    RESULT_SCHEMA,
+    VERDICT_FILE,
+    RecordedVerdict,
+    parse_verdict,
+    verdict_bytes,
+)
 from ssp_core.vocabulary import Verdict
 
 UNBOUND = f"the bag holds no verdict, so nothing shows that the {VERDICT_FILE} beside it is its own"
@@ -57,20 +65,25 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
         What can't be checked, for people; empty where they agree, or where there is no verdict.
 
     Raises:
-        InputError: they don't agree, or the verdict is of another recording.
+        InputError: they don't agree, or the verdict is of another recording; or the run's result
+            names another seal or verdict.
     """
+    result = _result_beside(folder) if bag.path.is_dir() else {}
+    _check_result_seal(result, seal, folder)
     file = folder / VERDICT_FILE
     if not file.is_file():
         return ""
     data, inside = file.read_bytes(), bag.attachment(VERDICT_FILE)
     place = f"{bag.path}:{VERDICT_FILE}"
     if inside is not None and data != inside:
-        told, kept = parse_verdict(data, file), parse_verdict(inside, place)
+        beside, kept = parse_verdict(data, file), parse_verdict(inside, place)
         difference = f"the verdict in the bag is {kept.text}"
-        if told == kept:
+        if beside == kept:
             difference = "the verdict in the bag differs in other words"
-        raise InputError(f"says {told.text}; {difference}", file=file,
+        raise InputError(f"says {beside.text}; {difference}", file=file,
                          remedy="restore the file as the run left it")  # fmt: skip
+    told = parse_verdict(data, file)
+    _check_result_verdict(result, told, folder)
     named = parse_mapping(data, str(file)).get("seal")
     ends = (*seal.ends, *(end for source in seal.sources for end in source.ends))
     if named and named not in ends:
@@ -79,3 +92,34 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
             file=file, field="seal", value=named, remedy="restore the bag as the run left it",
         )  # fmt: skip
     return "" if inside is not None else UNBOUND
+
+
+def _result_beside(folder: Path) -> dict[str, Any]:
+    """Read the result of the run that left a bag; empty where none lies there, or another's."""
+    file = folder.parent / RESULT_FILE
+    try:
+        found = parse_mapping(file.read_bytes(), str(file)) if file.is_file() else {}
+    except (InputError, OSError):
+        return {}
+    ours = found.get("schema") == RESULT_SCHEMA and found.get("bag") == folder.name
+    return found if ours else {}
+
+
+def _check_result_seal(result: dict[str, Any], seal: Seal, folder: Path) -> None:
+    named = result.get("seal")
+    if named and named != seal.end:
+        raise InputError(
+            f"names another seal than its bag has, {seal.end or 'which has none'}",
+            file=folder.parent / RESULT_FILE, field="seal", value=named,
+            remedy="restore bag and result as the run left them",
+        )  # fmt: skip
+
+
+def _check_result_verdict(result: dict[str, Any], told: RecordedVerdict, folder: Path) -> None:
+    named = result.get("verdict")
+    if named is not None and named != told.verdict.name.lower():
+        raise InputError(
+            f"says another verdict than its bag, {told.text}",
+            file=folder.parent / RESULT_FILE, field="verdict", value=named,
+            remedy="restore bag and result as the run left them",
+        )  # fmt: skip

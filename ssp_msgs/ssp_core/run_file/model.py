@@ -19,6 +19,7 @@ from pydantic import (
 
 from ssp_core.files import load_model
 from ssp_core.run_file.participants import Driver, ParticipantSpec, TrafficSpec, TriggerSpec
+from ssp_core.run_file.participation import participants
 from ssp_core.run_file.road import Road
 from ssp_core.run_file.values import (
     Finite,
@@ -332,12 +333,23 @@ class RunSpec(Strict):
     session_token: Annotated[str, Field(pattern=r"^((live|sim)-[0-9a-z]{1,40})?$")] = Field(
         "", description="of the session that `ssp run` led with this file; empty: of none"
     )
+    declaring: tuple[
+        Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)?$")], ...
+    ] = Field((), description="participants of a live session that must declare their kind")
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     @model_serializer(mode="wrap")
     def _without_what_nobody_gave(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(dump(self), datum=None, session_token="")
+        return without_defaults(dump(self), datum=None, session_token="", declaring=())
+
+    @model_validator(mode="after")
+    def _everybody_declares(self) -> RunSpec:
+        wanted = participants([t.id for t in self.targets], has_camera=self.camera is not None)
+        missing = [who for who in wanted if who not in self.declaring]
+        if self.declaring and missing:
+            raise ValueError(f"declaring lacks {', '.join(missing)}, which must declare their kind")
+        return self
 
     @model_validator(mode="after")
     def _real_objects_are_left_alone(self) -> RunSpec:

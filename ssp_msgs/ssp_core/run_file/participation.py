@@ -10,9 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from ssp_core.names import VUT_ID
-from ssp_core.run_file.model import RunSpec
+
+if TYPE_CHECKING:
+    from ssp_core.run_file.model import RunSpec
 
 POSITIONING, CAMERA = f"{VUT_ID}/positioning", f"{VUT_ID}/camera"
 
@@ -39,9 +42,19 @@ def body_of(object_id: str) -> str:
 
 
 def declaring(run: RunSpec) -> tuple[str, ...]:
-    """Names of all participants of a live session that must declare their kind."""
-    objects = [name for target in run.targets for name in (target.id, body_of(target.id))]
-    camera = () if run.camera is None else (CAMERA,)
+    """Names of all participants of a live session that must declare their kind.
+
+    The run file of a session lists them; another file's are those that any live run has.
+    """
+    return run.declaring or participants(
+        [target.id for target in run.targets], has_camera=run.camera is not None
+    )
+
+
+def participants(object_ids: Iterable[str], *, has_camera: bool) -> tuple[str, ...]:
+    """Names of the participants that a live run has at least."""
+    objects = [name for object_id in object_ids for name in (object_id, body_of(object_id))]
+    camera = (CAMERA,) if has_camera else ()
     return (VUT_ID, POSITIONING, *camera, *objects)
 
 

@@ -18,6 +18,9 @@ from ssp_core.vocabulary import Verdict
 
 VERDICT_FILE = "verdict.json"
 SCHEMA = "ssp.verdict/1"
+# Beside a bag's folder, of the run that left it.
+RESULT_FILE = "result.json"
+RESULT_SCHEMA = "ssp.result/1"
 
 
 @dataclass(frozen=True, slots=True)

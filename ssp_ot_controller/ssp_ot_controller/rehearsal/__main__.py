@@ -129,12 +129,14 @@ def main(
         nodes: dict[str, dict[str, object]] = {
             "vut": {**vut, "clock_offset_s": clock_offset_s},
             "camera": {},
+            "bodies": {},
         }
+        played = {"bodies" if part == "iso" else part for part in parts}
         with tempfile.TemporaryDirectory(prefix="ssp-rehearsal-") as logs:
             environment = live_environment(PROFILE)
             with ProcessGroup(environment, Path(logs), owns_domain=False) as group:
                 for name, parameters in nodes.items():
-                    if name in parts:
+                    if name in played:
                         module, given = f"played_{name}", {"run_file": run_file, **parameters}
                         group.start_node(
                             module, f"ssp_ot_controller.ros.{module}", given, remappings

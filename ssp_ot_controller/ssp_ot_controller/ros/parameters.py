@@ -104,7 +104,7 @@ PLAYED_VUT = (
         most=3600,
     ),
 )
-PLAYED_CAMERA = (RUN_FILE,)
+PLAYED_CAMERA = PLAYED_BODIES = (RUN_FILE,)
 NODES = {
     "object_target": OBJECT_TARGET,
     "sil_world": SIL_WORLD,
@@ -112,4 +112,5 @@ NODES = {
     "vut_adapter": VUT_ADAPTER,
     "played_vut": PLAYED_VUT,
     "played_camera": PLAYED_CAMERA,
+    "played_bodies": PLAYED_BODIES,
 }

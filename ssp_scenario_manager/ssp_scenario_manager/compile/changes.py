@@ -23,7 +23,7 @@ from ssp_scenario_manager.event_spec.log import Record
 
 # What belongs to one run, and what says which versions and what kind of site it was made for: never
 # a change on site.
-OF_THE_RUN = frozenset({"run_id", "seed", "mode", "session_token"})
+OF_THE_RUN = frozenset({"run_id", "seed", "mode", "session_token", "declaring"})
 LINKS = frozenset(
     {
         "schema",
@@ -62,6 +62,7 @@ def run_mapping(run: RunSpec) -> dict[str, Any]:
     # Files leave these out where nobody gave them.
     mapping.setdefault("datum", None)
     mapping.setdefault("session_token", "")
+    mapping.setdefault("declaring", [])
     mapping["limits"].setdefault("stop_reaction_s", run.limits.stop_reaction_s)
     return mapping
 
@@ -98,9 +99,14 @@ def with_value(run: RunSpec, field: str, value: Any, file: str | Path | None = N
     return parse_model(RunSpec, mapping, file or "run")
 
 
+def _outermost(field: str) -> str:
+    """Return the name of the field of the run that a field stands in."""
+    return re.split(r"[.\[]", field, maxsplit=1)[0]
+
+
 def check_changeable(field: str) -> None:
     """Raises InputError for a field that no change on site may touch."""
-    name = re.split(r"[.\[]", field, maxsplit=1)[0]
+    name = _outermost(field)
     if name in OF_THE_RUN:
         raise InputError(
             "is a run's own and no change on site", field=field, remedy="`ssp run` sets it"
@@ -189,7 +195,7 @@ def differences(compiled: RunSpec, executed: RunSpec) -> list[Difference]:
     found = []
     for field in dict.fromkeys([*before, *after]):
         old, new = before.get(field, _ABSENT), after.get(field, _ABSENT)
-        if field in OF_THE_RUN or same_value(old, new):
+        if _outermost(field) in OF_THE_RUN or same_value(old, new):
             continue
         found.append(
             Difference(field, None if old is _ABSENT else old, None if new is _ABSENT else new)

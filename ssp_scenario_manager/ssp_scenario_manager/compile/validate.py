@@ -12,12 +12,11 @@ from ssp_core.files import Model, parse_mapping, parse_model, read_mapping
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.names import PHASE_EVENT, SAFETY_EVENT, SESSION_STATE, absolute
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.verdict import VERDICT_FILE
+from ssp_core.run_file.verdict import RESULT_FILE, VERDICT_FILE
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.task import RUN_FILE, TASK_FILE, Task, Validation, check_seal
 
-RESULT_FILE = "result.json"
 _VALID = Verdict.VALID.name.lower()
 _REMEDY = "name the folder of a valid `ssp run` of this event's sumo task"
 

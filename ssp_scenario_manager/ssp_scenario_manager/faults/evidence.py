@@ -23,6 +23,7 @@ from ssp_core.files import read_mapping
 from ssp_core.geometry import Box, FloatArray, Pose2, boxes_overlap
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.safety.fence import way_excess_m
 from ssp_core.safety.limits import STANDSTILL_MPS
 from ssp_core.safety.stopping import Stopping
@@ -215,7 +216,6 @@ class Evidence:
         return next((t for t, p in self.phases if p is phase), None)
 
 
-RESULT_FILE = "result.json"
 _OURS = (Role.VUT, Role.OT)
 
 

@@ -25,7 +25,8 @@ from ssp_core.processes import (
     session_environment,
 )
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.verdict import EndWord, read_verdict
+from ssp_core.run_file.participation import declaring
+from ssp_core.run_file.verdict import RESULT_FILE, EndWord, read_verdict
 from ssp_core.session_token import draw_token
 from ssp_core.terminal import on_stop_signals
 from ssp_core.vocabulary import Verdict
@@ -123,7 +124,12 @@ def run_session(
         nodes[names.MONITOR]["include"] = RECORDED
     faults.check(spec, nodes)
     spec = faults.with_conditions_never_met(spec)
-    spec = spec.model_copy(update={"session_token": draw_token(spec.mode)})
+    spec = spec.model_copy(
+        update={
+            "session_token": draw_token(spec.mode),
+            "declaring": () if live is None else declaring(spec),
+        }
+    )
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
     interrupt = Interrupt()
     with (
@@ -214,7 +220,7 @@ def _conclude(
         "running_wall_s": round(followed.running_wall_s, 3),
         "measured": measured(bag, spec, say),
     }
-    write(lambda: write_json(folder / "result.json", told))
+    write(lambda: write_json(folder / RESULT_FILE, told))
     if recording != bag:
         unwritten.append(
             f"the recording lies in {recording}; make room, then close it with "

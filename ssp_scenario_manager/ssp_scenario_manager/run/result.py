@@ -30,12 +30,12 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.names import absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import Participation, Standing
+from ssp_core.run_file.verdict import RESULT_SCHEMA
 from ssp_core.vocabulary import Phase, SessionPhase
 from ssp_core.world.plant import FaultFact
 from ssp_scenario_manager.session.outbox import Triggered
 from ssp_scenario_manager.triggers.conditions import Sample
 
-RESULT_SCHEMA = "ssp.result/1"
 _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
 

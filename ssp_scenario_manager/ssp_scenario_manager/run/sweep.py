@@ -29,6 +29,7 @@ from ssp_core.decimals import decimal, whole_number
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import parse_model, taken_folder, write_json, write_text
 from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.terminal import ignore_stop_signals
 from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.run.faults import NEED_PROCESSES, RUNNER_KINDS, with_conditions_never_met
@@ -396,13 +397,13 @@ def run_one(spec: RunSpec, folder: Path, as_json: bool) -> dict[str, Any]:
         shown = shown_gap(written["time_gap_s"])
         console.out.print(
             f"{spec.scenario} on {spec.site}: {written['verdict']}, {result.session_s:.1f} s of "
-            f"session, {shown}, {folder / 'result.json'}",
+            f"session, {shown}, {folder / RESULT_FILE}",
             markup=False,
         )
         for reason in result.reasons:
             console.out.print(f"  because {reason}", markup=False)
     save_states(folder / "states.npz", spec, record)
-    write_json(folder / "result.json", written)
+    write_json(folder / RESULT_FILE, written)
     return written
 
 

@@ -6,7 +6,10 @@ import json
 import shutil
 from pathlib import Path
 
+from ssp_core.bag.declaration import participation_of
 from ssp_core.bag.reader import BagReader
+from ssp_core.run_file.model import load_run
+from ssp_core.run_file.participation import participants
 from ssp_eval.data.audit import load_audit
 from tests.system.recordings import Recordings, succeed
 
@@ -60,3 +63,12 @@ def is_admitted_and_scored(
     # label times at which a camera on a busy machine gave no frame.
     lost = sum(len(cell["answers"]["missing"]) for cell in cells) / sum(counts[0].values())
     assert abs(scores["physical"] - scores["simulation"]) < 0.01 + lost
+
+
+def everybody_declares_simulated(session: Path) -> None:
+    """Whoever the run file lists says so itself; in a rehearsal nobody is real, and nobody silent."""
+    run = load_run(session / "run.yaml")
+    with BagReader(session / "bag") as bag:
+        part = participation_of(bag, run, session / "bag")
+    assert run.declaring == participants(["ot1"], has_camera=True)
+    assert dict(part.declared) == dict.fromkeys(run.declaring, ("simulated",))

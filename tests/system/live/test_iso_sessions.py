@@ -21,7 +21,7 @@ from tests.system.live.hosts import (
     stands_after_the_link_is_back,
     stops_inside_the_bound,
 )
-from tests.system.live.scored import is_admitted_and_scored
+from tests.system.live.scored import everybody_declares_simulated, is_admitted_and_scored
 from tests.system.recordings import Recordings
 
 PORT = 19_000
@@ -70,6 +70,7 @@ def test_a_session_with_an_iso_object_is_admitted_and_scored(
     physical = ends_validly(stage, run)
     assert stage.rows()[-1].speed_mps == 0.0
     stage.close()
+    everybody_declares_simulated(physical)
     is_admitted_and_scored(recordings, "cut_in", physical, tmp_path)
 
 

@@ -21,7 +21,7 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.sros2 import rights
 from tests.system.live.conftest import DEADLINE_S, ODOMETRY
-from tests.system.live.scored import is_admitted_and_scored
+from tests.system.live.scored import everybody_declares_simulated, is_admitted_and_scored
 from tests.system.recordings import Recordings
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -160,4 +160,5 @@ def test_a_rehearsal_is_admitted_and_scored_beside_its_partners(
     physical = rehearsed(stage, task(str(recordings.k_star(EVENT))))
     check_bag(physical / "bag")
     stage.close()
+    everybody_declares_simulated(physical)
     is_admitted_and_scored(recordings, EVENT, physical, tmp_path)

@@ -260,7 +260,7 @@ def prepare_run(
     else:
         run = _compile(what, site, folder, 1 if seed is None else seed)
     # Another session than the one that the file may be of.
-    changes: dict[str, Any] = {"run_id": folder.name, "session_token": ""}
+    changes: dict[str, Any] = {"run_id": folder.name, "session_token": "", "declaring": ()}
     if seed is not None:
         changes["seed"] = seed
     run = run.model_copy(update=changes)
