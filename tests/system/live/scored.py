@@ -66,7 +66,7 @@ def is_admitted_and_scored(
 
 
 def everybody_declares_simulated(session: Path) -> None:
-    """Whoever the run file lists says so itself; in a rehearsal nobody is real, and nobody silent."""
+    """All whom the run file lists say so themselves: in a rehearsal nobody is real or silent."""
     run = load_run(session / "run.yaml")
     with BagReader(session / "bag") as bag:
         part = participation_of(bag, run, session / "bag")
