@@ -31,7 +31,8 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Intrinsics, Mounting, intrinsics
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.pictures.compare import Compared, compare_pictures, plan_pairs
-from ssp_eval.pictures.footage import Footage, Grey, reduced
+from ssp_eval.pictures.footage import Footage, Grey, coarse, reduced
+from ssp_eval.pictures.repeats import has_many_repeats, repeated_frames, sampled_frames
 from ssp_eval.recordings.sight import Moment, Optics
 
 CROPS = 30
@@ -83,7 +84,11 @@ class Drive:
 
 
 def judge(drive: Drive) -> Compared:
-    plan = plan_pairs(drive.moments, drive.optics, "vut", drive.targets)
+    small = {index: coarse(frame) for index, frame in enumerate(drive.frames)}
+    some = sampled_frames(drive.moments, "vut")
+    often = has_many_repeats({k: small[k] for k in some}, drive.moments, "vut")
+    repeated = repeated_frames(small, drive.moments, "vut") if often else ()
+    plan = plan_pairs(drive.moments, drive.optics, "vut", drive.targets, repeated)
     grey = {index: reduced(drive.frames[index]) for index in plan.wanted}
     return compare_pictures(Footage(drive.moments, grey, drive.optics, "vut"), plan)
 
@@ -245,6 +250,20 @@ def foreign(drive: Drive, chance: random.Random) -> Drive:
     return replace(made, optics=replace(made.optics, mounting=turned)).edited(edit)
 
 
+def repeating(drive: Drive, chance: random.Random) -> Drive:
+    """A slower camera whose frames are recorded twice or thrice, as an encoder leaves them."""
+    times, noise = chance.choice([2, 3]), np.random.default_rng(chance.randrange(1 << 30))
+    sigma = chance.choice([0.0, 0.0, 1.0])
+    if times == 3 and drive.moments[1].t_s - drive.moments[0].t_s > 0.07:
+        times = 2
+
+    def edit(grey: Grey, _: int) -> Grey:
+        return np.clip(grey + noise.normal(0.0, sigma, grey.shape), 0, 255).astype(np.uint8)
+
+    held = drive.ordered([k // times * times for k in range(len(drive.frames))])
+    return disturbed(held.edited(edit), chance, chance.uniform(-0.08, 0.08), 0.03)
+
+
 def live(drive: Drive, chance: random.Random) -> Drive:
     """A live recording as it is; of a session, with late states and lost frames."""
     if drive.kind == "live":
@@ -283,6 +302,9 @@ def falsified(
     alike = [s for s in sessions if event in s.name]
     yield "mirrored session", one.edited(_mirror)
     yield "mirrored foreign bag", foreign(one, chance).edited(_mirror)
+    yield "mirrored, each frame twice", repeating(one, chance).edited(_mirror)
+    slow = one.filmed_by(plain, rate=0.5)
+    yield "half speed, each frame twice", slow.ordered([k // 2 * 2 for k in range(n)])
     if real := [drive for drive in drives if drive.kind == "real"]:
         film = real[k % len(real)]
         looped = tuple(film.frames[j * 5 // 2 % len(film.frames)] for j in range(n))
@@ -320,7 +342,7 @@ def cases(drives: Sequence[Drive]) -> Iterator[tuple[str, str, str, Callable[[],
     """Name, group and kind of each recording, and what makes it."""
     sessions = [one for one in drives if one.kind == "raster" and "without" not in one.name]
     for k in range(CROPS):
-        for kind in ("raster", "clip", "real", "live", "foreign"):
+        for kind in ("raster", "clip", "real", "live", "foreign", "repeating"):
             fitting = [one for one in drives if one.kind == kind and "without" not in one.name]
             source = (fitting or sessions)[k % len(fitting or sessions)]
             chance = random.Random(f"{kind}{k}")
@@ -329,7 +351,8 @@ def cases(drives: Sequence[Drive]) -> Iterator[tuple[str, str, str, Callable[[],
                 source: Drive = source, kind: str = kind, chance: random.Random = chance
             ) -> Drive:
                 part = crop(source, chance)
-                return {"foreign": foreign, "live": live}.get(kind, lambda d, _: d)(part, chance)
+                made = {"foreign": foreign, "live": live, "repeating": repeating}
+                return made.get(kind, lambda d, _: d)(part, chance)
 
             yield f"{kind} {k}", "sound", kind, made
         if k < FALSE:

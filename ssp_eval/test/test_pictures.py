@@ -21,8 +21,9 @@ from ssp_eval.pictures.compare import (
     road_checks,
     turning_check,
 )
-from ssp_eval.pictures.footage import Footage, Grey, pairs_apart, reduced
+from ssp_eval.pictures.footage import Footage, Grey, coarse, pairs_apart, reduced
 from ssp_eval.pictures.ground import Pair
+from ssp_eval.pictures.repeats import has_many_repeats, repeated_frames, sampled_frames
 from ssp_eval.pictures.turning import Turn, _rotation
 from ssp_eval.recordings.sight import Moment, Optics
 from ssp_ot_controller.camera.clip import board_of
@@ -65,7 +66,11 @@ def drive() -> Drive:
 
 
 def held(drive: Drive) -> dict[str, PictureCheck]:
-    plan = plan_pairs(drive.moments, drive.optics, "vut", ["ot1"])
+    small = {index: coarse(picture) for index, picture in enumerate(drive.pictures)}
+    repeated = frozenset[int]()
+    if has_many_repeats(small, drive.moments, "vut"):
+        repeated = repeated_frames(small, drive.moments, "vut")
+    plan = plan_pairs(drive.moments, drive.optics, "vut", ["ot1"], repeated)
     grey = {index: reduced(drive.pictures[index]) for index in plan.wanted}
     footage = Footage(drive.moments, grey, drive.optics, "vut")
     return {check.name: check for check in compare_pictures(footage, plan).checks}
@@ -104,6 +109,48 @@ def test_pictures_of_other_states_are_told_apart(
     falsify: Callable[[Drive], Drive], check: str, drive: Drive
 ) -> None:
     assert check in failing(falsify(drive))
+
+
+def _twice(all_: list[Grey], noise_levels: float = 0.0) -> list[Grey]:
+    chance = np.random.default_rng(1)
+    held = [all_[k // 2 * 2] for k in range(len(all_))]
+    return [
+        np.clip(one + chance.normal(0.0, noise_levels, one.shape), 0, 255).astype(np.uint8)
+        for one in held
+    ]
+
+
+@pytest.mark.parametrize("noise_levels", [0.0, 1.0])
+def test_a_slower_camera_whose_frames_are_repeated_is_judged_by_those_that_differ(
+    drive: Drive, noise_levels: float
+) -> None:
+    """A camera of 5 Hz that was recorded at 10 Hz, as an encoder may leave it."""
+    twice = _with(lambda all_: _twice(all_, noise_levels))(drive)
+    found = held(twice)
+    assert {name: check.told for name, check in found.items() if check.state == "fails"} == {}
+    assert found["speed"].figure == pytest.approx(1.0, abs=0.1)
+    mirrored = _with(lambda all_: [np.ascontiguousarray(one[:, ::-1]) for one in all_])(twice)
+    assert "ot1" in failing(mirrored)
+    slow = _with(lambda all_: _twice([all_[k // 2] for k in range(len(all_))]))(drive)
+    assert "speed" in failing(slow)
+
+
+def test_frames_that_repeat_are_found_while_the_vut_moves(drive: Drive) -> None:
+    def found(pictures: list[Grey]) -> frozenset[int]:
+        small = {index: coarse(one) for index, one in enumerate(pictures)}
+        return repeated_frames(small, drive.moments, "vut")
+
+    frames = list(drive.pictures)
+    moves = {k for k, m in enumerate(drive.moments) if m.states["vut"].speed_mps >= 2.0}
+    assert found(frames) == frozenset()
+    assert found(_twice(frames)) == {k for k in moves if k % 2}
+    # A picture that stays for longer than 0.3 s is none of a slower camera.
+    assert found(frames[:5] + [frames[5]] * 4 + frames[9:]) == {6, 7, 8}
+    assert found(frames[:5] + [frames[5]] * 5 + frames[10:]) == frozenset()
+    some = sampled_frames(drive.moments, "vut")
+    for pictures, often in ((frames, False), (_twice(frames), True)):
+        small = {index: coarse(pictures[index]) for index in some}
+        assert has_many_repeats(small, drive.moments, "vut") == often
 
 
 def test_an_object_that_the_pictures_do_not_hold_is_missed(drive: Drive) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from ssp_eval.audit.evidence import Subject
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.data.audit import PicturesEntry
 from ssp_eval.pictures.compare import Compared, compare_pictures, plan_pairs
-from ssp_eval.pictures.footage import Footage, read_grey
+from ssp_eval.pictures.footage import Float32, Footage, read_grey, read_small
 from ssp_eval.pictures.ground import Pair
+from ssp_eval.pictures.repeats import has_many_repeats, repeated_frames, sampled_frames
 
 REMEDY = (
     "video, states, their common time and the camera's geometry must be of one drive, and the "
@@ -51,12 +53,24 @@ def examine_pictures(one: Subject) -> PicturesExamined:
     if optics is None or recording.provenance.camera == "assumed":
         what = "is somebody's guess" if optics is not None else "is not recorded"
         return _nothing(f"the camera's geometry {what}")
-    plan = plan_pairs(one.moments, optics, who.vut, who.targets)
+    repeated = _repeated(one, who.vut)
+    plan = plan_pairs(one.moments, optics, who.vut, who.targets, repeated)
     grey = read_grey(recording.path, one.moments, recording.provenance, plan.wanted)
     if not grey:
         return _nothing("no frame has a state of the VUT at its time")
     found = compare_pictures(Footage(one.moments, grey, optics, who.vut), plan)
     return PicturesExamined(PicturesEntry(checks=list(found.checks)), _findings(found), found.road)
+
+
+def _repeated(one: Subject, vut_id: str) -> frozenset[int]:
+    """Find the frames that repeat the one before, where a sample has many of them."""
+
+    def read(wanted: Collection[int]) -> dict[int, Float32]:
+        return read_small(one.recording.path, one.moments, one.recording.provenance, wanted)
+
+    if not has_many_repeats(read(sampled_frames(one.moments, vut_id)), one.moments, vut_id):
+        return frozenset()
+    return repeated_frames(read(range(len(one.moments))), one.moments, vut_id)
 
 
 def _findings(found: Compared) -> tuple[Finding, ...]:

@@ -79,16 +79,23 @@ class Plan:
 
 
 def plan_pairs(
-    moments: Sequence[Moment], optics: Optics, vut_id: str, targets: Collection[str]
+    moments: Sequence[Moment],
+    optics: Optics,
+    vut_id: str,
+    targets: Collection[str],
+    repeated: Collection[int] = (),
 ) -> Plan:
-    """Choose what is compared, from the states alone.
+    """Choose what is compared, from the states, and from which frames are pictures of their own.
 
     Args:
         moments: frames of the clip with their states.
         targets: ids of the objects that are looked for.
+        repeated: indices of frames that repeat the one before.
     """
     times_s = [moment.t_s for moment in moments]
-    usable = [k for k, moment in enumerate(moments) if vut_id in moment.states]
+    usable = [
+        k for k, moment in enumerate(moments) if vut_id in moment.states and k not in repeated
+    ]
     road = pairs_apart(times_s, _ROAD_APART_S, _ROAD_PAIRS, set(usable))
     # Sizes in the picture are those at the width at which pictures are compared.
     width, height = reduced_size(optics.lens.width_px, optics.lens.height_px)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -114,14 +114,12 @@ def pairs_apart(
         Pairs of indices, the earlier frame first.
     """
     found = []
-    for first in sorted(usable):
-        second = bisect_left(times_s, times_s[first] + apart_s - 0.02)
-        if (
-            second < len(times_s)
-            and second in usable
-            and times_s[second] - times_s[first] <= apart_s + 0.15
-        ):
-            found.append((first, second))
+    chosen = sorted(usable)
+    chosen_s = [times_s[index] for index in chosen]
+    for first, first_s in zip(chosen, chosen_s, strict=True):
+        place = bisect_left(chosen_s, first_s + apart_s - 0.02)
+        if place < len(chosen) and chosen_s[place] - first_s <= apart_s + 0.15:
+            found.append((first, chosen[place]))
     return spread(found, most)
 
 
@@ -145,13 +143,32 @@ def read_grey(
     Raises:
         InputError: a frame is no picture.
     """
+    frames = _read(path, moments, provenance, wanted, cv2.IMREAD_GRAYSCALE)
+    return {index: reduced(grey) for index, grey in frames}
+
+
+def read_small(
+    path: Path, moments: Sequence[Moment], provenance: Provenance, wanted: Collection[int]
+) -> dict[int, Float32]:
+    """Read frames of a bag as small pictures, which costs less; see read_grey."""
+    frames = _read(path, moments, provenance, wanted, cv2.IMREAD_REDUCED_GRAYSCALE_4)
+    return {index: coarse(grey) for index, grey in frames}
+
+
+def _read(
+    path: Path,
+    moments: Sequence[Moment],
+    provenance: Provenance,
+    wanted: Collection[int],
+    mode: int,
+) -> Iterator[tuple[int, Grey]]:
+    """Yield indices and pictures of frames, decoded in a mode of cv2; each index once."""
     times_s = [moment.t_s for moment in moments]
-    found: dict[int, Grey] = {}
     with BagReader(path) as bag:
         stamps_ns = sorted(peek_stamp_ns(message.data) for message in bag.messages([_IMAGE]))
         zero_ns = clip_zero_ns(provenance, stamps_ns)
         if zero_ns is None:
-            return found
+            return
         index_of: dict[int, int] = {}
         for stamp_ns in stamps_ns:
             t_s = ns_to_seconds(stamp_ns - zero_ns)
@@ -159,13 +176,15 @@ def read_grey(
             if index in wanted and abs(times_s[index] - t_s) <= _SAME_S:
                 index_of.setdefault(stamp_ns, index)
         if index_of:
-            for frame in Frames(bag, _IMAGE).jpegs(stamps=index_of):
-                grey = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+            for frame in Frames(bag, _IMAGE).jpegs(stamps=frozenset(index_of)):
+                index = index_of.pop(frame.stamp_ns, None)
+                if index is None:
+                    continue
+                grey = cv2.imdecode(np.frombuffer(frame.data, np.uint8), mode)
                 if grey is None:
                     raise InputError(
                         f"holds a frame at {frame.log_time_ns} ns that is no picture",
                         file=path,
                         field=_IMAGE,
                     )
-                found.setdefault(index_of[frame.stamp_ns], reduced(np.asarray(grey, np.uint8)))
-    return found
+                yield index, np.asarray(grey, np.uint8)
