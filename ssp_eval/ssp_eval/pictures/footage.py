@@ -177,9 +177,9 @@ def _read(
                 index_of.setdefault(stamp_ns, index)
         if index_of:
             for frame in Frames(bag, _IMAGE).jpegs(stamps=frozenset(index_of)):
-                index = index_of.pop(frame.stamp_ns, None)
-                if index is None:
+                if frame.stamp_ns not in index_of:  # given already
                     continue
+                index = index_of.pop(frame.stamp_ns)
                 grey = cv2.imdecode(np.frombuffer(frame.data, np.uint8), mode)
                 if grey is None:
                     raise InputError(

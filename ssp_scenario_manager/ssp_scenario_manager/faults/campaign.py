@@ -15,13 +15,13 @@ from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState
 from ssp_core.processes import others_share_memory, remove_stale_shared_memory
 from ssp_core.run_file.model import Fault, RunSpec
+from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.safety.codes import MEANINGS
 from ssp_core.vocabulary import Role, Verdict
 from ssp_core.world.plant import StepReport, make_plant
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER
 from ssp_scenario_manager.faults.evidence import (
-    RESULT_FILE,
     Evidence,
     FaultNote,
     SafetyNote,
