@@ -70,3 +70,15 @@ def test_the_architecture_names_functions_that_are_there() -> None:
             assert not owner or re.search(rf"^class {owner}\b", code, re.M), name
             start = r"^    (?:async )?def" if owner else r"^(?:def|class)"
             assert re.search(rf"(?:{start} {method}\b|^{method}\b.* = )", code, re.M), name
+
+
+def test_the_site_has_every_page() -> None:
+    text = (ROOT / "mkdocs.yml").read_text().split("\nnav:\n")[1]
+    named = re.findall(r"- (\S+\.md)$", text, re.M)
+    assert len(named) == len(set(named))
+    pages = {str(file.relative_to(ROOT / "docs")) for file in (ROOT / "docs").rglob("*.md")}
+    # Those that lie elsewhere are brought in by docs/site.py.
+    elsewhere = re.findall(
+        r'^    "[^"]+": "([\w-]+\.md)",$', (ROOT / "docs/site.py").read_text(), re.M
+    )
+    assert set(named) == pages | set(elsewhere)
