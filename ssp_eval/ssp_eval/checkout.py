@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -26,6 +27,7 @@ PACKAGES = (
 
 QUICK = "ros and not system"
 SESSIONS = "ros or system"
+_HOLDS_NODES = re.compile(r"\bmark\.(ros|system)\b")
 # Where the language model of --real-model lies, and the variable that tells its tests so.
 MODEL_FOLDER = ".venv/real-model"
 MODEL_VARIABLE = "SSP_REAL_MODEL"
@@ -37,8 +39,23 @@ DOCS_TOOLS = [sys.executable, "bootstrap/bootstrap.py", "--docs-tools"]
 TOOLS = [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]
 
 
+def files_of_nodes(root: Path) -> list[str]:
+    """List the test files that mark a test of nodes or of sessions.
+
+    To import all other test files costs each process of pytest twelve seconds.
+
+    Args:
+        root: folder of the checkout.
+    """
+    folders = [*root.glob("ssp_*/test"), root / "tests"]
+    files = (file for folder in folders for file in folder.rglob("test_*.py"))
+    return sorted(
+        str(file.relative_to(root)) for file in files if _HOLDS_NODES.search(file.read_text())
+    )
+
+
 def _checks(
-    arguments: tuple[str, ...], quick: bool, real_model: bool
+    root: Path, arguments: tuple[str, ...], quick: bool, real_model: bool
 ) -> list[tuple[str, list[str]]]:
     tools = ("tools", TOOLS)
     pytest = [*PYTEST, "--durations=50", "--durations-min=0.5"]
@@ -68,7 +85,7 @@ def _checks(
         ("tools of the site", DOCS_TOOLS),
         ("site", [*MKDOCS, "build", "--strict", "--site-dir", "log/site"]),
         ("tests of cores", [*pytest, *stealing, "auto", "-m", "not ros and not system"]),
-        (of_nodes[0], [*pytest, *stealing, at_once, "-m", of_nodes[1]]),
+        (of_nodes[0], [*pytest, *stealing, at_once, "-m", of_nodes[1], *files_of_nodes(root)]),
     ]
 
 
@@ -222,7 +239,7 @@ def test(
     """
     root = _root("the tests need")
     if not changed:
-        return _run_all(root, _checks(pytest_arguments, quick, real_model))
+        return _run_all(root, _checks(root, pytest_arguments, quick, real_model))
     return _test_changes(root, since, within_s, pytest_arguments)
 
 
