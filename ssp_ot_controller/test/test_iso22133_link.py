@@ -134,8 +134,10 @@ def test_messages_are_not_held_back_to_be_sent_together(link: Link, peer: Object
 
 def test_bytes_wait_while_the_object_reads_nothing(link: Link, peer: ObjectSockets) -> None:
     with connected(link, peer) as end:
+        # Both ends take little, so that few bytes are more than the sockets hold.
         link.sockets[0].setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-        count = 20_000
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        count = 4_000
         for _ in range(count):
             link.send(ARM)
         got = bytearray()
@@ -148,6 +150,7 @@ def test_bytes_wait_while_the_object_reads_nothing(link: Link, peer: ObjectSocke
                 got.extend(end.recv(1 << 20))
             return len(got) >= size
 
+        assert not all_here(), "the sockets took all of it: nothing waited"
         until(all_here, "bytes")
         frames = [f for f in frames_of(bytes(got)) if not isinstance(f, Rejected)]
         assert [f.header.counter for f in frames] == [n % 256 for n in range(count)]
