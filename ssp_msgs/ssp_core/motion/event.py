@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 from typing import Protocol, overload
@@ -328,6 +328,9 @@ def _braking(instants: Sequence[Instant], meetings: Sequence[Encounter]) -> int 
 
 # -- the corridor, and how two pass its conflict zone ----------------------------------------------
 
+# So many boxes are projected at once.
+_TOGETHER = 16
+
 
 @dataclass(frozen=True, slots=True)
 class Extent:
@@ -364,10 +367,20 @@ class Corridor:
 
     def extent(self, state: ObjectState) -> Extent:
         """Return the stations and offsets that an object's box covers."""
-        projected = self.path.project_all_beyond(state.box.corners())
-        stations = [station for station, _ in projected]
-        offsets = [offset for _, offset in projected]
-        return Extent(min(stations), max(stations), min(offsets), max(offsets))
+        return next(self.extents([state]))
+
+    def extents(self, states: Iterable[ObjectState]) -> Iterator[Extent]:
+        """Yield the stations and offsets that boxes cover.
+
+        Many are projected at once: neighbours in time look for nearly the same pieces of the path.
+        """
+        more = iter(states)
+        while boxes := [state.box.corners() for state in islice(more, _TOGETHER)]:
+            corners = [corner for box in boxes for corner in box]
+            projected = iter(self.path.project_all_beyond(corners))
+            for box in boxes:
+                stations, offsets = zip(*islice(projected, len(box)), strict=True)
+                yield Extent(min(stations), max(stations), min(offsets), max(offsets))
 
     def overlaps(self, extent: Extent) -> bool:
         """An extent reaches into the corridor sideways."""
@@ -470,7 +483,7 @@ class _Seen:
     def __init__(self, instants: Sequence[Instant], corridor: Corridor) -> None:
         self._instants = instants
         self._corridor = corridor
-        self._extents = [corridor.extent(now.other) for now in instants]
+        self._extents = list(corridor.extents(now.other for now in instants))
         self.inside = [corridor.overlaps(extent) for extent in self._extents]
         ahead = [now.vut.pose.to_parent(now.vut.size.front_m, 0.0) for now in instants]
         self._fronts_m = [station for station, _ in corridor.path.project_all_beyond(ahead)]
