@@ -6,7 +6,14 @@ import pytest
 
 from ssp_core import names
 from ssp_core.run_file.model import RunSpec
-from ssp_core.safety.publishers import NAMELESS, Publisher, PublisherRules, Strangers
+from ssp_core.safety.publishers import (
+    NAMELESS,
+    Publisher,
+    PublisherRules,
+    Strangers,
+    is_process,
+    whence,
+)
 from support.runs import small_run
 
 MANAGER = Publisher("/ssp/scenario_manager", b"manager")
@@ -117,3 +124,25 @@ def test_without_a_run_the_session_is_watched_all_the_same() -> None:
     rules = PublisherRules()
     assert names.state_topic("ot1") not in rules.expected
     assert rules.strangers(names.HEARTBEAT, [MANAGER, STRANGER]) is not None
+
+
+OWN = bytes.fromhex("010f7f016a0897c600000000")
+
+
+@pytest.mark.parametrize(
+    ("process", "own", "said"),
+    [
+        ("010f7f01671297c600000000", OWN, "process 4711 of this host"),
+        ("010f7f02671297c600000000", OWN, ""),  # another host
+        ("01037f01671297c600000000", OWN, ""),  # another vendor, whose ids are made otherwise
+        ("010f7f01671297c600000000", b"", ""),
+    ],
+)
+def test_a_prefix_tells_the_process_of_this_host(process: str, own: bytes, said: str) -> None:
+    assert whence(bytes.fromhex(process), own) == said
+    assert is_process(OWN, 2154)
+    assert is_process(OWN, 2154 + 65536)
+    assert not is_process(OWN, 4711)
+    named = Publisher("", OWN, said).name
+    assert named == (f"{NAMELESS} ({said})" if said else NAMELESS)
+    assert Publisher("/ssp/intruder", OWN, said).name == "/ssp/intruder"

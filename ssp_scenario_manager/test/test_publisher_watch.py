@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from types import SimpleNamespace
 from typing import Any
@@ -25,9 +26,9 @@ class Graph:
     def __init__(self) -> None:
         self.topics: dict[str, list[Any]] = defaultdict(list)
 
-    def add(self, topic: str, node: str, process: int) -> Any:
+    def add(self, topic: str, node: str, process: int, host: int = 7) -> Any:
         count = sum(map(len, self.topics.values()))
-        gid = [process] * 12 + [0, 0, 0, count]
+        gid = [1, 15, host, host, *process.to_bytes(2, "little"), *[0] * 6, 0, 0, 0, count]
         made = SimpleNamespace(node_name=node, node_namespace="/ssp", endpoint_gid=gid)
         self.topics[topic].append(made)
         return made
@@ -48,7 +49,7 @@ class Watched:
     def __init__(self, run: RunSpec) -> None:
         self.graph = Graph()
         for topic in (names.SESSION_STATE, names.STEP_DONE, names.HEARTBEAT):
-            self.graph.add(topic, names.SCENARIO_MANAGER, 1)
+            self.graph.add(topic, names.SCENARIO_MANAGER, os.getpid() & 0xFFFF)
         for topic in ("ot1/state", "ot1/reference_ack", names.STEP_DONE, names.HEARTBEAT_REPLY):
             self.graph.add(topic, names.OBJECT_TARGET, 2)
         self.liveness = LivenessMonitor()
@@ -102,11 +103,26 @@ def test_a_name_is_waited_for_but_not_for_long(watched: Watched, topic: str) -> 
     assert watched.look(manager_node.WATCHDOG_PERIOD_S) == ""
 
 
+@pytest.mark.parametrize("topic", TOPICS)
+def test_a_process_of_this_host_is_named_before_the_graph_knows_its_node(
+    watched: Watched, topic: str
+) -> None:
+    watched.graph.add(topic, UNKNOWN, 4711)
+    assert f"{NAMELESS} (process 4711 of this host)" in watched.look(LATEST_S)
+
+
+def test_a_process_of_another_host_is_not_mistaken_for_one_of_this(watched: Watched) -> None:
+    watched.graph.add(names.HEARTBEAT, UNKNOWN, 4711, host=8)
+    found = watched.look(LATEST_S)
+    assert NAMELESS in found
+    assert "process" not in found
+
+
 def test_an_object_whose_process_began_anew_is_waited_out(watched: Watched) -> None:
     for topic in ("ot1/state", "ot1/reference_ack", names.HEARTBEAT_REPLY):
         watched.graph.add(topic, names.OBJECT_TARGET, 4)
     said = "one that has ended is forgotten within 20 s"
     assert said in watched.look(0.2)
     for found in watched.graph.topics.values():
-        found[:] = [one for one in found if one.endpoint_gid[0] != 2]
+        found[:] = [one for one in found if one.endpoint_gid[4:6] != [2, 0]]
     assert watched.look(0.2) == ""

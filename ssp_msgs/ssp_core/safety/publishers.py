@@ -30,6 +30,8 @@ class Part(Enum):
     RUNNER = auto()
 
 
+# Where a process id stands in the prefix of a GUID: its lower 16 bits.
+_ID = slice(4, 6)
 # What stands for a node that the graph has not named yet.
 NAMELESS = "a node without a name"
 ONE: tuple[Part, ...] = ()
@@ -120,10 +122,46 @@ class Publisher:
     Args:
         node: full name of its node; empty while the graph doesn't know it.
         process: what tells its process from others.
+        whence: which process that is, in words; empty where it isn't known.
     """
 
     node: str
     process: bytes
+    whence: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its node, or else what is known of it."""
+        if self.node:
+            return self.node
+        return f"{NAMELESS} ({self.whence})" if self.whence else NAMELESS
+
+
+def whence(process: bytes, own: bytes) -> str:
+    """Give the id of a process on this host, by the prefix of Fast DDS's GUIDs.
+
+    A prefix begins with two bytes of the vendor, two of the host and two of the process id. The
+    graph knows it at once, and a node's name only when a message of that node has come.
+
+    Args:
+        process: prefix of a publisher.
+        own: prefix of a publisher of this process; empty while there is none.
+
+    Returns:
+        Words; empty for another host or another vendor's DDS.
+    """
+    if len(own) < _ID.stop or process[: _ID.start] != own[: _ID.start]:
+        return ""
+    return f"process {_process_id(process)} of this host"
+
+
+def is_process(process: bytes, pid: int) -> bool:
+    """Whether a prefix is one of the process of this id."""
+    return _process_id(process) == pid & 0xFFFF
+
+
+def _process_id(process: bytes) -> int:
+    return int.from_bytes(process[_ID], "little")
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +222,7 @@ class PublisherRules:
 
 
 def _names(found: Sequence[Publisher]) -> list[str]:
-    return sorted(one.node or NAMELESS for one in found)
+    return sorted(one.name for one in found)
 
 
 _RUNNER = names.absolute(names.RUNNER)

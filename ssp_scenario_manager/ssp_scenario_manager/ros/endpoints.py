@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -34,7 +35,7 @@ from ssp_core.safety.link_quality import (
     LossCounters,
 )
 from ssp_core.safety.object_rules import ObjectRules, RulesCheck
-from ssp_core.safety.publishers import ONE, Publisher, PublisherRules
+from ssp_core.safety.publishers import ONE, Publisher, PublisherRules, is_process, whence
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.plant import LimitFact
 from ssp_core.world.transforms import TransformFilter, encode_transforms, of_camera
@@ -113,9 +114,21 @@ class PublisherWatch:
 
     def _publishers(self, topic: str) -> list[Publisher]:
         known = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-        return [
-            Publisher(_full_name(one), bytes(one.endpoint_gid[:_PROCESS_BYTES])) for one in known
-        ]
+        found = []
+        for one in known:
+            name, process = full_name(one), bytes(one.endpoint_gid[:_PROCESS_BYTES])
+            where = "" if name else whence(process, self._own_process())
+            found.append(Publisher(name, process, where))
+        return found
+
+    def _own_process(self) -> bytes:
+        """Of the manager's own publishers; empty while the graph shows none."""
+        topic = self._node.resolve_topic_name(names.SESSION_STATE)
+        for one in self._node.get_publishers_info_by_topic(topic):
+            process = bytes(one.endpoint_gid[:_PROCESS_BYTES])
+            if is_process(process, os.getpid()):
+                return process
+        return b""
 
     def _is_named(self, topic: str, found: Iterable[Publisher], steady_ns: int) -> bool:
         """All have names, or it has been waited for long enough that one hasn't."""
@@ -155,7 +168,7 @@ class DeclarationWatch:
             self._liveness.foreign[names.declared_topic(who)] = 1, text
 
 
-def _full_name(endpoint: Any) -> str:
+def full_name(endpoint: Any) -> str:
     """Return the name of the node that has an endpoint; empty while the graph doesn't know it."""
     name, namespace = endpoint.node_name, endpoint.node_namespace
     return "" if name == _UNNAMED else f"{namespace.rstrip('/')}/{name}"

@@ -18,6 +18,7 @@ from ssp_core.environment import adopt
 from ssp_core.errors import PeerError
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.publishers import NAMELESS
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_msgs.action import RunScenario
 from ssp_msgs.msg import (
@@ -32,6 +33,7 @@ from ssp_msgs.msg import (
     TriggerEvent,
 )
 from ssp_msgs.srv import LoadScenario, SessionCommand
+from ssp_scenario_manager.ros.endpoints import full_name
 from ssp_scenario_manager.session.run_script import RunOutcome, RunScript
 from ssp_scenario_manager.session.state_machine import STANDSTILL_GIVEN_UP, Answer, SessionEvent
 
@@ -245,7 +247,7 @@ class RunClient:
         known = self.node.get_publishers_info_by_topic(
             self.node.resolve_topic_name(names.HEARTBEAT)
         )
-        found = sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in known)
+        found = sorted(full_name(one) or NAMELESS for one in known)
         at_s = self._other_heard_at
         if len(found) < 2 and at_s is not None and time.monotonic() - at_s < _HEARD_S:
             found.append("the manager of another session")
