@@ -127,6 +127,56 @@ def test_a_refused_reference(driver: Any) -> None:
     assert len(driver.session.reasons) == 1
 
 
+NOT_RUNNING = (False, 1, "object is ABORTING; references are taken in RUNNING")
+
+
+@pytest.mark.parametrize("first", ["state", "event", "refusal"])
+def test_a_refusal_by_an_object_that_stopped_is_no_reason_of_its_own(
+    driver: Any, tools: Any, first: str
+) -> None:
+    """Event, state and answer of the object may come in any order."""
+    driver.until("RUNNING")
+    driver.move("ot1", control_state=ControlState.ABORTING)
+    said = Violation(SafetyCode.STATE_STALE, "ot1", 0.4, 0.3, driver.now_ns)
+    if first == "state":
+        driver.step()
+    if first == "event":
+        driver.session.fail(said, announced=True)
+    driver.session.on_ack("ot1-1", *NOT_RUNNING, driver.now_ns)
+    assert first == "event" or driver.session.state is SessionPhase.RUNNING
+    driver.step()
+    driver.session.fail(said, announced=True)
+    for _ in range(10):
+        driver.step()
+    (reason,) = driver.session.reasons
+    assert reason.startswith("state_stale: ot1")
+
+
+@pytest.mark.parametrize("control", [ControlState.RUNNING, ControlState.ABORTING])
+def test_an_object_that_is_not_running_ends_the_session_without_saying_why(
+    driver: Any, tools: Any, control: ControlState
+) -> None:
+    driver.until("RUNNING")
+    driver.session.on_ack("ot1-1", *NOT_RUNNING, driver.now_ns)
+    for _ in range(5):
+        assert driver.session.state is SessionPhase.RUNNING
+        driver.step(control_state=control)
+    if control is ControlState.ABORTING:
+        driver.step()
+    aborted = control is ControlState.ABORTING
+    code = SafetyCode.OBJECT_ABORTED if aborted else SafetyCode.REFERENCE_REFUSED
+    assert tools.violations(driver.session.outbox) == [code]
+
+
+@pytest.mark.parametrize("control", [ControlState.ARMED, ControlState.DISARMED])
+def test_an_object_that_never_began_is_not_waited_for(driver: Any, control: ControlState) -> None:
+    driver.until("RUNNING")
+    driver.hear(control)
+    driver.session.on_ack("ot1-1", *NOT_RUNNING, driver.now_ns)
+    assert driver.session.state is SessionPhase.ABORTING
+    assert driver.session.reasons[0].startswith("reference_refused: ot1: 1")
+
+
 def test_an_object_that_aborts_before_the_start_ends_the_session(driver: Any, tools: Any) -> None:
     driver.until("ARMED")
     driver.step(control_state=ControlState.ABORTING)

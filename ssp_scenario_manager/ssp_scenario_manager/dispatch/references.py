@@ -173,7 +173,7 @@ def _brake(path: Polyline, place: _Place, manoeuvre: Brake) -> Points:
 RESEND_S = 0.06
 # Refusals of ReferenceAck.msg that say no more than that the link was slow, or lost one before.
 # Whatever else is refused tells that object and manager don't agree on what may be driven.
-_LATE, _DISCONTINUOUS = 2, 5
+NOT_RUNNING, _LATE, _DISCONTINUOUS = 1, 2, 5
 ADAPTED = "adapted"
 
 

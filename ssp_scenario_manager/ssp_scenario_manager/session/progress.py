@@ -178,6 +178,7 @@ def limits_passed(
         if state is not None and late is None:
             found.append(stamp_ahead(state, now_ns, early_s, limits))
             found.append(_own_abort(run, state, now_ns))
+            found.append(_unexplained(run, state, now_ns))
             if running:
                 found.append(_left_the_run(run, state, now_ns))
             present.append(state if vut is None else _at(state, vut.stamp_ns))
@@ -216,6 +217,15 @@ def _own_abort(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
     return Violation(
         SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, "local stop"
     )
+
+
+def _unexplained(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
+    """A refusal of an object that isn't running and, in its time to say why, has not said it."""
+    refused = run.unexplained.get(state.object_id)
+    if refused is None or state.control_state is ControlState.ABORTING:
+        return None
+    waited_s = ns_to_seconds(now_ns - refused.stamp_ns)
+    return None if waited_s < OWN_REASON_S else refused
 
 
 def _left_the_run(run: Run, state: ObjectState, now_ns: int) -> Violation | None:

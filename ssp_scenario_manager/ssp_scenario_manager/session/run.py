@@ -61,6 +61,8 @@ class Run:
     failed_trigger: Violation | None = None
     judged_ns: int = -1
     own_abort_ns: dict[str, int] = field(default_factory=dict)
+    # Refusals of objects that had left RUNNING; their own word for that may be on its way.
+    unexplained: dict[str, Violation] = field(default_factory=dict)
     sent: int = 0
     late_vut_states: int = 0
     verdict: Verdict = Verdict.NONE

@@ -15,7 +15,7 @@ from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.liveness import WATCHED
 from ssp_core.safety.publishers import NAMELESS
 from ssp_core.safety.start_heading import UNKNOWN_AT_REST
-from ssp_core.vocabulary import Phase, SessionPhase, Verdict
+from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_scenario_manager.dispatch import references
 from ssp_scenario_manager.session import limits, outbox, preconditions, progress
 from ssp_scenario_manager.session.run import Run
@@ -211,11 +211,26 @@ class Session:
     def on_ack(
         self, reference_id: str, accepted: bool, code: int, message: str, now_ns: int
     ) -> None:
-        """An object's answer to a reference; a refusal aborts the session."""
-        if self._run is not None:
-            refused = self._run.answer(reference_id, accepted, code, message, now_ns)
-            if refused is not None:
-                self.fail(refused)
+        """An object's answer to a reference; a refusal aborts the session.
+
+        An object that has stopped refuses whatever was on its way to it. The reason is that of its
+        stop, which its event or state gives; the refusal is one where they don't come.
+        """
+        run = self._run
+        if run is None:
+            return
+        refused = run.answer(reference_id, accepted, code, message, now_ns)
+        if refused is None:
+            return
+        if code == references.NOT_RUNNING:
+            if self.state is SessionPhase.ABORTING:
+                return
+            known = self.targets.get(refused.object_id)
+            control = ControlState.OFF if known is None else known.control_state
+            if control in (ControlState.RUNNING, ControlState.ABORTING):
+                run.unexplained.setdefault(refused.object_id, refused)
+                return
+        self.fail(refused)
 
     def fail(self, violation: limits.Violation, announced: bool = False) -> None:
         """A limit was passed: announces it and aborts. The first one gives the verdict.
