@@ -112,8 +112,8 @@ def index(tmp_path: Path) -> Iterator[Index]:
     new = ("req", "-newkey", "rsa:2048", "-nodes", "-subj")
     # uv takes no authority for a server: two certificates.
     openssl(made, *new, "/CN=own authority", "-x509", "-keyout", "ca.key", "-out", "ca.crt")
-    openssl(made, *new, "/CN=localhost", "-keyout", "server.key", "-out", "server.csr")
-    (made / "names").write_text("subjectAltName=DNS:localhost\n")
+    openssl(made, *new, "/CN=127.0.0.1", "-keyout", "server.key", "-out", "server.csr")
+    (made / "names").write_text("subjectAltName=IP:127.0.0.1\n")
     openssl(
         made, "x509", "-req", "-in", "server.csr", "-CA", "ca.crt", "-CAkey", "ca.key",
         "-CAcreateserial", "-extfile", "names", "-out", "server.crt",
@@ -129,14 +129,14 @@ def index(tmp_path: Path) -> Iterator[Index]:
             pass
 
     server = http.server.ThreadingHTTPServer(
-        ("localhost", 0), lambda *given: Quiet(*given, directory=str(made))
+        ("127.0.0.1", 0), lambda *given: Quiet(*given, directory=str(made))
     )
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(made / "server.crt", made / "server.key")
     server.socket = context.wrap_socket(server.socket, server_side=True)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
-    yield Index(f"https://localhost:{server.server_port}/simple", made / "ca.crt", lock)
+    yield Index(f"https://127.0.0.1:{server.server_port}/simple", made / "ca.crt", lock)
     server.shutdown()
     thread.join()
     server.server_close()

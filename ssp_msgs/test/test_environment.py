@@ -133,7 +133,7 @@ def test_what_is_right_is_let_through(tmp_path: Path) -> None:
         "ROS_DOMAIN_ID": "232",
         "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
-        "ROS_DISCOVERY_SERVER": ";127.0.0.1:11811;localhost",
+        "ROS_DISCOVERY_SERVER": ";127.0.0.1:11811;127.0.0.2",
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
         "ROS_SECURITY_ENABLE": "true",
         "ROS_SECURITY_STRATEGY": "Enforce",
