@@ -192,6 +192,11 @@ class RunClient:
             and all(c.service_is_ready() for c in services)
         )
 
+    def camera_is_there(self) -> bool:
+        """Tell whether somebody publishes pictures; the simulated camera does once it can draw."""
+        topic = self.node.resolve_topic_name(names.CAMERA_IMAGE)
+        return bool(self.node.count_publishers(topic))
+
     def load(self, run_file: str) -> None:
         """Asks the manager to load a run without beginning it; ``loaded`` has its answer."""
         request = LoadScenario.Request(run_file=run_file, session_token=self._token)

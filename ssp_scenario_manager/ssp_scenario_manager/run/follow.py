@@ -35,6 +35,11 @@ START_TIMEOUT_S = 30.0
 END_TIMEOUT_S = 20.0
 # Objects that hear no manager any more, or a world that goes on after a pause: time to stand.
 STANDSTILL_S = 20.0
+# A session doesn't begin before its camera can draw. The first start in a checkout compiles the
+# kernels: some 20 s on a quiet machine, two minutes seen where seven others were at work.
+CAMERA_S = 300.0
+CAMERA_TOLD_S = 5.0
+FIRST_START = "its first start in a checkout compiles the camera's kernels (once, about 20 s)"
 # Beyond the heartbeat's limit, for an object to say on the wall's clock that it was passed.
 NOTICED_S = 0.5
 # A truth this old comes from a world that is dead or stands still, and so does all in it.
@@ -140,7 +145,9 @@ class _Following:
     def until_the_end(self, run_file: Path) -> Followed:
         if faults.strikes_armed(self._spec):
             self._by_hand = StepwiseClient(self._client.node, self._spec, str(run_file))
-        failure = self._wait_for_manager() or self._wait_for_others_to_go()
+        failure = (
+            self._wait_for_manager() or self._wait_for_camera() or self._wait_for_others_to_go()
+        )
         if failure is not None:
             return Followed(failure)
         outcome = None
@@ -173,6 +180,27 @@ class _Following:
                 )
                 return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
         self._client.hear_manager()
+        return None
+
+    def _wait_for_camera(self) -> RunOutcome | None:
+        """Wait until the simulated camera can draw and return None; otherwise why there is no run.
+
+        Before the goal is sent, whose steps have less time than compiling may take.
+        """
+        if names.FRONT_CAMERA not in self._group.processes:
+            return None
+        began_s, told = time.monotonic(), False
+        while not self._client.camera_is_there():
+            self._client.spin(0.05)
+            if (failure := self._failed_before("did not come up: ")) is not None:
+                return failure
+            waited_s = time.monotonic() - began_s
+            if waited_s > CAMERA_S:
+                reason = f"{names.FRONT_CAMERA} could not draw within {CAMERA_S:g} s; {FIRST_START}"
+                return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
+            if waited_s > CAMERA_TOLD_S and not told:
+                told = True
+                self._say(f"waiting for {names.FRONT_CAMERA}; {FIRST_START}")
         return None
 
     def _failed_before(self, word: str = "") -> RunOutcome | None:

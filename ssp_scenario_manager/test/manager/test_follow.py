@@ -11,6 +11,7 @@ from ssp_core import names
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run import follow
+from ssp_scenario_manager.session.run_script import RunOutcome
 
 pytestmark = pytest.mark.ros
 SPINS = 300
@@ -95,3 +96,44 @@ def test_a_manager_that_lives_and_gives_no_result_doesnt_keep_the_run(
     assert outcome.reasons == (
         "scenario_manager gave no result 25 s after clock_offset ot1: -5 s, limit 0.05 s",
     )
+
+
+@pytest.mark.parametrize("after_s", [4.0, 120.0, 1e6])
+def test_a_camera_that_compiles_its_kernels_is_waited_for_before_the_run_begins(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch, after_s: float
+) -> None:
+    """Each step of a goal is tried for 45 s, and this takes longer on a busy machine."""
+    now_s, said = [100.0], list[str]()
+    group = MagicMock(
+        processes={names.SCENARIO_MANAGER: MagicMock(), names.FRONT_CAMERA: MagicMock()}
+    )
+    group.ended.return_value = []
+    client = MagicMock(silent_s=0.0, was_armed=False, under_way=False, trouble=None)
+    client.outcome = RunOutcome(Verdict.VALID, ())
+    client.not_in_time = client.first_event = None
+    client.other_managers.return_value = ()
+    client.elapsed_s = client.running_wall_s = 0.0
+    client.camera_is_there.side_effect = lambda: now_s[0] >= 100.0 + after_s
+
+    def spin(timeout_s: float) -> None:
+        now_s[0] += timeout_s
+
+    def begin(*_: object) -> None:
+        assert now_s[0] >= 100.0 + after_s, "the run began before the camera could draw"
+
+    client.spin.side_effect, client.begin.side_effect = spin, begin
+    monkeypatch.setattr(follow, "RunClient", lambda *_, **__: client)
+    monkeypatch.setattr(follow, "time", MagicMock(monotonic=lambda: now_s[0]))
+    outcome = follow.follow(
+        run, group, Path("run.yaml"), Path("bag"), said.append, follow.Interrupt()
+    ).outcome
+    waits = "compiles the camera's kernels (once, about 20 s)"
+    assert (waits in " ".join(said)) == (after_s > 5.0)
+    assert client.begin.called == (after_s < 1e6)
+    if after_s < 1e6:
+        assert outcome.verdict is Verdict.VALID
+        return
+    assert outcome.verdict is Verdict.INVALID_HARNESS
+    (reason,) = outcome.reasons
+    assert reason.startswith("front_camera could not draw within 300 s; ")
+    assert waits in reason
