@@ -76,6 +76,12 @@ class Session:
                 break
         pytest.fail(f"no line with {text!r} came; there were:\n{''.join(self.lines)}")
 
+    def wait_for_process(self, node: str) -> None:
+        """Waits until this node's process has been started; the run itself gives up on it."""
+        while node not in processes_of(self.folder):
+            assert self.process.poll() is None, f"the run ended before {node} was started"
+            time.sleep(0.02)
+
     def kill(self, node: str, number: signal.Signals = signal.SIGKILL) -> None:
         os.kill(self.pid_of(node), number)
 
@@ -157,13 +163,22 @@ def start_session(tmp_path: Path) -> Iterator[Any]:
 
 
 @pytest.fixture
-def long_session(start_session: Any, tmp_path: Path) -> Callable[..., Any]:
-    """Starts one, up to where everybody is about to drive."""
+def start_long_session(start_session: Any, tmp_path: Path) -> Callable[..., Any]:
+    """Starts one that lasts until it is struck."""
 
     def start(*arguments: str, **how: Any) -> Any:
         (tmp_path / "long.yaml").write_text(LONG)
-        faults = ("--faults", str(tmp_path / "long.yaml"))
-        session = start_session("cut_in", *faults, *arguments, **how)
+        return start_session("cut_in", "--faults", str(tmp_path / "long.yaml"), *arguments, **how)
+
+    return start
+
+
+@pytest.fixture
+def long_session(start_long_session: Any) -> Callable[..., Any]:
+    """Starts one, up to where everybody is about to drive."""
+
+    def start(*arguments: str, **how: Any) -> Any:
+        session = start_long_session(*arguments, **how)
         session.wait_for("phase approach")
         return session
 

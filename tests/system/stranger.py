@@ -21,9 +21,14 @@ KINDS = {
 
 
 def main(topic: str) -> None:
-    """Says another place of an object with each of its states, or is merely there."""
+    """Says another place of an object with each of its states, or is merely there.
+
+    It joins the session's domain and publishes from when it is told to, by a line on its input.
+    """
     rclpy.init()
     node = ros.make_node("stranger")
+    print("there", flush=True)
+    sys.stdin.readline()
     if topic in KINDS:
         node.create_publisher(KINDS[topic], topic, ros.STATE)
     else:
@@ -38,7 +43,6 @@ def main(topic: str) -> None:
         node.create_subscription(msg.ObjectState, topic, forge, ros.STATE, raw=True)
     executor = ros.make_executor()
     executor.add_node(node)
-    print("there", flush=True)
     while rclpy.ok():
         executor.spin_once(timeout_sec=0.2)
 
