@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
+from ssp_core.geometry import FloatArray
 from ssp_core.motion.state import ObjectState
 from ssp_eval.data.response import PairEntry
 from ssp_eval.response.compare import DEFAULT_LIMITS, compare, grade, load_limits, respond
-from ssp_eval.response.drive import Drive, braking_start, drive_of, no_drive
+from ssp_eval.response.drive import Drive, braking, drive_of, no_drive, strong
 from support.braking import drive, pulse, stand_in_drive
 from support.states import object_state
 
@@ -42,10 +43,34 @@ def test_a_drive_is_like_itself_and_needs_no_explanation() -> None:
 def test_the_braking_starts_at_the_crossing_before_its_first_strong_point() -> None:
     # A tap on the brake comes first; it isn't the braking, and neither is a crossing before it.
     a = np.interp(T_S, [0.5, 0.6, 0.7, 2.0, 2.5], [0.0, -2.0, 0.0, 0.0, -5.0])
-    assert braking_start(drive(T_S, a)) == pytest.approx(2.1, abs=0.001)
-    assert braking_start(drive(T_S, np.maximum(a, -3.0))) is None
-    assert braking_start(drive(T_S, np.maximum(a, -3.001))) == pytest.approx(2.1, abs=0.001)
-    assert braking_start(drive(T_S, np.full(len(T_S), -5.0))) is None
+
+    def start_s(a: FloatArray) -> float | None:
+        own = drive(T_S, a)
+        found = braking(own, strong([own]))
+        assert found is not None
+        return found.start_s
+
+    assert start_s(a) == pytest.approx(2.1, abs=0.001)
+    assert start_s(np.maximum(a, -3.0)) == pytest.approx(2.1, abs=0.001)
+    # A gentle one begins at half of its strongest.
+    assert start_s(0.4 * a) == pytest.approx(2.25, abs=0.001)
+    assert start_s(0.3 * a) == pytest.approx(2.25, abs=0.001)
+    assert start_s(0.2 * a) == pytest.approx(2.25, abs=0.001)
+    assert start_s(np.full(len(T_S), -5.0)) is None
+
+
+def test_who_decelerates_by_less_than_the_method_says_does_not_brake() -> None:
+    # METHOD 6.6: the mean speeds of two steps of 0.5 s, 0.5 s apart, fall by 0.25 m/s.
+    slow = np.clip((T_S - 2.0) / 0.2, 0.0, 1.0)
+    for level, brakes in ((-0.49, False), (-0.51, True)):
+        assert (strong([drive(T_S, level * slow)]) is not None) == brakes
+    # A jolt isn't held, and beside a strong braking a weak one is none.
+    jolt = drive(T_S, np.where(np.arange(len(T_S)) == 100, -9.0, 0.0))
+    assert strong([jolt]) is None
+    gentle = drive(T_S, -1.4 * slow)
+    assert braking(gentle, strong([gentle])) is not None
+    assert braking(gentle, strong([gentle, drive(T_S, -3.0 * slow)])) is None
+    assert strong([gentle, drive(T_S, -9.0 * slow)]) == -3.0
 
 
 def test_a_late_response_is_told_by_its_delay_and_by_what_it_costs() -> None:

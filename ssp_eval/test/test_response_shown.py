@@ -58,7 +58,7 @@ def test_the_terminal_says_verdict_reasons_and_causes() -> None:
     assert any("0.70 times the deceleration" in line for line in lines)
     assert response_lines(NOBODY.pairs[0]) == [
         "response of simulation against physical: not assessable",
-        "  nobody braked: no acceleration below -3 m/s²",
+        "  nobody braked: neither decelerates by 0.5 m/s² over two steps of 0.5 s",
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.data.records import VOCABULARIES, Slot
+from ssp_eval.extract.tokens import HUMP
 
 
 def check(text: str, name: str, slot: Slot) -> Slot | None:
@@ -27,6 +28,11 @@ def _whole(text: str, start: int, end: int) -> bool:
     """Tell whether a span lies in the text, isn't blank and cuts no word."""
     if not 0 <= start < end <= len(text) or not text[start:end].strip():
         return False
-    cut_before = start > 0 and text[start - 1].isalnum() and text[start].isalnum()
-    cut_after = end < len(text) and text[end].isalnum() and text[end - 1].isalnum()
-    return not (cut_before or cut_after)
+    return not (_cuts(text, start) or _cuts(text, end))
+
+
+def _cuts(text: str, at: int) -> bool:
+    """Tell whether a place lies within a word; names like turnLeft are of several."""
+    if not 0 < at < len(text) or not (text[at - 1].isalnum() and text[at].isalnum()):
+        return False
+    return HUMP.match(text, at) is None

@@ -11,6 +11,9 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
+
+from ssp_eval.extract.tokens import HUMP
 
 _CHOSEN = ("accepted", "chosen", "selected")
 _YES = frozenset({"true", "yes", "✓", "✔", "☑", "✅", "on", "t", "y", *_CHOSEN})
@@ -68,10 +71,25 @@ _ITEM = re.compile(
     rf"(?P<mark>{_MARKS})(?P<close>[).:]|\s?=)\s+(?=\S)",
     re.MULTILINE | re.IGNORECASE,
 )
+# Marks that are drawn as one sign, and key by key: Ⓐ, 🅰, 🇦, ①, 1️⃣; each run in its order.
+_DRAWN_RUNS = (
+    *((first, "ABCDEFGH") for first in (0x24B6, 0x24D0, 0x249C, 0x1F110, 0x1F130, 0x1F150, 0x1F170,
+                                        0x1F1E6)),
+    *((first, "12345678") for first in (0x2460, 0x2474, 0x2488, 0x2776, 0x2780, 0x278A)),
+)  # fmt: skip
+_DRAWN = {first + i: mark for first, marks in _DRAWN_RUNS for i, mark in enumerate(marks)}
+_DRAWN_MARK = re.compile(
+    rf"(?P<sign>[{''.join(map(chr, _DRAWN))}]\ufe0f?|[0-9]\ufe0f?\u20e3)(?P<close>)"
+    r"[ \t]*[).:\-–—]?[ \t]*(?=\S)"
+)
+# {"A": "brake", "B": "keep", "answer": "A"}
+_KEYED_MARK = re.compile(
+    r"(?<=[{,\n])\s*(?P<quote>[\"'])(?P<mark>[A-H0-9])(?P=quote)(?P<close>\s*:)\s*[\"'](?=\S)"
+)
 _PICK = re.compile(
     r"(?:\b(?:answer|choice|option|selection|selected|decision|chosen|choose|pick|select|go with"
     r"|best)\b"
-    r"(?:\s+(?:is|would be|option|answer|number|action|plan))*\s*(?:[:=]|→|[=-]>)?"
+    r"(?:\s+(?:is|would be|option|answer|number|action|plan))*[\"']?\s*(?:[:=]|→|[=-]>)?"
     r"\s*(?:is\s+)?(?:option\s+)?"
     r"|\\boxed\{(?:\\text\{)?|<answer>\s*|^(?=\W*\w\W*$)"
     r"|\b(?:therefore|thus|hence|so),?\s+(?:option\s+)?(?=\w[.)\s]*$)"
@@ -90,6 +108,22 @@ _CALLED_LIST = re.compile(
     r"\[[^\[\],]*,[^\[\]]*\]",
     re.IGNORECASE,
 )
+# A question about the own action or about somebody's presence, and its answer.
+_OWN = r"(?:we|i|you|(?:the\s+)?(?:ego(?:[ -](?:vehicle|car))?|vut|av))"
+_NEED = r"(?:need(?:s|ed)?|have|has|required|going|supposed)\s+to"
+_ASKS = re.compile(
+    rf"(?:(?:do|does|should|shall|must|will|is|are)\s+{_OWN}\s+(?:now\s+)?(?:{_NEED}\s+)?"
+    rf"|(?:is\s+it\s+)?(?:necessary|advisable|{_NEED[:-5]})\s+(?:for\s+{_OWN}\s+)?to\s+"
+    r"|is\s+(?=\w+ing\b[\w ]*\b(?:needed|required|necessary|advisable)$))",
+    re.IGNORECASE,
+)
+_REPLIED = re.compile(
+    r"(?:^|(?<=[\n.!?:;)]))[ \t*]*(?P<question>[A-Za-z][\w ,'-]{3,70}?)\s*\?\**\s{1,3}\**"
+    r"(?P<reply>yes|no)\b\**"
+    r"(?!\W{0,3}(?:if|unless|but|when|once|only|as|in|provided|not|until)\b)",
+    re.IGNORECASE,
+)
+_PRESENT = re.compile(r"(?:is|are) there (?:an?|any)\b", re.IGNORECASE)
 # A vector of shares or truths, one for each label of a list beside it: "[keep, brake] = [0, 1]".
 _ELEMENT = r"(?:[01](?:\.\d+)?|\.\d+|true|false)"
 _VECTOR = re.compile(
@@ -137,6 +171,7 @@ _STEPS = re.compile(
     re.IGNORECASE,
 )
 _SENTENCE_END = re.compile(r"\n|[.!?](?=\s|$)")
+_VALUE_END = re.compile(r"[\"']\s*[,}\n]|\n")
 _MOST_WORDS = 6  # of an option that isn't called one
 
 _MAY_HOLD_FIELD = re.compile(
@@ -178,7 +213,7 @@ def asserted(text: str, values_of: Values) -> str:
     Args:
         values_of: what the rules read in a piece of text: values by slot.
     """
-    for step in (_vectors, _fields, _boxes, _tokens, _other_options, _bare_labels):
+    for step in (_questions, _vectors, _fields, _boxes, _tokens, _other_options, _bare_labels):
         for start, given in list(step(text, values_of)):
             text = text[:start] + given + text[start + len(given) :]
     return text
@@ -191,7 +226,7 @@ def _fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
     fields = []
     for match in _FIELD.finditer(text):
         name, value = next((n, v) for n, v in _PARTS if match[v] is not None)
-        key = match[name].strip("\"'*_").replace("_", " ").lower()
+        key = _words(match[name].strip("\"'*_"))
         said = match[value].strip("\"'*_ ").lower()
         slots = frozenset(_SIDES.get(key) or values_of(key))
         words = len(key.split())
@@ -202,13 +237,44 @@ def _fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
             continue
         if slots:
             alone = name in _NEVER_ALONE
-            fields.append(_Field(said, match.span(), match.span(name), slots, alone))
+            bare = re.search(r"[^\"'*_ ].*[^\"'*_ ]|[^\"'*_ ]", match[name], re.DOTALL)
+            start, end = bare.span() if bare is not None else (0, len(match[name]))
+            span = match.start(name) + start, match.start(name) + end
+            fields.append(_Field(said, match.span(), span, slots, alone))
     for group in _groups(text, fields):
         for one, holds in zip(group, _holding(group), strict=True):
             if holds is False:
                 yield one.start, " " * (one.end - one.start)
             elif holds and _says_name_alone(one, text, values_of):
                 yield one.start, one.named(text)
+
+
+def _questions(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
+    """What a question asks about as a statement where it is answered by yes, blanks where by no."""
+    if "?" not in text:
+        return
+    for match in _REPLIED.finditer(text):
+        question, yes = match["question"], match["reply"].lower() == "yes"
+        present = _PRESENT.match(question)
+        asks = present or _ASKS.match(question)
+        if asks is None:
+            continue
+        rest, kinds = question[asks.end() :], _ACTIONS
+        if present is not None:
+            rest, kinds = question[present.end() :], frozenset({"objects"})
+        read = values_of(f"a {rest}." if present is not None else f"{rest}.")
+        if not kinds & read.keys() or (present is None and read.keys() - kinds):
+            continue
+        denied = "no" if present is not None else ""
+        kept = rest if yes or denied else " " * len(rest)
+        head = ("" if yes else denied).ljust(asks.end())
+        stop = match.end() - match.start("question") - len(question) - 1
+        yield match.start("question"), head + kept + "." + " " * stop
+
+
+def _words(label: str) -> str:
+    """Write a label as words: turn_left and turnLeft are turn left."""
+    return HUMP.sub(" ", label).replace("_", " ").lower()
 
 
 def _vectors(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
@@ -254,8 +320,8 @@ def _asserted_of(
     """Find the label of one slot that a vector asserts; -1: none; None: it is no such vector."""
     if len(names) != len(values):
         return None
-    read = [values_of(name.replace("_", " ").lower()) for name, _ in names]
-    sides = [set(_SIDES.get(name.lower(), ())) for name, _ in names]
+    read = [values_of(_words(name)) for name, _ in names]
+    sides = [set(_SIDES.get(_words(name), ())) for name, _ in names]
     slots = set.intersection(*(side | set(one) for side, one in zip(sides, read, strict=True)))
     if not slots & _ACTIONS or len({str(sorted(one.items())) for one in read}) < len(read):
         return None
@@ -291,7 +357,7 @@ def _boxes(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
         line = text.find("\n", box.end(), stop)
         end = line if line >= 0 else stop
         mark = box["in"] or box["round"] or box["sign"]
-        slots = set(values_of(text[box.end() : end].replace("_", " ").lower())) & _ACTIONS
+        slots = set(values_of(_words(text[box.end() : end]))) & _ACTIONS
         items.append((box, end, mark in _TICKED, slots))
     ticked = {slot for _, _, is_ticked, slots in items if is_ticked for slot in slots}
     for box, end, is_ticked, slots in items:
@@ -323,7 +389,7 @@ def _bare_labels(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
     """Commas for what parts labels of different actions, which stand alone on their lines."""
     for match in _BARE.finditer(text):
         labels = re.split(r"[|/;+&\n]", match["list"])
-        read = [values_of(label.strip().replace("_", " ").lower()) for label in labels]
+        read = [values_of(_words(label.strip())) for label in labels]
         slots = sorted(slot for one in read for slot in one)
         if all(len(one) == 1 for one in read) and slots == ["lat_action", "lon_action"]:
             yield match.start("list"), re.sub(r"[|/;+&\n]", ",", match["list"])
@@ -369,6 +435,15 @@ def _leads(one: _Field, group: Sequence[_Field]) -> bool | None:
     return own - max(others) >= _CLEAR - 1e-9
 
 
+class _Mark(NamedTuple):
+    """The mark of an item: where it stands, its letter or number, and what closes it."""
+
+    start: int
+    end: int
+    name: str
+    close: str
+
+
 @dataclass(frozen=True)
 class _Option:
     mark: str
@@ -389,20 +464,24 @@ def _option_spans(text: str, values_of: Values) -> Iterator[tuple[int, int]]:
     for match in _SLASHES.finditer(text):
         group = "list" if match["list"] is not None else "set"
         names = re.split(r"[/,]", match[group])
-        read = [tuple(values_of(name.strip().lower()).items()) for name in names]
+        read = [tuple(values_of(_words(name.strip())).items()) for name in names]
         if all(read) and len({one[0][0] for one in read}) == 1 and len(set(read)) == len(read):
             yield match.span() if group == "set" else match.span(group)
+    plain = text.translate(_DRAWN)
     for options in _lists(text):
-        behind = text[options[-1].begin :]
+        behind = plain[options[-1].begin :]
         picks = list(_PICK.finditer(behind))
         marks = {one.mark.upper() for one in options}
         picked = next((_picked(m) for m in reversed(picks) if _picked(m) <= marks), frozenset())
         if not picked:  # the line before may choose, too
-            line = text[: options[0].start].rstrip().rpartition("\n")[2]
+            line = plain[: options[0].start].rstrip().rpartition("\n")[2]
             before = _PICK.search(line)
             picked = _picked(before) if before and _picked(before) <= marks else picked
         if not picked and not _are_options(text, options, values_of):
             continue
+        called = _CALLED.search(text, max(0, options[0].start - 40), options[0].start)
+        if picked and called is not None:  # it would take what was chosen for a quotation
+            yield called.span()
         end = options[-1].end
         if picks:
             end = min(end, options[-1].begin + picks[0].start())
@@ -420,24 +499,31 @@ def _picked(match: re.Match[str]) -> frozenset[str]:
 
 def _lists(text: str) -> Iterator[list[_Option]]:
     """Runs of marks A, B, … or 1, 2, …, each with the text up to the next one."""
-    run: list[re.Match[str]] = []
-    matches = list(_ITEM.finditer(text))
-    for match in [*matches, None]:
-        follows = match is not None and bool(run) and _is_next(run[-1], match)
+    marks = [_Mark(m.start(), m.end(), m["mark"], m["close"]) for m in _ITEM.finditer(text)]
+    if not text.isascii():
+        marks += [
+            _Mark(m.start(), m.end(), m["sign"].translate(_DRAWN)[0], "drawn")
+            for m in _DRAWN_MARK.finditer(text)
+        ]
+    if "{" in text:
+        marks += [_Mark(m.start(), m.end(), m["mark"], "key") for m in _KEYED_MARK.finditer(text)]
+    run: list[_Mark] = []
+    for mark in [*sorted(marks), None]:
+        follows = mark is not None and bool(run) and _is_next(run[-1], mark)
         if run and not follows:
             if len(run) > 1:
                 yield _options(text, run)
             run = []
-        if match is not None and (follows or _place(match["mark"]) in _BEGINNINGS):
-            run.append(match)
+        if mark is not None and (follows or _place(mark.name) in _BEGINNINGS):
+            run.append(mark)
 
 
 _BEGINNINGS = (("number", 0), ("number", 1), ("roman", 1), ("letter", 1))
 
 
-def _is_next(before: re.Match[str], match: re.Match[str]) -> bool:
-    kind, place = _place(before["mark"])
-    return _place(match["mark"]) == (kind, place + 1) and match["close"] == before["close"]
+def _is_next(before: _Mark, mark: _Mark) -> bool:
+    kind, place = _place(before.name)
+    return _place(mark.name) == (kind, place + 1) and mark.close == before.close
 
 
 def _place(mark: str) -> tuple[str, int]:
@@ -449,15 +535,16 @@ def _place(mark: str) -> tuple[str, int]:
     return "letter", ord(mark.lower()) - ord("a") + 1
 
 
-def _options(text: str, run: Sequence[re.Match[str]]) -> list[_Option]:
+def _options(text: str, run: Sequence[_Mark]) -> list[_Option]:
     found = []
-    for i, match in enumerate(run):
+    for i, mark in enumerate(run):
         if i + 1 < len(run):
-            end = run[i + 1].start()
+            end = run[i + 1].start
         else:
-            stop = _SENTENCE_END.search(text, match.end())
+            ends = _VALUE_END if mark.close == "key" else _SENTENCE_END
+            stop = ends.search(text, mark.end)
             end = len(text) if stop is None else stop.start()
-        found.append(_Option(match["mark"], match.start(), match.end(), end))
+        found.append(_Option(mark.name, mark.start, mark.end, end))
     return found
 
 

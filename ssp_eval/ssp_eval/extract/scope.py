@@ -31,6 +31,7 @@ _SUBJECTS = frozenset({"user", "pronoun", "ego", "scene"})
 _NOT_OF_THINGS = Scope.REJECTED | Scope.PLANNED | Scope.FUTURE | Scope.LATER | Scope.INTENDED
 _OPTIONS = frozenset({"options", "alternatives", "candidates", "choices"})
 _ITEMS = frozenset({"(", "a", "b", "c", "d", "i", "ii", "iii", "1", "2", "3", "4", ")"})
+_COUNTS = frozenset({"a", "an", "one", "two", "three", "four", "five", "six", "several", "many"})
 REACH = 24  # hits that a backward look covers, so that the whole stays linear
 
 
@@ -82,6 +83,8 @@ class _Sentence:
             return self.local | self.wide
         local = self.local & ~_NOT_OF_THINGS
         wide = self.wide
+        if hit.kind == "user" and hit.first and self.words[hit.first - 1] == "0":
+            return local | wide | Scope.DENIED
         if hit.kind == "user" and hit.form == "the":  # until the car has passed: it is there
             local &= ~(Scope.IMAGINED | Scope.POSSIBLE | Scope.DENIED)
             following = self.hits[index + 1] if index + 1 < self.stop else None
@@ -104,13 +107,18 @@ class _Sentence:
         near = self.hits[max(index - 1, self.start) : index + 3]
         if value == "," and near[0].kind == "user" and any(
             hit.kind == "user" or hit.value in ("or", "and") for hit in near[2:]
-        ):  # fmt: skip
-            return  # no cars, trucks or buses
+        ) and not any(self._counted(hit) for hit in near[2:]):  # fmt: skip
+            return  # no cars, trucks or buses; but: no cars, two trucks
         if value == '"' and near[0].kind == "cue" and self.local & Scope.DENIED:
             return  # not "slow"
         self._end(index)
         if value in (";", "|"):
             self.wide &= Scope.QUOTED
+
+    def _counted(self, hit: Hit) -> bool:
+        """Tell whether a road user has a number or an article, so that it opens a new statement."""
+        before = self.words[hit.first - 1] if hit.first else ""
+        return hit.kind == "user" and (before in _COUNTS or (before.isdigit() and before != "0"))
 
     def _cue(self, index: int, hit: Hit) -> None:
         name = hit.value

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from dataclasses import dataclass
+from itertools import pairwise
 
 
 def _base(letter: str) -> str:
@@ -35,6 +36,9 @@ _TOKEN = re.compile(
     r"(?:i\.e|e\.g)\b\.?|(?:const|approx|resp|incl|veh|ped)\.|[a-z]+(?:'[a-z]+)*|[0-9]+(?:\.[0-9]+)*|</?[a-z_|]{1,24}>|[.!?]+|\n\s*"
     r"|,+|;+|:+|\"+|=+|\|+|\[[x ]\]|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)[-*]+(?=\s)|[^\x00-\x7f]+"
 )
+
+# Where the next word of a name like turnLeft begins.
+HUMP = re.compile(r"(?<=[a-z]{2})(?=[A-Z])")
 
 # Boxes of a form; what stands behind an empty one isn't said.
 _TICKS = {
@@ -131,7 +135,8 @@ def plain(text: str) -> str:
 def tokenise(text: str) -> Tokens:
     """The words of a text with their offsets."""
     lower = _without_struck(plain(text))
-    found = list(_TOKEN.finditer(lower))
+    ends = [0, *(hump.start() for hump in HUMP.finditer(text)), len(lower)]
+    found = [match for pair in pairwise(ends) for match in _TOKEN.finditer(lower, *pair)]
     words = [match.group() for match in found]
     for index, word in enumerate(words):
         first = word[0]

@@ -30,18 +30,18 @@ from ssp_eval.data.response import (
 from ssp_eval.response.drive import (
     AFTER_S,
     BEFORE_S,
-    BEGINS_MPS2,
-    BRAKES_MPS2,
+    DECELERATES_MPS2,
+    DECELERATION_STEP_S,
     SHORTEST_S,
     STEP_S,
     Drive,
-    braking_point,
-    braking_start,
+    braking,
     curve,
     figure,
     obstacle,
     sampled,
     start_before,
+    strong,
 )
 from ssp_eval.response.iso18571 import Rating, rate
 
@@ -81,9 +81,8 @@ def respond(drives: Sequence[Drive], limits: ResponseLimits) -> ResponseEntry:
         for a, b in _PAIRS
         if a != 0 or len(drives[0].t_s)
     ]
-    starts: dict[str, float | None] = {
-        domain: braking_start(drive) for domain, drive in zip(DOMAINS, drives, strict=True)
-    }
+    found = [braking(drive, strong([drive])) for drive in drives]
+    starts = dict(zip(DOMAINS, (b.start_s if b else None for b in found), strict=True))
     # The first pair in which a recording is rated says where its curve is drawn from.
     for pair in reversed(pairs):
         if pair.braking_s is not None:
@@ -118,23 +117,27 @@ def braking_starts(reference: Drive, comparison: Drive) -> tuple[float | None, f
     """Clip times at which the brakings of two drives begin; None: it doesn't brake.
 
     One of the two brakes by the definition, the reference if it does. The other's braking is the
-    one that follows it best (delay): its start is the crossing of −1 m/s² times its gain. A
-    threshold of its own would have it start elsewhere, or nowhere, for a braking that is a little
-    weaker. Where nothing follows, the definition holds for both.
+    one that follows it best (delay): its start is the crossing of the level that is as many times
+    as deep as its gain. A level of its own would have it start elsewhere, or nowhere, for a braking
+    that is a little weaker. Where nothing follows, the definition holds for both.
     """
     drives = reference, comparison
-    starts = [braking_start(drive) for drive in drives]
-    if starts == [None, None] or any(obstacle(d, s) for d, s in zip(drives, starts, strict=True)):
+    found = [braking(drive, strong(drives)) for drive in drives]
+    starts = [None if b is None else b.start_s for b in found]
+    first = 0 if found[0] is not None else 1
+    leads, leader, other = found[first], drives[first], drives[1 - first]
+    if leads is None or any(
+        obstacle(d, s, b is not None) for d, s, b in zip(drives, starts, found, strict=True)
+    ):
         return starts[0], starts[1]
-    first = 0 if starts[0] is not None else 1
-    leader, other = drives[first], drives[1 - first]
-    follows, point_s = delay(leader, other, starts[first]), braking_point(leader)
-    if follows.lag_s is None or follows.gain is None or point_s is None:
+    follows = delay(leader, other, leads.start_s)
+    if follows.lag_s is None or follows.gain is None:
         return starts[0], starts[1]
-    if follows.gain > 0.0 and other.acceleration_mps2.min() < BEGINS_MPS2:
-        since_s = point_s - (leader.trigger_s or 0.0) + follows.lag_s
-        found = start_before(other, (other.trigger_s or 0.0) + since_s, follows.gain)
-        starts[1 - first] = starts[1 - first] if found is None else found
+    if follows.gain > 0.0 and other.acceleration_mps2.min() < leads.begins_mps2:
+        since_s = leads.point_s - (leader.trigger_s or 0.0) + follows.lag_s
+        level_mps2 = leads.begins_mps2 * follows.gain
+        start_s = start_before(other, (other.trigger_s or 0.0) + since_s, level_mps2)
+        starts[1 - first] = starts[1 - first] if start_s is None else start_s
     return starts[0], starts[1]
 
 
@@ -187,17 +190,19 @@ def compare(
     """
     drives = reference, comparison
     head = {"reference": names[0], "comparison": names[1]}
-    starts = braking_starts(reference, comparison)
-    whole = list(zip(names, drives, starts, strict=True))
-    why = [f"{name} {text}" for name, d, start_s in whole if (text := obstacle(d, start_s))]
+    strong_mps2, starts = strong(drives), braking_starts(reference, comparison)
+    brake = [braking(drive, strong_mps2) is not None for drive in drives]
+    whole = list(zip(names, drives, starts, brake, strict=True))
+    why = [f"{name} {text}" for name, d, start_s, b in whole if (text := obstacle(d, start_s, b))]
     brakes = [start_s is not None for start_s in starts]
     if not why and not any(brakes):
-        why = [f"nobody braked: no acceleration below {BRAKES_MPS2:g} m/s²"]
+        bound = f"{-DECELERATES_MPS2:g} m/s² over two steps of {DECELERATION_STEP_S:g} s"
+        why = [f"nobody braked: neither decelerates by {bound}"]
     if why:
         return PairEntry.model_validate({**head, "verdict": "not assessable", "why": why})
     if starts[0] is None or starts[1] is None:
         does, doesnt = names if brakes[0] else names[::-1]
-        text = f"{does} brakes, {doesnt} never falls below {BRAKES_MPS2:g} m/s²"
+        text = f"{does} brakes, {doesnt} never falls below {strong_mps2:.2g} m/s²"
         return PairEntry.model_validate({**head, "verdict": "unlike", "why": [text]})
     begin = starts[0], starts[1]
     follows = delay(reference, comparison, begin[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +16,14 @@ from ssp_eval.data.response import CurveEntry, Figure
 
 # Both curves are sampled anew at this step, linearly between their states; no filter is applied.
 STEP_S = 0.01
-# The VUT brakes where its acceleration falls below the first; from there back to the crossing of
-# the second.
-BRAKES_MPS2 = -3.0
-BEGINS_MPS2 = -1.0
+# The VUT decelerates where METHOD 6.6 says so: the change between the mean speeds of two steps.
+DECELERATES_MPS2, DECELERATION_STEP_S = -0.5, 0.5
+# It brakes where its acceleration falls below a share of the strongest one of a pair. Its braking
+# is the first point below a share of its own strongest one, from there back to the crossing of a
+# smaller share. Stronger braking doesn't deepen any of the three.
+_STRONG_SHARE, _STRONG_MPS2 = 0.5, -3.0
+_BRAKES_SHARE, _BRAKES_MPS2 = 0.9, -3.0
+_BEGINS_SHARE, _BEGINS_MPS2 = 0.5, -1.0
 # A comparison begins so long before the braking and ends at most so long after it.
 BEFORE_S = 0.2
 AFTER_S = 20.0
@@ -65,44 +70,79 @@ class Drive:
         return found if math.isfinite(found) else None
 
 
-def braking_start(drive: Drive) -> float | None:
-    """Clip time at which the braking begins; None: the VUT doesn't brake.
-
-    The first point below −3 m/s², from there back to the crossing of −1 m/s². A recording that
-    begins below −1 m/s² has no such crossing.
-    """
-    below = np.flatnonzero(drive.acceleration_mps2 < BRAKES_MPS2)
-    return _crossing(drive, int(below[0]), BEGINS_MPS2) if len(below) else None
-
-
-def braking_point(drive: Drive) -> float | None:
-    """Clip time of the first point below −3 m/s²; None: there is none."""
-    below = np.flatnonzero(drive.acceleration_mps2 < BRAKES_MPS2)
-    return float(drive.t_s[below[0]]) if len(below) else None
-
-
-def start_before(drive: Drive, point_s: float, gain: float) -> float | None:
-    """Clip time at which a braking begins that is so many times as strong as another one.
-
-    It is the crossing of −1 m/s² times the gain before a point of the braking. So it stays where it
-    is when the whole braking is made weaker or stronger.
+@dataclass(frozen=True, slots=True)
+class Braking:
+    """The braking in one recording.
 
     Args:
-        point_s: clip time.
-        gain: above 0.
+        point_s: clip time of its first strong point.
+        begins_mps2: the level at whose last crossing before that point it begins.
+        start_s: clip time of that crossing; None: the recording begins below the level.
+    """
+
+    point_s: float
+    begins_mps2: float
+    start_s: float | None
+
+
+def strong(drives: Sequence[Drive]) -> float | None:
+    """Acceleration below which one of some drives brakes, m/s²; None: nobody decelerates.
+
+    It follows the strongest of them, so that a gentle braking counts and noise beside it doesn't.
+    """
+    if not any(_decelerates(drive) for drive in drives):
+        return None
+    return max(_STRONG_MPS2, _STRONG_SHARE * min(map(_strongest, drives)))
+
+
+def braking(drive: Drive, strong_mps2: float | None) -> Braking | None:
+    """Find the braking of a drive; None: the VUT doesn't brake.
+
+    The levels follow the drive's own strongest deceleration, so that they stay at the same instants
+    when the whole braking is made weaker or stronger.
+
+    Args:
+        strong_mps2: acceleration that a braking falls below (strong).
+    """
+    own_mps2 = _strongest(drive)
+    if strong_mps2 is None or own_mps2 >= strong_mps2:
+        return None
+    level_mps2 = max(_BRAKES_MPS2, _BRAKES_SHARE * own_mps2)
+    begins_mps2 = max(_BEGINS_MPS2, _BEGINS_SHARE * own_mps2)
+    i = int(np.flatnonzero(drive.acceleration_mps2 < level_mps2)[0])
+    return Braking(float(drive.t_s[i]), begins_mps2, _crossing(drive, i, begins_mps2))
+
+
+def _strongest(drive: Drive) -> float:
+    return float(drive.acceleration_mps2.min(initial=0.0))
+
+
+def _decelerates(drive: Drive) -> bool:
+    """Tell whether the mean speeds of two successive steps fall by enough (METHOD 6.6)."""
+    if len(drive.t_s) < 2:
+        return False
+    values = sampled(drive, drive.t_s[0], 0.0, float(drive.t_s[-1] - drive.t_s[0]))
+    n = round(DECELERATION_STEP_S / STEP_S)
+    # The second difference of places is the acceleration under a triangle of two steps.
+    weights = np.concatenate([np.arange(1, n + 1), np.arange(n - 1, 0, -1)]) / n**2
+    return bool(np.convolve(values, weights).min() <= DECELERATES_MPS2)
+
+
+def start_before(drive: Drive, point_s: float, level_mps2: float) -> float | None:
+    """Clip time at which a braking begins: the crossing of a level before a point of the braking.
 
     Returns:
         None where the VUT doesn't decelerate by as much there, or did so from its beginning on.
     """
     i = int(np.argmin(np.abs(drive.t_s - point_s)))
-    level_mps2 = BEGINS_MPS2 * gain
     return _crossing(drive, i, level_mps2) if drive.acceleration_mps2[i] < level_mps2 else None
 
 
 def _crossing(drive: Drive, before: int, level_mps2: float) -> float | None:
     """Clip time of the last falling crossing of a level before a state."""
     a = drive.acceleration_mps2
-    above = np.flatnonzero(a[:before] >= level_mps2)
+    # A plateau at the level itself lies above it, whatever a factor leaves of its last digit.
+    above = np.flatnonzero(a[:before] >= level_mps2 - _EPS)
     if not len(above):
         return None
     i = int(above[-1])
@@ -110,11 +150,12 @@ def _crossing(drive: Drive, before: int, level_mps2: float) -> float | None:
     return float(drive.t_s[i] + share * (drive.t_s[i + 1] - drive.t_s[i]))
 
 
-def obstacle(drive: Drive, start_s: float | None) -> str | None:
+def obstacle(drive: Drive, start_s: float | None, brakes: bool = True) -> str | None:
     """Say why a response can't be assessed, None where it can or where the VUT just doesn't brake.
 
     Args:
-        start_s: clip time at which its braking begins; None: it doesn't brake.
+        start_s: clip time at which its braking begins; None: there is no such time.
+        brakes: whether it brakes.
     """
     if len(drive.t_s) < 2:
         return "has no states of the VUT"
@@ -123,9 +164,7 @@ def obstacle(drive: Drive, start_s: float | None) -> str | None:
     if (np.abs(drive.acceleration_mps2) > POSSIBLE_MPS2).any():
         return f"has states with more than {POSSIBLE_MPS2:g} m/s²"
     if start_s is None:
-        if (drive.acceleration_mps2 < BRAKES_MPS2).any():
-            return "brakes from its beginning on"
-        return None
+        return "brakes from its beginning on" if brakes else None
     if start_s - BEFORE_S < drive.t_s[0] - _EPS:
         return f"begins less than {BEFORE_S} s before its braking"
     if start_s + SHORTEST_S > drive.t_s[-1] + _EPS:
