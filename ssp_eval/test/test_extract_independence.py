@@ -23,7 +23,7 @@ FORBIDDEN = (
     "ssp_eval.package", "ssp_eval.demo", "ssp_core.bag", "ssp_scenario_manager", "ssp_vla_bridge",
 )  # fmt: skip
 # The parts of the rules, each behind those that it may import.
-PARTS = ("options", "tokens", "lexicon", "match", "speaker", "scope", "world", "clause", "bind",
+PARTS = ("tokens", "options", "lexicon", "match", "speaker", "scope", "world", "clause", "bind",
          "decide", "checks", "engine")  # fmt: skip
 TEXTS = (
     "A car is ahead on the right and keeps its lane. We maintain speed and stay in our lane.",

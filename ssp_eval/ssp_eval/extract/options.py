@@ -480,7 +480,7 @@ def _option_spans(text: str, values_of: Values) -> Iterator[tuple[int, int]]:
         if not picked and not _are_options(text, options, values_of):
             continue
         called = _CALLED.search(text, max(0, options[0].start - 40), options[0].start)
-        if picked and called is not None:  # it would take what was chosen for a quotation
+        if picked and called and "{" in called.group():  # it would make a quotation of the chosen
             yield called.span()
         end = options[-1].end
         if picks:
