@@ -168,6 +168,7 @@ class ImportRecord(Strict):
 
 
 OUR_RENDERER = "the camera of ssp"
+CARLA = "CARLA"
 # Generators of clips that the same camera draws, see ssp_ot_controller.camera.clip.
 _OUR_CLIPS = "ssp-clip/"
 RUN_ATTACHMENT = "run.yaml"
@@ -291,7 +292,8 @@ class Provenance:
             return None
         if self.run.mode == "live" and not self.run.stand_in:
             return OUR_RENDERER if CAMERA in self.participation.substitutes else None
-        return OUR_RENDERER
+        camera = self.run.camera
+        return CARLA if camera is not None and camera.renderer == "carla" else OUR_RENDERER
 
     @property
     def lacks_verdict(self) -> bool:

@@ -107,6 +107,12 @@ def read_factual(bag: BagReader) -> Factual:
             remedy="give a run of `ssp run`; of any recording the pictures alone can be changed, "
             "with `ssp evaluate --pictures`",
         )
+    if run.camera.renderer != "raster":
+        raise InputError(
+            "was drawn by CARLA, which promises no equal pixels: a twin would differ everywhere",
+            file=bag.path, field="camera.renderer", value=run.camera.renderer,
+            remedy="run the task again with --camera raster",
+        )  # fmt: skip
     if topic is None or topic.count == 0 or topic.msgtype != COMPRESSED_TYPE:
         raise InputError(
             "holds no JPEG frames, which alone can be drawn anew byte by byte",

@@ -127,6 +127,9 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
         add(names.CAMERA_IMAGE, "sensor_msgs/msg/CompressedImage", Profile.SENSOR, required=True)
         add(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", Profile.SENSOR)
         add(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched)
+        if run.camera.renderer == "carla":
+            kind = "std_msgs/msg/String"
+            add(names.CAMERA_RENDERER, kind, latched, required=True, session=False)
     return tuple(found)
 
 

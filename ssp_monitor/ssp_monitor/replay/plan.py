@@ -117,6 +117,7 @@ _LATCHED_NAMES = frozenset(
         names.SAFETY_EVENT,
         names.FAULT_EVENT,
         names.CAMERA_MOUNT,
+        names.CAMERA_RENDERER,
         names.TF_STATIC,
     )
 )

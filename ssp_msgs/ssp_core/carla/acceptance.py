@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+from ssp_core.files import read_text
 from ssp_core.hashing import sha256_bytes
+
+# The largest towns have some 100 MB.
+_MOST_MAP_BYTES = 256 << 20
 
 # Prefixes of what somebody put into a world; traffic lights, signs and the spectator are its own.
 _PUT_THERE = ("vehicle.", "walker.", "sensor.", "controller.", "static.prop.")
@@ -46,6 +51,11 @@ def opendrive_sha256(text: str) -> str:
     """The hash of a map's text, whatever its byte order mark and line ends are."""
     plain = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
     return sha256_bytes(plain.encode())
+
+
+def read_map(path: str | Path) -> str:
+    """The text of an OpenDRIVE file. Raises InputError where it can't be read."""
+    return read_text(path, _MOST_MAP_BYTES)
 
 
 def version_refusal(version: str, client_version: str) -> Refusal | None:

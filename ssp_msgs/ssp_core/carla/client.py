@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ssp_core.carla.acceptance import ServerFacts, opendrive_sha256, version_refusal
 from ssp_core.carla.address import CarlaAddress
 from ssp_core.carla.blueprints import PEDESTRIAN_PREFIX, VEHICLE_PREFIX, Blueprint
-from ssp_core.carla.frame import BodyBox, CarlaPose
+from ssp_core.carla.frame import BodyBox, CarlaPose, Ground
 from ssp_core.carla.sensor import CAMERA_BLUEPRINT
 from ssp_core.errors import HostError, PeerError
 
@@ -206,6 +206,23 @@ class CarlaServer:
             wheels = one.get_attribute("number_of_wheels").as_int() if has_wheels else 0
             found.append(Blueprint(str(one.id), base, wheels))
         return sorted(found, key=lambda one: one.id)
+
+    def ground(self) -> Ground:
+        """The height of the map's roads and sidewalks at x, y of frame map."""
+        with self._asking("asked for its map"):
+            chart = self._world.get_map()
+        every, locate = self._carla.LaneType.Any, self._carla.Location
+
+        def height(x_m: float, y_m: float) -> float:
+            found = chart.get_waypoint(locate(x_m, -y_m, 0.0), True, every)
+            return 0.0 if found is None else float(found.transform.location.z)
+
+        return height
+
+    def set_timeout(self, timeout_s: float) -> None:
+        """Wait no longer than this for each answer from here on."""
+        self._timeout_s = timeout_s
+        self._client.set_timeout(timeout_s)
 
     def start_place(self) -> CarlaPose:
         """A place on the road: the map's first spawn point, or the origin."""

@@ -21,15 +21,8 @@ _PLAIN = {
     "lens_kcube": "0.0",
     "enable_postprocess_effects": "true",
 }
-# Fields of carla.WeatherParameters under a clear sky.
-_CLEAR_SKY = {
-    "cloudiness": 10.0,
-    "precipitation": 0.0,
-    "precipitation_deposits": 0.0,
-    "wind_intensity": 5.0,
-    "fog_distance": 0.0,
-    "wetness": 0.0,
-}
+_CLEAR_SKY_PERCENT, _RAIN_CLOUDS_PERCENT = 10.0, 80.0
+_DUSK_ALTITUDE_DEG = 3.0
 # Fog as CARLA's percent: how much of the light is lost over this distance.
 _FOG_OVER_M = 100.0
 
@@ -48,12 +41,23 @@ def camera_attributes(camera: Camera) -> dict[str, str]:
 
 
 def weather_of(look: Look) -> dict[str, float]:
-    """Sun and fog of a run as fields of carla.WeatherParameters; azimuth turns as CARLA's yaw."""
+    """Sun, fog and rain of a run as fields of carla.WeatherParameters; azimuth turns as CARLA's
+    yaw.
+    """
+    rain = look.rain
+    dusk = look.light == "dusk"
     return {
-        **_CLEAR_SKY,
-        "sun_azimuth_angle": round(-look.sun_azimuth_deg % 360.0, 6),
-        "sun_altitude_angle": look.sun_elevation_deg,
+        "cloudiness": round(_CLEAR_SKY_PERCENT + _RAIN_CLOUDS_PERCENT * rain, 6),
+        "precipitation": round(100.0 * rain, 6),
+        "precipitation_deposits": round(50.0 * rain, 6),
+        "wetness": round(100.0 * rain, 6),
+        "wind_intensity": 5.0,
+        "fog_distance": 0.0,
         "fog_density": round(100.0 * -math.expm1(-look.fog_per_m * _FOG_OVER_M), 6),
+        "sun_azimuth_angle": round(-look.sun_azimuth_deg % 360.0, 6),
+        "sun_altitude_angle": min(look.sun_elevation_deg, _DUSK_ALTITUDE_DEG)
+        if dusk
+        else look.sun_elevation_deg,
     }
 
 

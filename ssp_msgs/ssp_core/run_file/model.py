@@ -188,7 +188,11 @@ class Camera(Strict):
     yaw_left_rad: Yaw = 0.0
     roll_right_rad: Roll = 0.0
     exposure_time_s: NonNegative = Field(0.0, description="motion blur; 0: none")
-    renderer: Literal["raster"] = Field("raster", description="numba, the same pixels everywhere")
+    renderer: Literal["raster", "carla"] = Field(
+        "raster",
+        description="raster: numba, the same pixels everywhere; carla: a server, which `ssp run "
+        "--camera` names",
+    )
     jpeg_quality: Annotated[int, Field(ge=10, le=100)] = 90
 
     @property

@@ -56,6 +56,7 @@ _OF_SESSION: dict[str, tuple[Part, ...]] = {
     names.CAMERA_IMAGE: ONE,
     names.CAMERA_INFO: ONE,
     names.CAMERA_MOUNT: ONE,
+    names.CAMERA_RENDERER: ONE,
     names.state_topic(names.VUT_ID): ONE,
 }
 # What anybody may publish beside us, and why that does no harm.

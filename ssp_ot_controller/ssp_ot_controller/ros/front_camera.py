@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import sys
 from collections import deque
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from std_msgs.msg import String
 
 from ssp_core import names
+from ssp_core.carla.acceptance import opendrive_sha256, read_map
+from ssp_core.carla.address import parse_address
 from ssp_core.cdr import steps
 from ssp_core.errors import InputError
+from ssp_core.hashing import canonical_json
 from ssp_core.ros import (
     LATCHED,
     STATE,
@@ -25,7 +31,7 @@ from ssp_core.run_file.model import Camera, RunSpec, load_run
 from ssp_core.world.scenery import left_out
 from ssp_msgs.msg import StepDone, WorldTick
 from ssp_ot_controller.camera.frames import Odometer, Schedule, jpeg, steps_per_frame
-from ssp_ot_controller.camera.renderer.render import render, warm_up
+from ssp_ot_controller.camera.painter import CarlaPainter, Painter, RasterPainter
 from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
 from ssp_ot_controller.ros.endpoints import CameraPublishers
 from ssp_ot_controller.ros.parameters import FRONT_CAMERA
@@ -47,7 +53,8 @@ class FrontCamera(Node):
 
     def __init__(self) -> None:
         super().__init__(names.FRONT_CAMERA, namespace=names.NAMESPACE)
-        run_file = declare(self, FRONT_CAMERA)["run_file"]
+        given = declare(self, FRONT_CAMERA)
+        run_file = given["run_file"]
         self._run: RunSpec = load_run(run_file)
         if self._run.camera is None:
             raise InputError(
@@ -60,8 +67,8 @@ class FrontCamera(Node):
         self._schedule = Schedule(steps_per_frame(self._camera.rate_hz, self._run.step_s))
         self._odometer = Odometer()
         self._indicators = Indicators(self._run.road)
-        # Compiling or loading kernels takes seconds: do it before anybody can see this node.
-        warm_up(self._run.road, self._run.look, self._camera, self._run.seed)
+        # Loading kernels or a map takes seconds: do it before anybody can see this node.
+        self._painter = self._make_painter(run_file, given["carla"], given["map_file"])
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="render")
         self._waiting: deque[Future[None]] = deque()
@@ -72,6 +79,29 @@ class FrontCamera(Node):
         subscribe_raw(self, WorldTick, names.WORLD_TICK, steps.decode_tick, self._on_tick, STATE)
         self.create_timer(_CHECK_PERIOD_S, self._check, clock=self._steady)
         self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=self._steady)
+
+    def _make_painter(self, run_file: str, carla: str, map_file: str) -> Painter:
+        run, camera = self._run, self._camera
+        if camera.renderer == "raster":
+            return RasterPainter(run, camera)
+        if run.mode != "lockstep":
+            raise InputError(
+                "CARLA draws in lockstep only: by the wall clock a late picture would be lost",
+                file=run_file, field="mode", value=run.mode, remedy="run it in lockstep",
+            )  # fmt: skip
+        for name, value in (("carla", carla), ("map_file", map_file)):
+            if not value:
+                raise InputError(
+                    "isn't given, and the run's camera has the renderer carla", field=name,
+                    remedy="start the run with `ssp run --camera carla://HOST:PORT`",
+                )  # fmt: skip
+        said = self.create_publisher(String, names.CAMERA_RENDERER, LATCHED)
+
+        def tell(record: Mapping[str, Any]) -> None:
+            said.publish(String(data=canonical_json(record).decode()))
+
+        wanted = opendrive_sha256(read_map(map_file))
+        return CarlaPainter(run, camera, parse_address(carla, "carla"), wanted, tell)
 
     def _on_tick(self, tick: steps.WorldTick) -> None:
         states = tuple(s for s in tick.objects if s.is_finite)
@@ -97,9 +127,8 @@ class FrontCamera(Node):
 
     def _publish_frame(self, job: _Job) -> None:
         """Runs in the worker thread: draws, publishes, and answers the step."""
-        run = self._run
         index = job.step // self._schedule.every
-        picture = render(job.scene, run.look, self._camera, index, run.seed)
+        picture = self._painter.draw(job.scene, job.stamp_ns, index)
         data = jpeg(picture, self._camera.jpeg_quality)
         self._output.publish(job.stamp_ns, data)
         self._done.publish(steps.encode_done(steps.StepDone(names.FRONT_CAMERA, job.step)))
@@ -120,6 +149,8 @@ class FrontCamera(Node):
     def close(self) -> None:
         """Finishes the frame being drawn, drops those that wait, and says what was lost."""
         self._worker.shutdown(wait=True, cancel_futures=True)
+        for line in self._painter.close():
+            self.get_logger().error(line)
         self._report_drops()
 
 

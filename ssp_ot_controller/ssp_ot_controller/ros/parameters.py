@@ -28,6 +28,18 @@ OBJECT_TARGET = (
 SIL_WORLD = (RUN_FILE,)
 FRONT_CAMERA = (
     replace(RUN_FILE, description="the run; size, lens, rate and mount of its camera stand there"),
+    Parameter(
+        "carla",
+        "",
+        "CARLA server that draws the pictures of a run whose camera has the renderer carla",
+        text="HOST:PORT; empty for the renderer raster",
+    ),
+    Parameter(
+        "map_file",
+        "",
+        "map that the run was compiled for, with the renderer carla",
+        text="an OpenDRIVE file; the server's map must be the same",
+    ),
 )
 _GNSS_TOPICS = (
     Parameter(

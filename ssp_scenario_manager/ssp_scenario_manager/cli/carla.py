@@ -10,17 +10,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from ssp_core import console
-from ssp_core.carla.acceptance import opendrive_sha256, refusals
+from ssp_core.carla.acceptance import opendrive_sha256, read_map, refusals
 from ssp_core.carla.address import parse_address
 from ssp_core.carla.client import CarlaServer
 from ssp_core.carla.probe import probe
 from ssp_core.carla.probe_report import CarlaProbeReport, Outcome, write_report
 from ssp_core.errors import PeerError
-from ssp_core.files import read_text
 
 DEFAULT_FILE = "carla_probe.json"
-# The largest towns have some 100 MB.
-_MOST_MAP_BYTES = 256 << 20
 _STYLE = {Outcome.PASS: "green", Outcome.FAIL: "bold red", Outcome.INFO: "cyan"}
 
 
@@ -77,7 +74,7 @@ def probe_command(server: str, map_file: Path | None, out: Path, as_json: bool) 
 
 def map_sha256(path: Path) -> str:
     """The hash of an OpenDRIVE file, as a server's map is held against it."""
-    return opendrive_sha256(read_text(path, _MOST_MAP_BYTES))
+    return opendrive_sha256(read_map(path))
 
 
 def show(report: CarlaProbeReport) -> None:

@@ -14,13 +14,14 @@ import click
 
 from ssp_core import console, names
 from ssp_core.bag.declaration import load_declaration, seal_declaration
+from ssp_core.carla.address import SCHEME, parse_address
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
 from ssp_core.options import WholeNumber
 from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
-from ssp_scenario_manager.compile.changes import differences
+from ssp_scenario_manager.compile.changes import differences, with_value
 from ssp_scenario_manager.compile.targets.folder import (
     Mode,
     is_compiled,
@@ -64,6 +65,13 @@ DEFAULT_SITE = "boulevard"
     help="New folder for all that the run leaves; a sweep goes on in its own. [default: out/run-…]",
 )
 @click.option("--no-camera", is_flag=True, help="Render nothing.")
+@click.option(
+    "--camera",
+    "camera_text",
+    metavar="raster|carla://HOST[:PORT]",
+    help="What draws the pictures: our own renderer, or a CARLA server that has the map which the "
+    "task was compiled for (docs/carla.md).  [default: that of the task, raster]",
+)
 @click.option(
     "--in-process",
     is_flag=True,
@@ -125,6 +133,7 @@ def run(
     faults_file: Path | None,
     out: Path | None,
     no_camera: bool,
+    camera_text: str | None,
     in_process: bool,
     runs: int | None,
     vary: tuple[str, ...],
@@ -169,6 +178,8 @@ def run(
         raise click.UsageError("--in-process has no ROS for a page to listen to; leave out --page")
     if in_process and video is not None:
         raise click.UsageError("--in-process has no camera to record; leave out --video")
+    if camera_text is not None and (no_camera or in_process or live is not None):
+        raise click.UsageError("--camera goes with a simulated session that has a camera")
     if shadows and (in_process or (no_camera and live is None)):
         raise click.UsageError("--shadow needs a camera and processes to follow")
     for name, count in Counter(text.partition("=")[0] for text in shadow_texts).items():
@@ -209,6 +220,7 @@ def run(
         else:
             if no_camera:
                 spec = spec.model_copy(update={"camera": None})
+            spec, painter = _with_renderer(spec, camera_text, draft / TASK_FOLDER, folder)
             faults.check(spec, _nodes(spec))
         if junit is not None:
             # Whatever ends the runner before the run: a build server finds no older verdict here.
@@ -223,7 +235,9 @@ def run(
         return 0 if told["verdict"] == "valid" else 1
     from ssp_scenario_manager.run.over_dds import run_session
 
-    result = run_session(spec, folder.resolve(), console.note, live, page_port, video, shadows)
+    result = run_session(
+        spec, folder.resolve(), console.note, live, page_port, video, shadows, painter
+    )
     if live is not None and live.declared is not None and result.bag.name == "bag":
         seal_declaration(load_declaration(live.declared, spec), result.bag)
     if as_json:
@@ -242,6 +256,57 @@ def run(
     if junit is not None:
         write_junit(junit, "ssp run", [_case(spec, folder, result.told)])
     return 0 if result.outcome.ok and not result.unwritten else 1
+
+
+def _with_renderer(
+    spec: RunSpec, text: str | None, task: Path, folder: Path
+) -> tuple[RunSpec, dict[str, object]]:
+    """The run with the renderer that draws its pictures, and front_camera's parameters for it.
+
+    Args:
+        text: as typed; None: the run's own renderer.
+        task: of the run.
+        folder: into which the task is moved.
+
+    Raises:
+        InputError: there is none, or CARLA can't draw this run.
+    """
+    wanted = text or (spec.camera.renderer if spec.camera is not None else "raster")
+    if wanted == "raster":
+        if spec.camera is None or spec.camera.renderer == "raster":
+            return spec, {}
+        return with_value(spec, "camera.renderer", "raster"), {}
+    if text is None or not text.startswith(SCHEME):
+        raise InputError(
+            "names no renderer" if text else "isn't given, and the run was drawn by CARLA",
+            field="--camera",
+            value=text,
+            remedy="give raster, or carla://HOST:PORT",
+        )
+    if spec.camera is None:
+        raise InputError("the run has no camera", field="--camera", value=text)
+    if spec.mode != "lockstep":
+        raise InputError(
+            "CARLA draws in lockstep only: by the wall clock a late picture would be lost",
+            field="--mode",
+            value=spec.mode,
+            remedy="leave --mode out",
+        )
+    address = parse_address(text, "--camera")
+    place = load_task(task).place
+    if place.kind != "opendrive":
+        raise InputError(
+            f"the run is placed on a {place.kind}, {place.name}: no CARLA server has that map",
+            field="--camera",
+            value=text,
+            remedy="compile the event for the server's map: ssp compile EVENT --target sumo --map "
+            "TOWN.xodr --out T, then ssp run T",
+        )
+    map_file = (folder / TASK_FOLDER / place.name).resolve()
+    return with_value(spec, "camera.renderer", "carla"), {
+        "carla": str(address),
+        "map_file": str(map_file),
+    }
 
 
 def _nodes(spec: RunSpec) -> list[str]:

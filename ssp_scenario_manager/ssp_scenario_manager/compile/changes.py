@@ -23,7 +23,7 @@ from ssp_scenario_manager.event_spec.log import Record
 
 # What belongs to one run, and what says which versions and what kind of site it was made for: never
 # a change on site.
-OF_THE_RUN = frozenset({"run_id", "seed", "mode", "session_token", "declaring"})
+OF_THE_RUN = frozenset({"run_id", "seed", "mode", "session_token", "declaring", "camera.renderer"})
 LINKS = frozenset(
     {
         "schema",
@@ -107,7 +107,7 @@ def _outermost(field: str) -> str:
 def check_changeable(field: str) -> None:
     """Raises InputError for a field that no change on site may touch."""
     name = _outermost(field)
-    if name in OF_THE_RUN:
+    if OF_THE_RUN & {name, field}:
         raise InputError(
             "is a run's own and no change on site", field=field, remedy="`ssp run` sets it"
         )
@@ -195,7 +195,7 @@ def differences(compiled: RunSpec, executed: RunSpec) -> list[Difference]:
     found = []
     for field in dict.fromkeys([*before, *after]):
         old, new = before.get(field, _ABSENT), after.get(field, _ABSENT)
-        if _outermost(field) in OF_THE_RUN or same_value(old, new):
+        if OF_THE_RUN & {_outermost(field), field} or same_value(old, new):
             continue
         found.append(
             Difference(field, None if old is _ABSENT else old, None if new is _ABSENT else new)

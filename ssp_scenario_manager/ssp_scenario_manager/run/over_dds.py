@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import ssp_core
@@ -86,6 +87,7 @@ def run_session(
     page_port: int | None = None,
     video: str | None = None,
     shadows: Sequence[Companion] = (),
+    camera: Mapping[str, object] = MappingProxyType({}),
 ) -> RunResult:
     """Runs one session in processes of its own and leaves run.yaml, bag, logs and result.json.
 
@@ -98,6 +100,7 @@ def run_session(
         page_port: of the operators' page beside it, 0: any; None: no page.
         video: codec that the recorder encodes the camera's frames with; None: frames as they come.
         shadows: models that follow it in shadow mode; their answers are recorded.
+        camera: further parameters of front_camera.
 
     Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
     bag, which an evaluation reads beside what the bag itself says. On a full disk the result alone
@@ -122,6 +125,8 @@ def run_session(
         nodes[names.MONITOR]["video"] = video
     if shadows:
         nodes[names.MONITOR]["include"] = RECORDED
+    if camera:
+        nodes[names.FRONT_CAMERA].update(camera)
     faults.check(spec, nodes)
     spec = faults.with_conditions_never_met(spec)
     spec = spec.model_copy(

@@ -11,13 +11,14 @@ import re
 from pathlib import Path, PurePath
 from typing import Any
 
+from ssp_core.carla.sensor import weather_of
 from ssp_core.errors import InputError
 from ssp_core.files import write_bytes, write_json
 from ssp_core.geometry import Pose2
 from ssp_core.hashing import sha256_bytes
 from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
-from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.model import Camera
 from ssp_core.run_file.participants import (
     Brake,
     FollowPath,
@@ -65,17 +66,6 @@ _WORLD = {
     "max_substep_delta_time": 0.01,
     "max_substeps": 10,
 }
-# Fields of carla.WeatherParameters under a clear sky.
-_CLEAR_SKY = {
-    "cloudiness": 10.0,
-    "precipitation": 0.0,
-    "precipitation_deposits": 0.0,
-    "wind_intensity": 5.0,
-    "fog_distance": 0.0,
-    "wetness": 0.0,
-}
-# Fog as CARLA's percent: how much of the light is lost over this distance.
-_FOG_OVER_M = 100.0
 
 
 def export_carla(
@@ -122,7 +112,7 @@ def carla_config(task: Task, block: Block, plan: Plan, chart: MapFile) -> dict[s
         "seed": task.seed,  # of walkers and the traffic manager
         "map": _map_link(chart),
         "world": {**_WORLD, "fixed_delta_seconds": run.step_s},
-        "weather": _weather(run.look),
+        "weather": weather_of(run.look),
         "actors": [_actor(who, heights) for who in (run.vut, *run.targets)],
         "triggers": [_trigger(spec, heights) for spec in run.triggers],
         "conflict": _place(block.line.to_map(plan.conflict.s_m, plan.conflict.l_m), heights),
@@ -165,16 +155,6 @@ def _map_link(chart: MapFile) -> dict[str, Any]:
         "file": chart.name,
         "sha256": sha256_bytes(chart.data),
         "generation": None if town else _GENERATION,
-    }
-
-
-def _weather(look: Look) -> dict[str, float]:
-    """Sun and fog of a run; the sun's azimuth turns as CARLA's yaw does."""
-    return {
-        **_CLEAR_SKY,
-        "sun_azimuth_angle": round(-look.sun_azimuth_deg % 360.0, 6),
-        "sun_altitude_angle": look.sun_elevation_deg,
-        "fog_density": round(100.0 * -math.expm1(-look.fog_per_m * _FOG_OVER_M), 6),
     }
 
 

@@ -1,0 +1,222 @@
+"""The two renderers of the front camera behind one interface: ours, and CARLA's.
+
+Both take a scene of states and give a picture of it. Ours draws by itself; CARLA's server is told
+where everything is, runs one frame, and sends what its camera saw in that frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any, Protocol
+
+from ssp_core.carla.acceptance import refusals
+from ssp_core.carla.address import CarlaAddress
+from ssp_core.carla.blueprints import ChosenBody, choose_body, is_candidate
+from ssp_core.carla.client import CarlaServer, Placement
+from ssp_core.carla.frame import BodyBox, camera_pose, feet_pose, vehicle_pose
+from ssp_core.carla.sensor import camera_attributes, weather_of
+from ssp_core.errors import PeerError
+from ssp_core.motion.state import ObjectState, Size
+from ssp_core.run_file.model import Camera, RunSpec
+from ssp_core.vocabulary import ObjectClass
+from ssp_ot_controller.camera.frames import steps_per_frame
+from ssp_ot_controller.camera.kernels.jit import Array
+from ssp_ot_controller.camera.renderer.bodies import BRAKE_MPS2
+from ssp_ot_controller.camera.renderer.render import render, warm_up
+from ssp_ot_controller.camera.renderer.scene import Indicator, Scene, is_lit
+
+SCENE_SCHEMA = "ssp.carla_scene/1"
+# Three calls make a picture, and the world gives the camera 10 s for it.
+_FRAME_TIMEOUT_S = 3.0
+# CARLA's exposure follows the light for this long after the camera appeared.
+_EXPOSURE_S = 2.0
+_CAMERA_M, _CAMERA_DEG = 0.01, 0.05
+# Bits of carla.VehicleLightState.
+_LOW_BEAM, _BRAKE, _RIGHT, _LEFT = 2, 8, 16, 32
+_WITH_LIGHTS = frozenset(
+    {ObjectClass.CAR, ObjectClass.TRUCK, ObjectClass.BUS, ObjectClass.MOTORCYCLE}
+)
+
+
+class Painter(Protocol):
+    """A renderer of the front camera."""
+
+    def draw(self, scene: Scene, stamp_ns: int, index: int) -> Array:
+        """Give the picture of a scene: shape (height, width, 3), uint8, blue, green, red.
+
+        Args:
+            index: number of the frame.
+
+        Raises:
+            PeerError: what draws it failed.
+        """
+        ...
+
+    def close(self) -> list[str]:
+        """Give everything back; what couldn't be, in words."""
+        ...
+
+
+class RasterPainter:
+    """Our own renderer, warmed up.
+
+    Args:
+        run: with a camera.
+    """
+
+    def __init__(self, run: RunSpec, camera: Camera) -> None:
+        self._run, self._camera = run, camera
+        warm_up(run.road, run.look, camera, run.seed)
+
+    def draw(self, scene: Scene, stamp_ns: int, index: int) -> Array:
+        return render(scene, self._run.look, self._camera, index, self._run.seed)
+
+    def close(self) -> list[str]:
+        return []
+
+
+class CarlaPainter:
+    """CARLA's camera in an empty world of the run's map, which this alone ticks.
+
+    The VUT has no body in it: the camera is attached to nothing, and is put where the VUT carries
+    it. The other objects are bodies of the nearest size, without physics.
+
+    Args:
+        run: with a camera, in lockstep.
+        map_sha256: of the OpenDRIVE that the run was compiled for.
+        on_record: takes ``record`` whenever it changes.
+
+    Raises:
+        HostError: CARLA's client isn't installed.
+        PeerError: there is no server, or it is refused, or can't do what the run needs.
+    """
+
+    def __init__(
+        self,
+        run: RunSpec,
+        camera: Camera,
+        address: CarlaAddress,
+        map_sha256: str,
+        on_record: Callable[[Mapping[str, Any]], None],
+    ) -> None:
+        self._run, self._camera, self._on_record = run, camera, on_record
+        self._frame_s = steps_per_frame(camera.rate_hz, run.step_s) * run.step_s
+        self._bodies: dict[str, ChosenBody] = {}
+        self._sizes: dict[str, Size] = {}
+        self._boxes: dict[str, BodyBox] = {}
+        self._actors: dict[str, int] = {}
+        self._server = CarlaServer(address)
+        try:
+            facts = self._server.facts()
+            if refused := refusals(facts, map_sha256):
+                raise PeerError(
+                    f"CARLA server {address} is refused: "
+                    + "; ".join(f"{one.text}; {one.remedy}" for one in refused)
+                )
+            self._ground = self._server.ground()
+            self._server.take_over(self._frame_s)
+            self._server.freeze_traffic_lights()
+            weather = self._server.set_weather(weather_of(run.look))
+            self._blueprints = self._server.blueprints()
+            for target in run.targets:
+                self._add(target.id, ObjectClass[target.object_class.upper()], target.size)
+            start = run.vut.start.pose
+            eye = camera_pose(start, run.vut.size, camera, self._ground)
+            self._eye = self._server.start_camera(camera_attributes(camera), eye)
+            for _ in range(math.ceil(_EXPOSURE_S / self._frame_s)):
+                self._server.tick()
+            self._record: dict[str, Any] = {
+                "schema": SCENE_SCHEMA,
+                "version": facts.version,
+                "client_version": facts.client_version,
+                "map_name": facts.map_name,
+                "map_sha256": facts.map_sha256,
+                "synchronous": True,
+                "step_s": self._frame_s,
+                "first_frame": self._server.tick(),
+                "seed": run.seed,
+                "rate_hz": camera.rate_hz,
+                "camera": self._eye.attributes,
+                "settings": self._server.settings(),
+                "weather": weather,
+                "triggers": [one.model_dump(mode="json") for one in run.triggers],
+            }
+            self._server.set_timeout(_FRAME_TIMEOUT_S)
+        except BaseException:
+            self._server.close()
+            raise
+        self._tell()
+
+    @property
+    def record(self) -> Mapping[str, Any]:
+        """The facts that a reader of the pictures needs (docs/carla.md)."""
+        bodies = {
+            name: {
+                "blueprint": body.blueprint,
+                "box": asdict(body.box),
+                "size": asdict(self._sizes[name]),
+            }
+            for name, body in self._bodies.items()
+        }
+        return {**self._record, "bodies": bodies}
+
+    def draw(self, scene: Scene, stamp_ns: int, index: int) -> Array:
+        self._follow(scene)
+        placements = [self._placed(state, scene, stamp_ns) for state in scene.others]
+        vut, camera = scene.vut, self._camera
+        eye = camera_pose(vut.pose, vut.size, camera, self._ground)
+        frame = self._server.step([*placements, Placement(self._eye.actor, eye)])
+        picture = self._server.picture(self._eye, frame)
+        off_m = math.dist((picture.pose.x_m, picture.pose.y_m), (eye.x_m, eye.y_m))
+        turn = abs(math.remainder(picture.pose.yaw_deg - eye.yaw_deg, 360.0))
+        if off_m > _CAMERA_M or turn > _CAMERA_DEG:
+            raise PeerError(
+                f"CARLA's picture of frame {frame} was taken {off_m:.3f} m and {turn:.2f} degrees "
+                "from where the camera was put"
+            )
+        return picture.pixels
+
+    def close(self) -> list[str]:
+        return self._server.close()
+
+    def _follow(self, scene: Scene) -> None:
+        """Add bodies of objects that appeared, and destroy those of objects that are gone."""
+        present = {state.object_id: state for state in scene.others}
+        for gone in [name for name in self._actors if name not in present]:
+            self._server.destroy([self._actors.pop(gone)])
+        new = [state for name, state in present.items() if name not in self._actors]
+        for state in new:
+            self._add(state.object_id, state.object_class, state.size)
+        if new:
+            self._tell()
+
+    def _add(self, object_id: str, object_class: ObjectClass, size: Size) -> None:
+        candidates = [one.id for one in self._blueprints if is_candidate(one, object_class)]
+        unknown = [name for name in candidates if name not in self._boxes]
+        self._boxes |= self._server.measure(unknown)
+        body = choose_body(object_class, size, self._blueprints, self._boxes)
+        (actor,) = self._server.spawn([(object_id, body.blueprint)])
+        if isinstance(actor, str):
+            raise PeerError(f"CARLA doesn't spawn {body.blueprint} for {object_id}: {actor}")
+        self._bodies[object_id], self._sizes[object_id] = body, size
+        self._actors[object_id] = actor
+
+    def _tell(self) -> None:
+        self._on_record(self.record)
+
+    def _placed(self, state: ObjectState, scene: Scene, stamp_ns: int) -> Placement:
+        actor = self._actors[state.object_id]
+        if state.object_class is ObjectClass.PEDESTRIAN:
+            return Placement(actor, feet_pose(state.pose, self._ground), max(0.0, state.speed_mps))
+        box = self._bodies[state.object_id].box
+        pose = vehicle_pose(state.pose, state.size, box, self._ground)
+        if state.object_class not in _WITH_LIGHTS:
+            return Placement(actor, pose)
+        lights = _LOW_BEAM if self._run.look.light == "dusk" else 0
+        lights |= _BRAKE if state.acceleration_mps2 < BRAKE_MPS2 else 0
+        side = scene.indicators.get(state.object_id)
+        if side is not None and is_lit(stamp_ns):
+            lights |= _LEFT if side is Indicator.LEFT else _RIGHT
+        return Placement(actor, pose, lights=lights)
