@@ -395,7 +395,7 @@ MAKERS: dict[str, Callable[[Path], Struck]] = {
     "scenario_manager": Manager,
     "object_target": Objects,
     "sil_world": lambda _: World(SilWorld(ros.StopRequest())),
-    "front_camera": lambda _: Camera(FrontCamera()),
+    "front_camera": lambda _: Camera(FrontCamera(ros.StopRequest())),
     "monitor": lambda _: Recorder(MonitorNode()),
     "monitor_page": lambda _: Page(MonitorPage(ros.StopRequest())),
     "view": lambda _: Struck(ViewNode()),

@@ -51,8 +51,10 @@ class _Job:
 class FrontCamera(Node):
     """Draws in a worker thread, in order; in lockstep nothing is dropped."""
 
-    def __init__(self) -> None:
+    def __init__(self, stop: StopRequest) -> None:
         super().__init__(names.FRONT_CAMERA, namespace=names.NAMESPACE)
+        self._stop = stop
+        self._failure: BaseException | None = None
         given = declare(self, FRONT_CAMERA)
         run_file = given["run_file"]
         self._run: RunSpec = load_run(run_file)
@@ -134,9 +136,12 @@ class FrontCamera(Node):
         self._done.publish(steps.encode_done(steps.StepDone(names.FRONT_CAMERA, job.step)))
 
     def _check(self) -> None:
-        """Forgets finished frames; raises the worker's error here, where it stops the node."""
+        """Forget finished frames; the first that failed stops the node."""
         while self._waiting and self._waiting[0].done():
-            self._waiting.popleft().result()
+            error = self._waiting.popleft().exception()
+            if error is not None and self._failure is None:
+                self._failure = error
+                self._stop.set("no picture")
 
     def _report_drops(self) -> None:
         if self._dropped > self._reported:
@@ -147,18 +152,20 @@ class FrontCamera(Node):
             self._reported = self._dropped
 
     def close(self) -> None:
-        """Finishes the frame being drawn, drops those that wait, and says what was lost."""
+        """Finish the frame being drawn, drop those that wait, and say what was lost.
+
+        Raises the error for which the node stops.
+        """
         self._worker.shutdown(wait=True, cancel_futures=True)
         for line in self._painter.close():
             self.get_logger().error(line)
         self._report_drops()
+        if self._failure is not None:
+            raise self._failure
 
 
 def main() -> int:
-    def make(_: StopRequest) -> Node:
-        return FrontCamera()
-
-    return run_node(make, FrontCamera.close)
+    return run_node(FrontCamera, FrontCamera.close)
 
 
 if __name__ == "__main__":
