@@ -250,7 +250,7 @@ def _fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
 
 
 def _questions(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
-    """What a question asks about as a statement where it is answered by yes, blanks where by no."""
+    """Replace a question by a statement where it is answered by yes, by blanks where by no."""
     if "?" not in text:
         return
     for match in _REPLIED.finditer(text):

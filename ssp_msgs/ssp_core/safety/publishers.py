@@ -157,7 +157,7 @@ def whence(process: bytes, own: bytes) -> str:
 
 
 def is_process(process: bytes, pid: int) -> bool:
-    """Whether a prefix is one of the process of this id."""
+    """Tell whether a prefix is one of the process of this id."""
     return _process_id(process) == pid & 0xFFFF
 
 

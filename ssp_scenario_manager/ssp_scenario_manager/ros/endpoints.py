@@ -122,7 +122,7 @@ class PublisherWatch:
         return found
 
     def _own_process(self) -> bytes:
-        """Of the manager's own publishers; empty while the graph shows none."""
+        """Return those of the manager's own publishers; empty while the graph shows none."""
         topic = self._node.resolve_topic_name(names.SESSION_STATE)
         for one in self._node.get_publishers_info_by_topic(topic):
             process = bytes(one.endpoint_gid[:_PROCESS_BYTES])
