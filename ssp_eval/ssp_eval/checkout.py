@@ -14,6 +14,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import HostError, InputError
+from ssp_core.options import WholeNumber
 from ssp_eval.import_graph import distances, keep_tests, read_graph
 
 PACKAGES = (
@@ -219,7 +220,7 @@ def check(since: str | None, fix: bool) -> int:
     "--within",
     "within_s",
     metavar="SECONDS",
-    type=click.IntRange(1, 3600),
+    type=WholeNumber(1, 3600),
     default=50,
     show_default=True,
     help="With --changed: start no test after this time; the others are counted.",

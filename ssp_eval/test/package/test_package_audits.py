@@ -99,8 +99,8 @@ def found_in(package: Path, path: str) -> list[Finding]:
         (lambda v: v["weights"].update(topology=0.5), "weights.topology: says 0.5"),
         (lambda v: v["thresholds"].update(ttc_s=9.0), "thresholds.ttc_s: says 9.0"),
         (
-            lambda v: v["response"]["pairs"][0].update(verdict="alike", why=[]),
-            'response.pairs[0].verdict: says "alike"',
+            lambda v: v["response"]["pairs"][0].update(verdict="unlike", why=[]),
+            'response.pairs[0].verdict: says "unlike"',
         ),
     ],
 )  # fmt: skip
