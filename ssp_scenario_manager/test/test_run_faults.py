@@ -200,6 +200,21 @@ def test_a_wait_of_the_runner_itself_is_no_standing_clock(
     made.release(1.6, 6.0)
 
 
+def test_a_time_that_comes_late_dates_the_pause_anew(
+    run: RunSpec, child: NodeProcess, tmp_path: Path
+) -> None:
+    """On a busy machine the world's last states may arrive after its clock seemed to stand."""
+    lockstep = run.model_copy(update={"mode": "lockstep"})
+    fault = Fault(kind="pause", target="sil_world", at_s=1.0, duration_s=3.0)
+    made, _, _ = injector(lockstep, child, tmp_path, fault)
+    for step in range(20):
+        made.poll(1.2, 5.0 + 0.1 * step)
+    (begun,) = made.injected
+    assert begun.session_s == 1.2
+    made.poll(1.62, 8.1)
+    assert [(one.active, one.session_s) for one in made.injected] == [(True, 1.62), (False, 1.62)]
+
+
 def test_what_still_stands_at_the_end_goes_on(
     run: RunSpec, child: NodeProcess, tmp_path: Path
 ) -> None:

@@ -207,6 +207,7 @@ def test_twenty_objects_commands_and_silence(stage: Stage, tab: Browser) -> None
     keep(tab, "stale")
     objects.send_signal(signal.SIGCONT)
     tab.wait(f"{BANNER}.hidden")
+    tab.wait("document.querySelectorAll('#object-ot1 td')[2].innerText === '0.00'")
     assert values_of(tab, "ot1")[1] == "0.00"
 
     # The space bar, wherever the focus is; the button under it isn't pressed.

@@ -12,7 +12,7 @@ import resource
 import signal
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -241,8 +241,19 @@ class FaultInjector:
             timed.heard = None
             self._note(timed, True, session_s, timed.begun_s or wall_s)
         if timed.fault.kind == "pause":
+            if timed.fault.at_s is not None and self._stops_the_world(timed.fault):
+                self._date_anew(timed, session_s)
             self._signal(timed.fault.target, signal.SIGCONT)
             self._note(timed, False, session_s, wall_s)
+
+    def _date_anew(self, timed: _Timed, session_s: float) -> None:
+        """Date the beginning of a pause by the newest time that was heard while it lasted.
+
+        A clock that stands doesn't go on: what came after the beginning was noted came late.
+        """
+        for number, one in enumerate(self.injected):
+            if one.index == timed.index and one.active and session_s > one.session_s:
+                self.injected[number] = replace(one, session_s=round(session_s, 6))
 
     def _note(self, timed: _Timed, active: bool, session_s: float, wall_s: float) -> None:
         fault = timed.fault
