@@ -243,6 +243,9 @@ class RunClient:
     def ask_again(self) -> None:
         """Forgets a goal whose word ran out; the run may still be begun from elsewhere."""
         self._begun, self._goal, self._result = False, None, None
+        if self._end is None:
+            # The refusal ended nothing: what follows isn't late because of it.
+            self._ended_at = None
 
     def other_managers(self) -> tuple[str, ...]:
         """Nodes beside our manager that publish heartbeats, by the graph and by what they sent.

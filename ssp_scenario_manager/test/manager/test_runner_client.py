@@ -10,6 +10,7 @@ import pytest
 from ssp_core.processes import session_environment
 from ssp_core.run_file.model import RunSpec
 from ssp_core.session_token import draw_token
+from ssp_scenario_manager.ros import runner_client
 from ssp_scenario_manager.ros.runner_client import RunClient
 
 if TYPE_CHECKING:
@@ -60,5 +61,28 @@ def test_the_manager_of_another_session_is_not_taken_for_ones_own(
 
         peers.spin_until(told, "the other manager")
         assert not client.ready()
+    finally:
+        client.close()
+
+
+def test_a_goal_that_came_too_late_ends_nothing_for_the_next_one(
+    peers: Peers, domain: int, run_file: Path, run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A person's word ran out, and the word is given again more than a grace later."""
+    assert peers.load(run_file).accepted
+    client = RunClient(session_environment(domain), lambda _: None, run)
+    try:
+        client.begin(str(run_file), not_after_ns=1)
+
+        def refused() -> bool:
+            client.spin(0.05)
+            return client._result is not None
+
+        peers.spin_until(refused, "the manager's refusal")
+        assert client.not_in_time
+        client.ask_again()
+        monkeypatch.setattr(runner_client, "RESULT_GRACE_S", 0.0)
+        client.begin(str(run_file))
+        assert client.outcome is None
     finally:
         client.close()
