@@ -72,6 +72,12 @@ def test_a_goal_that_came_too_late_ends_nothing_for_the_next_one(
     assert peers.load(run_file).accepted
     client = RunClient(session_environment(domain), lambda _: None, run)
     try:
+
+        def ready() -> bool:
+            client.spin(0.05)
+            return client.ready()
+
+        peers.spin_until(ready, "the manager's action")
         client.begin(str(run_file), not_after_ns=1)
 
         def refused() -> bool:
