@@ -200,7 +200,7 @@ def test_a_failure_ends_the_probe_with_its_reason_and_restores(tmp_path: Path) -
 
 
 def test_the_picture_of_a_tick_is_the_picture_of_that_tick() -> None:
-    """With pictures lost, late by one or more, and out of order; none may pass for another's."""
+    """Pictures are lost, late by one or more, and out of order; none may pass for another's."""
     late = {k: 1 + k % 3 for k in range(25, 400, 23)}
     lost = frozenset(range(30, 400, 41)) - frozenset(late)
     with Counterpart(Behaviour(late=late, lost=lost), seed=5) as server:
@@ -215,7 +215,7 @@ def test_the_picture_of_a_tick_is_the_picture_of_that_tick() -> None:
 
 
 def test_the_counterpart_is_strict() -> None:
-    """What a real client doesn't call fails the test that does."""
+    """A call that the real client never makes fails the test that makes it."""
     script = """
 import carla, contextlib, sys
 client = carla.Client("127.0.0.1", int(sys.argv[1]))

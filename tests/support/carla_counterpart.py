@@ -69,7 +69,7 @@ BODIES = (
 
 @dataclass
 class Behaviour:
-    """How a counterpart departs from a sound server.
+    """Departures of a counterpart from a sound server.
 
     Args:
         xodr: the map's text.

@@ -161,7 +161,7 @@ def _write_rows(picture: Any, frame: int, solids: Sequence[Solid]) -> None:
 
 @dataclass(frozen=True)
 class Written:
-    """What a picture says of itself: its frame, and x, y in m and yaw in degrees by actor."""
+    """Content of a picture: its frame, and x, y in m and yaw in degrees by actor."""
 
     frame: int
     poses: dict[int, tuple[float, float, float]]

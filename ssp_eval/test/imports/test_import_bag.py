@@ -408,7 +408,7 @@ def test_a_sealed_bag_keeps_its_lineage_at_import_unless_it_was_altered(
 def test_a_sealed_bag_that_another_program_converts_is_one_of_others(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What a converter writes, here to SQLite, holds no seal."""
+    """A converter, here to SQLite, writes no seal."""
     cut, converted = tmp_path / "cut", tmp_path / "converted"
     assert main(["bag", "cut", str(bag), "--end", "9", "-o", str(cut)]) == 0
     with (

@@ -19,6 +19,14 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.ros
 
 
+def await_action(peers: Peers, client: RunClient) -> None:
+    def ready() -> bool:
+        client.spin(0.05)
+        return client.ready()
+
+    peers.spin_until(ready, "the manager's action")
+
+
 def test_a_manager_that_was_reset_is_no_silent_one(
     peers: Peers, domain: int, run_file: Path, run: RunSpec
 ) -> None:
@@ -26,12 +34,7 @@ def test_a_manager_that_was_reset_is_no_silent_one(
     assert peers.load(run_file).accepted
     client = RunClient(session_environment(domain), lambda _: None, run)
     try:
-
-        def ready() -> bool:
-            client.spin(0.05)
-            return client.ready()
-
-        peers.spin_until(ready, "the manager's action")
+        await_action(peers, client)
         peers.obtain("reset")
 
         def heard() -> bool:
@@ -72,12 +75,7 @@ def test_a_goal_that_came_too_late_ends_nothing_for_the_next_one(
     assert peers.load(run_file).accepted
     client = RunClient(session_environment(domain), lambda _: None, run)
     try:
-
-        def ready() -> bool:
-            client.spin(0.05)
-            return client.ready()
-
-        peers.spin_until(ready, "the manager's action")
+        await_action(peers, client)
         client.begin(str(run_file), not_after_ns=1)
 
         def refused() -> bool:
