@@ -215,6 +215,18 @@ def test_a_time_that_comes_late_dates_the_pause_anew(
     assert [(one.active, one.session_s) for one in made.injected] == [(True, 1.62), (False, 1.62)]
 
 
+def test_a_world_that_went_on_without_a_participant_dates_its_pause_as_before(
+    run: RunSpec, child: NodeProcess, tmp_path: Path
+) -> None:
+    lockstep = run.model_copy(update={"mode": "lockstep"})
+    fault = Fault(kind="pause", target="scenario_manager", at_s=1.0, duration_s=3.0)
+    made, _, _ = injector(lockstep, child, tmp_path, fault)
+    for step in range(20):
+        made.poll(1.2, 5.0 + 0.1 * step)
+    made.poll(3.6, 8.1)
+    assert [(one.active, one.session_s) for one in made.injected] == [(True, 1.2), (False, 3.6)]
+
+
 def test_what_still_stands_at_the_end_goes_on(
     run: RunSpec, child: NodeProcess, tmp_path: Path
 ) -> None:

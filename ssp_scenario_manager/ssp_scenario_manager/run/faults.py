@@ -241,7 +241,8 @@ class FaultInjector:
             timed.heard = None
             self._note(timed, True, session_s, timed.begun_s or wall_s)
         if timed.fault.kind == "pause":
-            if timed.fault.at_s is not None and self._stops_the_world(timed.fault):
+            # A world goes on without another participant that has been silent for too long.
+            if timed.fault.target == names.SIL_WORLD and self.spec.mode == "lockstep":
                 self._date_anew(timed, session_s)
             self._signal(timed.fault.target, signal.SIGCONT)
             self._note(timed, False, session_s, wall_s)
