@@ -76,6 +76,11 @@ class TopicSpec:
     required: bool = False
     session_time: bool = True
 
+    @property
+    def speaks_early(self) -> bool:
+        """Tell whether its publisher sends before a run, so that a first message can be awaited."""
+        return self.required and self.profile is Profile.STATE
+
 
 def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     """All topics of a session with their types, in the order in which they stand in the bag."""

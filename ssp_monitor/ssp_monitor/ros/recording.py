@@ -231,13 +231,18 @@ class Recording:
         )
 
     def _is_missing(self, topic: TopicSpec) -> bool:
-        """No publisher where one must be, or one that the recorder can't hear, anywhere."""
+        """Tell whether nothing is heard where something must be, or a publisher can't be heard.
+
+        A publisher that this process sees may not have seen this process yet: what it sends until
+        then is lost. One that speaks before a run is known to be heard by its first message.
+        """
         wanted = recording_profile(topic.profile)
         publishers = self._node.get_publishers_info_by_topic(topic.name)
         self._publishers[topic.name] = len(publishers)
         heard = [is_heard(publisher, topic.msgtype, wanted) for publisher in publishers]
         # Before anything was heard, a publisher that can't be is a mistake that can be mended.
-        known = topic.name in self._unheard or not self.intake.received_by_topic()[topic.name]
+        received = self.intake.received_by_topic()[topic.name]
+        known = topic.name in self._unheard or not received
         if not all(heard) and not known:
             self._unheard.add(topic.name)
             stranger = publishers[heard.index(False)]
@@ -245,7 +250,8 @@ class Recording:
                 f"{topic.name} is not heard from {stranger.node_name}: its type or profile is not "
                 "that of the run; what it says is lost"
             )
-        return not all(heard) or (topic.required and not heard)
+        silent = topic.speaks_early and not received
+        return not all(heard) or (topic.required and (not heard or silent))
 
     def _graph(self) -> list[tuple[str, list[str]]]:
         """Topics that are recorded or asked for, each with the types of its publishers."""

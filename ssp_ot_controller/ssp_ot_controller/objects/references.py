@@ -182,7 +182,12 @@ def _check_times(reference: Reference, now_ns: int) -> Refusal | None:
         return Refusal(RefusalCode.EXPIRED, f"expired {over:.3f} s ago; limit is before expires_at")
     if now_ns > reference.execute_at_ns:
         over = ns_to_seconds(now_ns - reference.execute_at_ns)
-        return Refusal(RefusalCode.LATE, f"execute_at was {over:.3f} s ago; limit is 0 s")
+        way = ns_to_seconds(now_ns - reference.dispatched_ns)
+        return Refusal(
+            RefusalCode.LATE,
+            f"execute_at was {over:.3f} s ago; limit is 0 s. It came {way:.3f} s after its "
+            "dispatch: the machine or the link was too slow for its lead_time_s",
+        )
     return None
 
 

@@ -36,6 +36,7 @@ GNSS = ("--navsat", "/ins/fix", "--heading", "/ins/imu", "--velocity", "/ins/vel
 DATUM = SiteDatum(latitude_deg=57.7775, longitude_deg=12.7805, altitude_m=201.3, yaw_rad=0.4)
 # Where the machine may be busy, and only what happens is judged, not how soon.
 SILENCE_S = 2.0
+LEAD_S = 0.5
 SITE = "north_track"
 # The prompt of a live run.
 ASKS = 'type "start" to connect'
@@ -329,7 +330,10 @@ def _compile(scenario: str, folder: Path, site: str) -> Path:
     assert run.camera is not None
     # Small pictures, which a busy machine draws in time too.
     camera = run.camera.model_copy(update={"width_px": 240, "height_px": 135})
-    changed = run.model_copy(update={"limits": limits, "geofence": fence, "camera": camera})
+    # A reference may be under way for longer than it would be on a machine of its own.
+    triggers = [t.model_copy(update={"lead_time_s": LEAD_S}) for t in run.triggers]
+    update = {"limits": limits, "geofence": fence, "camera": camera, "triggers": triggers}
+    changed = run.model_copy(update=update)
     for difference in differences(run, changed):
         record = Record(
             kind="site_change", when="2025-03-01T09:30:00Z", who="A. Tester", subject=run.scenario,
