@@ -12,9 +12,8 @@ from rich.table import Table
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
-from ssp_eval.audit.judge import ACCEPTED, check_domains, judge
+from ssp_eval.audit.judge import ACCEPTED, judge_files
 from ssp_eval.audit.page import render
-from ssp_eval.audit.recording import read_recording
 from ssp_eval.data.audit import AUDIT_FILE, HARDLY_VISIBLE_PX, PAGE_FILE, Audit, RecordingEntry
 from ssp_eval.data.response import PairEntry
 from ssp_eval.response.compare import load_limits
@@ -103,15 +102,10 @@ def audit(
             raise InputError("exists already", file=file, remedy="give --force to replace it")
     event = None if event_name is None else load_event(event_name)[0]
     limits = None if limits_file is None else load_limits(limits_file)
-    with console.progress("reading", 9) as bar:
+    with console.progress("measuring", 9) as bar:
         task = bar.task_ids[0]
-        recordings = []
-        for path in (synthetic, simulation, physical):
-            recordings.append(read_recording(path))
-            bar.advance(task)
-        check_domains(recordings)
-        bar.update(task, description="measuring")
-        judged = judge(recordings, event, limits, lambda: bar.advance(task))
+        paths = (synthetic, simulation, physical)
+        judged = judge_files(paths, event, limits, lambda: bar.advance(task))
         bar.update(task, description="drawing")
         page = render(judged, lambda done, of: bar.advance(task))
     make_folder(out)

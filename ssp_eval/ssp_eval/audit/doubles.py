@@ -10,13 +10,11 @@ from ssp_core.names import VUT_ID
 from ssp_core.run_file.participation import ParticipantKind
 from ssp_eval.audit.examine import Examined
 from ssp_eval.audit.reasons import Finding
-from ssp_eval.audit.recording import Recording
+from ssp_eval.audit.recording import BESIDE_S, Recording
 from ssp_eval.data.provenance import Provenance
 from ssp_eval.recordings.tracks import SameDrive, Track, same_drive, tracks_of
 
 TRACKS = "tracks"
-# Beside the clip, so that the same drive is found where another part of it was kept.
-_BESIDE_S = 10.0
 _LONGEST_S = 120.0
 
 
@@ -130,9 +128,8 @@ def _tracks(one: Examined) -> _Views:
     start_s = one.crop.start_s if one.crop is not None else (whole.start_s or 0.0)
     end_s = one.crop.end_s if one.crop is not None else start_s + _LONGEST_S
     end_s = min(end_s, start_s + _LONGEST_S)
-    near = (
-        s for s in whole.sightings if start_s - _BESIDE_S <= s.t_s <= end_s + _BESIDE_S
-    )  # fmt: skip
+    # Beside the clip too, so that the same drive is found where another part of it was kept.
+    near = (s for s in whole.sightings if start_s - BESIDE_S <= s.t_s <= end_s + BESIDE_S)
     return tracks_of(near, who.ids)
 
 

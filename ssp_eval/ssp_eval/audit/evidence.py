@@ -382,7 +382,7 @@ class Subject:
     """A recording, and what is known of it before anything of it is judged.
 
     Args:
-        whole: as it was read.
+        whole: as it was read, with the states in and near the clip.
         recording: within its clip.
         event: the K* of the audit; None: there is none at hand.
         version: of that K*.

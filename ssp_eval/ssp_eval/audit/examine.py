@@ -135,7 +135,7 @@ def _subject(recording: Recording, event: Event | None, version: str | None) -> 
         phases = Phases(crop.start_s, crop.end_s, *(starts.get(name) for name in EVENT_PHASES))
     within = recording if crop is None else recording.within(crop)
     return Subject(
-        whole=recording,
+        whole=recording if crop is None else recording.near(crop),
         recording=within,
         event=event,
         version=version,

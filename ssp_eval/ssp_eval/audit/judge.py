@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime
+from pathlib import Path
 
 from ssp_core import __version__
 from ssp_core.errors import InputError
@@ -17,7 +18,7 @@ from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying
 from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.measure import Phases
 from ssp_eval.audit.reasons import Finding, Reason, explain
-from ssp_eval.audit.recording import Recording, disclosed
+from ssp_eval.audit.recording import Head, Recording, disclosed, read_head, read_recording
 from ssp_eval.audit.visibility import label_sizes
 from ssp_eval.data.audit import (
     EVENT_PHASES,
@@ -179,7 +180,7 @@ class Judged:
     examined: tuple[Examined, ...]
 
 
-def check_domains(recordings: Sequence[Recording]) -> None:
+def check_domains(recordings: Sequence[Head | Recording]) -> None:
     """The three recordings must be Synthetic, Simulation and Physical, in this order.
 
     Raises:
@@ -194,7 +195,7 @@ def check_domains(recordings: Sequence[Recording]) -> None:
             )
 
 
-def find_event(recordings: Sequence[Recording]) -> Event | None:
+def find_event(recordings: Sequence[Head | Recording]) -> Event | None:
     """The K* that a recording carries: the simulation's, else the others'; None: none does."""
     by_domain = {r.provenance.domain: r.attached.event for r in recordings}
     found = [by_domain.get(domain) for domain in ("simulation", "physical", "synthetic")]
@@ -207,7 +208,7 @@ def judge(
     limits: ResponseLimits | None = None,
     on_measured: Callable[[], None] = lambda: None,
 ) -> Judged:
-    """Audits three recordings.
+    """Audits three recordings that were read.
 
     Args:
         recordings: Synthetic, Simulation, Physical.
@@ -221,11 +222,46 @@ def judge(
     check_domains(recordings)
     event = event or find_event(recordings)
     version = None if event is None else event_version(event)
-    measured = []
+    examined = []
     for recording in recordings:
-        measured.append(examine(recording, event, version))
+        examined.append(examine(recording, event, version))
         on_measured()
-    examined = tuple(measured)
+    return _compare(tuple(examined), event, version, limits)
+
+
+def judge_files(
+    paths: Sequence[Path],
+    event: Event | None = None,
+    limits: ResponseLimits | None = None,
+    on_step: Callable[[], None] = lambda: None,
+) -> Judged:
+    """Audits three recordings as ``judge``, and holds the states of one of them at a time.
+
+    Args:
+        paths: bag directories or run folders of Synthetic, Simulation, Physical.
+        on_step: is called six times: when what a recording is was read, and when it was examined.
+    """
+    heads = []
+    for path in paths:
+        heads.append(read_head(path))
+        on_step()
+    check_domains(heads)
+    event = event or find_event(heads)
+    version = None if event is None else event_version(event)
+    examined = []
+    for head in heads:
+        examined.append(examine(read_recording(head.path, head), event, version))
+        on_step()
+    return _compare(tuple(examined), event, version, limits)
+
+
+def _compare(
+    examined: tuple[Examined, ...],
+    event: Event | None,
+    version: str | None,
+    limits: ResponseLimits | None,
+) -> Judged:
+    recordings = [one.whole for one in examined]
     varying = frozenset() if event is None else varying_parts(event)
     counted = [_without(one.properties, varying) for one in examined]
     known: Mapping[str, Property] = {} if event is None else expected_properties(event)

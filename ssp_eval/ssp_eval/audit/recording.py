@@ -12,7 +12,7 @@ from ssp_core.cdr.messages import peek_stamp_ns, stamp_ns
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.event import TOLERANCE_S
-from ssp_core.motion.state_series import Packed, Series, between, times_of
+from ssp_core.motion.state_series import Packed, Series, between, copied, times_of
 from ssp_core.names import CAMERA_IMAGE, PHASE_EVENT, SAFETY_EVENT, absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
@@ -212,6 +212,8 @@ def disclosed(attached: Attached) -> dict[str, str]:
     return found
 
 
+# So much beside its clip is kept of a recording that was examined (see audit.doubles).
+BESIDE_S = 10.0
 _IMAGE = absolute(CAMERA_IMAGE)
 _ROAD_WORDS = ("road_type", "left_boundary", "right_boundary")
 
@@ -280,8 +282,20 @@ class Recording:
         return replace(
             self,
             frames_s=tuple(t_s for t_s in self.frames_s if crop.holds(t_s)),
-            series=between(self.series, crop.start_s - TOLERANCE_S, crop.end_s + TOLERANCE_S),
+            series=copied(self.series, crop.start_s - TOLERANCE_S, crop.end_s + TOLERANCE_S),
             sightings=Packed(Sighting, (s for s in self.sightings if crop.holds(s.t_s))),
+        )
+
+    def near(self, crop: Crop) -> Recording:
+        """The recording with the states in and BESIDE_S beside its clip alone.
+
+        An hour of states takes 75 MB, and an audit holds three recordings.
+        """
+        first_s, last_s = crop.start_s - BESIDE_S, crop.end_s + BESIDE_S
+        return replace(
+            self,
+            series=copied(self.series, first_s, last_s),
+            sightings=Packed(Sighting, (s for s in self.sightings if first_s <= s.t_s <= last_s)),
         )
 
     def moments(self) -> list[Moment]:
@@ -306,20 +320,43 @@ class Recording:
         return found
 
 
-def read_recording(path: str | Path) -> Recording:
-    """Reads a recording, and the observation files beside it.
+@dataclass(frozen=True)
+class Head:
+    """What a recording is, without its frames and states."""
+
+    path: Path
+    provenance: Provenance
+    attached: Attached
+
+
+def read_head(path: str | Path) -> Head:
+    """Reads what a recording is: its origin, with its seal, and its attachments.
 
     Args:
         path: bag directory, or a run folder that holds ``bag/``.
 
     Raises:
-        InputError: it is no recording of this project, or is damaged; an observation file isn't
-            of it, or was changed since it was sealed.
+        InputError: it is no recording of this project, or is damaged.
     """
     bag_path = find_bag(Path(path))
     with BagReader(bag_path) as bag:
-        provenance = read_provenance(bag)
-        attached = read_attached(bag)
+        return Head(bag_path, read_provenance(bag), read_attached(bag))
+
+
+def read_recording(path: str | Path, head: Head | None = None) -> Recording:
+    """Reads a recording, and the observation files beside it.
+
+    Args:
+        path: bag directory, or a run folder that holds ``bag/``.
+        head: of it, as it was read before; None: it is read here.
+
+    Raises:
+        InputError: it is no recording of this project, or is damaged; an observation file isn't
+            of it, or was changed since it was sealed.
+    """
+    head = head or read_head(path)
+    bag_path, provenance, attached = head.path, head.provenance, head.attached
+    with BagReader(bag_path) as bag:
         frames_ns = sorted(peek_stamp_ns(m.data) for m in bag.messages([_IMAGE]))
         start_ns = clip_zero_ns(provenance, frames_ns)
         states = read_states(bag, provenance, start_ns)

@@ -129,18 +129,20 @@ def read_states(bag: BagReader, provenance: Provenance, zero_ns: int | None) -> 
     sightings = Packed(Sighting)
     series: Series = _world_states(bag, zero_ns, sightings)
     source = f"ground truth ({WORLD_TICK})"
-    reported = {
-        name: _reported(states, zero_ns, is_session)
-        for name, states in object_states(bag, who.ids).items()
-    }
+    found = object_states(bag, who.ids)
+    reported: dict[str, _Reported] = {}
     tracking_m: dict[str, tuple[float, float]] = {}
-    for name, (times_s, states) in reported.items():
+    for name in list(found):
+        times_s, states = _reported(found.pop(name), zero_ns, is_session)
         for t_s, state in zip(times_s, states, strict=True):
             sightings.append(_sighting(t_s, name, state, state.sequence))
             if state.reference_id:
                 before = tracking_m.get(name, (0.0, 0.0))
                 errors = abs(state.error_longitudinal_m), abs(state.error_lateral_m)
                 tracking_m[name] = max(before[0], errors[0]), max(before[1], errors[1])
+        # The world's states are the better ones: of a long recording two copies are too many.
+        if not series:
+            reported[name] = times_s, states
     if not series:
         series = _joined(reported, who.vut)
         source = "states that VUT and object targets reported"

@@ -29,7 +29,7 @@ from ssp_core.motion.encounter import (
     swept_stations,
 )
 from ssp_core.motion.state import ObjectState
-from ssp_core.motion.state_series import Series, StateSeries
+from ssp_core.motion.state_series import Packed, Series, StateSeries
 from ssp_core.vocabulary import Phase
 
 TRIGGER_CONFIRMATION_S = 0.2
@@ -234,7 +234,7 @@ def find_event(
         for_good_s: what lasts so long is for good, or to the last instant where that is sooner
             (METHOD 4.1); None: to the last instant.
     """
-    meetings = [encounter(now.vut, now.other, path) for now in instants]
+    meetings = Packed(Encounter, (encounter(now.vut, now.other, path) for now in instants))
     if observable == "lateral":
         ahead, behind = _arrivals(instants, meetings)
         arrival = behind if ahead is None else ahead
@@ -398,7 +398,15 @@ class Corridor:
 
     def front_m(self, vut: ObjectState) -> float:
         """Station of the VUT's front bumper."""
-        return self.path.project_beyond(*vut.pose.to_parent(vut.size.front_m, 0.0))[0]
+        return next(self.fronts_m([vut]))
+
+    def fronts_m(self, vut: Iterable[ObjectState]) -> Iterator[float]:
+        """Yield the stations of the VUT's front bumper at many states."""
+        more = iter(vut)
+        while fronts := [
+            state.pose.to_parent(state.size.front_m, 0.0) for state in islice(more, _TOGETHER)
+        ]:
+            yield from (station for station, _ in self.path.project_all_beyond(fronts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -483,10 +491,9 @@ class _Seen:
     def __init__(self, instants: Sequence[Instant], corridor: Corridor) -> None:
         self._instants = instants
         self._corridor = corridor
-        self._extents = list(corridor.extents(now.other for now in instants))
+        self._extents = Packed(Extent, corridor.extents(now.other for now in instants))
         self.inside = [corridor.overlaps(extent) for extent in self._extents]
-        ahead = [now.vut.pose.to_parent(now.vut.size.front_m, 0.0) for now in instants]
-        self._fronts_m = [station for station, _ in corridor.path.project_all_beyond(ahead)]
+        self._fronts_m = array("d", corridor.fronts_m(now.vut for now in instants))
         self.entries = [
             i for i, (before, now) in enumerate(pairwise(self.inside), 1) if now and not before
         ]

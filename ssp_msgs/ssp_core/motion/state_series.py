@@ -33,8 +33,10 @@ class Packed(Sequence[Row], Generic[Row]):
         floats = [name for name in names if hints[name] is float]
         wholes = [name for name in names if hints[name] is int]
         others = [name for name in names if hints[name] not in (float, int)]
-        # A constant beside a name makes attrgetter give a tuple for one name, too.
-        self._get = [attrgetter("__class__", *group) for group in (floats, wholes, others)]
+        # Two constants beside the names make attrgetter give a tuple for one name or none, too.
+        self._get = [
+            attrgetter("__class__", "__class__", *group) for group in (floats, wholes, others)
+        ]
         order = [*floats, *wholes, *others]
         self._arguments = itemgetter(*(order.index(name) for name in names))
         self._kind: Any = kind
@@ -49,7 +51,7 @@ class Packed(Sequence[Row], Generic[Row]):
 
     def append(self, row: Row) -> None:
         """Puts a row behind the others."""
-        floats, wholes, others = (get(row)[1:] for get in self._get)
+        floats, wholes, others = (get(row)[2:] for get in self._get)
         self._floats.extend(floats)
         for whole in wholes:
             if whole not in _SMALL:  # nothing that counts or is a time; a damaged file may hold it
@@ -114,6 +116,10 @@ class StateSeries(Sequence[tuple[float, States]]):
         self._times_s.append(t_s)
         self._ends.append(len(self._states))
 
+    def copied(self) -> StateSeries:
+        """Copy a slice, so that the rest of the arrays can be given back."""
+        return StateSeries((t_s, states.values()) for t_s, states in self)
+
     @property
     def _rows(self) -> range:
         return range(len(self._times_s)) if self._span is None else self._span
@@ -161,6 +167,12 @@ def between(series: Series, first_s: float, last_s: float) -> Series:
     """The rows from one time to another, both included."""
     times_s = times_of(series)
     return series[bisect_left(times_s, first_s) : bisect_right(times_s, last_s)]
+
+
+def copied(series: Series, first_s: float, last_s: float) -> Series:
+    """The rows from one time to another, both included, which share nothing with the rest."""
+    part = between(series, first_s, last_s)
+    return part.copied() if isinstance(part, StateSeries) else part
 
 
 def states_of(series: Series, object_id: str) -> Packed[ObjectState]:
