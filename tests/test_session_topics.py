@@ -6,7 +6,7 @@ import pytest
 
 from ssp_core import names
 from ssp_core.run_file.model import RunSpec
-from ssp_core.safety.publishers import ANYBODY, expected_publishers
+from ssp_core.safety.publishers import ANYBODY, declarations, expected_publishers
 from ssp_monitor.recorder.topics import bag_topics
 from ssp_scenario_manager.sros2 import rights
 from support.runs import small_run
@@ -26,7 +26,7 @@ def run_of(mode: str, objects: int) -> RunSpec:
 @pytest.mark.parametrize("objects", [1, 6])
 def test_every_topic_of_a_session_is_in_the_table(mode: str, objects: int) -> None:
     run = run_of(mode, objects)
-    known = expected_publishers(run).keys() | ANYBODY.keys()
+    known = {*expected_publishers(run), *ANYBODY, *declarations(run)}
     recorded = {topic.name for topic in bag_topics(run)}
     assert recorded <= {names.absolute(topic) for topic in known}
     allowed = {
@@ -36,7 +36,8 @@ def test_every_topic_of_a_session_is_in_the_table(mode: str, objects: int) -> No
         for topic in right.publishes
         if not topic.endswith("/transition_event")  # of every lifecycle node
     }
-    assert allowed <= expected_publishers(run_of("live", objects)).keys() | ANYBODY.keys()
+    live = run_of("live", objects)
+    assert allowed <= {*expected_publishers(live), *ANYBODY, *declarations(live)}
 
 
 def test_every_name_of_a_topic_is_in_the_table() -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.seal import read_seal
@@ -64,3 +67,33 @@ def test_a_verdict_without_its_seal_is_refused(bag: Path, make_bag: Callable[...
     (other / "verdict.json").write_bytes((bag / "verdict.json").read_bytes())
     with pytest.raises(InputError, match="is of another recording"):
         read_recording(other)
+
+
+def test_a_session_without_seal_and_without_its_recorders_report_is_refused(bag: Path) -> None:
+    file = next(bag.glob("*.mcap"))
+    data = file.read_bytes()
+    file.write_bytes(_without_metadata(data))
+    with pytest.raises(InputError, match=r"neither seal nor recording\.json"):
+        read_recording(bag)
+
+
+def _without_metadata(data: bytes) -> bytes:
+    """The same messages and attachments in a file that a foreign tool would write."""
+    out = io.BytesIO()
+    writer = Writer(out)
+    writer.start("ros2", "another")
+    reader = make_reader(io.BytesIO(data))
+    for found in reader.iter_attachments():
+        writer.add_attachment(0, 0, found.name, found.media_type, found.data)
+    channels: dict[int, int] = {}
+    for schema, channel, message in reader.iter_messages():
+        if schema is not None and channel.id not in channels:
+            number = writer.register_schema(schema.name, schema.encoding, schema.data)
+            channels[channel.id] = writer.register_channel(
+                channel.topic, channel.message_encoding, number, dict(channel.metadata)
+            )
+        writer.add_message(
+            channels[channel.id], message.log_time, message.data, message.publish_time
+        )
+    writer.finish()
+    return out.getvalue()

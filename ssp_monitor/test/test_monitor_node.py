@@ -26,12 +26,12 @@ from ssp_core import names, ros
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
+from ssp_core.bag.seal import REPORT_NAME
 from ssp_core.errors import InputError
 from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import Verdict
 from ssp_monitor.recorder.recorder import OFFERED
-from ssp_monitor.recorder.report import REPORT_NAME
 from ssp_monitor.ros.conversions import PUBLISHED, recording_profile
 from ssp_msgs.msg import (
     ObjectState,

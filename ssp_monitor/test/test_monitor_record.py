@@ -28,8 +28,8 @@ from std_msgs.msg import String
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.metadata import parse_offered_qos
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.seal import REPORT_NAME
 from ssp_core.cli import main
-from ssp_monitor.recorder.report import REPORT_NAME
 from support.processes import end
 
 pytestmark = pytest.mark.ros

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.seal import REPORT_NAME
 from ssp_core.bag.split import Split
 from ssp_core.bag.types import BagMessage, serialize, typestore
 from ssp_core.bag.writer import BagWriter
@@ -25,7 +26,6 @@ from ssp_monitor.recorder.encoding import video_choice
 from ssp_monitor.recorder.losses import SimulatedTime, stamp_at
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.report import (
-    REPORT_NAME,
     Counted,
     check_closed,
     report_attachment,
@@ -239,7 +239,7 @@ def test_the_bag_says_what_is_in_it_and_what_is_missing(tmp_path, clock_cdr):
     with BagReader(tmp_path / "bag") as bag:
         report = json.loads(bag.attachment(REPORT_NAME) or b"")
         written = list(bag.messages())
-    assert report["schema"] == "ssp.recording/1"
+    assert (report["schema"], report["sealed"]) == ("ssp.recording/1", True)
     assert report["seals"] == {"run.yaml": f"sha256:{hashlib.sha256(b'x').hexdigest()}"}
     assert (report["received"], report["lost"], report["dropped"]) == (100, 7, state.dropped)
     assert (report["run_id"], report["lost_limit"], report["warnings"]) == ("r", 5, ["w"])

@@ -348,6 +348,32 @@ def test_a_bag_of_others_is_not_sealed(bag: Path) -> None:
         append_attachment(bag, "a", b"a", "text/plain")
 
 
+@pytest.mark.parametrize(
+    ("report", "missing"), [(b'{"sealed": true}', True), (b"{}", False), (b"no report", False)]
+)
+def test_a_seal_that_was_taken_out_is_missed(bag: Path, report: bytes, missing: bool) -> None:
+    """Recordings of before the seal have a report that doesn't speak of one."""
+    file = file_of(bag)
+    with file.open("rb") as stream:
+        messages = list(make_reader(stream).iter_messages())
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "another")
+        writer.add_attachment(0, 0, "recording.json", "application/json", report)
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        channel = writer.register_channel("/text", "cdr", schema)
+        for _, _, message in messages:
+            writer.add_message(channel, message.log_time, message.data, message.publish_time)
+        writer.finish()
+    (bag / "verdict.json").write_text(
+        '{"schema": "ssp.verdict/1", "verdict": "valid", "reasons": []}'
+    )
+    assert seal_of(bag).altered.startswith("its seal is missing") == missing
+    assert check_bag(bag).ok != missing
+    made = recover(bag, bag.parent / "made")
+    assert made.seal.startswith("altered") == missing
+
+
 # -- the verdict -----------------------------------------------------------------------------------
 
 

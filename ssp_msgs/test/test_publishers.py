@@ -11,6 +11,7 @@ from ssp_core.safety.publishers import (
     Publisher,
     PublisherRules,
     Strangers,
+    declarations,
     is_process,
     whence,
 )
@@ -54,6 +55,14 @@ def test_a_second_publisher_is_a_stranger(rules: PublisherRules, topic: str) -> 
     assert rules.strangers(topic, [OBJECTS]) is None
     text = f"{topic} has /ssp/intruder and /ssp/object_target"
     assert rules.strangers(topic, [OBJECTS, STRANGER]) == Strangers(1, text)
+
+
+def test_a_rehearsal_may_declare_what_an_object_target_declares_too() -> None:
+    """Two that agree are no strangers; two that don't are found by their words."""
+    live = run(mode="live")
+    assert names.declared_topic("ot1/body") in declarations(live)
+    rules = PublisherRules(live)
+    assert rules.strangers(names.declared_topic("ot1/body"), [OBJECTS, STRANGER]) is None
 
 
 @pytest.mark.parametrize("topic", SHARED)

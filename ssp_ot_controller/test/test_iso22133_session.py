@@ -49,6 +49,16 @@ def test_a_whole_session() -> None:
     assert loop.object.body.speed_mps == 0.0
 
 
+def test_a_simulated_object_says_so_before_it_is_armed() -> None:
+    """By its DRES: the gateway can't know otherwise what is at the other end."""
+    loop = Loop()
+    assert loop.live.simulated == ()
+    loop.session = SessionPhase.CONNECTED
+    loop.forward(1.0)
+    assert loop.state is not ControlState.ARMED
+    assert loop.live.simulated == ("ot1",)
+
+
 def test_an_object_that_misses_its_start_is_told_so_before_its_place_stands_for_too_long() -> None:
     loop = Loop(frozen_s=0.3)
     loop.arm()

@@ -99,6 +99,7 @@ class Loop:
         gateway_alive: its process runs.
         manager_alive: it sends heartbeats.
         stops: limits that the object target stopped by.
+        live: the object target's bodies.
     """
 
     def __init__(self, waive: str = "Ada", **limits: float) -> None:
@@ -125,7 +126,7 @@ class Loop:
 
         address = IsoAddress("10.0.0.9", waive=waive)
         self.body = IsoBody(self.run, spec, address, 1, self.told.append, make_link)
-        self._live = LiveObjects(self.run, {spec.id: self.body}, self.told.append)
+        self.live = LiveObjects(self.run, {spec.id: self.body}, self.told.append)
         self.pool = ObjectPool(self.run)
         self.session = SessionPhase.LOADED
         self.driven: Reference | None = None
@@ -206,7 +207,7 @@ class Loop:
             self.pool.take_heartbeat(beat, self.steady_ns)
         if self.gateway_alive:
             if elapsed_ms % 10 == 0:
-                self._live.beat(self.now_ns)
+                self.live.beat(self.now_ns)
             self._serve(only_new=elapsed_ms % 20 != 0)
         for sent in self.object.take_sent(self.now_ns):
             self.link.take(sent.udp, sent.data)
@@ -217,17 +218,17 @@ class Loop:
         # Instead of ``listen``: there is no socket.
         if only_new and not self.body.poll(self.now_ns):
             return
-        tick = self._live.tick(self.now_ns, only_new=only_new)
+        tick = self.live.tick(self.now_ns, only_new=only_new)
         if only_new and not tick.objects:
             return
         among = [state.object_id for state in tick.objects] if only_new else None
-        self._live.check(self.pool, among)
+        self.live.check(self.pool, among)
         self.pool.take_tick(replace(tick), self.steady_ns)
         self._take(self.pool.step(self.steady_ns), among)
 
     def _take(self, step: PoolStep | None, among: list[str] | None) -> None:
-        self._live.command(step, self.now_ns)
-        self._live.follow(self.pool, self.now_ns, among)
+        self.live.command(step, self.now_ns)
+        self.live.follow(self.pool, self.now_ns, among)
         if step is not None:
             self.stops += [event.stop for event in step.events]
             self.acks += step.acks

@@ -14,7 +14,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from ssp_core.bag.declaration import DECLARATION_FILE, participation_of
 from ssp_core.bag.reader import BagReader, content_sha256
-from ssp_core.bag.seal import check_unaltered, read_seal
+from ssp_core.bag.seal import REPORT_NAME, check_unaltered, read_seal
 from ssp_core.bag.verdict import check_verdict
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.errors import InputError
@@ -353,6 +353,13 @@ def checked_seal(bag: BagReader) -> str:
     """
     seal = read_seal(bag)
     check_unaltered(seal, bag.path)
+    names = bag.attachments
+    if seal.maker is None and RUN_ATTACHMENT in names and REPORT_NAME not in names:
+        raise InputError(
+            f"is a session's bag with neither seal nor {REPORT_NAME}: no recorder left it so",
+            file=bag.path,
+            remedy="take the bag as it was recorded",
+        )
     folder = bag.path if bag.path.is_dir() else bag.path.parent
     unbound = check_verdict(bag, seal, folder)
     return "; ".join(filter(None, (seal.text, *seal.lineage, unbound)))

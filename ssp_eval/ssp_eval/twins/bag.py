@@ -13,7 +13,7 @@ from ssp_core.bag.chain import Maker
 from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.metadata import is_latched, usable_qos
 from ssp_core.bag.reader import BagReader, content_sha256
-from ssp_core.bag.seal import source_of
+from ssp_core.bag.seal import REPORT_NAME, source_of
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.codec import u32_bytes
@@ -46,7 +46,7 @@ from ssp_eval.twins.playback import IMAGE, TICK, Factual, Picture, World, decode
 
 ARRAYS = absolute(OBJECT_STATES)
 # Of the recorder, on what it received: a twin was recorded by nobody.
-_LEFT_OUT_ATTACHMENTS = frozenset({"recording.json"})
+_LEFT_OUT_ATTACHMENTS = frozenset({REPORT_NAME})
 # So many twins are made at once: the factual frames are drawn once for all of them, and what an
 # interruption loses stays small.
 TOGETHER = 4

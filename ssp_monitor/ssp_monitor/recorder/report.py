@@ -13,13 +13,13 @@ from typing import Any
 
 from ssp_core import __version__
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.seal import REPORT_NAME
 from ssp_core.errors import SspError
 from ssp_core.hashing import sha256_bytes
 from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_monitor.recorder.plan import Attachment
 from ssp_monitor.recorder.recorder import RecorderState, TopicRecord
 
-REPORT_NAME = "recording.json"
 SCHEMA = "ssp.recording/1"
 
 
@@ -91,6 +91,7 @@ def report_attachment(
         "lost_limit": lost_limit,
         "warnings": list(warnings),
         "seals": dict(sealed),
+        "sealed": True,
         "topics": topics,
     }
     return REPORT_NAME, "application/json", (json.dumps(value, indent=1) + "\n").encode()

@@ -47,7 +47,10 @@ from ssp_core.bag.mcap_file import (
 from ssp_core.bag.mcap_output import MESSAGE_BODY_BYTES
 from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.errors import InputError
+from ssp_core.files import parse_mapping
 
+# The recorder's report on what it recorded; `sealed` there says that the bag has a seal.
+REPORT_NAME = "recording.json"
 ALTERED = "is altered since it was sealed"
 _MAX_METADATA_BYTES = 1 << 20
 _MAKERS = {
@@ -174,7 +177,22 @@ def files_seal(files: Sequence[Path], *, whole: bool) -> Seal:
     for number, file in enumerate(files):
         if not found.file(file, number, last=number + 1 == len(files)):
             break
+    if found.maker is None and not (found.altered or found.damaged):
+        found.altered = _missing_seal(files)
     return found.seal()
+
+
+def _missing_seal(files: Sequence[Path]) -> str:
+    """Say that a bag without a seal had one, by its recorder's report; empty where none says so."""
+    for file in files:
+        try:
+            data = McapFile(file).attachment(REPORT_NAME)
+            report = {} if data is None else parse_mapping(data, f"{file}:{REPORT_NAME}")
+        except InputError:
+            continue  # Not closed, or damaged: whoever reads it says so.
+        if report.get("sealed") is True:
+            return f"its seal is missing, and {REPORT_NAME} says that the recorder sealed it"
+    return ""
 
 
 @dataclass

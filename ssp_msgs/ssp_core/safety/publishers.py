@@ -75,6 +75,15 @@ _PROOFS = {
 }
 
 
+def declarations(run: RunSpec) -> tuple[str, ...]:
+    """List the topics on which several may say what a participant is, as long as they agree.
+
+    A rehearsal declares what it plays, and an object target the mirrors and test objects that are
+    known to be models; who declares something else ends the session.
+    """
+    return tuple(map(names.declared_topic, declaring(run))) if run.mode == "live" else ()
+
+
 def expected_publishers(run: RunSpec | None) -> dict[str, tuple[Part, ...]]:
     """The parts that share each topic of a session, ``ONE`` where it has one publisher.
 
@@ -82,8 +91,6 @@ def expected_publishers(run: RunSpec | None) -> dict[str, tuple[Part, ...]]:
         run: None: no run is loaded, and nothing is known of its objects.
     """
     found = dict(_OF_SESSION)
-    if run is not None and run.mode == "live":
-        found |= {names.declared_topic(who): ONE for who in declaring(run)}
     for target in () if run is None else run.targets:
         found |= dict.fromkeys(_of_object(target.id), ONE)
         if run is not None and _asks_for_references(run, target.id):

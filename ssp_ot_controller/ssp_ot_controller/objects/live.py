@@ -158,9 +158,13 @@ class LiveObjects:
         self._step = 0
 
     @property
-    def mirrored(self) -> tuple[str, ...]:
-        """List the objects without a body of their own, whose motion is modelled here."""
-        return tuple(i for i, body in self._bodies.items() if isinstance(body, MirrorBody))
+    def simulated(self) -> tuple[str, ...]:
+        """List the objects that are known to be models: mirrors, and what says so of itself."""
+        return tuple(
+            object_id
+            for object_id, body in self._bodies.items()
+            if isinstance(body, MirrorBody) or (isinstance(body, IsoBody) and body.is_simulated)
+        )
 
     @property
     def test_object_ids(self) -> tuple[str, ...]:

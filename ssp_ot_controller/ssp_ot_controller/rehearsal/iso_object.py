@@ -32,6 +32,7 @@ from ssp_ot_controller.bodies.iso22133.framing import (
 )
 from ssp_ot_controller.bodies.iso22133.messages import (
     END_OF_TRANSMISSION,
+    SIMULATED_OBJECT,
     CentreStatus,
     Dreq,
     Dres,
@@ -330,7 +331,7 @@ class IsoObject:
 
     def _on_dreq(self, _: Dreq) -> None:
         version = ssp_core.__version__
-        self.link.send(Dres("SSP", "ssp iso object", version, self.object_id, 0))
+        self.link.send(Dres(*SIMULATED_OBJECT, version, self.object_id, 0))
 
     def _on_heab(self, heab: Heab) -> None:
         self.link.heard_ns = self._now_ns

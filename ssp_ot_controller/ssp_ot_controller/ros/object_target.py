@@ -251,9 +251,9 @@ class ObjectProcess:
         )
         self._rules = {i: rules_of(run, i) for i in self.pool.object_ids}
         self._outgoing.tell_rules(self._rules)
+        self._declared: set[str] = set()
         if self._live is not None:
-            mirrors = [name for i in self._live.mirrored for name in (i, body_of(i))]
-            ros.declare_kind(node, ParticipantKind.SIMULATED, *mirrors)
+            self._declare_simulated(self._live)
         self._hear(run)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(WATCHDOG_PERIOD_S, self._watch, clock=steady)
@@ -377,7 +377,15 @@ class ObjectProcess:
         self.pool.take_tick(tick, time.monotonic_ns())
         self._send(self.pool.step(time.monotonic_ns()), among)
 
+    def _declare_simulated(self, live: LiveObjects) -> None:
+        """Declare each object once it is known to be a model (METHOD 4.4b)."""
+        new = [i for i in live.simulated if i not in self._declared]
+        self._declared.update(new)
+        both = [name for i in new for name in (i, body_of(i))]
+        ros.declare_kind(self._node, ParticipantKind.SIMULATED, *both)
+
     def _tell_statuses(self, live: LiveObjects) -> None:
+        self._declare_simulated(live)
         now_ns = time.time_ns()
         for status in live.statuses(now_ns):
             self._outgoing.tell(status, now_ns)

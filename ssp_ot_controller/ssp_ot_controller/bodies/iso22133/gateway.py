@@ -170,6 +170,8 @@ class IsoBody:
         self._report = None if address.report is None else load_report(address.report)
         self._bound_s = run.limits.stop_reaction_s
         self._firmware: str | None = None
+        # It said of itself that it is a model.
+        self.is_simulated = False
         self._frames: list[RawFrame] = []
         self._link = make_link(address.host, address.port, self._tap)
         self._conversation = Conversation(_settings(run, spec, datum, device_id, self._report))
@@ -312,6 +314,7 @@ class IsoBody:
             )
         elif isinstance(message, Dres):
             self._firmware = message.firmware
+            self.is_simulated |= message.is_simulated
             self._judge_report()
             self._once(f"is {message.vendor} {message.product}, firmware {message.firmware}")
 

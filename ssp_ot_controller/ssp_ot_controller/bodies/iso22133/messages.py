@@ -420,6 +420,10 @@ class Treo:
     time_of_week_ns: Annotated[int | None, _time_of_week(0x02)]
 
 
+# Vendor and product of the test object that this project simulates.
+SIMULATED_OBJECT = "SSP", "ssp iso object"
+
+
 @_message(MessageId.DRES)
 @dataclass(frozen=True, slots=True)
 class Dres:
@@ -432,6 +436,11 @@ class Dres:
     # 0 moveable, 1 stationary.
     kind: Annotated[int, Wire(0x94, "u8")]
     sub_device_id: Annotated[int | None, Wire(0x95, "u32")] = None
+
+    @property
+    def is_simulated(self) -> bool:
+        """The object says that it is ``ssp iso object``, a model of motion."""
+        return (self.vendor, self.product) == SIMULATED_OBJECT
 
 
 @_message(MessageId.GREM)
