@@ -1,19 +1,21 @@
-"""Precision and recall of the rules on texts that were written and labelled apart from them.
+"""Precision and recall on texts that were written and labelled apart from the rules.
 
-``python ssp_eval/test/blind_measure.py`` prints both by half, slot and style; ``--misses`` names
-what is missed in the open half. The half that is held out is measured, never read.
+``python ssp_eval/test/blind_measure.py`` prints both by half, slot and style, for the rules and
+with the reader too; ``--misses`` names what the rules miss in the open half. The half that is
+held out is measured, never read.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ssp_eval.data.records import SLOT_NAMES
+from ssp_eval.data.records import SLOT_NAMES, Slots
 from ssp_eval.extract import extract
+from ssp_eval.extract.combined.extractor import Extractor
 
 CORPUS = Path(__file__).parent / "corpus"
 HELD_OUT, OPEN = "held out", "open"
@@ -30,6 +32,17 @@ class Tally(NamedTuple):
     right: int = 0
     wanted: int = 0
     found: int = 0
+
+    @classmethod
+    def of(cls, value: Any, right: Iterable[Any]) -> Tally:
+        """The tally of one slot.
+
+        Args:
+            value: given for it, None for none.
+            right: the values that can be defended, None among them where it may stay empty.
+        """
+        hit, must = value is not None and value in right, None not in right
+        return cls(value is not None, hit, must, must and hit)
 
     def plus(self, other: Tally) -> Tally:
         return Tally(*(a + b for a, b in zip(self, other, strict=True)))
@@ -49,24 +62,29 @@ def load(name: str, half: str) -> list[dict[str, Any]]:
     return [row for row in map(json.loads, lines) if row["half"] == half]
 
 
-def tallies(rows: Iterable[dict[str, Any]]) -> Iterator[tuple[dict[str, Any], str, Any, Tally]]:
-    """Each slot of each text with what the rules give for it."""
+def tallies(
+    rows: Iterable[dict[str, Any]], slots_of: Callable[[str], Slots] = extract
+) -> Iterator[tuple[dict[str, Any], str, Any, Tally]]:
+    """Each slot of each text with what is given for it."""
     for row in rows:
-        slots = extract(row["text"])
+        slots = slots_of(row["text"])
         for name in SLOT_NAMES:
             slot = getattr(slots, name)
             given = None if slot is None else _plain(slot.value)
             right = {value for label in row["labels"] for value in _defended(label[name])}
-            hit = given is not None and given in right
-            must = None not in right
-            yield row, name, given, Tally(given is not None, hit, must, must and hit)
+            yield row, name, given, Tally.of(given, right)
 
 
 def total(found: Iterable[tuple[dict[str, Any], str, Any, Tally]]) -> Tally:
     """The sum over slots."""
+    return summed(tally for _, _, _, tally in found)
+
+
+def summed(some: Iterable[Tally]) -> Tally:
+    """The sum of tallies."""
     result = Tally()
-    for _, _, _, tally in found:
-        result = result.plus(tally)
+    for one in some:
+        result = result.plus(one)
     return result
 
 
@@ -80,18 +98,21 @@ def _defended(label: dict[str, Any] | None) -> set[Any]:
 
 def main() -> None:
     """Print the table."""
+    extractor = Extractor()
     for name, half in (("blind.jsonl", HELD_OUT), ("blind.jsonl", OPEN), ("single.jsonl", OPEN)):
-        found = list(tallies(load(name, half)))
-        groups = {"all": found}
-        for slot in SLOT_NAMES:
-            groups[slot] = [one for one in found if one[1] == slot]
-        for one in found:
-            style = f"{one[0]['style']}, {'plain' if one[0]['plain'] else 'hard'}"
-            groups.setdefault(style, []).append(one)
-        print(f"{name}, {half}: {len(found) // len(SLOT_NAMES)} texts")
+        rows = load(name, half)
+        found = list(tallies(rows))
+        with_reader = tallies(rows, lambda text: extractor(text).slots)
+        groups: dict[str, list[tuple[Tally, Tally]]] = {}
+        for (row, slot, _, alone), (_, _, _, both) in zip(found, with_reader, strict=True):
+            style = f"{row['style']}, {'plain' if row['plain'] else 'hard'}"
+            for group in ("all", slot, style):
+                groups.setdefault(group, []).append((alone, both))
+        print(f"{name}, {half}: {len(rows)} texts; rules, rules and reader")
         for group, members in groups.items():
-            both = total(members)
-            print(f"  {group:14s} {both.precision:.3f} / {both.recall:.3f}  of {both.wanted}")
+            alone, both = (summed(column) for column in zip(*members, strict=True))
+            print(f"  {group:14s} {alone.precision:.3f} / {alone.recall:.3f}   "
+                  f"{both.precision:.3f} / {both.recall:.3f}  of {both.wanted}")  # fmt: skip
         if "--misses" in sys.argv and half == OPEN:
             for row, slot, given, one in found:
                 if one.given > one.right or one.wanted > one.found:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from itertools import product
 from pathlib import Path
 
@@ -88,6 +91,13 @@ def test_it_says_nothing_of_what_it_cannot_read(text: str) -> None:
     assert found.slots == extract(text)
 
 
+@pytest.mark.parametrize(
+    "text", ["Slow down, stop.", "Slow down, then stop", "pedestrian x0, car x2"]
+)
+def test_it_takes_nothing_back_in_a_short_text(text: str) -> None:
+    assert Extractor()(text).slots == extract(text) != Slots()
+
+
 def test_its_words_pass_the_checks_for_an_llm() -> None:
     """Neither what is only imagined nor what is denied is filled by a word that suits the label."""
     for text in (
@@ -103,6 +113,25 @@ def test_its_words_pass_the_checks_for_an_llm() -> None:
 def test_the_weights_are_small_and_are_written_as_they_are_read() -> None:
     assert FILE.stat().st_size <= MAX_BYTES
     assert written(load_weights()) == FILE.read_text(encoding="utf-8")
+
+
+def test_two_trainings_give_the_same_bytes() -> None:
+    """Whatever order a process gives its sets; the parts of the whole training are of this kind."""
+    script = (
+        "import train_reader as t; rows = t.examples(('blind',), most=6);"
+        "print(t.written(t.feature_weights(rows)))"
+    )
+    folder = str(Path(__file__).parent)
+    printed = []
+    for seed in ("1", "2"):
+        path = os.pathsep.join([folder, os.environ.get("PYTHONPATH", "")])
+        env = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": path}
+        run = subprocess.run(
+            [sys.executable, "-c", script], env=env, capture_output=True, timeout=300, check=True
+        )
+        printed.append(run.stdout)
+    assert printed[0] == printed[1]
+    assert len(printed[0]) > 4_000
 
 
 def test_without_it_the_rules_speak_alone() -> None:

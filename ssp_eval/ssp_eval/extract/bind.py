@@ -19,6 +19,8 @@ _OURS = frozenset({"our", "my", "ego", "own", "us", "same"})
 _MAYBE = Scope.POSSIBLE | Scope.FUTURE | Scope.LATER | Scope.IMAGINED | Scope.INTENDED
 _PACES = frozenset({"speed", "pace", "tempo"})
 _OTHER_SEX = {"he": "she", "she": "he"}
+# What may say of somebody absent that only an act, or one at a place, is meant.
+_LIMITS = frozenset({"verb", "relative", "cue", "place", "braked_in_lane", "from", "state"})
 _FRAMES = frozenset({"frame", "frames", "image", "picture", "t"})
 _ORDINALS = frozenset({"first", "second", "third", "last", "latest", "newest", "final"})
 
@@ -203,6 +205,8 @@ class Binder(Clause):
             if known is None and kept and not flags & (Scope.QUOTED | Scope.DENIED):
                 known = self._identify(hit)
                 known.first = self._said(known.name, hit)
+            if known is None and flags == Scope.DENIED and following.kind not in _LIMITS:
+                self._deny(hit)
             if known is None or flags & Scope.QUOTED:
                 self.subject, self.near, self.void = SCENE, None, True
                 self.pending, self.states = [], []
@@ -215,7 +219,9 @@ class Binder(Clause):
         self.void = False
         adjoining = self._before(index).kind == "user"
         self.near = self.last = actor
-        if not self.busy and self.subject is not EGO and not adjoining:
+        if self._opens_clause(index, hit):
+            self.subject, self.busy = actor, False
+        elif not self.busy and self.subject is not EGO and not adjoining:
             self.subject = actor
         because = self.planned and self.because and self.named[:-1] == []
         if self.reacting or because or self._reacted_to(index):
@@ -234,6 +240,23 @@ class Binder(Clause):
         for state in self.states:
             self._rest(actor, state)
         self.pending, self.states, self.reacting = [], [], False
+
+    def _deny(self, hit: Hit) -> None:
+        """Note a kind of road users that is absent; where several kinds are, cars among them,
+        nobody is there.
+        """
+        self.denied.add(hit.value)
+        if "car" in self.denied and len(self.denied) > 1:
+            self.world.nobody.append(self._said("", hit))
+
+    def _opens_clause(self, index: int, hit: Hit) -> bool:
+        """Tell whether a road user opens a clause of its own behind one of the VUT, which may have
+        no conjunction: I notice a cyclist is crossing.
+        """
+        after, beyond = self._after(index), self._after(index, 2)
+        if self.subject is not EGO or after.value != "is" or after.first != hit.stop:
+            return False
+        return beyond.kind != "user" and self._before(index).kind not in ("place", "user")
 
     def _reacted_to(self, index: int) -> bool:
         """Tell whether a commitment of the VUT stands right before: yield to the cyclist."""

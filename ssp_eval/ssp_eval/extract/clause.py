@@ -52,6 +52,7 @@ class Clause:
         self.unit = self.step = 0
         self.listing = False
         self._at = 0
+        self.denied: set[str] = set()  # kinds of road users that are absent
         self.was_in_path: tuple[Actor, Hit] | None = None  # who was said to be in our path
         self.subject: Actor | str | None = None
         self.named: list[Actor] = []

@@ -33,7 +33,8 @@ _WORD_VALUE = (
     + r")\b|[✓✔☑✅✗✘☒❌]"
     r"|(?-i:[TFYN])\b)"
 )
-_FIELD_END = r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$))"
+# Behind a sign, or two blanks, may stand the next field.
+_FIELD_END = r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$)|\s{2}|(?<=[✓✔☑✅✗✘☒❌])\s)"
 # {"pedestrian": {"present": false}}
 _NESTED = r"(?:\{\s*[\"'](?:present|detected|visible|exists|active|selected|needed)[\"']\s*:\s*)"
 _QUOTES = r"[\"'*_]{0,2}"
@@ -123,7 +124,12 @@ _REPLIED = re.compile(
     r"(?!\W{0,3}(?:if|unless|but|when|once|only|as|in|provided|not|until)\b)",
     re.IGNORECASE,
 )
-_PRESENT = re.compile(r"(?:is|are) there (?:an?|any)\b", re.IGNORECASE)
+_PRESENT = re.compile(
+    r"(?:(?:is|are) there|(?:do|can) (?:you|we|i) see) (?:an?|any)\b", re.IGNORECASE
+)
+# "Is a pedestrian crossing? Yes."
+_MOVES = re.compile(r"(?:is|are)\s+(?:any\s+|(?=(?:an?|the)\s))", re.IGNORECASE)
+_CROSSES = re.compile(r"(?<=pedestrian|edestrians) (?=crossing$)", re.IGNORECASE)
 # A vector of shares or truths, one for each label of a list beside it: "[keep, brake] = [0, 1]".
 _ELEMENT = r"(?:[01](?:\.\d+)?|\.\d+|true|false)"
 _VECTOR = re.compile(
@@ -255,15 +261,19 @@ def _questions(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
         return
     for match in _REPLIED.finditer(text):
         question, yes = match["question"], match["reply"].lower() == "yes"
-        present = _PRESENT.match(question)
-        asks = present or _ASKS.match(question)
+        present, moves = _PRESENT.match(question), _MOVES.match(question) if yes else None
+        asks = present or _ASKS.match(question) or moves
         if asks is None:
             continue
-        rest, kinds = question[asks.end() :], _ACTIONS
-        if present is not None:
-            rest, kinds = question[present.end() :], frozenset({"objects"})
+        rest = question[asks.end() :]
+        if asks is moves:  # it is no crosswalk
+            rest = _CROSSES.sub(",", rest)
         read = values_of(f"a {rest}." if present is not None else f"{rest}.")
-        if not kinds & read.keys() or (present is None and read.keys() - kinds):
+        if present is not None or asks is moves:
+            told = bool(read.get("objects")) and (present or not _ACTIONS & read.keys())
+        else:
+            told = bool(read) and read.keys() <= _ACTIONS
+        if not told:
             continue
         denied = "no" if present is not None else ""
         kept = rest if yes or denied else " " * len(rest)

@@ -83,7 +83,8 @@ class _Sentence:
             return self.local | self.wide
         local = self.local & ~_NOT_OF_THINGS
         wide = self.wide
-        if hit.kind == "user" and hit.first and self.words[hit.first - 1] == "0":
+        zero = self.words[max(hit.first - 1, 0) : hit.first] == ["0"]
+        if hit.kind == "user" and (zero or self.words[hit.stop : hit.stop + 2] == ["x", "0"]):
             return local | wide | Scope.DENIED
         if hit.kind == "user" and hit.form == "the":  # until the car has passed: it is there
             local &= ~(Scope.IMAGINED | Scope.POSSIBLE | Scope.DENIED)

@@ -15,6 +15,8 @@ _ITEM = re.compile(
     r"(?P<label>[^\n]{0,60})",
     re.IGNORECASE,
 )
+BARE_LINE = "\n"  # in the place of a bullet, where the row itself begins the line
+_REMARK = re.compile(r"[ \t,;]*(?:(?:#|//|[-–—←(]|<[-!]|\*|/\*)[^\n]*)?\n[ \t]*")
 _LABEL = re.compile(r"[\w\s.:=+*`\"'@()\-–>→,/]{0,60}\Z")
 _NUMBER_FIELD = r"\s*[\"'][\w ]{1,30}[\"']\s*:\s*-?\d*\.?\d+\s*"
 _NEXT_OBJECT = re.compile(
@@ -40,7 +42,8 @@ class Item:
 
     Args:
         number: None for a bullet.
-        bullet: empty for a bare number; the word of one such as "Step 1:".
+        bullet: empty for a bare number; the word of one such as "Step 1:"; a line end where the
+            row itself begins the line.
     """
 
     indent: str
@@ -62,10 +65,12 @@ def closing_brackets(text: str) -> dict[int, int]:
 
 
 def item_of(text: str, start: int) -> Item | None:
-    """The numbering or bullet whose line begins with the row at an offset; None: there is none."""
+    """The numbering, bullet or line that begins with the row at an offset; None: there is none."""
     line = text.rfind("\n", max(0, start - 80), start) + 1
     if line == 0 and start > 80:
         return None
+    if not text[line:start].strip(" \t"):
+        return Item(text[line:start], None, BARE_LINE)
     match = _ITEM.match(text, line, start)
     if match is None or _LABEL.match(text, match.start("label"), start) is None:
         return None
@@ -94,6 +99,8 @@ def continues(
         return None
     if (before.indent, before.bullet) != (item.indent, item.bullet):
         return None
+    if item.bullet == BARE_LINE:
+        return False if _REMARK.fullmatch(text, end, start) is not None else None
     if before.number is not None and item.number is not None:
         return item.number > before.number + 1 if item.number > before.number else None
     unread = False

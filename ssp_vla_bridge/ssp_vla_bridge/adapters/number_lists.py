@@ -9,6 +9,7 @@ from functools import lru_cache
 from operator import attrgetter
 
 from ssp_vla_bridge.adapters.list_items import (
+    BARE_LINE,
     Item,
     another_item,
     closing_brackets,
@@ -321,7 +322,7 @@ def _finish(
             fault=fault,
             cut=cut,
             loose=tuple(
-                i for i, gap in enumerate(gaps) if i and not gap.comma and items[i] is None
+                i for i, gap in enumerate(gaps) if i and not gap.comma and not _marked(items[i])
             ),
             unread_after=another_item(after.text, items[-1]),
             times_s=() if fault else stated_times_s([gap.text for gap in (*gaps, after)]),
@@ -330,6 +331,10 @@ def _finish(
             marks=marks,
         )
     ]
+
+
+def _marked(item: Item | None) -> bool:
+    return item is not None and item.bullet != BARE_LINE
 
 
 @lru_cache(maxsize=256)

@@ -186,6 +186,7 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
     lines = before.split("\n")
     if begin > 0 and begin > end_before:
         lines[0] = lines[0].partition(" ")[2]
+    whole = int(begin > 0)  # the first line that isn't the rest of one: a remark is no heading
     for i in range(len(lines) - 1, -1, -1):
         line = lines[i]
         if not _says_more(line):
@@ -197,7 +198,7 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
         earlier = "\n".join([*lines[:i], *_SENTENCE_END.split(line[: len(line) - len(own)])])
         said = "\n".join([*_CONVENTION.findall(earlier), own, *lines[i + 1 :]])
         owner = _owner(_PLAIN_USER.sub(" ", sentence) if bare else sentence)
-        parents = _parents_by_line(lines[:i], line)
+        parents = _parents_by_line(lines[whole:i], line)
         if owner is not Owner.OTHER and parents and _OWN.search(f"{parents} {sentence}") is None:
             owner = _owner(f"{parents} {sentence}", is_key=True)
         if _PRONOUN.search(sentence) and owner is not Owner.OTHER:

@@ -72,7 +72,7 @@ def clauses_of(reading: Reading) -> list[Clause]:
     start = sentence = 0
 
     def close(stop: int) -> None:
-        if any(word[0].isalnum() for word in words[start:stop]):
+        if any(word[0].isalpha() for word in words[start:stop]):  # no numbers alone
             found.append(Clause(start, stop, sentence))
 
     for at, word in enumerate(words):

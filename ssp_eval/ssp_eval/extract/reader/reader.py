@@ -30,6 +30,7 @@ from ssp_eval.extract.reader.weights import (
 _MOST_WORDS = 8  # of a quote
 _PRICE = 5.0  # hundredths that a further word of a quote must add
 _MOST_QUOTES = 4  # that are tried for a label
+FEW_CLAUSES = 3  # of a text in which nothing is taken back: it says too little against the rules
 _FILES = ("clauses.py", "candidates.py", "weights.py", "reader.py", FILE.name)
 
 
@@ -72,7 +73,7 @@ def complete(text: str, reading: Reading) -> Judgement:
             found = None
         else:
             found = support.slot(name, best)
-        if found is not None or slot is not None:
+        if found is not None or (slot is not None and len(seen.clauses) > FEW_CLAUSES):
             changed[name] = found
     filled = tuple(name for name, slot in changed.items() if slot is not None)
     withdrawn = tuple(name for name, slot in changed.items() if slot is None)

@@ -1,7 +1,7 @@
 """The weight of each feature for each label: the file, and the sums.
 
 The weights are whole hundredths, so that a sum is the same on every machine.
-``test/corpus/train_reader.py`` makes the file.
+``test/train_reader.py`` makes the file.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Learns the weights of the reader (ssp_eval/extract/reader) from the open texts of the corpus.
 
-Usage: python ssp_eval/test/corpus/train_reader.py [--write], in a shell of `eval "$(./ssp env)"`.
+Usage: python ssp_eval/test/train_reader.py [--write], in a shell of `eval "$(./ssp env)"`.
 It prints what rules and reader give together on texts that their weights were not learnt from: five
 parts, each read with the weights of the four others. ``--write`` writes the file. The texts of
 test.jsonl and replies.jsonl and the held-out half of blind.jsonl are never learnt from.
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from blind_measure import Tally
 from numpy.typing import NDArray
 from scipy.optimize import minimize  # type: ignore[import-untyped]  # has no types
 from scipy.sparse import csr_matrix  # type: ignore[import-untyped]  # has no types
@@ -28,7 +29,7 @@ from ssp_eval.extract.engine import Reading, read
 from ssp_eval.extract.reader import weights as files
 from ssp_eval.extract.reader.candidates import LABELS, Candidate
 from ssp_eval.extract.reader.clauses import View, view
-from ssp_eval.extract.reader.reader import Support, all_candidates
+from ssp_eval.extract.reader.reader import FEW_CLAUSES, Support, all_candidates
 from ssp_eval.extract.reader.weights import (
     CLASS,
     Threshold,
@@ -37,7 +38,7 @@ from ssp_eval.extract.reader.weights import (
 )
 from ssp_vla_bridge.backends.phrases import action_sentence, scene_text
 
-FOLDER = Path(__file__).parent
+FOLDER = Path(__file__).parent / "corpus"
 PARTS = 5
 LEAST_TEXTS = 3  # clauses that a feature must be in
 STRENGTH = 0.3  # of the weights against the pull to zero
@@ -81,11 +82,16 @@ class Example:
         return frozenset().union(*(one.defended for one in self.labels[name]))
 
 
-def examples() -> list[Example]:
-    """All texts that may be learnt from."""
-    found = perfect()
-    for name in (name for name in WORTH if name != PERFECT):
-        for line in (FOLDER / f"{name}.jsonl").read_text(encoding="utf-8").splitlines():
+def examples(files: Sequence[str] = tuple(WORTH), most: int | None = None) -> list[Example]:
+    """The texts that may be learnt from.
+
+    Args:
+        files: of these alone.
+        most: lines of a file that are read; None: all.
+    """
+    found = perfect() if PERFECT in files else []
+    for name in (name for name in files if name != PERFECT):
+        for line in (FOLDER / f"{name}.jsonl").read_text(encoding="utf-8").splitlines()[:most]:
             row = json.loads(line)
             if row.get("half", "open") != "open":
                 continue
@@ -255,44 +261,25 @@ def joining(
 
 
 @dataclass(frozen=True)
-class Tally:
-    """As in blind_measure.py: given, of these right; wanted, of these found."""
-
-    given: int = 0
-    right: int = 0
-    wanted: int = 0
-    found: int = 0
-
-    def plus(self, value: Any, right: frozenset[Any]) -> Tally:
-        hit, must = value is not None and value in right, None not in right
-        return Tally(self.given + (value is not None), self.right + hit, self.wanted + must,
-                     self.found + (must and hit))  # fmt: skip
-
-    @property
-    def precision(self) -> float:
-        return self.right / max(self.given, 1)
-
-    @property
-    def recall(self) -> float:
-        return self.found / max(self.wanted, 1)
-
-
-@dataclass(frozen=True)
 class Choice:
     """What is known of a slot before a threshold decides.
 
     Args:
         rules: the value of the rules, and how likely it is right.
         best: the likeliest value, and how likely it is right; None where no words support it.
+        is_short: the text has so few clauses that nothing is taken back.
     """
 
     rules: tuple[Any, float]
     best: tuple[Any, float]
+    is_short: bool
 
     def value(self, one: Threshold) -> Any:
         if self.rules[0] is not None and self.rules[1] >= one.keep:
             return self.rules[0]
-        return self.best[0] if self.best[1] >= one.fill else None
+        if self.best[0] is not None and self.best[1] >= one.fill:
+            return self.best[0]
+        return self.rules[0] if self.is_short else None
 
 
 def choice(example: Example, name: str, found: list[Candidate], weights: Weights) -> Choice:
@@ -301,14 +288,15 @@ def choice(example: Example, name: str, found: list[Candidate], weights: Weights
     slot = getattr(example.reading.slots, name)
     value = None if slot is None else slot.value
     rules = (value, certain.get(value, 1.0))
+    is_short = len(example.view.clauses) <= FEW_CLAUSES
     best = max(found, key=lambda one: certain[one.value], default=None)
     if best is None:
-        return Choice(rules, (None, 0.0))
+        return Choice(rules, (None, 0.0), is_short)
     if best.value != value:
         support = Support(example.text, example.reading, example.view, weights)
         if support.slot(name, best) is None:
-            return Choice(rules, (None, certain[best.value]))
-    return Choice(rules, (best.value, certain[best.value]))
+            return Choice(rules, (None, certain[best.value]), is_short)
+    return Choice(rules, (best.value, certain[best.value]), is_short)
 
 
 def threshold(name: str, chosen: Sequence[tuple[Example, Choice]]) -> Threshold:
@@ -318,7 +306,8 @@ def threshold(name: str, chosen: Sequence[tuple[Example, Choice]]) -> Threshold:
     def tally(one: Threshold) -> Tally:
         total = Tally()
         for example, open_choice in honest:
-            total = total.plus(open_choice.value(one), example.right(name))
+            given = Tally.of(open_choice.value(one), example.right(name))
+            total = total.plus(given)
         return total
 
     rules = tally(Threshold(2.0, 0.0))
@@ -367,7 +356,9 @@ def main() -> None:
                 limits = Threshold(2.0, 0.0), thresholds[name]
                 for group in ("all", name, example.style):
                     groups[group] = [
-                        tally.plus(choices[name][example.key].value(limit), example.right(name))
+                        tally.plus(Tally.of(
+                            choices[name][example.key].value(limit), example.right(name)
+                        ))
                         for tally, limit in zip(groups[group], limits, strict=True)
                     ]  # fmt: skip
         print(f"{file}, rules and then rules with reader, precision / recall")
