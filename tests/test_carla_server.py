@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import socket
-import subprocess
-import sys
-from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -16,59 +12,10 @@ from typing import Any
 import pytest
 
 from ssp_core.carla.probe_report import load_report
+from support.carla_commands import client, left_as_found, refused, ssp
 from support.carla_counterpart import BODIES, EMPTY_XODR, Behaviour, Body, Counterpart
 
 pytestmark = pytest.mark.carla
-TESTS = Path(__file__).parent
-# Far more than any of these processes takes on a busy machine.
-PATIENCE_S = 300.0
-
-
-# Runs several command lines in one process, each from a new client, and prints what came of them.
-_COMMANDS = """
-import contextlib, io, json, sys
-from ssp_core.cli import main
-told = []
-for arguments in json.loads(sys.stdin.read()):
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
-        status = main(arguments)
-    told.append((status, out.getvalue()))
-print(json.dumps(told))
-"""
-Told = tuple[int, str]
-
-
-def client(*arguments: str, given: str = "") -> str:
-    """Run Python, which may import CARLA's client, in a process of its own; its output."""
-    path = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        input=given, capture_output=True, text=True, timeout=PATIENCE_S, check=False,
-        env={**os.environ, "PYTHONPATH": path},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def ssp(*commands: Sequence[object]) -> list[Told]:
-    given = json.dumps([[str(one) for one in command] for command in commands])
-    # CARLA's client writes its own warnings to the same output, line by line.
-    return json.loads(client("-c", _COMMANDS, given=given).splitlines()[-1])  # type: ignore[no-any-return]
-
-
-def left_as_found(server: Counterpart) -> None:
-    assert server.settings == server.left_settings
-    assert sorted(actor.definition[1] for actor in server.actors.values()) == sorted(
-        ["spectator", "traffic.traffic_light", *server.behaviour.foreign]
-    )
-
-
-def refused(told: Told, *words: str) -> None:
-    status, text = told
-    assert status == 1, text
-    for word in words:
-        assert word in " ".join(text.split()), text
 
 
 def test_a_sound_server_passes_and_is_left_as_it_was(tmp_path: Path) -> None:

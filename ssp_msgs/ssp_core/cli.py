@@ -33,6 +33,10 @@ VERBS: dict[str, tuple[str, str]] = {
         "Compile an event for a simulator or a track.",
     ),
     "run": ("ssp_scenario_manager.cli.run:run", "Run one session and record it into a bag."),
+    "draw": (
+        "ssp_eval.draw.cli:draw",
+        "Draw the pictures of a finished recording anew with CARLA.",
+    ),
     "import-bag": (
         "ssp_eval.importers.cli:import_bag_command",
         "Turn somebody else's ROS 2 bag into a recording that can be audited.",

@@ -87,7 +87,9 @@ def _shared(first: Provenance, second: Provenance) -> list[str]:
 
 
 def _sources(facts: Provenance) -> dict[str, str]:
-    """Hashes of what a recording was imported from, by their names for people."""
+    """Hashes of what a recording was imported or drawn from, by their names for people."""
+    if facts.drawn is not None:
+        return {"recording that was drawn anew": facts.drawn.of_sha256}
     record = facts.imported
     if record is None:
         return {}

@@ -4,6 +4,7 @@ it.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import date
@@ -16,17 +17,20 @@ from ssp_core.bag.declaration import DECLARATION_FILE, participation_of
 from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.bag.seal import REPORT_NAME, check_unaltered, read_seal
 from ssp_core.bag.verdict import check_verdict
+from ssp_core.carla.record import CarlaScene
+from ssp_core.cdr.codec import START, read_text
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model
 from ssp_core.hashing import sha256_file
-from ssp_core.names import SESSION_STATE, absolute
+from ssp_core.names import CAMERA_RENDERER, SESSION_STATE, absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import CAMERA, Participation, Standing
 from ssp_core.run_file.road import Road
 from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Strict
 from ssp_core.run_file.verdict import VERDICT_FILE, RecordedVerdict, read_verdict
 from ssp_core.vocabulary import DomainWord, ObjectWord, SessionPhase, Verdict
+from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Drawn
 
 SCHEMA: Literal["ssp.import/2"] = "ssp.import/2"
 IMPORT_ATTACHMENT = "import.json"
@@ -169,6 +173,7 @@ class ImportRecord(Strict):
 
 OUR_RENDERER = "the camera of ssp"
 CARLA = "CARLA"
+COUNTERPART = "a stand-in for CARLA in tests"
 # Generators of clips that the same camera draws, see ssp_ot_controller.camera.clip.
 _OUR_CLIPS = "ssp-clip/"
 RUN_ATTACHMENT = "run.yaml"
@@ -212,6 +217,8 @@ class Provenance:
         session_start_ns: stamp of the first RUNNING state, None for an imported video.
         imported: what the importer wrote, None for a session.
         twin: in what it differs from which recording, None unless it is a twin.
+        drawn: of which recording its pictures were drawn anew, None where they are its own.
+        scene: what the server was that drew its pictures, None where CARLA drew none.
         participation: what the participants of a session were, None for an imported video.
         declaration_sha256: hash of declaration.json, None where nobody gave a word.
         seal: how the bag's seal stands to what is in it, and what can't be checked of the verdict;
@@ -235,6 +242,8 @@ class Provenance:
     run: RunSpec | None
     imported: ImportRecord | None
     twin: str | None = None
+    drawn: Drawn | None = None
+    scene: CarlaScene | None = None
     participation: Participation | None = None
     declaration_sha256: str | None = None
     seal: str = ""
@@ -290,6 +299,10 @@ class Provenance:
             return None if made_by == "unknown" else made_by
         if self.run is None or self.participation is None:
             return None
+        if self.scene is not None and self.scene.counterpart:
+            return COUNTERPART
+        if self.drawn is not None:
+            return CARLA
         if self.run.mode == "live" and not self.run.stand_in:
             return OUR_RENDERER if CAMERA in self.participation.substitutes else None
         camera = self.run.camera
@@ -401,6 +414,34 @@ def _told_twin(bag: BagReader) -> str | None:
     return f"{told.get('words')}, of {told.get('of')}"
 
 
+def _told_scene(bag: BagReader) -> CarlaScene | None:
+    """Read what the server is that drew the pictures, by its last word; None: there is none.
+
+    Raises:
+        InputError: it isn't valid.
+    """
+    data = None
+    for message in bag.messages([absolute(CAMERA_RENDERER)]):
+        data = message.data
+    if data is None:
+        return None
+    place = f"{bag.path}:{absolute(CAMERA_RENDERER)}"
+    try:
+        text, _ = read_text(data, START)
+    except (ValueError, struct.error) as error:
+        raise InputError(f"is no text: {error}", file=place) from error
+    return parse_model(CarlaScene, parse_mapping(text.encode(), place), place)
+
+
+def _told_drawn(bag: BagReader) -> Drawn | None:
+    """Read of which recording the pictures were drawn anew; None: they are its own."""
+    data = bag.attachment(DRAWN_ATTACHMENT)
+    if data is None:
+        return None
+    place = f"{bag.path}:{DRAWN_ATTACHMENT}"
+    return parse_model(Drawn, parse_mapping(data, place), place)
+
+
 def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     place = f"{bag.path}:{RUN_ATTACHMENT}"
     run = parse_model(RunSpec, parse_mapping(data, place), place)
@@ -421,7 +462,10 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     folder = bag_folder(bag.path)
     participation = participation_of(bag, run, folder, digest)
     word = folder / DECLARATION_FILE
-    stood_in = run.domain == "physical" and participation.standing is Standing.STAND_IN
+    drawn = _told_drawn(bag)
+    stood_in = run.domain == "physical" and (
+        drawn is not None or participation.standing is Standing.STAND_IN
+    )
     return Provenance(
         name=bag_folder(bag.path).name,
         bag_sha256=digest,
@@ -430,7 +474,8 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         domain_said_by=f"by the session: {'live' if run.mode == 'live' else 'simulated'} run of "
         f"{run.compiler or 'a run file made by hand'}; {participation.text}",
         event_version=run.event_version,
-        origin=f"session {run.run_id} at {run.site}, seed {run.seed}, {run.mode}",
+        origin=f"session {run.run_id} at {run.site}, seed {run.seed}, {run.mode}"
+        + ("" if drawn is None else f", {drawn.text}"),
         stand_in=run.stand_in or stood_in,
         ego="measured",
         camera="measured",
@@ -441,6 +486,8 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         run=run,
         imported=None,
         twin=_told_twin(bag),
+        drawn=drawn,
+        scene=_told_scene(bag),
         participation=participation,
         declaration_sha256=sha256_file(word) if participation.said_by else None,
     )

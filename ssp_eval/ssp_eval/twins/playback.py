@@ -107,10 +107,10 @@ def read_factual(bag: BagReader) -> Factual:
             remedy="give a run of `ssp run`; of any recording the pictures alone can be changed, "
             "with `ssp evaluate --pictures`",
         )
-    if run.camera.renderer != "raster":
+    if run.camera.renderer != "raster" or facts.drawn is not None:
         raise InputError(
             "was drawn by CARLA, which promises no equal pixels: a twin would differ everywhere",
-            file=bag.path, field="camera.renderer", value=run.camera.renderer,
+            file=bag.path, field="camera.renderer", value="carla",
             remedy="run the task again with --camera raster",
         )  # fmt: skip
     if topic is None or topic.count == 0 or topic.msgtype != COMPRESSED_TYPE:

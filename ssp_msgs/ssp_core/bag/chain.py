@@ -35,6 +35,7 @@ class Maker(StrEnum):
     RECOVER = "recover"
     IMPORT = "import"
     TWIN = "twin"
+    DRAW = "draw"
     WRITER = "writer"
 
 

@@ -59,6 +59,7 @@ _MAKERS = {
     Maker.RECOVER: "`ssp bag recover`",
     Maker.IMPORT: "the import",
     Maker.TWIN: "`ssp twins`",
+    Maker.DRAW: "`ssp draw`",
     Maker.WRITER: "its writer",
 }
 

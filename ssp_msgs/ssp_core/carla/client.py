@@ -9,23 +9,26 @@ from __future__ import annotations
 
 import importlib
 import math
-import queue
 import socket
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ssp_core.carla.acceptance import ServerFacts, opendrive_sha256, version_refusal
+from ssp_core.carla.acceptance import (
+    ServerFacts,
+    foreign_actors,
+    opendrive_sha256,
+    version_refusal,
+)
 from ssp_core.carla.address import CarlaAddress
 from ssp_core.carla.blueprints import PEDESTRIAN_PREFIX, VEHICLE_PREFIX, Blueprint
 from ssp_core.carla.frame import BodyBox, CarlaPose, Ground
+from ssp_core.carla.left import LeftFile, forget_left, read_left
+from ssp_core.carla.pictures import CarlaCamera, Picture, pose_of_transform
+from ssp_core.carla.record import COUNTERPART_BLUEPRINT
 from ssp_core.carla.sensor import CAMERA_BLUEPRINT
 from ssp_core.errors import HostError, PeerError
 
@@ -59,20 +62,6 @@ class Placement:
     pose: CarlaPose
     walking_mps: float | None = None
     lights: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A picture of one frame.
-
-    Args:
-        pose: of the camera when it was taken.
-        pixels: shape (height, width, 3), uint8, blue, green, red.
-    """
-
-    frame: int
-    pose: CarlaPose
-    pixels: NDArray[np.uint8]
 
 
 def client_library() -> Any:
@@ -113,6 +102,7 @@ class CarlaServer:
         self._spawned: list[int] = []
         self._roles: dict[int, str] = {}
         self._sensors: list[Any] = []
+        self._left = LeftFile(address)
         # CARLA's client tells a closed port from a busy server by waiting for the whole limit.
         try:
             socket.create_connection((address.host, address.port), _CONNECT_S).close()
@@ -157,6 +147,45 @@ class CarlaServer:
 
     # -- what it says -----------------------------------------------------------------------------
 
+    def restore_left(self) -> str:
+        """Give back what a client of this machine that was killed left; in words, or empty.
+
+        Nothing is changed in a server that isn't synchronous any more, or that somebody ticks.
+        """
+        left = read_left(self.address)
+        if left is None:
+            return ""
+        with self._asking("asked for its settings"):
+            settings = self._world.get_settings()
+        if not settings.synchronous_mode:
+            forget_left(self.address)
+            return ""
+        with suppress(RuntimeError):
+            self._world.wait_for_tick(_WATCH_S)
+            return ""  # somebody ticks it
+        with self._asking("given back what a client that is gone left in it"):
+            _set_fields(settings, left.settings)
+            self._world.apply_settings(settings, self._timeout_s)
+            # Without a tick the client knows no actors.
+            if not settings.synchronous_mode:
+                self._world.wait_for_tick(self._timeout_s)
+            found = [one for one in self._world.get_actors() if int(one.id) in left.actors]
+            theirs = [int(one.id) for one in found if foreign_actors([str(one.type_id)])]
+            destroy = [self._carla.command.DestroyActor(actor) for actor in theirs]
+            if destroy:
+                self._client.apply_batch_sync(destroy, False)
+            _set_fields(weather := self._world.get_weather(), left.weather)
+            self._world.set_weather(weather)
+            for _ in range(_SETTLE_TICKS):
+                if _numbers(self._world.get_weather()) == left.weather:
+                    break
+                self._world.wait_for_tick(self._timeout_s)
+        forget_left(self.address)
+        return (
+            f"CARLA server {self.address}: a client that was killed had left {len(theirs)} actors "
+            "and its settings; they were given back"
+        )
+
     def facts(self) -> ServerFacts:
         """Ask for everything that decides whether a run is accepted, and change nothing."""
         with self._asking("asked for its settings and map"):
@@ -182,16 +211,12 @@ class CarlaServer:
     def settings(self) -> dict[str, Any]:
         """The world's settings by the names of carla.WorldSettings."""
         with self._asking("asked for its settings"):
-            found = self._world.get_settings()
-        names = [name for name in dir(found) if not name.startswith("_")]
-        return {name: getattr(found, name) for name in names}
+            return _fields(self._world.get_settings())
 
     def weather(self) -> dict[str, float]:
         """The weather as the server has it, by the names of carla.WeatherParameters."""
         with self._asking("asked for its weather"):
-            found = self._world.get_weather()
-        values = {name: getattr(found, name) for name in dir(found) if not name.startswith("_")}
-        return {n: round(v, 6) for n, v in values.items() if isinstance(v, float)}
+            return _numbers(self._world.get_weather())
 
     def blueprints(self) -> list[Blueprint]:
         """All vehicles and pedestrians that it offers, by id."""
@@ -206,6 +231,12 @@ class CarlaServer:
             wheels = one.get_attribute("number_of_wheels").as_int() if has_wheels else 0
             found.append(Blueprint(str(one.id), base, wheels))
         return sorted(found, key=lambda one: one.id)
+
+    def is_counterpart(self) -> bool:
+        """True for a server that says that it stands in for CARLA in tests."""
+        with self._asking("asked for its blueprints"):
+            library = self._world.get_blueprint_library()
+            return any(one.id == COUNTERPART_BLUEPRINT for one in library)
 
     def ground(self) -> Ground:
         """The height of the map's roads and sidewalks at x, y of frame map."""
@@ -228,7 +259,7 @@ class CarlaServer:
         """A place on the road: the map's first spawn point, or the origin."""
         with self._asking("asked for its map"):
             points = self._world.get_map().get_spawn_points()
-        return _pose(points[0]) if points else CarlaPose(0.0, 0.0, 0.0)
+        return pose_of_transform(points[0]) if points else CarlaPose(0.0, 0.0, 0.0)
 
     # -- the tick ---------------------------------------------------------------------------------
 
@@ -238,6 +269,7 @@ class CarlaServer:
             if self._settings is None:
                 self._settings = self._world.get_settings()
                 self._weather = self._world.get_weather()
+                self._keep_left()
             wanted = self._world.get_settings()
             wanted.synchronous_mode = True
             wanted.no_rendering_mode = False
@@ -315,6 +347,7 @@ class CarlaServer:
                 self._spawned.append(int(answer.actor_id))
                 self._roles[int(answer.actor_id)] = role
             found.append(str(answer.error) if answer.error else int(answer.actor_id))
+        self._keep_left()
         self.tick()
         return found
 
@@ -382,7 +415,7 @@ class CarlaServer:
             found = self._world.get_snapshot().find(actor)
         if found is None:
             raise self._gone(actor)
-        return _pose(found.get_transform())
+        return pose_of_transform(found.get_transform())
 
     def _check_places(self, frame: int, placements: Sequence[Placement]) -> None:
         with self._asking("asked for its frame"):
@@ -396,7 +429,7 @@ class CarlaServer:
             found = snapshot.find(one.actor)
             if found is None:
                 raise self._gone(one.actor)
-            pose = _pose(found.get_transform())
+            pose = pose_of_transform(found.get_transform())
             off = max(abs(pose.x_m - one.pose.x_m), abs(pose.y_m - one.pose.y_m))
             turn = abs((pose.yaw_deg - one.pose.yaw_deg + 180.0) % 360.0 - 180.0)
             if off > _PLACE_M or turn > _YAW_DEG:
@@ -459,6 +492,7 @@ class CarlaServer:
             self._sensors.append(sensor)
             self._spawned.append(int(sensor.id))
             self._roles[int(sensor.id)] = "the camera"
+            self._keep_left()
             camera = CarlaCamera(sensor)
         for _ in range(_WARM_UP_TICKS):
             if camera.take(self.tick(), _WARM_UP_WAIT_S) is not None:
@@ -481,6 +515,11 @@ class CarlaServer:
                 f"{self._timeout_s:g} s (newest: {camera.newest})"
             )
         return found
+
+    def _keep_left(self) -> None:
+        if self._settings is not None:
+            settings, weather = _fields(self._settings), _numbers(self._weather)
+            self._left.write(settings, weather, self._spawned)
 
     # -- the end ----------------------------------------------------------------------------------
 
@@ -509,6 +548,7 @@ class CarlaServer:
             if left[1] is not None:
                 self._world.set_weather(left[2])
                 self._world.apply_settings(left[1], _RESTORE_S)
+            self._left.remove()
         except RuntimeError as error:
             return [
                 f"CARLA server {self.address} couldn't be left as it was found: "
@@ -517,42 +557,15 @@ class CarlaServer:
         return []
 
 
-class CarlaCamera:
-    """The pictures of a camera, by the number of their frame.
-
-    Args:
-        sensor: carla.Sensor.
-
-    Attributes:
-        attributes: all of its attributes, as it was spawned with.
-    """
-
-    def __init__(self, sensor: Any) -> None:
-        self.actor = int(sensor.id)
-        self.attributes = {str(name): str(value) for name, value in sensor.attributes.items()}
-        self.newest = 0
-        self._come: queue.Queue[Picture] = queue.Queue()
-        sensor.listen(self._on_image)
-
-    def _on_image(self, image: Any) -> None:
-        """Run in a thread of CARLA's client."""
-        shape = (image.height, image.width, 4)
-        pixels = np.frombuffer(image.raw_data, np.uint8).reshape(shape)[:, :, :3].copy()
-        self._come.put(Picture(int(image.frame), _pose(image.transform), pixels))
-
-    def take(self, frame: int, wait_s: float) -> Picture | None:
-        """The picture of a frame; those of other frames are dropped. None: it doesn't come."""
-        until = time.monotonic() + wait_s
-        while True:
-            try:
-                found = self._come.get(timeout=max(0.0, until - time.monotonic()))
-            except queue.Empty:
-                return None
-            self.newest = max(self.newest, found.frame)
-            if found.frame == frame:
-                return found
+def _fields(found: Any) -> dict[str, Any]:
+    """The values of one of CARLA's structures, by name."""
+    return {name: getattr(found, name) for name in dir(found) if not name.startswith("_")}
 
 
-def _pose(transform: Any) -> CarlaPose:
-    at, turn = transform.location, transform.rotation
-    return CarlaPose(at.x, at.y, at.z, turn.pitch, turn.yaw, turn.roll)
+def _numbers(found: Any) -> dict[str, float]:
+    return {name: round(v, 6) for name, v in _fields(found).items() if isinstance(v, float)}
+
+
+def _set_fields(into: Any, values: Mapping[str, Any]) -> None:
+    for name, value in values.items():
+        setattr(into, name, value)

@@ -16,8 +16,10 @@ from ssp_core.carla.address import CarlaAddress
 from ssp_core.carla.blueprints import ChosenBody, choose_body, is_candidate
 from ssp_core.carla.client import CarlaServer, Placement
 from ssp_core.carla.frame import BodyBox, camera_pose, feet_pose, vehicle_pose
+from ssp_core.carla.record import SCENE_SCHEMA
 from ssp_core.carla.sensor import camera_attributes, weather_of
 from ssp_core.errors import PeerError
+from ssp_core.geometry import Pose2
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.vocabulary import ObjectClass
@@ -27,7 +29,6 @@ from ssp_ot_controller.camera.renderer.bodies import BRAKE_MPS2
 from ssp_ot_controller.camera.renderer.render import render, warm_up
 from ssp_ot_controller.camera.renderer.scene import Indicator, Scene, is_lit
 
-SCENE_SCHEMA = "ssp.carla_scene/1"
 # Three calls make a picture, and the world gives the camera 10 s for it.
 _FRAME_TIMEOUT_S = 3.0
 # CARLA's exposure follows the light for this long after the camera appeared.
@@ -87,6 +88,7 @@ class CarlaPainter:
         run: with a camera, in lockstep.
         map_sha256: of the OpenDRIVE that the run was compiled for.
         on_record: takes ``record`` whenever it changes.
+        start: of the VUT at the first picture, for the camera's exposure; None: the run's.
 
     Raises:
         HostError: CARLA's client isn't installed.
@@ -100,6 +102,7 @@ class CarlaPainter:
         address: CarlaAddress,
         map_sha256: str,
         on_record: Callable[[Mapping[str, Any]], None],
+        start: Pose2 | None = None,
     ) -> None:
         self._run, self._camera, self._on_record = run, camera, on_record
         self._frame_s = steps_per_frame(camera.rate_hz, run.step_s) * run.step_s
@@ -109,6 +112,7 @@ class CarlaPainter:
         self._actors: dict[str, int] = {}
         self._server = CarlaServer(address)
         try:
+            self._server.restore_left()
             facts = self._server.facts()
             if refused := refusals(facts, map_sha256):
                 raise PeerError(
@@ -122,8 +126,7 @@ class CarlaPainter:
             self._blueprints = self._server.blueprints()
             for target in run.targets:
                 self._add(target.id, ObjectClass[target.object_class.upper()], target.size)
-            start = run.vut.start.pose
-            eye = camera_pose(start, run.vut.size, camera, self._ground)
+            eye = camera_pose(start or run.vut.start.pose, run.vut.size, camera, self._ground)
             self._eye = self._server.start_camera(camera_attributes(camera), eye)
             for _ in range(math.ceil(_EXPOSURE_S / self._frame_s)):
                 self._server.tick()
@@ -142,12 +145,13 @@ class CarlaPainter:
                 "settings": self._server.settings(),
                 "weather": weather,
                 "triggers": [one.model_dump(mode="json") for one in run.triggers],
+                "counterpart": self._server.is_counterpart(),
             }
             self._server.set_timeout(_FRAME_TIMEOUT_S)
+            self._tell()
         except BaseException:
             self._server.close()
             raise
-        self._tell()
 
     @property
     def record(self) -> Mapping[str, Any]:

@@ -54,6 +54,8 @@ def probe_command(server: str, map_file: Path | None, out: Path, as_json: bool) 
     wanted = None if map_file is None else map_sha256(map_file)
     started = datetime.now(UTC)
     with CarlaServer(address) as found:
+        if restored := found.restore_left():
+            console.note(restored)
         facts = found.facts()
         refused = refusals(facts, wanted)
         if refused:

@@ -1,0 +1,1 @@
+"""A finished recording drawn anew by CARLA: the same states, other pictures."""
