@@ -17,6 +17,7 @@ from ssp_eval.audit.evidence import (
 from ssp_eval.audit.measure import Measured, Phases
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
+from ssp_eval.audit.server import server_findings
 from ssp_eval.data.audit import (
     CONFLICT,
     FIELDS,
@@ -188,6 +189,10 @@ def _domain(one: Subject) -> Iterator[Finding]:
         yield Finding("unverified", text)
 
 
+def _server(one: Subject) -> Iterable[Finding]:
+    return server_findings(one.whole.provenance)
+
+
 def _off_spec(one: Subject) -> Iterator[Finding]:
     """Time gap and passing order lie in K*'s range where they are determined."""
     if one.event is None:
@@ -222,6 +227,7 @@ CHECKS: tuple[Check, ...] = (
     _phases,
     _clip,
     _domain,
+    _server,
     _off_spec,
 )
 

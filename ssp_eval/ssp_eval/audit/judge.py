@@ -19,6 +19,7 @@ from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.measure import Phases
 from ssp_eval.audit.reasons import Finding, Reason, explain
 from ssp_eval.audit.recording import Head, Recording, disclosed, read_head, read_recording
+from ssp_eval.audit.server import server_disclosures
 from ssp_eval.audit.visibility import label_sizes
 from ssp_eval.data.audit import (
     EVENT_PHASES,
@@ -87,6 +88,7 @@ def disclosures(one: Examined) -> dict[str, str]:
             f"{camera.rate_hz:g} Hz"
         )
     found["look"] = f"palette {run.look.palette}"
+    found |= server_disclosures(recording.provenance)
     attached = recording.attached
     return {
         **found,

@@ -17,6 +17,7 @@ from ssp_core.bag.declaration import DECLARATION_FILE, participation_of
 from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.bag.seal import REPORT_NAME, check_unaltered, read_seal
 from ssp_core.bag.verdict import check_verdict
+from ssp_core.carla.probe_report import CarlaProbeReport, load_report
 from ssp_core.carla.record import CarlaScene
 from ssp_core.cdr.codec import START, read_text
 from ssp_core.cdr.messages import stamp_ns
@@ -176,6 +177,8 @@ CARLA = "CARLA"
 COUNTERPART = "a stand-in for CARLA in tests"
 # Generators of clips that the same camera draws, see ssp_ot_controller.camera.clip.
 _OUR_CLIPS = "ssp-clip/"
+# Beside a bag that CARLA drew, or in it: the probe of the server.
+PROBE_FILE = "carla_probe.json"
 RUN_ATTACHMENT = "run.yaml"
 NO_VERDICT = f"the bag holds no {VERDICT_FILE}: the runner's word on how the run ended is missing"
 
@@ -199,6 +202,14 @@ class Participants:
 
 
 @dataclass(frozen=True)
+class ServerProbe:
+    """The file of a probe of the server that drew a recording."""
+
+    report: CarlaProbeReport
+    sha256: str
+
+
+@dataclass(frozen=True)
 class Provenance:
     """The origin of a clip.
 
@@ -219,6 +230,7 @@ class Provenance:
         twin: in what it differs from which recording, None unless it is a twin.
         drawn: of which recording its pictures were drawn anew, None where they are its own.
         scene: what the server was that drew its pictures, None where CARLA drew none.
+        probe: of that server, as it lies beside the bag; None: there is none.
         participation: what the participants of a session were, None for an imported video.
         declaration_sha256: hash of declaration.json, None where nobody gave a word.
         seal: how the bag's seal stands to what is in it, and what can't be checked of the verdict;
@@ -244,6 +256,7 @@ class Provenance:
     twin: str | None = None
     drawn: Drawn | None = None
     scene: CarlaScene | None = None
+    probe: ServerProbe | None = None
     participation: Participation | None = None
     declaration_sha256: str | None = None
     seal: str = ""
@@ -433,6 +446,18 @@ def _told_scene(bag: BagReader) -> CarlaScene | None:
     return parse_model(CarlaScene, parse_mapping(text.encode(), place), place)
 
 
+def _told_probe(folder: Path) -> ServerProbe | None:
+    """Read the probe in a bag's folder or beside it; None: there is none.
+
+    Raises:
+        InputError: it is no report of a probe.
+    """
+    for file in (folder / PROBE_FILE, folder.parent / PROBE_FILE):
+        if file.is_file():
+            return ServerProbe(load_report(file), sha256_file(file))
+    return None
+
+
 def _told_drawn(bag: BagReader) -> Drawn | None:
     """Read of which recording the pictures were drawn anew; None: they are its own."""
     data = bag.attachment(DRAWN_ATTACHMENT)
@@ -462,7 +487,7 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     folder = bag_folder(bag.path)
     participation = participation_of(bag, run, folder, digest)
     word = folder / DECLARATION_FILE
-    drawn = _told_drawn(bag)
+    drawn, scene = _told_drawn(bag), _told_scene(bag)
     stood_in = run.domain == "physical" and (
         drawn is not None or participation.standing is Standing.STAND_IN
     )
@@ -487,7 +512,8 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         imported=None,
         twin=_told_twin(bag),
         drawn=drawn,
-        scene=_told_scene(bag),
+        scene=scene,
+        probe=None if scene is None else _told_probe(folder),
         participation=participation,
         declaration_sha256=sha256_file(word) if participation.said_by else None,
     )

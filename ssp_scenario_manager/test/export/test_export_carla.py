@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import sys
 import types
 from collections.abc import Callable
 from pathlib import Path
@@ -25,84 +24,6 @@ from ssp_scenario_manager.compile.targets.map_file import map_file
 from ssp_scenario_manager.compile.task import PlaceLink
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
-LANE_TYPES = types.SimpleNamespace(Any="Any", Driving="Driving", Sidewalk="Sidewalk", NONE="NONE")
-
-
-def _place(x: float, y: float, yaw: float) -> Any:
-    return types.SimpleNamespace(
-        location=types.SimpleNamespace(x=x, y=y, z=0.0), rotation=types.SimpleNamespace(yaw=yaw)
-    )
-
-
-# Lane id, type, y of the centre and width, of the straight road of 400 m that ``make_block`` makes.
-# CARLA's y is to the right.
-LANES = (
-    (3, "Sidewalk", -13.75, 3.0),
-    (2, "Driving", -10.5, 3.5),
-    (1, "Driving", -7.0, 3.5),
-    (-1, "Driving", -3.5, 3.5),
-    (-2, "Driving", 0.0, 3.5),
-    (-3, "Sidewalk", 3.25, 3.0),
-)
-VERGE = (-4, "NONE", 7.75, 6.0)
-
-
-class _Waypoint:
-    """As carla.Waypoint on one of those lanes."""
-
-    def __init__(self, lanes: Any, index: int, x: float) -> None:
-        self.lane_id, self.lane_type, y, self.lane_width = lanes[index]
-        self._lanes, self._index = lanes, index
-        self.transform = _place(x, y, 0.0 if self.lane_id < 0 else 180.0)
-
-    def next(self, distance: float) -> list[_Waypoint]:
-        x = self.transform.location.x + (distance if self.lane_id < 0 else -distance)
-        return [_Waypoint(self._lanes, self._index, x)] if 0.0 <= x <= 400.0 else []
-
-    def _beside(self, step: int) -> _Waypoint | None:
-        index = self._index + step
-        if not 0 <= index < len(self._lanes):
-            return None
-        return _Waypoint(self._lanes, index, self.transform.location.x)
-
-    def get_left_lane(self) -> _Waypoint | None:
-        return self._beside(-1 if self.lane_id < 0 else 1)
-
-    def get_right_lane(self) -> _Waypoint | None:
-        return self._beside(1 if self.lane_id < 0 else -1)
-
-
-class _Map:
-    """As carla.Map of that road; it finds no strips of type none, as CARLA's doesn't."""
-
-    def __init__(self, name: str, xodr: str) -> None:
-        assert "<OpenDRIVE" in xodr
-        self._lanes = (*LANES, VERGE) if 'lane id="-4"' in xodr else LANES
-
-    def get_waypoint(self, place: Any, project_to_road: bool, lane_type: str) -> _Waypoint | None:
-        found = [
-            (abs(place.y - y), index)
-            for index, (_, kind, y, _) in enumerate(self._lanes)
-            if kind != "NONE" and lane_type in ("Any", kind)
-        ]
-        apart, index = min(found)
-        inside = apart <= self._lanes[index][3] / 2 and 0.0 <= place.x <= 400.0
-        return _Waypoint(self._lanes, index, place.x) if inside or project_to_road else None
-
-
-def _made_here() -> types.ModuleType:
-    module = types.ModuleType("carla")
-    module.Location = lambda x, y, z: types.SimpleNamespace(x=x, y=y, z=z)  # type: ignore[attr-defined]
-    module.LaneType = LANE_TYPES  # type: ignore[attr-defined]
-    module.Map = _Map  # type: ignore[attr-defined]
-    return module
-
-
-@pytest.fixture(params=["made here", pytest.param("installed", marks=pytest.mark.carla)])
-def with_carla(request: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """CARLA's map: one of a known road made here, and the real one."""
-    if request.param == "made here":
-        monkeypatch.setitem(sys.modules, "carla", _made_here())
 
 
 @pytest.fixture(autouse=True)
@@ -150,14 +71,17 @@ def test_bodies_appear_around_their_middle_above_the_ground(case_of: Any, tmp_pa
     vut, walker, truck = config.actors
     assert (vut.reference.location.x, vut.reference.location.y) == (15.0, 0.0)
     # A car reaches from 0.9 m behind to 3.6 m ahead of its rear axle.
-    assert vut.spawn.location.x == pytest.approx(15.0 + 1.35)
+    # CARLA's box of that car lies 0.03 m ahead of its origin.
+    assert vut.spawn.location.x == pytest.approx(15.0 + 1.35 - 0.03)
     assert 0.0 < vut.spawn.location.z < 0.5
     # The pedestrian faces left, which is CARLA's -90 degrees, and stands to the right: y > 0.
     assert walker.spawn.rotation.yaw == pytest.approx(-90.0)
     assert walker.spawn.location.y == pytest.approx(1.75 + 0.8)
     assert walker.spawn.location.z == pytest.approx(1.75 / 2 + 0.1)
     assert walker.blueprint.startswith("walker.")
-    assert truck.spawn.location.x == pytest.approx(100.0 + 2.5)
+    # And that of the fire engine 0.25 m behind.
+    assert truck.spawn.location.x == pytest.approx(100.0 + 2.5 + 0.25)
+    assert (vut.box_forward, walker.box_forward, truck.box_forward) == (0.03, 0.0, -0.25)
     assert truck.drive is None
     assert walker.drive is None
 
@@ -213,8 +137,9 @@ def test_camera_world_and_sources_are_those_of_the_task(case_of: Any, tmp_path: 
     assert (config.camera.image_size_x, config.camera.image_size_y) == (960, 540)
     assert (config.camera.fov, config.camera.sensor_tick) == (75.0, 0.1)
     mounting = config.camera.mounting
-    # 1.8 m ahead of the rear axle is 0.45 m ahead of the body's middle; down is negative.
-    assert mounting.location.x == pytest.approx(camera.forward_m - 1.35)
+    # 1.8 m ahead of the rear axle is 0.45 m ahead of the body's middle, which lies 0.03 m ahead
+    # of CARLA's origin; down is negative.
+    assert mounting.location.x == pytest.approx(camera.forward_m - 1.35 + 0.03)
     assert mounting.location.z == camera.height_m
     assert mounting.rotation.pitch == pytest.approx(-math.degrees(camera.pitch_down_rad))
     assert config.world.synchronous_mode is True
@@ -287,14 +212,14 @@ def config_of(case: Any) -> tuple[dict[str, Any], str]:
     return json.loads(json.dumps(config)), chart.data.decode()
 
 
-@pytest.mark.usefixtures("with_carla")
+@pytest.mark.carla
 @pytest.mark.parametrize("name", EVENTS)
 def test_a_good_configuration_fits_the_map(name: str, case_of: Any, tmp_path: Path) -> None:
     config, text = config_of(case_of(name))
     assert check_against_map(config, text) == []
 
 
-@pytest.mark.usefixtures("with_carla")
+@pytest.mark.carla
 def test_a_verge_is_ground_to_wait_on(case_of: Any, block_of: Any) -> None:
     raw, text = config_of(case_of("vru_crossing", block_of(right_boundary="verge")))
     raw["actors"][1]["reference"]["location"]["y"] = 9.0
@@ -326,7 +251,7 @@ def _route(index: int, points: list[tuple[float, float]]) -> Spoil:
     return _set(f"actors.{index}.drive.route", [{"x": x, "y": y, "z": 0.0} for x, y in points])
 
 
-@pytest.mark.usefixtures("with_carla")
+@pytest.mark.carla
 @pytest.mark.parametrize(
     ("name", "spoil", "words"),
     [

@@ -43,6 +43,12 @@ from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.scenarios.base import Plan
 
 CARLA_FILE = "carla_config.json"
+# Middle of the body's box ahead of the actor's origin, as measured of CARLA 0.9.1x; of others 0.
+_BOX_FORWARD_M = {
+    "vehicle.tesla.model3": 0.03,
+    "vehicle.carlamotors.firetruck": -0.25,
+    "vehicle.mitsubishi.fusorosa": -0.45,
+}
 # Room below a body that appears, so that it doesn't stick in the ground.
 _VEHICLE_ABOVE_M = 0.3
 _WALKER_ABOVE_M = 0.1
@@ -116,7 +122,7 @@ def carla_config(task: Task, block: Block, plan: Plan, chart: MapFile) -> dict[s
         "actors": [_actor(who, heights) for who in (run.vut, *run.targets)],
         "triggers": [_trigger(spec, heights) for spec in run.triggers],
         "conflict": _place(block.line.to_map(plan.conflict.s_m, plan.conflict.l_m), heights),
-        "camera": None if run.camera is None else _camera(run.camera, run.vut.size),
+        "camera": None if run.camera is None else _camera(run.camera, run.vut),
         "speed_limit_mps": task.limits.speed_mps,
         "end_s": min(run.end.at_latest_s, run.limits.duration_s),
     }
@@ -173,19 +179,21 @@ def _actor(who: ParticipantSpec, heights: Heights) -> dict[str, Any]:
     """One participant.
 
     ``reference`` is the task's pose on the ground: below the rear axle, or below a pedestrian.
-    ``spawn`` is the same for CARLA, which puts a vehicle's origin below the middle of its body and
-    a walker's at half its height, and wants some room above the ground.
+    ``spawn`` is the same for CARLA: a vehicle's origin lies below its body, ``box_forward`` behind
+    the middle, a walker's at half its height, and both want some room above the ground.
     """
     size, start = who.size, who.start.pose
     ground = heights.at((start.x_m, start.y_m))
     walks = who.object_class == "pedestrian"
     above = size.height_m / 2 + _WALKER_ABOVE_M if walks else _VEHICLE_ABOVE_M
-    middle = Pose2(*start.to_parent(_body_middle_m(size), 0.0), start.yaw_rad)
+    blueprint = CLASSES[who.object_class].blueprint
+    origin = Pose2(*start.to_parent(_origin_ahead_m(size, blueprint), 0.0), start.yaw_rad)
     start_s = 0.0 if who.id == VUT_ID else TARGET_START_S
     return {
         "id": who.id,
         "object_class": who.object_class,
-        "blueprint": CLASSES[who.object_class].blueprint,
+        "blueprint": blueprint,
+        "box_forward": _BOX_FORWARD_M.get(blueprint, 0.0),
         "role_name": who.id,
         "extent": {
             "front": size.front_m,
@@ -194,16 +202,16 @@ def _actor(who: ParticipantSpec, heights: Heights) -> dict[str, Any]:
             "height": size.height_m,
         },
         "reference": transform(start, ground),
-        "spawn": transform(middle, ground + above),
+        "spawn": transform(origin, ground + above),
         "drive": None if who.approach is None else _drive(who.approach, start_s, heights),
     }
 
 
-def _body_middle_m(size: Size) -> float:
-    """Give the distance from the reference point forward to the middle of the body, CARLA's
-    origin.
+def _origin_ahead_m(size: Size, blueprint: str) -> float:
+    """Give the distance from the reference point forward to CARLA's origin, which puts the middle
+    of CARLA's box over that of ours.
     """
-    return 0.5 * (size.front_m - size.rear_m)
+    return 0.5 * (size.front_m - size.rear_m) - _BOX_FORWARD_M.get(blueprint, 0.0)
 
 
 def _act(manoeuvre: LaneChange | FollowPath | Brake, heights: Heights) -> dict[str, Any]:
@@ -251,11 +259,12 @@ def _trigger(spec: TriggerSpec, heights: Heights) -> dict[str, Any]:
     }
 
 
-def _camera(camera: Camera, size: Size) -> dict[str, Any]:
+def _camera(camera: Camera, vut: ParticipantSpec) -> dict[str, Any]:
     """The forward camera; its mounting is relative to the VUT's origin in CARLA.
 
     There y is to the right, pitch is positive upwards, yaw to the right and roll to the right.
     """
+    ahead_m = _origin_ahead_m(vut.size, CLASSES[vut.object_class].blueprint)
     return {
         "blueprint": "sensor.camera.rgb",
         "image_size_x": camera.width_px,
@@ -265,7 +274,7 @@ def _camera(camera: Camera, size: Size) -> dict[str, Any]:
         "attach_to": VUT_ID,
         "mounting": {
             "location": {
-                "x": _number(camera.forward_m - _body_middle_m(size)),
+                "x": _number(camera.forward_m - ahead_m),
                 "y": _number(-camera.left_m),
                 "z": camera.height_m,
             },

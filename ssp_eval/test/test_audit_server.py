@@ -1,0 +1,145 @@
+"""Recordings that CARLA drew: what of the server is disclosed, and what keeps them out."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.bag.reader import BagReader
+from ssp_core.carla.probe_report import CarlaProbeReport, write_report
+from ssp_core.carla.record import CarlaScene
+from ssp_core.errors import InputError
+from ssp_core.motion.state import DEFAULT_SIZES
+from ssp_core.vocabulary import ObjectClass
+from ssp_eval.audit import server
+from ssp_eval.audit.server import server_disclosures, server_findings
+from ssp_eval.data.provenance import (
+    CARLA,
+    COUNTERPART,
+    OUR_RENDERER,
+    PROBE_FILE,
+    Provenance,
+    ServerProbe,
+    _told_probe,
+    read_provenance,
+)
+from tests.support.worlds import CAMERA, record_world, small_world
+
+TRUCK_BOX = {
+    "length_m": 8.47, "width_m": 2.89, "height_m": 3.83,
+    "forward_m": -0.25, "right_m": 0.0, "up_m": 1.91,
+}  # fmt: skip
+TRUCK = "vehicle.carlamotors.firetruck"
+
+
+def a_scene(**changes: Any) -> CarlaScene:
+    body = {
+        "blueprint": TRUCK,
+        "box": TRUCK_BOX,
+        "size": asdict(DEFAULT_SIZES[ObjectClass.TRUCK]),
+    }
+    told = {
+        "version": "0.9.16", "client_version": "0.9.16", "map_name": "Carla/Maps/Town01",
+        "map_sha256": "sha256:a", "synchronous": True, "step_s": 0.1, "first_frame": 1234,
+        "seed": 7, "rate_hz": 10.0, "camera": {"fov": "75"}, "settings": {},
+        "weather": {"cloudiness": 10.0}, "triggers": [], "bodies": {"ot1": body},
+    }  # fmt: skip
+    return CarlaScene.model_validate({**told, **changes})
+
+
+def a_probe(**changes: Any) -> ServerProbe:
+    rows = [{"check": c, "outcome": "pass"} for c in ("teleport", "frames", "box_in_picture")]
+    told = {
+        "host": "gpu7", "port": 2000, "version": "0.9.16", "client_version": "0.9.16",
+        "started": "2025-11-20T10:00:00Z", "map_name": "Carla/Maps/Town01",
+        "map_sha256": "sha256:a", "settings": {}, "camera": {}, "rows": rows,
+        "bodies": [{"blueprint": TRUCK, "base_type": "truck", "wheels": 4, **TRUCK_BOX}],
+    }  # fmt: skip
+    report = CarlaProbeReport.model_validate({**told, **changes})
+    return ServerProbe(report, "sha256:" + "0" * 64)
+
+
+@pytest.fixture(scope="module")
+def facts(tmp_path_factory: pytest.TempPathFactory) -> Provenance:
+    """A session whose camera is CARLA's, of which the bag says nothing more."""
+    spec = small_world(camera={**CAMERA, "renderer": "carla"})
+    run = record_world(tmp_path_factory.mktemp("server") / "run", steps=1, run=spec)
+    with BagReader(run / "bag") as bag:
+        return read_provenance(bag)
+
+
+def words(facts: Provenance) -> list[str]:
+    return [finding.detail for finding in server_findings(facts)]
+
+
+def test_a_probed_server_is_taken(facts: Provenance) -> None:
+    assert facts.renderer == CARLA
+    sound = replace(facts, scene=a_scene(), probe=a_probe())
+    assert words(sound) == []
+    # A body that was measured to the centimetre has the same box.
+    near = {**TRUCK_BOX, "length_m": 8.475}
+    body = {"blueprint": TRUCK, "base_type": "truck", "wheels": 4, **near}
+    assert words(replace(sound, probe=a_probe(bodies=[body]))) == []
+
+
+def test_what_no_server_drew_needs_no_probe(facts: Provenance) -> None:
+    run = facts.run
+    assert run is not None
+    assert run.camera is not None
+    raster = run.model_copy(update={"camera": run.camera.model_copy(update={"renderer": "raster"})})
+    ours = replace(facts, run=raster)
+    assert ours.renderer == OUR_RENDERER
+    assert words(ours) == []
+    assert server_disclosures(ours) == {}
+
+
+def test_nothing_that_a_server_drew_is_admitted_without_evidence(
+    facts: Provenance, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed = [{"check": "teleport", "outcome": "fail"}, {"check": "frames", "outcome": "pass"},
+              {"check": "box_in_picture", "outcome": "pass"}]  # fmt: skip
+    other = {"blueprint": TRUCK, "base_type": "truck", "wheels": 4, **TRUCK_BOX, "forward_m": 0.0}
+    scene = a_scene()
+    for probe, text in (
+        (None, f"no {PROBE_FILE} lies beside the bag"),
+        (a_probe(rows=failed), "the server failed its probe: teleport"),
+        (a_probe(rows=failed[1:]), "lacks teleport"),
+        (a_probe(version="0.9.15"), "is of CARLA 0.9.15, the pictures are 0.9.16's"),
+        (a_probe(bodies=[other]), f"has another box of {TRUCK}, the body of ot1"),
+        (a_probe(bodies=[]), f"has no box of {TRUCK}, the body of ot1"),
+    ):
+        (found,) = words(replace(facts, scene=scene, probe=probe))
+        assert text in found
+    assert words(facts) == ["the bag holds no record of the server that drew it"]
+    stand_in = replace(facts, scene=a_scene(counterpart=True), probe=a_probe())
+    assert stand_in.renderer == COUNTERPART
+    assert words(stand_in) == ["drawn by a stand-in for CARLA in tests, which is no renderer"]
+    monkeypatch.setattr(server, "COUNTERPART_IS_ADMITTED", True)
+    assert words(stand_in) == []
+
+
+def test_each_body_is_disclosed_with_its_box_and_what_it_is_taken_for(facts: Provenance) -> None:
+    found = server_disclosures(replace(facts, scene=a_scene(), probe=a_probe()))
+    assert found["body of ot1"] == (
+        f"{TRUCK}, box 8.47 × 2.89 × 3.83 m, middle -0.25 m ahead and +0.00 m right of its origin; "
+        "the run has 9.00 × 2.50 × 3.40 m, so that in the pictures it is 0.53 m shorter, "
+        "0.39 m wider, 0.43 m higher"
+    )
+    assert "0.9.16, map Carla/Maps/Town01 (sha256:a), synchronous, step 0.1 s" in found["CARLA"]
+    assert found["camera of CARLA"] == "fov 75"
+    assert PROBE_FILE in found["probe of CARLA"]
+
+
+def test_a_probe_is_found_beside_the_bag(tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    assert _told_probe(tmp_path / "bag") is None
+    write_report(tmp_path / PROBE_FILE, a_probe().report)
+    found = _told_probe(tmp_path / "bag")
+    assert found is not None
+    assert found.report == a_probe().report
+    (tmp_path / PROBE_FILE).write_text("{}")
+    with pytest.raises(InputError, match=PROBE_FILE):
+        _told_probe(tmp_path / "bag")
