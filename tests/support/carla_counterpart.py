@@ -195,6 +195,8 @@ class Counterpart:
         self.ticks = 0
         self.pictures = 0
         self.actors: dict[int, Actor] = {}
+        # Role, height of the feet and speed of each state of a walker.
+        self.walks: list[tuple[str, float, float]] = []
         self.frame, self.elapsed_s = 1000 + seed, 12.5
         # Fields of the episode's settings, of which the first is synchronous_mode, the third the
         # step; the numbers at the end are for large maps.
@@ -439,6 +441,7 @@ class Counterpart:
                 _needs(actor.body is not None and actor.body.kind == "pedestrian", "no walker")
                 assert actor.body is not None
                 feet = _pose(fields[1])
+                self.walks.append((actor.role, feet.z, float(fields[2])))
                 self._place(actor_id, replace(feet, z=feet.z + actor.body.extent[2]))
             case 14:
                 actor.physics = bool(fields[1])

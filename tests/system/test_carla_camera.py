@@ -35,14 +35,17 @@ def ssp(*arguments: object) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def task(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("carla") / "task"
+def compiled(event: str, folder: Path) -> Path:
     place = ("--map", MAP, "--choose", BLOCK, "--who", "A. Tester")
-    done = ssp("compile", "cut_in", "--target", "sumo", *place, "--out", folder)
+    done = ssp("compile", event, "--target", "sumo", *place, "--out", folder)
     assert done.returncode == 0, done.stderr
     assert load_task(folder).place.kind == "opendrive"
     return folder
+
+
+@pytest.fixture(scope="module")
+def task(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return compiled("cut_in", tmp_path_factory.mktemp("carla") / "task")
 
 
 def states(bag: Path, object_id: str) -> dict[int, bytes]:
@@ -98,6 +101,35 @@ def test_a_session_that_carla_draws(task: Path, tmp_path: Path) -> None:
         count += 1
     assert count > 50
     assert frames == sorted(set(frames))
+
+
+@pytest.mark.parametrize("event", ["vru_crossing", "lead_braking", "occluded_crossing"])
+def test_each_other_event_is_valid_and_moves_as_without_carla(event: str, tmp_path: Path) -> None:
+    task = compiled(event, tmp_path / "task")
+    with Counterpart(Behaviour(xodr=MAP.read_text())) as server:
+        drawn = ssp("run", task, "--seed", 11, "--camera", f"carla://{server.address}",
+                    "--out", tmp_path / "carla", "--json")  # fmt: skip
+        assert drawn.returncode == 0, drawn.stdout + drawn.stderr
+        assert server.settings == server.left_settings
+        walks = server.walks
+    assert json.loads(drawn.stdout)["verdict"] == "valid"
+    ours = ssp("run", task, "--seed", 11, "--no-camera", "--out", tmp_path / "ours", "--json")
+    assert ours.returncode == 0, ours.stderr
+    run = load_run(tmp_path / "carla" / "run.yaml")
+    for one in ("vut", *(target.id for target in run.targets)):
+        theirs = states(tmp_path / "carla" / "bag", one)
+        mine = states(tmp_path / "ours" / "bag", one)
+        both = theirs.keys() & mine.keys()
+        assert len(both) > 500
+        assert {number: theirs[number] for number in both} == {n: mine[n] for n in both}
+    pedestrians = {t.id for t in run.targets if t.object_class == "pedestrian"}
+    assert {role for role, _, _ in walks} == pedestrians
+    if pedestrians:
+        # Its feet are on the ground, and it stands before it walks.
+        assert {feet_m for _, feet_m, _ in walks} == {0.0}
+        speeds = [speed_mps for _, _, speed_mps in walks]
+        assert min(speeds) == 0.0
+        assert max(speeds) > 0.8
 
 
 FAILURES: tuple[tuple[Behaviour, str], ...] = (
