@@ -322,7 +322,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class Head:
-    """What a recording is, without its frames and states."""
+    """A recording without its frames and states."""
 
     path: Path
     provenance: Provenance
