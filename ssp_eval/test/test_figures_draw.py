@@ -218,6 +218,18 @@ def test_slopes_show_ranks_and_tell_every_change() -> None:
             assert (artist.get_linestyle() == ":") == (artist.get_gid()[5:] not in changed)
 
 
+def test_the_name_of_the_constants_line_hides_no_mark() -> None:
+    rows = [*CASES["18 cells"], *rows_of(("best_constant",), seed=1)]
+    rows = [replace(row, control=row.model == "best_constant") for row in rows]
+    figure = drawn(rows, "models")["models_ranks"]
+    named = [box for text, box, _ in texts_of(figure) if "best blind constant" in text]
+    marks = [a for a in figure.figure.findobj() if (a.get_gid() or "").startswith("macro-")]
+    renderer = figure.figure.canvas.get_renderer()
+    assert len(named) == 1
+    assert len(marks) == 3
+    assert all(mark.get_window_extent(renderer).y0 > named[0][3] for mark in marks)
+
+
 def grey(colour: str) -> float:
     """Lightness of a colour in print without colour, 0 to 1 (Rec. 601)."""
     red, green, blue = to_rgb(colour)

@@ -17,7 +17,6 @@ from ssp_eval.figures.style import (
     LINE_IN,
     PAGE_IN,
     RED,
-    SMALL_PT,
     Drawing,
     LeftOut,
     Look,
@@ -164,7 +163,8 @@ def _draw(
     wide = len(columns) > 3 or COLUMN_IN - left_in - named_in < 1.2
     width_in = PAGE_IN if wide else COLUMN_IN
     height_in, top_in = max(1.5, LINE_IN * len(values) + 0.2), 0.3
-    sheet = Sheet(width_in, top_in + height_in + 0.28)
+    named_below_in = 0.0 if looks or not blind else LINE_IN  # a line of its own hides no mark
+    sheet = Sheet(width_in, top_in + height_in + 0.28 + named_below_in)
     page = sheet.page()
     span_in = width_in - left_in - named_in - 0.05
     step_in = span_in / (len(columns) - 1)
@@ -191,9 +191,6 @@ def _draw(
             color=looks[one].colour if one in looks else RED, alpha=0.55,
             linewidth=0.8, zorder=1, gid=f"constant-{one}",
         )  # fmt: skip
-    if len(blind) == 1 and not looks:
-        line = blind[CONSTANT]
-        _name_constant(page, xs, [y_of(v) for v in line if v is not None], line[0])
     for one, line in values.items():
         style, colour = _style(ranks[one], columns, one in changed)
         colour, marker = (looks[one].colour, looks[one].marker) if one in looks else (colour, "o")
@@ -230,22 +227,12 @@ def _draw(
         }
         _end_labels(page, xs[index], side, ends, bounds)
     scale = f"upwards: IVCS from {shown_mean(middle - half)} to {shown_mean(middle + half)}"
-    page.text(left_in, sheet.height_in - 0.07, scale, color=GREY)
+    page.text(left_in, sheet.height_in - 0.07 - named_below_in, scale, color=GREY)
+    if named_below_in:
+        mean = shown_mean(blind[CONSTANT][columns.index(None)])
+        told = f"dash-dotted: {CONSTANT}, {MACRO} {mean}"
+        page.text(left_in, sheet.height_in - 0.07, told, color=RED)
     return sheet, names
-
-
-def _name_constant(
-    page: Axes, xs: Sequence[float], ys: Sequence[float], first: float | None
-) -> None:
-    """Writes what the constant's line is, under it between its first two columns."""
-    if len(xs) < 2 or len(ys) < 2:
-        return
-    x, y = (xs[0] + xs[1]) / 2, (ys[0] + ys[1]) / 2
-    page.text(
-        x, y + LINE_IN * 0.6, f"{CONSTANT} {shown_mean(first)}", ha="center", va="center",
-        color=RED, size=SMALL_PT, zorder=5,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.4, "alpha": 0.8},
-    )  # fmt: skip
 
 
 def _two_lines(text: str, most_in: float) -> list[str]:
