@@ -276,6 +276,22 @@ def test_shade_goes_from_light_to_dark() -> None:
     assert brightness == sorted(brightness, reverse=True)
 
 
+def test_the_matrix_does_not_cut_its_last_square(campaign: Path) -> None:
+    cell = next(one for one in load_cells(campaign) if one.score is not None)
+    given = cell.score.details.judgements
+    for labels in (1, 9, 10, 11, 60):
+        details = replace(cell.score.details, judgements=tuple((given * labels)[:labels]))
+        drawn = matrix([replace(cell, score=replace(cell.score, details=details))])
+        rect = r'<rect x="([\d.]+)" [^>]*width="([\d.]+)"[^>]*class="stage '
+        squares = re.findall(rect, drawn)
+        pushed = re.search(r"translate\(([\d.]+) 0\)", drawn)
+        width = re.search(r'viewBox="0 0 ([\d.]+) ', drawn)
+        assert len(squares) == labels
+        assert pushed is not None
+        assert width is not None
+        assert max(float(x) + float(w) for x, w in squares) + float(pushed[1]) <= float(width[1])
+
+
 def test_the_audits_that_cells_go_by_are_linked_where_they_lie(
     campaign: Path, tmp_path: Path
 ) -> None:
