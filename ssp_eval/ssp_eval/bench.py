@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,14 @@ from ssp_core.errors import HostError, PeerError
 
 # In the order in which the data flow.
 BENCHMARKS = (
-    "topology", "wire", "consistency", "dispatch", "iso", "sil", "sil_in_process",
+    "topology", "wire", "consistency", "dispatch", "iso", "sil", "sil_in_process", "carla_camera",
     "recorder", "recording", "seek", "replay", "memory", "scoring", "analysis", "extraction",
     "page", "report_page", "growth",
 )  # fmt: skip
 # These show a page in a browser, which isn't installed with the project.
 NEED_BROWSER = ("report_page",)
+# This one speaks to CARLA's client, which is an extra.
+NEED_CARLA = ("carla_camera",)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # A benchmark that missed a limit is measured this often in all.
 MOST_RUNS = 3
@@ -143,6 +146,13 @@ def bench(names: Sequence[str], long: bool, notes: bool, as_json: bool) -> int:
     ]
     if lacking:
         why = f"there is no browser ({', '.join(BROWSERS)}): apt-get install chromium"
+        if names:
+            raise HostError(f"{', '.join(lacking)}: {why}")
+        console.note(f"{why}; left out: {', '.join(lacking)}")
+        chosen = tuple(name for name in chosen if name not in lacking)
+    lacking = [name for name in chosen if name in NEED_CARLA and find_spec("carla") is None]
+    if lacking:
+        why = "CARLA's client isn't installed (docs/carla.md)"
         if names:
             raise HostError(f"{', '.join(lacking)}: {why}")
         console.note(f"{why}; left out: {', '.join(lacking)}")

@@ -61,6 +61,7 @@ def test_without_a_browser_its_row_is_left_out_and_named_at_the_start(
         bench, "run_benchmark", lambda folder, name, long: measured.append(name) or [FIGURE]
     )
     monkeypatch.setattr("shutil.which", lambda name: None)
+    monkeypatch.setattr(bench, "find_spec", lambda name: name)
     said: list[str] = []
     monkeypatch.setattr(bench.console, "note", lambda line: said.append(f"{line} {measured}"))
     done = CliRunner().invoke(bench.bench, [], standalone_mode=False)
@@ -71,6 +72,21 @@ def test_without_a_browser_its_row_is_left_out_and_named_at_the_start(
     assert line.endswith("left out: report_page []")  # before anything was measured
     done = CliRunner().invoke(bench.bench, ["report_page"], standalone_mode=False)
     assert "apt-get install chromium" in str(done.exception)
+
+
+def test_without_carlas_client_its_row_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SSP_ROOT", str(ROOT))
+    measured: list[str] = []
+    monkeypatch.setattr(
+        bench, "run_benchmark", lambda folder, name, long: measured.append(name) or [FIGURE]
+    )
+    monkeypatch.setattr("shutil.which", lambda name: name)
+    monkeypatch.setattr(bench, "find_spec", lambda name: None)
+    done = CliRunner().invoke(bench.bench, [], standalone_mode=False)
+    assert (done.exception, done.return_value) == (None, 0)
+    assert measured == [name for name in bench.BENCHMARKS if name != "carla_camera"]
+    done = CliRunner().invoke(bench.bench, ["carla_camera"], standalone_mode=False)
+    assert "CARLA's client isn't installed" in str(done.exception)
 
 
 def test_a_figure_is_a_line_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:

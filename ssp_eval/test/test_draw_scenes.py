@@ -1,0 +1,103 @@
+"""Scenes of a recording that is drawn anew: the world's states, or what objects reported."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ssp_core.bag.append import append_attachment
+from ssp_core.bag.cut import cut_bag
+from ssp_core.bag.reader import BagReader
+from ssp_core.errors import InputError
+from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Drawn
+from ssp_eval.data.provenance import CARLA, Provenance, read_provenance
+from ssp_eval.draw.scenes import Recorded, read_recorded, scenes
+from ssp_ot_controller.camera.renderer.scene import Scene
+from tests.support.worlds import (
+    STEP_NS,
+    STEPS_PER_FRAME,
+    TICK,
+    cutting_in,
+    record_world,
+    small_world,
+)
+
+STEPS = 41
+FRAMES_NS = [step * STEP_NS for step in range(0, STEPS, STEPS_PER_FRAME)]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record_world(tmp_path_factory.mktemp("scenes") / "run", steps=STEPS) / "bag"
+
+
+def drawn(path: Path) -> tuple[Recorded, list[tuple[int, Scene]]]:
+    with BagReader(path) as bag:
+        found = read_recorded(bag, read_provenance(bag))
+        return found, list(scenes(found))
+
+
+def without(path: Path, topic: str, target: Path) -> Path:
+    with BagReader(path) as bag:
+        topics = [name for name in bag.topics if name != topic]
+    cut_bag(path, target, topics)
+    return target
+
+
+def test_each_frame_has_the_worlds_states_of_its_stamp_once(recorded: Path) -> None:
+    found, told = drawn(recorded)
+    assert list(found.frames_ns) == FRAMES_NS == [stamp_ns for stamp_ns, _ in told]
+    for stamp_ns, scene in told:
+        assert {s.object_id: s.pose for s in (scene.vut, *scene.others)} == {
+            s.object_id: s.pose for s in cutting_in(stamp_ns // STEP_NS)
+        }
+
+
+def test_without_a_world_it_is_what_vut_and_objects_reported(
+    recorded: Path, tmp_path: Path
+) -> None:
+    """As on a track; traffic reports nothing."""
+    _, told = drawn(without(recorded, TICK, tmp_path / "track"))
+    assert [stamp_ns for stamp_ns, _ in told] == FRAMES_NS
+    for stamp_ns, scene in told:
+        truth = {s.object_id: s for s in cutting_in(stamp_ns // STEP_NS)}
+        assert {s.object_id for s in scene.others} == {"ot1", "ot2"}
+        assert scene.vut.pose == truth["vut"].pose
+        assert [s.pose for s in scene.others] == [truth[s.object_id].pose for s in scene.others]
+
+
+def test_a_frame_without_a_state_of_the_vut_is_left_out(recorded: Path, tmp_path: Path) -> None:
+    bag = without(without(recorded, TICK, tmp_path / "track"), "/ssp/vut/state", tmp_path / "lost")
+    found, told = drawn(bag)
+    assert list(found.frames_ns) == FRAMES_NS
+    assert told == []
+
+
+def test_what_has_no_frames_is_refused(recorded: Path, tmp_path: Path) -> None:
+    bag = without(recorded, "/ssp/vut/front_camera/image/compressed", tmp_path / "blind")
+    with pytest.raises(InputError, match="has no frames"):
+        drawn(bag)
+
+
+def test_a_physical_session_that_was_drawn_is_a_stand_in(tmp_path: Path) -> None:
+    """No camera saw it, whoever drove."""
+    bag = record_world(tmp_path / "run", steps=1, run=small_world(domain="physical", mode="live"))
+    assert facts_of(bag / "bag").stand_in is False
+    told = Drawn(
+        of="run-1", of_sha256="sha256:" + "1" * 64, map_file="Town01.xodr",
+        map_sha256="sha256:" + "2" * 64, map_said_by="--map", frames=4, left_out=2, software="ssp",
+    )  # fmt: skip
+    data = told.model_dump_json(by_alias=True).encode()
+    append_attachment(bag / "bag", DRAWN_ATTACHMENT, data, "application/json")
+    facts = facts_of(bag / "bag")
+    assert facts.stand_in is True
+    assert facts.renderer == CARLA
+    assert "without 2 frames at which no state of the VUT is known" in facts.origin
+    with BagReader(bag / "bag") as reader, pytest.raises(InputError, match="drawn anew by CARLA"):
+        read_recorded(reader, facts)
+
+
+def facts_of(bag: Path) -> Provenance:
+    with BagReader(bag) as reader:
+        return read_provenance(reader)
