@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,12 @@ from ssp_core.carla.probe_report import CarlaProbeReport, write_report
 from ssp_core.carla.record import CarlaScene
 from ssp_core.errors import InputError
 from ssp_core.motion.state import DEFAULT_SIZES
-from ssp_core.vocabulary import ObjectClass
+from ssp_core.vocabulary import DOMAINS, ObjectClass
 from ssp_eval.audit import server
+from ssp_eval.audit.judge import judge
+from ssp_eval.audit.recording import read_recording
 from ssp_eval.audit.server import server_disclosures, server_findings
+from ssp_eval.data.drawn import Drawn
 from ssp_eval.data.provenance import (
     CARLA,
     COUNTERPART,
@@ -26,6 +30,7 @@ from ssp_eval.data.provenance import (
     _told_probe,
     read_provenance,
 )
+from ssp_scenario_manager.event_spec.load import load_event
 from tests.support.worlds import CAMERA, record_world, small_world
 
 TRUCK_BOX = {
@@ -143,3 +148,32 @@ def test_a_probe_is_found_beside_the_bag(tmp_path: Path) -> None:
     (tmp_path / PROBE_FILE).write_text("{}")
     with pytest.raises(InputError, match=PROBE_FILE):
         _told_probe(tmp_path / "bag")
+
+
+def test_an_audit_refuses_what_a_counterpart_drew_and_two_bags_of_one_drive(
+    make_bag: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recordings = [read_recording(make_bag(f"{one}/bag", domain=one)) for one in DOMAINS]
+    simulated, physical = recordings[1:]
+    told = replace(simulated.provenance, scene=a_scene(counterpart=True))
+    recordings[1] = replace(simulated, provenance=told)
+    drawn = Drawn(
+        of="run-1", of_sha256=told.bag_sha256, map_file="Town01.xodr",
+        map_sha256="sha256:" + "2" * 64, map_said_by="the task", frames=4, left_out=0,
+        software="ssp",
+    )  # fmt: skip
+    recordings[2] = replace(physical, provenance=replace(physical.provenance, drawn=drawn))
+
+    def codes() -> list[set[str]]:
+        entries = judge(recordings, load_event("cut_in")[0]).audit.recordings
+        assert f"{TRUCK}, box" in entries[1].disclosures["body of ot1"]
+        assert entries[1].disclosures["renderer"] == COUNTERPART
+        every = [[found for r in entry.reasons for found in (r, *r.consequences)]
+                 for entry in entries]  # fmt: skip
+        return [{found.code for found in of} for of in every]
+
+    found = codes()
+    assert [server.CODE in of for of in found] == [False, True, True]
+    assert ["same_recording" in of for of in found][1:] == [False, True]
+    monkeypatch.setattr(server, "COUNTERPART_IS_ADMITTED", True)
+    assert server.CODE not in codes()[1]
