@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import pytest
+import yaml
 
 from ssp_eval.data.records import SLOT_NAMES, Slot
 from ssp_eval.extract import extract
 from ssp_eval.extract.combined.extractor import Extractor
+from ssp_eval.extract.lexicon import FILES, FOLDER
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.prompt import NOBODY, labels_of
 from ssp_eval.extract.llm.reply import Proposal, read_reply
@@ -166,3 +168,20 @@ def said(name: str, proposals: Sequence[Proposal]) -> object:
     if name != "objects":
         return proposals[0].label
     return tuple(sorted({one.label for one in proposals if one.label != NOBODY}))
+
+
+def test_no_optional_group_of_the_lexicon_has_two_words() -> None:
+    """The notation parts at blanks: "(as us)" would ask for the second word."""
+    for name in FILES:
+        for item in _listed(yaml.safe_load((FOLDER / name).read_text(encoding="utf-8"))):
+            parts = [part for part in item.split() if len(part) > 1]
+            assert all(part.count("(") == part.count(")") for part in parts), f"{name}: {item}"
+
+
+def _listed(words: Any) -> Iterator[str]:
+    """Every item of a file of words."""
+    if isinstance(words, str):
+        yield from words.split(",")
+    else:
+        for one in words.values() if isinstance(words, dict) else words or ():
+            yield from _listed(one)

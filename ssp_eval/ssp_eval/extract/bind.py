@@ -600,6 +600,8 @@ class Binder(Clause):
     def _salience(self, index: int, hit: Hit, flags: Scope) -> None:
         owner = self._owner(index)
         if hit.kind == "nobody":
+            if self._after(index).value == "is":  # nobody is waiting at the crosswalk
+                self.subject = SCENE
             after = self.hits[index + 1 : index + 3]
             acts = any(one.kind in ("verb", "relative") for one in after)
             if not flags & ~Scope.DENIED and not (acts and hit.stop - hit.first < 3):
