@@ -81,7 +81,7 @@ SCENES = st.builds(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.lists(any_labels(), min_size=1, max_size=3),
     st.lists(SCENES, min_size=1, max_size=30),

@@ -20,7 +20,9 @@ from ssp_eval.evaluate.bridges import PROFILE, TopicClients
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.model_client import ModelClient
 from ssp_eval.evaluate.models import ModelSpec
+from support.waiting import until
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -192,15 +194,29 @@ def test_the_time_to_start_is_an_option(make_bag: BagMaker, tmp_path: Path) -> N
 def test_a_bridge_that_comes_late_serves_the_cell_that_is_asked_once_more(
     make_bag: BagMaker, tmp_path: Path
 ) -> None:
+    """Its model loads until the second cell asks for it; by then the first was asked in vain."""
+    go, log = tmp_path / "go", tmp_path / "logs" / "bridge_slow.log"
     (tmp_path / "slow_model.py").write_text(
-        "import time\ntime.sleep(6)\ndef drive(request):\n    return 'I keep my speed.'\n"
+        f"import pathlib, time\nwhile not pathlib.Path({str(go)!r}).exists():\n"
+        "    time.sleep(0.05)\ndef drive(request):\n    return 'I keep my speed.'\n"
     )
+
+    class Clients(TopicClients):
+        asked = 0
+
+        def client(self, *arguments: Any) -> ModelClient:
+            self.asked += 1
+            if self.asked == 2:
+                go.touch()
+                until(lambda: "is ready" in log.read_text(), "the bridge to be ready")
+            return super().client(*arguments)
+
     options = {"function": "slow_model:drive", "folder": str(tmp_path)}
     slow = ModelSpec("slow", options, backend="python")
     bags = [(make_bag(), None), (make_bag("second", domain="physical"), None)]
-    with TopicClients(tmp_path / "logs", 20.0, False, 5.0) as clients:
+    with Clients(log.parent, 20.0, False, 5.0) as clients:
         first, second = run_campaign(bags, [slow], clients, tmp_path / "out", CellOptions(), True)
-    assert (first.status, second.status) == ("ok", "ok")
+    assert (first.status, second.status, clients.asked) == ("ok", "ok", 3)
     # It was started once: two bridges on the same topics would answer everything twice.
     answers = json.loads((second.folder / "cell.json").read_text())["answers"]
     assert answers["ignored"] == {"late": 0, "duplicate": 0, "unknown": 0}

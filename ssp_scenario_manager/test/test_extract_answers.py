@@ -74,7 +74,7 @@ def clip(frames: int = 5) -> Clip:
     return Clip(Path("clip.mp4"), "sha256:" + "0" * 64, 24.0, 0, 0.0, 0.5 * frames, shots)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32))
 def test_whatever_fits_the_schema_becomes_a_candidate(
     tmp_path_factory: pytest.TempPathFactory, seed: int

@@ -28,7 +28,7 @@ from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, append_record
 from ssp_scenario_manager.maps.site import find_shipped
 from tests.system.live.hosts import MANAGERS, Network, on
 
-DEADLINE_S = 120.0
+DEADLINE_S = 300.0
 SERVER_PORT = 11811
 ODOMETRY = "/ins/odometry"
 GNSS = ("--navsat", "/ins/fix", "--heading", "/ins/imu", "--velocity", "/ins/velocity")
@@ -36,7 +36,7 @@ GNSS = ("--navsat", "/ins/fix", "--heading", "/ins/imu", "--velocity", "/ins/vel
 DATUM = SiteDatum(latitude_deg=57.7775, longitude_deg=12.7805, altitude_m=201.3, yaw_rad=0.4)
 # Where the machine may be busy, and only what happens is judged, not how soon.
 SILENCE_S = 2.0
-LEAD_S = 0.5
+LEAD_S = 0.25
 SITE = "north_track"
 # The prompt of a live run.
 ASKS = 'type "start" to connect'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -84,69 +84,62 @@ def ends_unarmed(stage: Any, run: Any) -> None:
     assert all(row.speed_mps == 0.0 for row in stage.rows())
 
 
-def simulated(stage: Any, domain: int, *program: str) -> tuple[dict[str, Any], int]:
+def simulated(stage: Any, name: str, domain: int, *program: str) -> tuple[dict[str, Any], int]:
     """A whole simulated session, started in the same environment but for the domain."""
     command = [*(program or ssp_command()), "run", "cut_in", "--no-camera"]
-    command += ["--out", str(stage.folder / "simulated")]
-    process = stage.start("simulated", command, ("env", f"ROS_DOMAIN_ID={domain}"))
-    stage.wait_for(lambda: process.poll() is not None, "the end of the simulated session")
-    result = json.loads((stage.folder / "simulated" / "result.json").read_text())
+    command += ["--out", str(stage.folder / name)]
+    process = stage.start(name, command, ("env", f"ROS_DOMAIN_ID={domain}"))
+    stage.wait_for(lambda: process.poll() is not None, f"the end of the session {name}")
+    result = json.loads((stage.folder / name / "result.json").read_text())
     return result, process.wait()
 
 
-@pytest.mark.parametrize(("on_server", "same_domain"), [(True, False), (False, True), (True, True)])
-def test_a_simulated_session_leaves_a_waiting_live_one_alone(
-    waiting_session: Any, discovery_server: str, on_server: bool, same_domain: bool
+def is_left_alone(stage: Any, name: str, domain: int) -> None:
+    """A simulated session by the side of the waiting one does what it does without it."""
+    result, status = simulated(stage, name, domain)
+    assert (result["verdict"], status) == ("valid", 0), (result, stage.said(name))
+
+
+def is_met_and_not_armed(stage: Any, domain: int) -> None:
+    """A simulated session that isn't isolated meets the waiting one, and takes nothing of it."""
+    result, status = simulated(stage, "not_isolated", domain, sys.executable, "-c", NOT_ISOLATED)
+    assert (result["verdict"], status) == ("invalid_harness", 1), result
+    assert "foreign_manager" in " ".join(result["reasons"]), result
+
+
+def second_is_refused(stage: Any) -> None:
+    """Another live session in the same domain is refused before any goal, though no word is asked
+    for."""
+    command = ["run", str(stage.folder / "task"), "--mode", "live", "--start-at-once"]
+    command += ["--no-camera", "--odometry", ODOMETRY, "--out", str(stage.folder / "second")]
+    process = stage.start("second", ssp_command(*command))
+    stage.wait_for(lambda: process.poll() is not None, "the end of the second session")
+    result = json.loads((stage.folder / "second" / "result.json").read_text())
+    assert (result["verdict"], process.wait()) == ("invalid_harness", 1), result
+    reason = result["reasons"][0]
+    assert reason.startswith("foreign_manager: "), reason
+    assert "ROS_DOMAIN_ID" in reason
+    # No goal: the bag of its manager's domain knows of no session but the waiting one.
+    assert "session CONNECTED" not in stage.said("second")
+    states = messages(stage.folder / "second" / "bag", names.absolute(names.SESSION_STATE))
+    assert {SessionPhase(message.state) for message in states} <= BEFORE_ARMING
+
+
+@pytest.mark.timeout(1800)  # up to five sessions, on a busy machine
+@pytest.mark.parametrize("on_server", [False, True])
+def test_no_other_session_reaches_a_waiting_live_one(
+    waiting_session: Any, discovery_server: str, on_server: bool
 ) -> None:
+    """Simulated ones on its discovery server, in its domain and both; one that isn't isolated; and
+    a second live one. The waiting session outlives them all, and arms nothing."""
     with free_domain() as domain, free_domain() as other:
         env = {"ROS_DOMAIN_ID": str(domain)}
         if on_server:
             env["ROS_DISCOVERY_SERVER"] = discovery_server
         stage, run = waiting_session(env)
-        result, status = simulated(stage, domain if same_domain else other)
-        assert (result["verdict"], status) == ("valid", 0), (result, stage.said("simulated"))
-        ends_unarmed(stage, run)
-
-
-def test_a_simulated_session_that_meets_a_live_one_arms_nothing_of_it(
-    waiting_session: Any, discovery_server: str
-) -> None:
-    with free_domain() as domain:
-        stage, run = waiting_session(
-            {"ROS_DOMAIN_ID": str(domain), "ROS_DISCOVERY_SERVER": discovery_server}
-        )
-        result, status = simulated(stage, domain, sys.executable, "-c", NOT_ISOLATED)
-        assert (result["verdict"], status) == ("invalid_harness", 1), result
-        assert "foreign_manager" in " ".join(result["reasons"]), result
-        ends_unarmed(stage, run)
-
-
-def second_live(stage: Any, arguments: Sequence[str]) -> tuple[dict[str, Any], int]:
-    """Another live session in the same domain, which nobody has to start."""
-    command = ["run", str(stage.folder / "task"), "--mode", "live", "--start-at-once"]
-    command += ["--no-camera", "--odometry", ODOMETRY, "--out", str(stage.folder / "second")]
-    process = stage.start("second", ssp_command(*command, *arguments))
-    stage.wait_for(lambda: process.poll() is not None, "the end of the second session")
-    result = json.loads((stage.folder / "second" / "result.json").read_text())
-    return result, process.wait()
-
-
-@pytest.mark.parametrize("on_server", [False, True])
-def test_the_second_manager_of_a_domain_is_told_so_before_any_goal(
-    waiting_session: Any, discovery_server: str, on_server: bool
-) -> None:
-    with free_domain() as domain:
-        env = {"ROS_DOMAIN_ID": str(domain)}
+        is_left_alone(stage, "same_domain", domain)
         if on_server:
-            env["ROS_DISCOVERY_SERVER"] = discovery_server
-        stage, run = waiting_session(env)
-        result, status = second_live(stage, ())
-        assert (result["verdict"], status) == ("invalid_harness", 1), result
-        reason = result["reasons"][0]
-        assert reason.startswith("foreign_manager: "), reason
-        assert "ROS_DOMAIN_ID" in reason
-        # No goal: the bag of its manager's domain knows of no session but the waiting one.
-        assert "session CONNECTED" not in stage.said("second")
-        states = messages(stage.folder / "second" / "bag", names.absolute(names.SESSION_STATE))
-        assert {SessionPhase(message.state) for message in states} <= BEFORE_ARMING
+            is_left_alone(stage, "other_domain", other)
+            is_met_and_not_armed(stage, domain)
+        second_is_refused(stage)
         ends_unarmed(stage, run)
