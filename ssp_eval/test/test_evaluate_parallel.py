@@ -6,11 +6,10 @@ import importlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,15 +24,7 @@ from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import evaluate
-from ssp_eval.evaluate.executors import (
-    ADDRESS,
-    Job,
-    JobRunner,
-    Settings,
-    import_ray,
-    joined,
-    look_for,
-)
+from ssp_eval.evaluate.executors import Job, JobRunner, Settings, import_ray
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import ModelSpec, attached_spec, bridge_spec, with_controls
 from ssp_eval.evaluate.run import run_parallel
@@ -49,11 +40,34 @@ DEADLINE_S = 300.0
 @pytest.fixture(autouse=True)
 def doubles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets workers import what stands in for models here."""
+    let_import_doubles(monkeypatch)
+
+
+def let_import_doubles(patch: pytest.MonkeyPatch) -> None:
     folder = str(Path(__file__).parent)
-    monkeypatch.syspath_prepend(folder)
-    monkeypatch.setenv(
+    patch.syspath_prepend(folder)
+    patch.setenv(
         "PYTHONPATH", os.pathsep.join(filter(None, (folder, os.environ.get("PYTHONPATH"))))
     )
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[None]:
+    """A cluster of Ray with room for two workers; to start one takes long."""
+    ray = import_ray()
+    with pytest.MonkeyPatch.context() as patch:
+        let_import_doubles(patch)
+        ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, configure_logging=False)
+    yield
+    ray.shutdown()
+
+
+@pytest.fixture(params=["processes", pytest.param("ray", marks=pytest.mark.system)])
+def engine(request: pytest.FixtureRequest) -> str:
+    """What runs the workers, ready to."""
+    if request.param == "ray":
+        request.getfixturevalue("cluster")
+    return str(request.param)
 
 
 def double(name: str) -> Any:
@@ -94,7 +108,6 @@ def _bare(value: dict[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in value.items() if k not in ("request_id", "latency_s")}
 
 
-@pytest.mark.parametrize("engine", ["processes", pytest.param("ray", marks=pytest.mark.system)])
 def test_workers_give_what_one_process_gives(
     bags: list[tuple[Path, Path | None]], tmp_path: Path, engine: str
 ) -> None:
@@ -117,7 +130,6 @@ def test_workers_give_what_one_process_gives(
     assert sum(result.asked for result in again) == 0
 
 
-@pytest.mark.parametrize("engine", ["processes", pytest.param("ray", marks=pytest.mark.system)])
 def test_a_worker_that_dies_is_a_failed_cell(
     bags: list[tuple[Path, Path | None]], tmp_path: Path, engine: str
 ) -> None:
@@ -145,7 +157,6 @@ def test_a_wrong_option_ends_the_campaign_as_in_one_process(
     assert caught.value.field == "speed"
 
 
-@pytest.mark.parametrize("engine", ["processes", pytest.param("ray", marks=pytest.mark.system)])
 def test_a_worker_of_another_version_is_refused(
     bags: list[tuple[Path, Path | None]], tmp_path: Path, engine: str
 ) -> None:
@@ -286,16 +297,12 @@ def test_a_worker_takes_only_the_files_that_the_campaign_began_with(
 
 
 @pytest.mark.system
+@pytest.mark.usefixtures("cluster")
 def test_a_cluster_with_room_for_fewer_workers_does_all_cells(
     bags: list[tuple[Path, Path | None]], tmp_path: Path
 ) -> None:
-    ray = import_ray()
-    ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False, configure_logging=False)
-    try:
-        models = [bridge_spec(name) for name in MODELS]
-        results = run_parallel(bags, models, settings(tmp_path), 3, "ray", True)
-    finally:
-        ray.shutdown()
+    models = [bridge_spec(name) for name in MODELS]
+    results = run_parallel(bags, models, settings(tmp_path), 4, "ray", True)
     assert [result.status for result in results] == ["ok"] * 4
 
 
@@ -310,53 +317,3 @@ def test_a_folder_has_one_command_at_a_time(
             run_parallel(bags, models, settings(out), 2, propose_labels=True)
         assert [entry.name for entry in out.iterdir()] == [TAKEN_FILE]
     assert run_campaign(bags[:1], models, InProcessClients(), out, CellOptions())[0].status == "ok"
-
-
-def test_a_cluster_that_isn_t_there_is_named_before_anything_is_asked(
-    bags: list[tuple[Path, Path | None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with socket.socket() as bound:  # bound and not listening: whoever calls is refused
-        bound.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{bound.getsockname()[1]}"
-        monkeypatch.setenv(ADDRESS, address)
-        models = [bridge_spec("constant_velocity")]
-        with pytest.raises(HostError, match=f"no Ray cluster answers at {address} .*refused"):
-            run_parallel(bags, models, settings(tmp_path), 1, "ray", True)
-    assert not list(tmp_path.rglob("cell.json"))
-
-
-@pytest.mark.parametrize("address", ["nowhere", "nowhere:", ":6379", "host:port", "host:65536"])
-def test_what_is_no_address_is_said_at_once(address: str) -> None:
-    with pytest.raises(HostError, match=f"RAY_ADDRESS={address} is no address"):
-        look_for(address)
-
-
-def test_who_listens_is_asked_by_ray_itself() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        look_for(f"ray://127.0.0.1:{server.getsockname()[1]}")
-
-
-@pytest.mark.system
-def test_a_cluster_is_joined_and_one_that_fails_is_one_line(
-    bags: list[tuple[Path, Path | None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ray = import_ray()
-    with joined(ray, 1):
-        address = ray.get_runtime_context().gcs_address
-        look_for(address)
-        with pytest.raises(HostError, match=r"Ray cluster failed .*give the same command"):
-            _ask_in_vain(ray)
-    assert not ray.is_initialized()
-
-
-class _Idle:
-    def hello(self) -> None:
-        """Does nothing."""
-
-
-def _ask_in_vain(ray: Any) -> None:
-    """Asks an actor that is gone."""
-    with joined(ray, 1):
-        actor = ray.remote(num_cpus=1)(_Idle).remote()
-        ray.kill(actor)
-        ray.get(actor.hello.remote())

@@ -23,8 +23,8 @@ import pytest
 from ssp_core.environment import nobody_listens
 from tests.system.recordings import Recordings
 
-START_DEADLINE_S = 180.0
-END_DEADLINE_S = 180.0
+START_DEADLINE_S = 300.0
+END_DEADLINE_S = 300.0
 # In lockstep, and with a trigger that never fires: a run that lasts until it is struck.
 LONG = """schema: ssp.faults/1
 faults: [{kind: trigger_never, at_s: 0.0}]
