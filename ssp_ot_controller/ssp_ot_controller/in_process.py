@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -185,3 +186,33 @@ def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
             )
             scene = resources.enter_context(SumoWorld(run, folder))
         return InProcessPlant(run, scene, resources.pop_all())
+
+
+class InProcessCamera:
+    """See ssp_core.world.plant.SessionCamera."""
+
+    def __init__(self, run: RunSpec) -> None:
+        # The renderer's kernels take a second to load.
+        from ssp_ot_controller.camera.redraw import Redrawing
+
+        self._drawing = Redrawing(run)
+
+    def picture(self, step: int, stamp_ns: int, truths: Sequence[ObjectState]) -> bytes | None:
+        scene = self._drawing.see(step, stamp_ns, truths)
+        return None if scene is None else self._drawing.draw(scene, step).jpeg
+
+
+def make_camera(run: RunSpec) -> InProcessCamera:
+    """The camera of a run that has one.
+
+    Raises:
+        InputError: CARLA draws it.
+    """
+    if run.camera is not None and run.camera.renderer != "raster":
+        raise InputError(
+            "a run in one process has our own renderer alone",
+            field="camera.renderer",
+            value=run.camera.renderer,
+            remedy="leave out --in-process",
+        )
+    return InProcessCamera(run)

@@ -21,12 +21,13 @@ from ssp_core.hashing import canonical_json
 from ssp_core.names import CAMERA_RENDERER, absolute
 from ssp_core.run_file.verdict import VERDICT_FILE
 from ssp_core.world.camera import intrinsics
+from ssp_core.world.camera_messages import encode_camera_info, encode_frame
 from ssp_core.world.transforms import encode_transform, mount
 from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Drawn
 from ssp_eval.data.provenance import bag_folder
 from ssp_eval.draw.pictures import Pictures
 from ssp_eval.draw.scenes import IMAGE, Recorded
-from ssp_eval.importers.target import INFO, MOUNT, camera_info, image
+from ssp_eval.importers.target import INFO, MOUNT
 
 _RENDERER = absolute(CAMERA_RENDERER)
 # Of the recorder, on what it received: a bag that was drawn anew was recorded by nobody.
@@ -62,9 +63,9 @@ def write_drawn(
                         if message.topic == IMAGE:
                             continue
                     elif message.topic == IMAGE:
-                        data = image(stamp_ns, pictures.get(stamp_ns))
+                        data = encode_frame(stamp_ns, pictures.get(stamp_ns))
                     if message.topic == INFO:
-                        data = camera_info(stamp_ns, lens)
+                        data = encode_camera_info(stamp_ns, lens)
                 elif message.topic == MOUNT:
                     data = encode_transform(mount(recorded.camera))
                 writer.write_all([message._replace(data=data)])

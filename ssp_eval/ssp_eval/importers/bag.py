@@ -21,7 +21,7 @@ from ssp_core.geodesy import Datum
 from ssp_core.names import VUT_ID
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Mounting
-from ssp_eval.importers import target
+from ssp_core.world.camera_messages import INFO_TYPE, encode_frame
 from ssp_eval.importers.axes import Axes, unstated_axes, with_axes
 from ssp_eval.importers.camera import CameraSource
 from ssp_eval.importers.findings import Finding, Findings
@@ -52,7 +52,6 @@ from ssp_eval.importers.target import (
 from ssp_eval.importers.tracks import Track, make_track
 from ssp_eval.recordings.states import STATE_AGE_S
 
-INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 IMAGES = (COMPRESSED_TYPE, RAW_TYPE)
 # A camera of which more stamps leap than this share has no clock to go by.
@@ -430,7 +429,7 @@ def _write(
     findings: Findings,
     advance: Callable[[int], None],
 ) -> ImportSummary:
-    writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
+    writer.add_topic(IMAGE, COMPRESSED_TYPE, offered_qos(20))
     kind = source.bag.types[options.camera]
     camera = CameraFacts()
     intake = FrameIntake(
@@ -450,7 +449,7 @@ def _write(
                     notes += more
                     camera.write(writer, stamp_ns)
             written += 1
-            writer.write(IMAGE, target.image(stamp_ns, shown), stamp_ns, stamp_ns, count)
+            writer.write(IMAGE, encode_frame(stamp_ns, shown), stamp_ns, stamp_ns, count)
         advance(1)
     if count < len(clip.kept):
         raise InputError(

@@ -11,7 +11,7 @@ from heapq import merge
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from ssp_core import RULES_VERSION, names
 from ssp_core.bag.chain import Maker
 from ssp_core.bag.images import Bgr, encode_jpeg
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.types import serialize, typestore
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S
@@ -29,8 +28,8 @@ from ssp_core.files import make_folder
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import TF_STATIC, VUT_ID
 from ssp_core.world.camera import Intrinsics, Mounting
+from ssp_core.world.camera_messages import INFO_TYPE, MOUNT_TYPE, encode_camera_info
 from ssp_core.world.transforms import (
-    OPTICAL_FRAME,
     TF_TYPE,
     encode_transform,
     encode_transforms,
@@ -52,47 +51,7 @@ from ssp_eval.importers.tracks import Track
 from ssp_scenario_manager.compile.task import EVENT_FILE
 from ssp_scenario_manager.event_spec.log import Record, append_record, utc_now
 
-IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
-INFO_TYPE = "sensor_msgs/msg/CameraInfo"
-MOUNT_TYPE = "geometry_msgs/msg/TransformStamped"
 STATE_TYPE = "ssp_msgs/msg/ObjectState"
-
-
-def _header(stamp_ns: int, frame_id: str) -> Any:
-    types = typestore().types
-    stamp = types["builtin_interfaces/msg/Time"](
-        sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S
-    )
-    return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
-
-
-def image(stamp_ns: int, jpeg: bytes) -> bytes:
-    """A frame as CompressedImage."""
-    message = typestore().types[IMAGE_TYPE](
-        header=_header(stamp_ns, OPTICAL_FRAME), format="jpeg", data=np.frombuffer(jpeg, np.uint8)
-    )
-    return serialize(message)
-
-
-def camera_info(stamp_ns: int, lens: Intrinsics) -> bytes:
-    """A pinhole without distortion as CameraInfo."""
-    types = typestore().types
-    message = types[INFO_TYPE](
-        header=_header(stamp_ns, OPTICAL_FRAME),
-        height=lens.height_px,
-        width=lens.width_px,
-        distortion_model="plumb_bob",
-        d=np.zeros(5),
-        k=np.array(lens.k()),
-        r=np.eye(3).ravel(),
-        p=np.array(lens.p()),
-        binning_x=0,
-        binning_y=0,
-        roi=types["sensor_msgs/msg/RegionOfInterest"](
-            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
-        ),
-    )
-    return serialize(message)
 
 
 IMAGE = names.absolute(names.CAMERA_IMAGE)
@@ -355,7 +314,7 @@ class CameraFacts:
         latched = offered_qos(20, transient_local=True)
         if self.lens is not None:
             writer.add_topic(INFO, INFO_TYPE, latched)
-            writer.write(INFO, camera_info(stamp_ns, self.lens), stamp_ns, stamp_ns, 1)
+            writer.write(INFO, encode_camera_info(stamp_ns, self.lens), stamp_ns, stamp_ns, 1)
         if self.mounting is not None:
             writer.add_topic(MOUNT, MOUNT_TYPE, latched)
             mounted = encode_transform(mount(self.mounting, stamp_ns))

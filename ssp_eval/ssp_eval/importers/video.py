@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ssp_core.bag.images import Bgr
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.images import COMPRESSED_TYPE
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray
@@ -23,7 +24,7 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import VUT_ID
 from ssp_core.video import Soundness, Video, sound_video
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_eval.importers import target
+from ssp_core.world.camera_messages import encode_frame
 from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.importers.frames import Repeats, speeds_of
 from ssp_eval.importers.options import ImportOptions
@@ -186,7 +187,7 @@ def _write(
     clip, info = options.clip, video.info
     size_px = info.width_px, info.height_px
     camera = options.camera(*size_px)
-    writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
+    writer.add_topic(IMAGE, COMPRESSED_TYPE, offered_qos(20))
     start_s, stamps_ns, change = 0.0, list[int](), _FrameChange()
     repeats, last = Repeats(), None
     places = frozenset(kept.places.tolist())
@@ -200,7 +201,7 @@ def _write(
         last = frame.image
         if table is not None:
             change.take(frame.image)
-        data = target.image(stamp_ns, jpeg(frame.image))
+        data = encode_frame(stamp_ns, jpeg(frame.image))
         writer.write(IMAGE, data, stamp_ns, stamp_ns, len(stamps_ns))
         advance(1)
     end_s = video.reached_s if clip.end_s is None else clip.end_s

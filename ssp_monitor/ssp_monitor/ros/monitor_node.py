@@ -16,9 +16,9 @@ from ssp_core.bag.verdict import leave_verdict
 from ssp_core.cdr import steps
 from ssp_core.cdr.steps import RECORDER_STEPS, decode_tick_head, encode_done
 from ssp_core.errors import HostError
-from ssp_core.ros.conversions import safety_event
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase, Verdict
+from ssp_core.world.event_messages import encode_limit
 from ssp_core.world.plant import LimitFact
 from ssp_monitor.recorder.disk import LEAST_S
 from ssp_monitor.recorder.report import RepeatedWarnings, RunOutcome
@@ -76,12 +76,11 @@ class MonitorNode(Node):
         for warning in status.warnings[:MOST_SAID]:
             self._say_once(warning)
         if status.failure and self._say_once(f"nothing is recorded any more: {status.failure}"):
-            self._safety.publish(self._passed(float(status.lost), 0.0))
+            self._safety.publish(encode_limit(self._passed(float(status.lost), 0.0)))
         # Before a run it is enough that the recorder isn't ready.
         elif disk.ends is not None and self._last_word.is_due and self._say_once(RUN_ENDED):
-            full = self._passed(disk.left_s, LEAST_S)
-            full.limit_name, full.unit = "disk_left", "s"
-            self._safety.publish(full)
+            passed = self._passed(disk.left_s, LEAST_S)
+            self._safety.publish(encode_limit(passed, name="disk_left", unit="s"))
 
     def _say_once(self, text: str) -> bool:
         """Logs a sentence if it is new; figures in it don't make it new."""
@@ -90,11 +89,9 @@ class MonitorNode(Node):
             self.get_logger().error(text)
         return fresh
 
-    def _passed(self, measured: float, limit: float) -> SafetyEvent:
+    def _passed(self, measured: float, limit: float) -> LimitFact:
         now_ns = self.recording.intake.time.newest_ns
-        return safety_event(
-            LimitFact(SafetyCode.RECORDER, names.MONITOR, "", measured, limit, now_ns)
-        )
+        return LimitFact(SafetyCode.RECORDER, names.MONITOR, "", measured, limit, now_ns)
 
     def _hear(self, data: bytes) -> None:
         message = deserialize_message(data, SessionState)

@@ -7,6 +7,7 @@ a session in one process names the world's side by its module (``make_plant``).
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -116,6 +117,29 @@ class Plant(Protocol):
     def close(self) -> None:
         """Gives back what the plant holds."""
         ...
+
+
+class SessionCamera(Protocol):
+    """The front camera of one run."""
+
+    def picture(self, step: int, stamp_ns: int, truths: Sequence[ObjectState]) -> bytes | None:
+        """The JPEG of a step; None: the step has no frame.
+
+        Args:
+            step: each step of the world once, in their order.
+            truths: true states of everything.
+        """
+        ...
+
+
+def make_camera(run: RunSpec, module: str = PLANT_MODULE) -> SessionCamera:
+    """The camera of a run that has one.
+
+    Args:
+        module: that has ``make_camera(run)``.
+    """
+    camera: SessionCamera = importlib.import_module(module).make_camera(run)
+    return camera
 
 
 def make_plant(run: RunSpec, work_dir: Path | None = None, module: str = PLANT_MODULE) -> Plant:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Iterable
 
 from geometry_msgs.msg import TransformStamped
@@ -15,7 +14,8 @@ from ssp_core.cdr.states import StateArray, decode_state, decode_states
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.world.camera import intrinsics
-from ssp_core.world.transforms import OPTICAL_FRAME, encode_transform, mount
+from ssp_core.world.camera_messages import encode_camera_info, encode_frame
+from ssp_core.world.transforms import encode_transform, mount
 from ssp_msgs.msg import ObjectState, ObjectStates
 
 
@@ -31,18 +31,8 @@ class CameraPublishers:
 
     def publish(self, stamp_ns: int, jpeg: bytes) -> None:
         """A frame behind its numbers, which know no distortion."""
-        lens = self._lens
-        info = CameraInfo(width=lens.width_px, height=lens.height_px, distortion_model="plumb_bob")
-        info.header.stamp = ros.stamp_from_ns(stamp_ns)
-        info.header.frame_id = OPTICAL_FRAME
-        info.d = [0.0] * 5
-        info.k = lens.k()
-        info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-        info.p = lens.p()
-        self._info.publish(info)
-        # ``array`` takes the bytes at once, a list would take them one by one.
-        image = CompressedImage(header=info.header, format="jpeg", data=array("B", jpeg))
-        self._image.publish(image)
+        self._info.publish(encode_camera_info(stamp_ns, self._lens))
+        self._image.publish(encode_frame(stamp_ns, jpeg))
 
 
 def subscribe_states(

@@ -22,15 +22,14 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.ros.conversions import (
     body_status_message,
-    fault_event,
     rules_to_msg,
-    safety_event,
 )
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.run_file.participation import ParticipantKind, body_of
 from ssp_core.safety.body_status import PERIOD_S, BodyStatus
 from ssp_core.safety.codes import MEANINGS
 from ssp_core.safety.object_rules import ObjectRules, rules_of
+from ssp_core.world.event_messages import encode_fault, encode_limit
 from ssp_msgs.msg import (
     ActuatorCommands,
     FaultEvent,
@@ -102,7 +101,7 @@ class ObjectPublishers:
         if step is None:
             return
         for change in step.faults:
-            self._fault.publish(fault_event(change.fact(self._node.get_name(), step.now_ns)))
+            self._fault.publish(encode_fault(change.fact(self._node.get_name(), step.now_ns)))
         for ack in step.acks:
             self._ack[ack.object_id].publish(encode_ack(ack))
         for event in step.events:
@@ -172,7 +171,7 @@ class ObjectPublishers:
     def _announce(self, event: Stopped, now_ns: int) -> None:
         stop, name = event.stop, MEANINGS[event.stop.code].limit_name
         passed = event.fact(self._node.get_name(), now_ns)
-        self._safety.publish(safety_event(passed, "local_stop"))
+        self._safety.publish(encode_limit(passed, "local_stop"))
         figures = stop.words or f"{stop.measured:.3g} (limit {stop.limit:.3g})"
         self._node.get_logger().error(f"{event.object_id}: {name} {figures}")
 

@@ -19,10 +19,10 @@ from ssp_core.cdr import steps
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.ros.conversions import fault_event, safety_event
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.event_messages import encode_fault, encode_limit
 from ssp_core.world.plant import LimitFact
 from ssp_msgs.msg import (
     ActuatorCommand,
@@ -211,7 +211,7 @@ class SilWorld(Node):
 
     def _publish_faults(self, changes: Iterable[FaultChange], now_ns: int) -> None:
         for change in changes:
-            self._pub_fault.publish(fault_event(change.fact(self.get_name(), now_ns)))
+            self._pub_fault.publish(encode_fault(change.fact(self.get_name(), now_ns)))
 
     def _report_vut(self, running: bool) -> int:
         """Sends what the VUT reports of itself; gives the number of states that arrive now."""
@@ -289,7 +289,7 @@ class SilWorld(Node):
 
     def _announce(self, code: SafetyCode, who: str, measured: float, limit: float) -> None:
         passed = LimitFact(code, self.get_name(), who, measured, limit, self._world.now_ns)
-        self._pub_safety.publish(safety_event(passed))
+        self._pub_safety.publish(encode_limit(passed))
         self.get_logger().error(f"{MEANINGS[code].limit_name}: {who} after {measured:.2f} s")
 
     def close(self) -> None:

@@ -78,6 +78,12 @@ DEFAULT_SITE = "boulevard"
     help="No ROS, camera or bag: one process, the same states, many times faster than real time.",
 )
 @click.option(
+    "--record",
+    is_flag=True,
+    help="With --in-process: draw the camera's frames too, unless --no-camera is given, and write "
+    "the bag that the session's nodes would leave.",
+)
+@click.option(
     "--runs",
     type=WholeNumber(1),
     help="With --in-process: so many runs, with seeds that count up; one row each in runs.csv.",
@@ -135,6 +141,7 @@ def run(
     no_camera: bool,
     camera_text: str | None,
     in_process: bool,
+    record: bool,
     runs: int | None,
     vary: tuple[str, ...],
     jobs: int | None,
@@ -168,6 +175,8 @@ def run(
     swept = runs is not None or bool(vary)
     if (swept or jobs is not None) and not in_process:
         raise click.UsageError("--runs, --vary and --jobs need --in-process")
+    if record and (not in_process or swept):
+        raise click.UsageError("--record goes with --in-process, and with one run")
     if swept and junit is not None:
         raise click.UsageError("--junit tells of one run; --runs and --vary leave runs.csv")
     if jobs is not None and not swept:
@@ -216,7 +225,7 @@ def run(
         if swept:
             return run_many(spec, folder, vary, runs, jobs or 1, as_json)
         if in_process:
-            spec = for_one_process(spec)
+            spec = for_one_process(spec, camera=record and not no_camera)
         else:
             if no_camera:
                 spec = spec.model_copy(update={"camera": None})
@@ -229,7 +238,7 @@ def run(
         click.get_current_context().with_resource(taken_folder(folder, empty=True))
         shutil.move(draft / TASK_FOLDER, folder / TASK_FOLDER)
     if in_process:
-        told = run_one(spec, folder, as_json)
+        told = run_one(spec, folder, as_json, recorded=record)
         if junit is not None:
             write_junit(junit, "ssp run", [_case(spec, folder, told)])
         return 0 if told["verdict"] == "valid" else 1

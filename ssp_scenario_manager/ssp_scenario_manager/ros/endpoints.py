@@ -22,9 +22,8 @@ from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
-from ssp_core.names import MAP_FRAME
 from ssp_core.ros import stamp_from_ns
-from ssp_core.ros.conversions import rules_from_msg, safety_event
+from ssp_core.ros.conversions import rules_from_msg
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import contradictions, declaring
 from ssp_core.safety.codes import MEANINGS, SafetyCode
@@ -37,7 +36,7 @@ from ssp_core.safety.link_quality import (
 from ssp_core.safety.object_rules import ObjectRules, RulesCheck
 from ssp_core.safety.publishers import ONE, Publisher, PublisherRules, is_process, whence
 from ssp_core.vocabulary import SessionPhase
-from ssp_core.world.plant import LimitFact
+from ssp_core.world.event_messages import encode_limit, encode_phase
 from ssp_core.world.transforms import TransformFilter, encode_transforms, of_camera
 from ssp_msgs.msg import (
     Heartbeat,
@@ -57,6 +56,7 @@ from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation
+from ssp_scenario_manager.session.messages import encode_session_state, encode_trigger
 from ssp_scenario_manager.session.object_commands import ObjectCommands, Pending
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.supervision import LivenessMonitor
@@ -334,50 +334,6 @@ class ObjectEndpoints:
             self._on_refusal(asked.object_id, asked.command, answer.error_msg, lasting)
 
 
-def session_state_to_msg(change: outbox.StateChanged, spec: RunSpec | None) -> SessionState:
-    message = SessionState()
-    message.header.stamp = stamp_from_ns(change.stamp_ns)
-    message.header.frame_id = MAP_FRAME
-    message.state = int(change.state)
-    message.previous = int(change.previous)
-    message.event = change.event
-    message.reason = change.reason
-    message.verdict = int(change.verdict)
-    message.reasons = list(change.reasons)
-    if spec is not None:
-        message.run_id = spec.run_id
-        message.scenario = spec.scenario
-        message.event_version = spec.event_version
-    return message
-
-
-def trigger_to_msg(fired: outbox.Triggered, processing_s: float) -> TriggerEvent:
-    message = TriggerEvent()
-    message.header.stamp = stamp_from_ns(fired.stamp_ns)
-    message.header.frame_id = MAP_FRAME
-    message.trigger_id = fired.trigger_id
-    message.condition = fired.condition
-    message.threshold = fired.threshold
-    message.sample_stamps = [stamp_from_ns(s.stamp_ns) for s in fired.samples]
-    message.sample_values = [s.value for s in fired.samples]
-    message.crossing_time = stamp_from_ns(fired.crossing_ns)
-    message.dispatch_time = stamp_from_ns(fired.dispatched_ns)
-    message.processing = processing_s
-    message.object_ids = list(fired.object_ids)
-    message.reference_ids = list(fired.reference_ids)
-    return message
-
-
-def phase_to_msg(began: PhaseBegan) -> PhaseEvent:
-    message = PhaseEvent()
-    message.header.stamp = stamp_from_ns(began.stamp_ns)
-    message.header.frame_id = MAP_FRAME
-    message.phase = int(began.phase)
-    message.evidence = began.evidence
-    message.provisional = began.phase.is_provisional
-    return message
-
-
 class Publications:
     """Owns the publishers and counts the heartbeats.
 
@@ -406,7 +362,7 @@ class Publications:
 
     def state_changed(self, change: outbox.StateChanged, spec: RunSpec | None) -> None:
         """A transition, on its topic and in the log."""
-        self._state.publish(session_state_to_msg(change, spec))
+        self._state.publish(encode_session_state(change, spec))
         self._log.info(
             f"{change.previous.name} -> {change.state.name} ({change.event}): {change.reason}"
         )
@@ -430,22 +386,13 @@ class Publications:
         """
         if isinstance(fact, outbox.Triggered):
             processing_s = (time.monotonic_ns() - arrival_ns) / NS_PER_S
-            self._trigger.publish(trigger_to_msg(fact, processing_s))
+            self._trigger.publish(encode_trigger(fact, processing_s))
         elif isinstance(fact, PhaseBegan):
-            self._phase.publish(phase_to_msg(fact))
+            self._phase.publish(encode_phase(fact))
         elif isinstance(fact, outbox.Note):
             self._log.info(fact.text)
         else:
-            limit = LimitFact(
-                fact.code,
-                self._name,
-                fact.object_id,
-                fact.measured,
-                fact.limit,
-                fact.stamp_ns,
-                fact.words,
-            )
-            self._safety.publish(safety_event(limit))
+            self._safety.publish(encode_limit(fact.seen_by(self._name)))
 
     def report_links(
         self, session: Session, links: LinkClocks, losses: LossCounters, now_ns: int

@@ -15,9 +15,9 @@ from ssp_core.cdr.references import decode_reference, encode_reference
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.motion.reference import Reference
-from ssp_core.ros.conversions import fault_event
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Role, SessionPhase
+from ssp_core.world.event_messages import encode_fault
 from ssp_core.world.plant import FaultFact
 from ssp_msgs.msg import FaultEvent, SafetyEvent, SessionState, WorldTick
 from ssp_msgs.msg import Reference as ReferenceMsg
@@ -131,7 +131,7 @@ class FaultEndpoints:
         told = FaultFact(
             self._node.get_name(), fault, target, active, value, unit, self._stamp_ns()
         )
-        self._faults.publish(fault_event(told))
+        self._faults.publish(encode_fault(told))
 
     def send_strange_reference(self, object_id: str, kind: str) -> None:
         objects = decode_tick(self._ticks[-1][1]).objects

@@ -7,13 +7,14 @@ from __future__ import annotations
 import gc
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ssp_core.bag.verdict import leave_verdict
 from ssp_core.clock import ns_to_seconds
 from ssp_core.files import write_bytes
 from ssp_core.motion.event import Passing, PhaseBegan
@@ -26,6 +27,9 @@ from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.run.result import Happened, misses, result_keys, rounded
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.run_script import RunOutcome
+
+if TYPE_CHECKING:
+    from ssp_scenario_manager.run.in_process_recording import SessionRecording
 
 _COLUMNS = ("stamp_ns", "x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps")
 
@@ -102,12 +106,15 @@ class InProcessResult:
         return next((ns_to_seconds(p.stamp_ns) for p in self.phases if p.phase is phase), None)
 
 
-def run_in_process(spec: RunSpec, work_dir: Path | None = None) -> tuple[InProcessResult, Record]:
+def run_in_process(
+    spec: RunSpec, work_dir: Path | None = None, recording: SessionRecording | None = None
+) -> tuple[InProcessResult, Record]:
     """Runs a session in this process, as fast as it goes.
 
     Args:
         spec: the run, in mode lockstep.
         work_dir: for SUMO's files, where there is traffic.
+        recording: of it; its camera is drawn for that alone.
 
     Raises:
         InputError: a run that needs processes, a clock or somebody else to drive the VUT.
@@ -118,7 +125,7 @@ def run_in_process(spec: RunSpec, work_dir: Path | None = None) -> tuple[InProce
     collects = gc.isenabled()
     gc.disable()
     try:
-        session = InProcessSession(spec, plant, record.reports.append)
+        session = InProcessSession(spec, plant, record.reports.append, recording)
         session.run()
     finally:
         if collects:
@@ -133,6 +140,34 @@ def run_in_process(spec: RunSpec, work_dir: Path | None = None) -> tuple[InProce
         happened=happened,
         error_rms_m=_error_rms_m(record.arrived(spec.initiator_id)),
     ), record
+
+
+def run_recorded(
+    spec: RunSpec, run_file: Path, bag: Path, say: Callable[[str], None]
+) -> tuple[InProcessResult, Record, dict[str, Any]]:
+    """Runs a session in this process and leaves its bag, with the verdict in it.
+
+    Args:
+        spec: the run, in mode lockstep; its camera, if it has one, is drawn.
+        run_file: holds ``spec``; its task lies beside it.
+        bag: a new folder.
+        say: takes what doesn't end the run, for people.
+
+    Returns:
+        Its result, its states, and what ``result.json`` says of the bag.
+
+    Raises:
+        InputError: as ``run_in_process``, or a file of the task can't be taken.
+        HostError: the disk doesn't take the bag.
+    """
+    # A sweep writes no bags, and needs none of what writes them.
+    from ssp_scenario_manager.run.in_process_recording import SessionRecording
+    from ssp_scenario_manager.run.report import measured
+
+    with SessionRecording(spec, run_file, bag) as recording:
+        result, record = run_in_process(spec, recording=recording)
+    seal = leave_verdict(bag, result.verdict, result.reasons, "runner")
+    return result, record, {"bag": bag.name, "seal": seal, "measured": measured(bag, spec, say)}
 
 
 def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[RunOutcome, Happened]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
@@ -21,6 +21,9 @@ from ssp_scenario_manager.session.run_script import RunScript
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import SessionEvent
 from ssp_scenario_manager.session.supervision import AbortWatch, LivenessMonitor
+
+if TYPE_CHECKING:
+    from ssp_scenario_manager.run.in_process_recording import SessionRecording
 
 WHO = "run_scenario"
 HOLD_NS = seconds_to_ns(0.1)
@@ -43,7 +46,7 @@ class InProcessSession:
 
     Args:
         on_report: is given every report of the running world.
-        on_hold: is given every report of the world that holds.
+        recording: takes all that the session's nodes would say; None: it isn't recorded.
 
     Attributes:
         sent: everything that the session sent, in its order.
@@ -55,7 +58,7 @@ class InProcessSession:
         spec: RunSpec,
         plant: Plant,
         on_report: OnReport = _ignore,
-        on_hold: OnReport = _ignore,
+        recording: SessionRecording | None = None,
     ) -> None:
         self.session = Session()
         self.sent: list[outbox.Outgoing] = []
@@ -64,7 +67,7 @@ class InProcessSession:
         self._spec = spec
         self._plant = plant
         self._on_report = on_report
-        self._on_hold = on_hold
+        self._recording = recording
         self._now_ns = 0
         self._steady_ns = 0
         self._abort = AbortWatch()
@@ -101,11 +104,11 @@ class InProcessSession:
                 break
             self._steady_ns += HOLD_NS
             report = self._plant.hold(self._word())
-            self._on_hold(report)
-            self._take(report)
+            self._hear(report)
             if session.state in (SessionPhase.ARMED, SessionPhase.ABORTING):
                 session.step(self._now_ns)
                 self._flush()
+            self._answer()
             if session.state in _OVER or self._waits_in_vain():
                 break
         self.problems = script.problems
@@ -143,12 +146,14 @@ class InProcessSession:
             self._on_report(report)
             if not report.running:
                 self.faults += report.faults
+                self._record(report)
                 return
             self._steady_ns += report.now_ns - self._now_ns
-            self._take(report)
+            self._hear(report)
             self._abort_by_operator(report.now_ns)
             self.session.step(self._now_ns)
             self._flush()
+            self._answer()
             if self._waits_in_vain():
                 return
             if self.session.state in _OVER:
@@ -165,6 +170,18 @@ class InProcessSession:
             self.session.give_up_on_standstill(self._now_ns)
             self._flush()
         return in_vain
+
+    def _hear(self, report: StepReport) -> None:
+        self._record(report)
+        self._take(report)
+
+    def _record(self, report: StepReport) -> None:
+        if self._recording is not None:
+            self._recording.hear(report)
+
+    def _answer(self) -> None:
+        if self._recording is not None:
+            self._recording.answer(self._now_ns, self.session.state)
 
     def _take(self, report: StepReport) -> None:
         session = self.session
@@ -221,6 +238,8 @@ class InProcessSession:
         while self.session.outbox:
             fact = self.session.outbox.pop(0)
             self.sent.append(fact)
+            if self._recording is not None:
+                self._recording.sent(fact)
             if isinstance(fact, Reference):
                 self._fresh.append(fact)
             elif isinstance(fact, outbox.ObjectCommand):

@@ -37,6 +37,7 @@ from ssp_scenario_manager.run.in_process import (
     InProcessResult,
     result_json,
     run_in_process,
+    run_recorded,
     save_states,
 )
 from ssp_scenario_manager.run.result import rounded, shown_gap
@@ -361,8 +362,11 @@ def _mapper(jobs: int) -> Iterator[Callable[..., Iterator[Row]]]:
             pool.shutdown(cancel_futures=True)
 
 
-def for_one_process(spec: RunSpec) -> RunSpec:
-    """The run as it is done in one process: without camera or token, and with triggers that fail.
+def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
+    """The run as it is done in one process: without token, and with triggers that fail.
+
+    Args:
+        camera: it is recorded, and keeps its camera.
 
     Raises:
         InputError: a fault needs processes of their own.
@@ -374,22 +378,30 @@ def for_one_process(spec: RunSpec) -> RunSpec:
                 field=f"faults[{index}].kind",
                 remedy="leave out --in-process, or this fault",
             )
-    return with_conditions_never_met(spec.model_copy(update={"camera": None, "session_token": ""}))
+    kept = spec.camera if camera else None
+    return with_conditions_never_met(spec.model_copy(update={"camera": kept, "session_token": ""}))
 
 
-def run_one(spec: RunSpec, folder: Path, as_json: bool) -> dict[str, Any]:
+def run_one(
+    spec: RunSpec, folder: Path, as_json: bool, *, recorded: bool = False
+) -> dict[str, Any]:
     """One run; leaves run.yaml, states.npz and result.json. Gives what stands in the last.
 
     Args:
         spec: as ``for_one_process`` gives it.
         folder: is there.
         as_json: the result on standard output as JSON.
+        recorded: it leaves a bag too.
     """
-    write_text(folder / "run.yaml", spec.model_dump_json(by_alias=True, indent=1) + "\n")
-    result, record = run_in_process(spec)
+    run_file = folder / "run.yaml"
+    write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
+    if recorded:
+        result, record, told = run_recorded(spec, run_file, folder / "bag", console.note)
+    else:
+        (result, record), told = run_in_process(spec), {}
     for line in _told(spec, result):
         console.note(line)
-    written = result_json(spec, result)
+    written = result_json(spec, result) | told
     # Said first: the disk may be full.
     if as_json:
         click.echo(json.dumps(written))

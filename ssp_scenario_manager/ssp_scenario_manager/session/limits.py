@@ -20,6 +20,7 @@ from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.safety.liveness import SILENCES
 from ssp_core.vocabulary import ControlState, Verdict
+from ssp_core.world.plant import LimitFact
 
 # A manager whose own timer comes so late blames nobody for that time.
 LATE_S = 0.5
@@ -104,6 +105,12 @@ class Violation:
         figures = self.words or f"{measured}, limit {self.limit:.3g}{unit}"
         detail = f" ({self.detail})" if self.detail else ""
         return f"{meaning.limit_name}:{who} {figures}{detail}"
+
+    def seen_by(self, node: str) -> LimitFact:
+        """Return what a node announces of it."""
+        return LimitFact(
+            self.code, node, self.object_id, self.measured, self.limit, self.stamp_ns, self.words
+        )
 
 
 def of_object(
