@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from rosbags.highlevel import AnyReader
 
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import typestore
 from ssp_core.cdr.messages import object_state
 from ssp_core.files import make_folder
 from ssp_core.motion.state import ObjectState
@@ -25,6 +27,7 @@ from ssp_scenario_manager.run.in_process import Record, result_json, run_in_proc
 from ssp_scenario_manager.run.sweep import for_one_process
 from tests.support.bags import messages
 from tests.system.frames import check_frames
+from tests.system.recordings import Recordings, succeed
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -76,6 +79,46 @@ def agreed(folder: Path, result: dict[str, Any]) -> Record:
         assert len(mine) > 300
         assert [repr(s) for s in theirs[: len(mine) - 1]] == [repr(s) for s in mine[:-1]]
     return record
+
+
+# Decided by the wall clock, or by how often the world held before the start.
+OF_THE_CLOCK = {
+    *("/ssp/manager/heartbeat", "/ssp/manager/heartbeat_reply", "/ssp/manager/link_status"),
+    *("/ssp/recorder_status", "/ssp/ot1/rules"),
+}
+
+
+def contents(bag: Path) -> dict[str, list[str]]:
+    """What each topic of a bag says, at which time, in any order."""
+    found: dict[str, set[str]] = {}
+    with BagReader(bag) as reader:
+        known = {name: topic.msgtype for name, topic in reader.topics.items()}
+        for message in reader.messages():
+            value = typestore().deserialize_cdr(message.data, known[message.topic])
+            # Of these, how often the manager has spoken, and how long it took to decide.
+            for name in ("heartbeat", "vut_states_sent", "processing"):
+                if hasattr(value, name):
+                    object.__setattr__(value, name, 0)
+            found.setdefault(message.topic, set()).add(f"{message.log_time_ns} {value}")
+    return {name: sorted(values) for name, values in found.items() if name not in OF_THE_CLOCK}
+
+
+def test_a_recording_of_one_process_says_what_that_of_a_session_says(
+    recordings: Recordings, tmp_path: Path
+) -> None:
+    """Frames, states, poses, references, decisions and the run's end, to the last byte."""
+    session = recordings.get("cut_in", "simulation")
+    again = tmp_path / session.name
+    succeed("run", session, "--out", again, "--in-process", "--record")
+    theirs, ours = contents(session / "bag"), contents(again / "bag")
+    assert theirs.keys() == ours.keys()
+    assert {name for name in theirs if theirs[name] != ours[name]} == set()
+    assert len(ours["/ssp/vut/front_camera/image/compressed"]) > 100
+    with BagReader(session / "bag") as one, BagReader(again / "bag") as other:
+        attached = set(one.attachments) - {"recording.json", "verdict.json", "run.yaml"}
+        assert attached == set(other.attachments) - {"recording.json", "verdict.json", "run.yaml"}
+        assert all(one.attachment(name) == other.attachment(name) for name in attached)
+        assert one.topics.keys() == other.topics.keys()
 
 
 def test_faults_are_the_same(start_session: Any, tmp_path: Path) -> None:
