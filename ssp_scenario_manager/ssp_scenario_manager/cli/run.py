@@ -75,7 +75,8 @@ DEFAULT_SITE = "boulevard"
 @click.option(
     "--in-process",
     is_flag=True,
-    help="No ROS, camera or bag: one process, the same states, many times faster than real time.",
+    help="One process without ROS, many times faster than real time, with the same states; camera "
+    "and bag with --record alone.",
 )
 @click.option(
     "--record",

@@ -125,7 +125,7 @@ def run_in_process(
     collects = gc.isenabled()
     gc.disable()
     try:
-        session = InProcessSession(spec, plant, record.reports.append, recording)
+        session = InProcessSession(spec, plant, record.reports.append, recording=recording)
         session.run()
     finally:
         if collects:

@@ -46,6 +46,7 @@ class InProcessSession:
 
     Args:
         on_report: is given every report of the running world.
+        on_hold: is given every report of the world that holds.
         recording: takes all that the session's nodes would say; None: it isn't recorded.
 
     Attributes:
@@ -58,6 +59,7 @@ class InProcessSession:
         spec: RunSpec,
         plant: Plant,
         on_report: OnReport = _ignore,
+        on_hold: OnReport = _ignore,
         recording: SessionRecording | None = None,
     ) -> None:
         self.session = Session()
@@ -67,6 +69,7 @@ class InProcessSession:
         self._spec = spec
         self._plant = plant
         self._on_report = on_report
+        self._on_hold = on_hold
         self._recording = recording
         self._now_ns = 0
         self._steady_ns = 0
@@ -104,6 +107,7 @@ class InProcessSession:
                 break
             self._steady_ns += HOLD_NS
             report = self._plant.hold(self._word())
+            self._on_hold(report)
             self._hear(report)
             if session.state in (SessionPhase.ARMED, SessionPhase.ABORTING):
                 session.step(self._now_ns)
