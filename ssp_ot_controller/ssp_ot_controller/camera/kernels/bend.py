@@ -13,7 +13,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree  # type: ignore[import-untyped] # has no types
 
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.road import Road
@@ -70,6 +69,9 @@ def build_bend(road: Road) -> Bend | None:
         pose = line.pose(s)
         node[:4] = pose.x_m, pose.y_m, math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         node[N_CURVATURE] = line.curvature_1pm(s)
+    # Half a second to import, which a straight road needs not.
+    from scipy.spatial import cKDTree  # type: ignore[import-untyped] # has no types
+
     low = nodes[:, :2].min(axis=0) - _MARGIN_M
     size = nodes[:, :2].max(axis=0) + _MARGIN_M - low
     cell = max(_CELL_M, math.sqrt(float(size[0] * size[1]) / _MOST_CELLS))

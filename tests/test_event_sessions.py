@@ -1,33 +1,31 @@
-"""Sessions of run files: an OT that brakes in a bend, and one that stands with nothing to do."""
+"""Whole sessions in one process: events on sites, braking in a bend, a standing target."""
 
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from ssp_core.cli import main
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import CurvePiece
 from ssp_core.world.reference_line import ReferenceLine
+from ssp_scenario_manager.run.sweep import for_one_process, run_one
 from tests.support.bags import messages
+from tests.support.event_bags import check_event
 from tests.support.runs import small_run
 
-pytestmark = [pytest.mark.ros, pytest.mark.system]
-
-RUN = """
-import sys
-from pathlib import Path
-from ssp_core.run_file.model import load_run
-from ssp_scenario_manager.run.over_dds import run_session
-folder = Path(sys.argv[1])
-result = run_session(load_run(folder / "given.yaml"), folder / "run", print)
-sys.exit(0 if result.outcome.ok else 1)
-"""
+# The other sites' sessions run over DDS (system/test_session_runs.py).
+EVENTS = [
+    ("cut_in", "south_loop"),
+    ("lead_braking", "boulevard"),
+    ("lead_braking", "south_loop"),
+    ("occluded_crossing", "boulevard"),
+    ("occluded_crossing", "north_track"),
+]
 NOISE = {"state_delay_s": 0.02, "position_noise_m": 0.02, "speed_noise_mps": 0.05}
 
 
@@ -135,17 +133,20 @@ def parked_truck() -> dict[str, Any]:
     return given(initiator="ot1", targets=[truck, person], triggers=[trigger])
 
 
-def run(tmp_path: Path, mapping: dict[str, Any]) -> dict[str, Any]:
-    """Runs a session of a run file and returns result.json."""
+def recorded(tmp_path: Path, mapping: dict[str, Any]) -> Path:
+    """The bag of a valid session of a run file."""
     spec = RunSpec.model_validate(mapping)
-    (tmp_path / "given.yaml").write_text(spec.model_dump_json(by_alias=True))
-    (tmp_path / "run").mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, str(tmp_path)], timeout=150, capture_output=True, text=True
-    )
-    result: dict[str, Any] = json.loads((tmp_path / "run" / "result.json").read_text())
-    assert (done.returncode, result["reasons"]) == (0, []), done.stdout + done.stderr
-    return result
+    told = run_one(for_one_process(spec, camera=True), tmp_path, False, recorded=True)
+    assert (told["verdict"], told["reasons"]) == ("valid", [])
+    return tmp_path / "bag"
+
+
+@pytest.mark.parametrize(("event", "site"), EVENTS)
+def test_events_compiled_for_sites_are_valid(event: str, site: str, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    command = ["run", event, "--site", site, "--in-process", "--record", "--no-camera"]
+    assert main([*command, "--out", str(out)]) == 0
+    check_event(out, json.loads((out / "result.json").read_text()))
 
 
 def seconds(stamp: Any) -> float:
@@ -153,8 +154,7 @@ def seconds(stamp: Any) -> float:
 
 
 def test_a_lead_vehicle_brakes_in_a_bend(tmp_path: Path) -> None:
-    assert run(tmp_path, lead_braking())["verdict"] == "valid"
-    bag = tmp_path / "run" / "bag"
+    bag = recorded(tmp_path, lead_braking())
     phases = messages(bag, "/ssp/phase_event")
     assert [m.phase for m in phases] == [1, 2, 3, 4]
     (trigger,) = messages(bag, "/ssp/trigger_event")
@@ -177,8 +177,7 @@ def test_a_lead_vehicle_brakes_in_a_bend(tmp_path: Path) -> None:
 
 
 def test_a_standing_target_without_a_trigger_takes_part(tmp_path: Path) -> None:
-    assert run(tmp_path, parked_truck())["verdict"] == "valid"
-    bag = tmp_path / "run" / "bag"
+    bag = recorded(tmp_path, parked_truck())
     assert [m.phase for m in messages(bag, "/ssp/phase_event")] == [1, 2, 3, 4]
     assert {m.object_id for m in messages(bag, "/ssp/ot1/reference_ack")} == {"ot1"}
     assert not messages(bag, "/ssp/ot2/reference")
