@@ -11,14 +11,6 @@ from ssp_core import names, ros
 from ssp_core.cdr.states import decode_state, encode_state
 from ssp_msgs import msg
 
-KINDS = {
-    names.ack_topic("ot1"): msg.ReferenceAck,
-    names.STEP_DONE: msg.StepDone,
-    names.HEARTBEAT_REPLY: msg.HeartbeatReply,
-    names.ACTUATOR_COMMANDS: msg.ActuatorCommands,
-    names.RECORDER_STATUS: msg.RecorderStatus,
-}
-
 
 def main(topic: str) -> None:
     """Says another place of an object with each of its states, or is merely there.
@@ -29,8 +21,8 @@ def main(topic: str) -> None:
     node = ros.make_node("stranger")
     print("there", flush=True)
     sys.stdin.readline()
-    if topic in KINDS:
-        node.create_publisher(KINDS[topic], topic, ros.STATE)
+    if topic == names.STEP_DONE:
+        node.create_publisher(msg.StepDone, topic, ros.STATE)
     else:
         forged = node.create_publisher(msg.ObjectState, topic, ros.STATE)
 

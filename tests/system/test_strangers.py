@@ -72,7 +72,8 @@ def beside() -> Iterator[Beside]:
         process.communicate()
 
 
-@pytest.mark.parametrize("topic", [names.state_topic("ot1"), *stranger.KINDS])
+# One that the recorder hears, and one that it doesn't; each topic: test_publisher_watch.
+@pytest.mark.parametrize("topic", [names.state_topic("ot1"), names.STEP_DONE])
 def test_a_stranger_is_named_and_the_run_is_not_valid(
     start_long_session: Any, beside: Beside, topic: str
 ) -> None:
