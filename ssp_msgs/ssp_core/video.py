@@ -283,23 +283,31 @@ def sound_video(path: Path, end_s: float | None = None) -> Soundness:
         raise _no_axis(path, f"of {told_frames} frames it shows {len(times_s)}")
     if why := _against_times(times_s, rate, slack_s):
         raise _no_axis(path, why)
-    shown_s = times_s[-1] - times_s[0] + 1.0 / rate
-    for what, found_s, told_s in (
-        ("its frames", shown_s if is_whole else None, own_s),
-        ("its streams", max(lengths_s, default=None), length_s),
-    ):
-        if found_s is None or told_s is None:
-            continue
-        # Some count from the first frame, some from the beginning of the time line.
-        off_s = min(abs(found_s - told_s), abs(found_s + times_s[0] - told_s))
-        if off_s > max(slack_s, _SLACK * max(found_s, told_s)):
-            raise _no_axis(path, f"it says {told_s:.3f} s, and {what} last {found_s:.3f} s")
+    shown_s = times_s[-1] - times_s[0] + 1.0 / rate if is_whole else None
+    longest_s = max(lengths_s, default=None)
+    why = _against_length(shown_s, own_s, times_s[0], slack_s, "its frames")
+    why = why or _against_length(longest_s, length_s, times_s[0], slack_s, "its streams")
+    if why:
+        raise _no_axis(path, why)
     told = _avi_rate(path)
     if told is not None and abs(told / rate - 1.0) > _SLACK:
         raise _no_axis(path, f"it says {told:g} and {rate:g} frames per second")
     if why := _against_moov(path, slack_s):
         raise _no_axis(path, why)
     return Soundness(tuple(times_s), damaged)
+
+
+def _against_length(
+    found_s: float | None, told_s: float | None, first_s: float, slack_s: float, what: str
+) -> str:
+    """Say how a length contradicts the one that is stated; empty: it doesn't, or isn't known."""
+    if found_s is None or told_s is None:
+        return ""
+    # Some count from the first frame, some from the beginning of the time line.
+    off_s = min(abs(found_s - told_s), abs(found_s + first_s - told_s))
+    if off_s <= max(slack_s, _SLACK * max(found_s, told_s)):
+        return ""
+    return f"it says {told_s:.3f} s, and {what} last {found_s:.3f} s"
 
 
 def _against_times(times_s: Sequence[float], rate: float, slack_s: float) -> str:

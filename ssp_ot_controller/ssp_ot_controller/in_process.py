@@ -35,7 +35,7 @@ HOLD_PERIOD_S = 0.1
 class NoTraffic:
     """A scene without anybody but the VUT and the targets: SUMO has nothing to say in it."""
 
-    def step(self, poses: list[ObjectState]) -> list[ObjectState]:
+    def step(self, _poses: list[ObjectState]) -> list[ObjectState]:
         return []
 
     def traffic(self) -> list[ObjectState]:

@@ -27,8 +27,7 @@ def said(service, request, **options):
     """The response to a request, and the line that it says instead of an answer."""
     with service:
         backend = make({"url": service.url, **PATIENT, **options})
-        response = respond(backend, "m", request).response
-    return response
+        return respond(backend, "m", request).response
 
 
 def test_a_good_answer_comes_through_whole(make_request, straight_history):

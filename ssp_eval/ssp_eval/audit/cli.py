@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +108,7 @@ def audit(
         paths = (synthetic, simulation, physical)
         judged = judge_files(paths, event, limits, lambda: bar.advance(task))
         bar.update(task, description="drawing")
-        page = render(judged, lambda done, of: bar.advance(task))
+        page = render(judged, lambda _done, _of: bar.advance(task))
     make_folder(out)
     value = judged.audit.model_dump(mode="json", by_alias=True)
     write_json(out / AUDIT_FILE, value)
@@ -152,27 +153,30 @@ def show(found: Audit) -> None:
             console.out.print(f"{r.domain}: {reason.text}: {reason.detail}", markup=False)
             for following in reason.consequences:
                 console.out.print(f"  so {following.text}: {following.detail}", markup=False)
-        if r.labels is not None and (times_s := r.labels.hardly_visible_s):
-            console.note(
-                f"{r.domain}: hardly visible, the critical object is under "
-                f"{HARDLY_VISIBLE_PX:g} px high, at the labels of "
-                f"{', '.join(f'{t_s:.2f}' for t_s in times_s)} s"
-            )
-        console.note(f"{r.domain}: {r.domain_said_by}")
-        for name in ("clip", ACCEPTED):
-            if name in r.disclosures:
-                about = f"{name}: " if name == ACCEPTED else ""
-                console.note(f"{r.domain}: {about}{r.disclosures[name]}")
-        if r.stand_in:
-            console.note(f"{r.domain} is a software stand-in, not a vehicle")
-        for contradiction in r.contradictions:
-            console.note(f"{r.domain}: {contradiction}")
-        for change in r.changes:
-            if change.logged:
-                late = ", entered after the run" if change.later else ""
-                console.note(
-                    f"{r.domain}: {change.field} was changed on site by {change.who}{late}"
-                )
+        for line in _notes(r):
+            console.note(line)
+
+
+def _notes(r: RecordingEntry) -> Iterator[str]:
+    """What is to be known of a recording beside the reasons."""
+    if r.labels is not None and (times_s := r.labels.hardly_visible_s):
+        yield (
+            f"{r.domain}: hardly visible, the critical object is under {HARDLY_VISIBLE_PX:g} px "
+            f"high, at the labels of {', '.join(f'{t_s:.2f}' for t_s in times_s)} s"
+        )
+    yield f"{r.domain}: {r.domain_said_by}"
+    for name in ("clip", ACCEPTED):
+        if name in r.disclosures:
+            about = f"{name}: " if name == ACCEPTED else ""
+            yield f"{r.domain}: {about}{r.disclosures[name]}"
+    if r.stand_in:
+        yield f"{r.domain} is a software stand-in, not a vehicle"
+    for contradiction in r.contradictions:
+        yield f"{r.domain}: {contradiction}"
+    for change in r.changes:
+        if change.logged:
+            late = ", entered after the run" if change.later else ""
+            yield f"{r.domain}: {change.field} was changed on site by {change.who}{late}"
 
 
 def response_lines(pair: PairEntry) -> list[str]:

@@ -248,7 +248,7 @@ def _topology(
     other = _first_spot(scene, lanes, target_id)
     adjacency = "unknown"
     if other is not None:
-        adjacency = _adjacency(lanes, other.lane, held)
+        adjacency = _adjacency(other.lane, held)
     how = "lanes of the road under the VUT's path; its lane is the one that it is in longest"
     return Property(
         {
@@ -268,7 +268,7 @@ def _most(lanes: Sequence[int | None]) -> int | None:
     return max(dict.fromkeys(lanes), key=lanes.count)
 
 
-def _adjacency(lanes: Lanes, origin: int | None, target: int | None) -> str:
+def _adjacency(origin: int | None, target: int | None) -> str:
     """Describe how the lane of the other's origin lies to the VUT's."""
     if origin is None or target is None:
         return "beside the lanes"

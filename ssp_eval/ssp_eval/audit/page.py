@@ -294,7 +294,7 @@ def _side_by_side(rows: Sequence[Mapping[str, str]]) -> list[tuple[str, list[str
     return [(name, [row.get(name, "–") for row in rows]) for name in names]
 
 
-def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done, of: None) -> str:
+def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda _done, _of: None) -> str:
     """The page as HTML.
 
     Args:

@@ -57,7 +57,7 @@ def noise(light: Light, strength: int, stamp_ns: int) -> Light:
     return _grain(light, (0.07, 0.2)[strength - 1], _rng(stamp_ns, "noise"))
 
 
-def blur(light: Light, strength: int, stamp_ns: int) -> Light:
+def blur(light: Light, strength: int, _stamp_ns: int) -> Light:
     """A lens out of focus: every point becomes a disc."""
     # Small pictures too are to lose something.
     radius_px = max(float(strength), light.shape[1] * (0.0025, 0.0075)[strength - 1])
@@ -71,7 +71,7 @@ def blur(light: Light, strength: int, stamp_ns: int) -> Light:
     return _light(np.power(np.maximum(mixed, 0.0), 1.0 / _GAMMA))
 
 
-def fog(light: Light, strength: int, stamp_ns: int) -> Light:
+def fog(light: Light, strength: int, _stamp_ns: int) -> Light:
     """Mist that thickens towards the middle height, where a level camera sees the horizon.
 
     The distance is that of level ground below it, and of an object nothing is known: what stands
@@ -95,7 +95,7 @@ def low_light(light: Light, strength: int, stamp_ns: int) -> Light:
     return _grain(dark, (0.03, 0.06)[strength - 1], _rng(stamp_ns, "low_light"))
 
 
-def glare(light: Light, strength: int, stamp_ns: int) -> Light:
+def glare(light: Light, strength: int, _stamp_ns: int) -> Light:
     """A low sun in front: a white disc, its glow, and a veil over the whole picture.
 
     It stands at the same place in every picture, above the middle and to the right.

@@ -49,7 +49,7 @@ class Binder(Clause):
             self._close()
         return self.world
 
-    def _read(self, index: int, hit: Hit, flags: Scope) -> None:
+    def _read(self, index: int, hit: Hit, flags: Scope) -> None:  # noqa: C901  # a table of cases, one a line
         kind = hit.kind
         if kind == "mark":
             self._mark(index, hit)
@@ -86,7 +86,7 @@ class Binder(Clause):
         elif kind == "state":
             self._state(index, hit, flags)
         elif kind == "braked_in_lane":
-            actor = self._owner(index)
+            actor = self._owner()
             sides = {"left", "right"} & set(self.words[hit.first : hit.stop])
             if sides and not self.planned and actor is not None and self.subject is not EGO:
                 self._place(index, hit._replace(kind="place", value=sides.pop()), flags)
@@ -296,7 +296,7 @@ class Binder(Clause):
 
     def _path(self, index: int, hit: Hit) -> None:
         """Remember a path for the words that follow: in our path, from the right."""
-        owner = self._owner(index)
+        owner = self._owner()
         before = self._before(index)
         if before.kind == "mark" and before.value == ",":
             before = self._before(index - 1)
@@ -310,7 +310,7 @@ class Binder(Clause):
                 owner.hints.append(self._said("front", hit))
 
     def _place(self, index: int, hit: Hit, flags: Scope) -> None:
-        owner = self._owner(index)
+        owner = self._owner()
         after = self.words[hit.stop] if hit.stop < len(self.words) else "."
         if after == "of" and self._other(index):
             return
@@ -353,7 +353,7 @@ class Binder(Clause):
         if following.kind == "user" and following.first - hit.stop < 3:
             self.states.append(hit)
             return
-        owner = self._owner(index)
+        owner = self._owner()
         if owner is None and not _PACES.isdisjoint(self.words[hit.first : hit.stop]):
             self._noun(index, hit._replace(kind="noun", value="maintain"), flags)
             return  # same speed, of the VUT
@@ -437,7 +437,7 @@ class Binder(Clause):
     def _mover(self, index: int, hit: Hit) -> Actor | None:
         if isinstance(self.subject, Actor) and (hit.form != "ing" or not self._adjoins(index)):
             return self.subject
-        return self._owner(index)
+        return self._owner()
 
     def _of_other(self, index: int, hit: Hit) -> bool:
         """Tell whether a verb is somebody else's, not the VUT's."""
@@ -476,7 +476,7 @@ class Binder(Clause):
         before = self.words[max(hit.first - 2, 0) : hit.first]
         actor.ongoing = hit.form == "ing" and not {"is", "are"}.isdisjoint(before)
 
-    def _motion(self, actor: Actor, kind: str, goals: list[Hit], hit: Hit) -> str | None:
+    def _motion(self, actor: Actor, kind: str, goals: list[Hit], hit: Hit) -> str | None:  # noqa: C901  # a table of cases, one a line
         names = {goal.value for goal in goals if goal.kind == "goal"}
         side = next((g.value for g in goals if g.kind in ("across", "from")), "")
         both = any(goal.kind == "across" for goal in goals)
@@ -542,7 +542,7 @@ class Binder(Clause):
         if self.plan.act(hit, flags, self.step, self._strong() or hit.form == "value"):
             self.planned.append(hit)
 
-    def _conflict(self, index: int, hit: Hit, flags: Scope) -> None:
+    def _conflict(self, index: int, hit: Hit, flags: Scope) -> None:  # noqa: C901  # a table of cases, one a line
         if flags & (Scope.QUOTED | Scope.PAST | Scope.REJECTED | Scope.PLANNED):
             return
         value = hit.value
@@ -598,7 +598,7 @@ class Binder(Clause):
             owner.conflicts.append(said)
 
     def _salience(self, index: int, hit: Hit, flags: Scope) -> None:
-        owner = self._owner(index)
+        owner = self._owner()
         if hit.kind == "nobody":
             if self._after(index).value == "is":  # nobody is waiting at the crosswalk
                 self.subject = SCENE

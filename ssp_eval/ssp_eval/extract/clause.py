@@ -107,7 +107,7 @@ class Clause:
                 return False
         return False
 
-    def _owner(self, index: int) -> Actor | None:
+    def _owner(self) -> Actor | None:
         """Return the actor of an attribute: the noun of the clause, else its subject."""
         if self.near is not None:
             return self.near

@@ -211,7 +211,7 @@ def write_phase_frames(
     campaign: Path,
     out: Path,
     cells: Sequence[CellData],
-    progress: Callable[[str], None] = lambda name: None,
+    progress: Callable[[str], None] = lambda _name: None,
     limit: bool = False,
 ) -> Written:
     """Writes the phase-aligned frames of each scenario and model; controls show no model.

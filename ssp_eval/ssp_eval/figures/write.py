@@ -44,7 +44,7 @@ def write_figures(
     out: Path,
     reference: str | None = None,
     only: Collection[str] = (),
-    progress: Callable[[str], None] = lambda name: None,
+    progress: Callable[[str], None] = lambda _name: None,
 ) -> Written:
     """Writes every figure that the rows give.
 

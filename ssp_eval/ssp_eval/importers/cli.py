@@ -138,7 +138,7 @@ def _camera(given: Mapping[str, Any]) -> Callable[[int, int], CameraFacts]:
     if hfov_deg is None and (height_m is not None or assumed):
         raise click.UsageError("a camera's place is of no use without --hfov-deg")
     if hfov_deg is None:
-        return lambda width_px, height_px: CameraFacts()
+        return lambda _width_px, _height_px: CameraFacts()
     mounting = None
     if height_m is not None:
         mounting = Mounting(forward_m or 0.0, height_m, math.radians(pitch_deg))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -243,31 +243,22 @@ def report(
     if from_cells is not None:
         if out_dir is not None or repeats:
             raise click.UsageError("--from-cells stands alone: give no campaign beside it")
-        if block is not None:
-            raise click.UsageError("--block is of labels, of which --from-cells knows nothing")
-        if out is None and (_is_given("resamples") or _is_given("seed")):
-            raise click.UsageError("--resamples and --seed need --out DIR: figures draw nothing")
-        if out is None and expected:
-            raise click.UsageError("--expect needs --out DIR: figures name no scenario")
-        if PHASES in only:
-            raise click.UsageError(f"{PHASES} needs the frames of a campaign, not --from-cells")
-        if out is None and (drawn is None or tables is not None):
-            raise click.UsageError("--from-cells needs --out DIR, or --figures DIR alone")
+        _check_cells_options(out, only, expected, block, is_alone=drawn is not None and not tables)
         _take(out, tables, figures)
         rows = rows_from_csv(from_cells, console.note)
-        if drawn is not None:
-            draw_figures(drawn, rows)
-        if out is None:
-            return 0
-        wanted = _Wanted(tables or out / TABLES, formats, reference, options, expected)
-        _analyse(rows, (), wanted, statistics=out)
-        return 0
+        return _report_cells(
+            rows,
+            out,
+            drawn,
+            lambda folder: _Wanted(
+                tables or folder / TABLES, formats, reference, options, expected
+            ),
+        )
     if out_dir is None:
         raise click.UsageError("give the folder of a campaign, or --from-cells FILE.csv")
     if out is not None:
         raise click.UsageError("--out belongs to --from-cells; use --tables DIR")
-    if tables is None and figures is None and (reference is not None or repeats):
-        raise click.UsageError("--reference and --repeat need --tables DIR or --figures DIR")
+    _check_wanted(tables is not None or drawn is not None, reference, repeats)
     _take(out_dir if out_dir.is_dir() else None, tables, figures)
     changed: dict[Path, str] = {}
 
@@ -277,8 +268,7 @@ def report(
 
     analysis: Sequence[Table] = ()
     repeated: Sequence[Asked] = ()
-    is_wanted = tables is not None or drawn is not None
-    if is_wanted or len(cell_files(out_dir)) <= MOST_ANALYSED:
+    if tables or drawn or len(cell_files(out_dir)) <= MOST_ANALYSED:
         data, rows, constants = _runs((out_dir, *repeats))
         for cell in data:
             check(cell)
@@ -312,6 +302,50 @@ def report(
     size_mb = target.stat().st_size / 1e6
     click.echo(f"{target} ({size_mb:.1f} MB)")
     return 1 if changed else 0
+
+
+def _check_wanted(is_wanted: bool, reference: str | None, repeats: tuple[Path, ...]) -> None:
+    if not is_wanted and (reference is not None or repeats):
+        raise click.UsageError("--reference and --repeat need --tables DIR or --figures DIR")
+
+
+def _report_cells(
+    rows: Sequence[CellRow],
+    out: Path | None,
+    drawn: WantedFigures | None,
+    wanted: Callable[[Path], _Wanted],
+) -> int:
+    """Draw figures and write tables of component scores; returns the exit status."""
+    if drawn is not None:
+        draw_figures(drawn, rows)
+    if out is not None:
+        _analyse(rows, (), wanted(out), statistics=out)
+    return 0
+
+
+def _check_cells_options(
+    out: Path | None,
+    only: tuple[str, ...],
+    expected: tuple[str, ...],
+    block: int | None,
+    *,
+    is_alone: bool,
+) -> None:
+    """Refuse the options that --from-cells can't follow.
+
+    Args:
+        is_alone: figures are all that is asked for.
+    """
+    if block is not None:
+        raise click.UsageError("--block is of labels, of which --from-cells knows nothing")
+    if out is None and (_is_given("resamples") or _is_given("seed")):
+        raise click.UsageError("--resamples and --seed need --out DIR: figures draw nothing")
+    if out is None and expected:
+        raise click.UsageError("--expect needs --out DIR: figures name no scenario")
+    if PHASES in only:
+        raise click.UsageError(f"{PHASES} needs the frames of a campaign, not --from-cells")
+    if out is None and not is_alone:
+        raise click.UsageError("--from-cells needs --out DIR, or --figures DIR alone")
 
 
 def _is_given(option: str) -> bool:

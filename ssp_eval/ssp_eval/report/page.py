@@ -35,10 +35,10 @@ MOST_IN_ONE_FILE = 60
 
 def write_report(
     out: Path,
-    on_step: Callable[[int, int], None] = lambda done, of: None,
+    on_step: Callable[[int, int], None] = lambda _done, _of: None,
     most: int | None = None,
     analysis: Sequence[Table] = (),
-    on_cell: Callable[[CellData], None] = lambda cell: None,
+    on_cell: Callable[[CellData], None] = lambda _cell: None,
     repeated: Sequence[Asked] = (),
     expected: Sequence[str] = (),
 ) -> Path:

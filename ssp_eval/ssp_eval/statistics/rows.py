@@ -376,7 +376,7 @@ class _Read:
     named: bool
 
 
-def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda note: None) -> list[CellRow]:
+def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda _note: None) -> list[CellRow]:
     """The rows of a CSV file of component scores, cells or macro rows.
 
     IVCS of a cell is computed (METHOD 6.10). That of a macro row, a published mean over scenarios,

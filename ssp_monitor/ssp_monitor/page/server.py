@@ -243,7 +243,7 @@ class PageServer:
             return _answer(504, Answer(False, text, answered=False))
         return _answer(200 if answer.answered else 504, answer)
 
-    async def _leave(self, request: web.Request) -> web.StreamResponse:
+    async def _leave(self, _request: web.Request) -> web.StreamResponse:
         """Leaves the port, if the run has ended: who asks is the page of the next one."""
         if not self._retired:
             return web.Response(status=409, text="this page's run goes on")

@@ -320,7 +320,7 @@ class Frames:
 
 
 def _image(
-    bag: BagReader, msgtype: str, message: BagMessage, damaged: Damaged
+    _bag: BagReader, msgtype: str, message: BagMessage, damaged: Damaged
 ) -> ImageMessage | None:
     try:
         return read_image(msgtype, message.data)

@@ -217,7 +217,7 @@ def _span(start_ns: int, end_ns: int) -> dict[str, dict[str, int]]:
 class _Dumper(yaml.CSafeDumper):
     """Writes a value that stands in several places out each time, as rosbag2 does."""
 
-    def ignore_aliases(self, data: object) -> bool:
+    def ignore_aliases(self, _data: object) -> bool:
         return True
 
 

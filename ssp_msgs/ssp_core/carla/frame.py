@@ -67,7 +67,7 @@ def yaw_in_carla_deg(yaw_rad: float) -> float:
     return 180.0 if yaw <= -180.0 else yaw
 
 
-def flat_ground(x_m: float, y_m: float) -> float:
+def flat_ground(_x_m: float, _y_m: float) -> float:
     """The height 0 everywhere."""
     return 0.0
 

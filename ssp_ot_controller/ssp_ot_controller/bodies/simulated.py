@@ -140,7 +140,7 @@ _CLASSES = [c.word for c in ObjectClass if c is not ObjectClass.UNKNOWN]
 def serve(
     bodies: Sequence[tuple[BodyServer, socket.socket]],
     until: Callable[[], bool],
-    sent: Callable[[BodyServer], None] = lambda body: None,
+    sent: Callable[[BodyServer], None] = lambda _body: None,
 ) -> None:
     """Follows commands and sends states until told to end; ``sent`` is told of each state."""
     sockets = [sock for _, sock in bodies]

@@ -71,7 +71,7 @@ class RasterPainter:
         self._run, self._camera = run, camera
         warm_up(run.road, run.look, camera, run.seed)
 
-    def draw(self, scene: Scene, stamp_ns: int, index: int) -> Array:
+    def draw(self, scene: Scene, _stamp_ns: int, index: int) -> Array:
         return render(scene, self._run.look, self._camera, index, self._run.seed)
 
     def close(self) -> list[str]:
@@ -166,7 +166,7 @@ class CarlaPainter:
         }
         return {**self._record, "bodies": bodies}
 
-    def draw(self, scene: Scene, stamp_ns: int, index: int) -> Array:
+    def draw(self, scene: Scene, stamp_ns: int, _index: int) -> Array:
         self._follow(scene)
         placements = [self._placed(state, scene, stamp_ns) for state in scene.others]
         vut, camera = scene.vut, self._camera

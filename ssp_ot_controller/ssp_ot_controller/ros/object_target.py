@@ -417,7 +417,7 @@ class ObjectProcess:
 class ObjectTargetNode(LifecycleNode):
     """Thin lifecycle node around ObjectProcess; with ``autostart`` it activates itself."""
 
-    def __init__(self, stop: ros.StopRequest) -> None:
+    def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__(names.OBJECT_TARGET, namespace=names.NAMESPACE)
         self._given = ros.declare(self, OBJECT_TARGET)
         self._process: ObjectProcess | None = None

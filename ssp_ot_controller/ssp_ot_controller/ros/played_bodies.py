@@ -19,7 +19,7 @@ from ssp_ot_controller.ros.parameters import PLAYED_BODIES
 class PlayedBodies(Node):
     """Declares the kind of all objects of a run and of their bodies, latched, while they play."""
 
-    def __init__(self, stop: ros.StopRequest) -> None:
+    def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__("played_bodies", namespace=names.NAMESPACE)
         run = load_run(ros.declare(self, PLAYED_BODIES)["run_file"])
         for target in run.targets:
@@ -28,7 +28,7 @@ class PlayedBodies(Node):
 
 def main() -> None:
     """Entry point of the node."""
-    sys.exit(ros.run_node(PlayedBodies, lambda node: None))
+    sys.exit(ros.run_node(PlayedBodies, lambda _node: None))
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from ssp_ot_controller.ros.parameters import PLAYED_CAMERA
 class PlayedCamera(Node):
     """Draws the newest states at the camera's rate; none before the VUT is there."""
 
-    def __init__(self, stop: ros.StopRequest) -> None:
+    def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__("played_camera", namespace=names.NAMESPACE)
         run_file = ros.declare(self, PLAYED_CAMERA)["run_file"]
         self._run = run = load_run(run_file)
@@ -62,7 +62,7 @@ class PlayedCamera(Node):
 
 def main() -> None:
     """Entry point of the node."""
-    sys.exit(ros.run_node(PlayedCamera, lambda node: None))
+    sys.exit(ros.run_node(PlayedCamera, lambda _node: None))
 
 
 if __name__ == "__main__":

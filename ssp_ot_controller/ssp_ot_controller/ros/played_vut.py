@@ -39,7 +39,7 @@ _HEADING_STD_RAD = 0.002
 class PlayedVut(Node):
     """Thin node around PlayedVehicle. Its faults are parameters: rate, frame and clock."""
 
-    def __init__(self, stop: ros.StopRequest) -> None:
+    def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__("played_vut", namespace=names.NAMESPACE)
         given = ros.declare(self, PLAYED_VUT)
         run = load_run(given["run_file"])
@@ -121,7 +121,7 @@ class PlayedVut(Node):
 
 def main() -> None:
     """Entry point of the node."""
-    sys.exit(ros.run_node(PlayedVut, lambda node: None))
+    sys.exit(ros.run_node(PlayedVut, lambda _node: None))
 
 
 if __name__ == "__main__":

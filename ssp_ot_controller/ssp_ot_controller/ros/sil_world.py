@@ -59,7 +59,7 @@ OVERRUN_S = 0.1
 class SilWorld(Node):
     """Thin node around sil.world.World."""
 
-    def __init__(self, stop: ros.StopRequest) -> None:
+    def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__(names.SIL_WORLD, namespace=names.NAMESPACE)
         run_file = ros.declare(self, SIL_WORLD)["run_file"]
         self._run = load_run(run_file)
@@ -144,7 +144,7 @@ class SilWorld(Node):
         self._commands[names.VUT_ID] = message.step, _command(message)
         self._go_on()
 
-    def _on_heartbeat(self, beat: steps.Heartbeat) -> None:
+    def _on_heartbeat(self, _beat: steps.Heartbeat) -> None:
         self._heartbeat_arrived_ns = time.monotonic_ns()
 
     def _on_done(self, message: steps.StepDone) -> None:

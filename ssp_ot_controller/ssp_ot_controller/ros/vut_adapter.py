@@ -41,7 +41,7 @@ _TWISTS = {
 class VutAdapter(Node):
     """Thin node around bodies.odometry.VutStates and bodies.gnss.GnssStates."""
 
-    def __init__(self, stop: ros.StopRequest) -> None:
+    def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__(names.VUT_ADAPTER, namespace=names.NAMESPACE)
         given = ros.declare(self, VUT_ADAPTER)
         run = load_run(given["run_file"])
@@ -205,7 +205,7 @@ def _heading(message: Imu) -> Heading:
 
 def main() -> None:
     """Entry point of the node."""
-    sys.exit(ros.run_node(VutAdapter, lambda node: None))
+    sys.exit(ros.run_node(VutAdapter, lambda _node: None))
 
 
 if __name__ == "__main__":

@@ -358,7 +358,7 @@ class Channel:
         if self._plain_own:
             return truth
         fix = self._located(truth, now_ns) if self._running else truth
-        return self._faulty(fix, now_ns) if not self._faults.is_empty else self._stamped(fix)
+        return self._faulty(fix) if not self._faults.is_empty else self._stamped(fix)
 
     def _located(self, truth: ObjectState, now_ns: int) -> ObjectState:
         n = self._noise
@@ -382,7 +382,7 @@ class Channel:
             )
         return self._fix
 
-    def _faulty(self, fix: ObjectState, now_ns: int) -> ObjectState:
+    def _faulty(self, fix: ObjectState) -> ObjectState:
         jump_m = self._faults.total("position_jump")
         if jump_m:
             x, y = fix.pose.to_parent(0.0, jump_m)

@@ -174,27 +174,19 @@ def run(
     live = LiveSetup.of_options(mode, live_given)
     shadows = [shadow_model(text) for text in shadow_texts]
     swept = runs is not None or bool(vary)
-    if (swept or jobs is not None) and not in_process:
-        raise click.UsageError("--runs, --vary and --jobs need --in-process")
-    if record and (not in_process or swept):
-        raise click.UsageError("--record goes with --in-process, and with one run")
-    if swept and junit is not None:
-        raise click.UsageError("--junit tells of one run; --runs and --vary leave runs.csv")
-    if jobs is not None and not swept:
-        raise click.UsageError("--jobs needs --runs or --vary")
-    if in_process and mode != "lockstep":
-        raise click.UsageError("--in-process has no clock to follow: it is always lockstep")
-    if in_process and page_port is not None:
-        raise click.UsageError("--in-process has no ROS for a page to listen to; leave out --page")
-    if in_process and video is not None:
-        raise click.UsageError("--in-process has no camera to record; leave out --video")
-    if camera_text is not None and (no_camera or in_process or live is not None):
-        raise click.UsageError("--camera goes with a simulated session that has a camera")
-    if shadows and (in_process or (no_camera and live is None)):
-        raise click.UsageError("--shadow needs a camera and processes to follow")
-    for name, count in Counter(text.partition("=")[0] for text in shadow_texts).items():
-        if count > 1:
-            raise click.UsageError(f"--shadow {name} stands {count} times")
+    _check_options(
+        in_process=in_process,
+        record=record,
+        swept=swept,
+        jobs=jobs,
+        mode=mode,
+        junit=junit,
+        page_port=page_port,
+        video=video,
+        camera_text=camera_text,
+        no_camera=no_camera,
+        shadow_texts=shadow_texts,
+    )
     compiled = is_compiled(what) or is_session(what)
     if compiled and site is not None:
         raise InputError(
@@ -266,6 +258,44 @@ def run(
     if junit is not None:
         write_junit(junit, "ssp run", [_case(spec, folder, result.told)])
     return 0 if result.outcome.ok and not result.unwritten else 1
+
+
+def _check_options(
+    *,
+    in_process: bool,
+    record: bool,
+    swept: bool,
+    jobs: int | None,
+    mode: Mode,
+    junit: Path | None,
+    page_port: int | None,
+    video: str | None,
+    camera_text: str | None,
+    no_camera: bool,
+    shadow_texts: tuple[str, ...],
+) -> None:
+    """Refuse options that contradict each other."""
+    if (swept or jobs is not None) and not in_process:
+        raise click.UsageError("--runs, --vary and --jobs need --in-process")
+    if record and (not in_process or swept):
+        raise click.UsageError("--record goes with --in-process, and with one run")
+    if swept and junit is not None:
+        raise click.UsageError("--junit tells of one run; --runs and --vary leave runs.csv")
+    if jobs is not None and not swept:
+        raise click.UsageError("--jobs needs --runs or --vary")
+    if in_process and mode != "lockstep":
+        raise click.UsageError("--in-process has no clock to follow: it is always lockstep")
+    if in_process and page_port is not None:
+        raise click.UsageError("--in-process has no ROS for a page to listen to; leave out --page")
+    if in_process and video is not None:
+        raise click.UsageError("--in-process has no camera to record; leave out --video")
+    if camera_text is not None and (no_camera or in_process or mode == "live"):
+        raise click.UsageError("--camera goes with a simulated session that has a camera")
+    if shadow_texts and (in_process or (no_camera and mode != "live")):
+        raise click.UsageError("--shadow needs a camera and processes to follow")
+    for name, count in Counter(text.partition("=")[0] for text in shadow_texts).items():
+        if count > 1:
+            raise click.UsageError(f"--shadow {name} stands {count} times")
 
 
 def _with_renderer(

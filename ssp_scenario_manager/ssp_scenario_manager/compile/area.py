@@ -277,7 +277,7 @@ _FIRES_SHARE = 2.0
 
 
 def clear_traffic(
-    wanted: Sequence[TrafficSpec], lanes: Sequence[BlockLane], block: Block, plan: Plan
+    wanted: Sequence[TrafficSpec], lanes: Sequence[BlockLane], plan: Plan
 ) -> tuple[list[TrafficSpec], list[str]]:
     """The vehicles that keep clear of the event, and why the others were left out.
 
@@ -285,7 +285,7 @@ def clear_traffic(
     """
     kept, left_out = [], []
     for vehicle, lane in zip(wanted, lanes, strict=True):
-        reason = _in_the_way(vehicle, lane, block, plan)
+        reason = _in_the_way(vehicle, lane, plan)
         if reason is None:
             kept.append(vehicle)
         else:
@@ -293,7 +293,7 @@ def clear_traffic(
     return kept, left_out
 
 
-def _in_the_way(vehicle: TrafficSpec, lane: BlockLane, block: Block, plan: Plan) -> str | None:
+def _in_the_way(vehicle: TrafficSpec, lane: BlockLane, plan: Plan) -> str | None:
     act = plan.trigger.act
     if vehicle.id in {"vut", *plan.targets}:
         return "its id is a participant's"

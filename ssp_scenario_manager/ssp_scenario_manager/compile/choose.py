@@ -74,9 +74,9 @@ def choose_block(
     *,
     choice: str | None = None,
     who: str | None = None,
-    said: Callable[[str], None] = lambda block: None,
-    would_do: Callable[[Block], str | None] = lambda block: None,
-    other_lanes: Callable[[Sequence[Block]], str | None] = lambda blocks: None,
+    said: Callable[[str], None] = lambda _block: None,
+    would_do: Callable[[Block], str | None] = lambda _block: None,
+    other_lanes: Callable[[Sequence[Block]], str | None] = lambda _blocks: None,
 ) -> Chosen:
     """The winner of the retrieval that passes connectivity and conflict-geometry checks.
 

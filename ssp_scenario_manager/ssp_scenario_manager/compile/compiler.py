@@ -162,7 +162,7 @@ class Compiled:
 
 def compile_task(
     request: Request,
-    said: Callable[[str], None] = lambda text: None,
+    said: Callable[[str], None] = lambda _text: None,
     loading: Loading = untold,
 ) -> Compiled:
     """Compiles an event.

@@ -349,4 +349,4 @@ def _traffic(block: Block, area: OperatingArea, plan: Plan) -> tuple[list[Traffi
         index = min(range(len(block.lanes)), key=lambda i: abs(block.lanes[i].y_m - y_m))
         lanes.append(block.lanes[index])
         moved.append(vehicle.model_copy(update={"lane": index}))
-    return clear_traffic(moved, lanes, block, plan)
+    return clear_traffic(moved, lanes, plan)

@@ -162,7 +162,7 @@ class _Chunks:
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
 
-    def read(self, size: int = -1) -> bytes:
+    def read(self, _size: int = -1) -> bytes:
         """The next piece, whatever size is asked for."""
         return self._stream.read(_CHUNK_BYTES)
 

@@ -27,7 +27,7 @@ ANSWER_TIMEOUT_S = 1.0
 class Echo(Node):
     """Sends every ping back."""
 
-    def __init__(self, stop: ros.StopRequest) -> None:
+    def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__("doctor_echo", namespace=names.NAMESPACE)
         publisher = self.create_publisher(Heartbeat, PONG, ros.STATE)
         self.create_subscription(Heartbeat, PING, publisher.publish, ros.STATE)
@@ -101,7 +101,7 @@ def _measure(context: rclpy.Context, group: ProcessGroup) -> LinkMeasurement:
 
 def main() -> None:
     """Entry point of the echo process."""
-    sys.exit(ros.run_node(Echo, lambda node: None))
+    sys.exit(ros.run_node(Echo, lambda _node: None))
 
 
 if __name__ == "__main__":

@@ -374,7 +374,15 @@ class _Following:
                 deadline = time.monotonic() + END_TIMEOUT_S
             if deadline is not None and time.monotonic() > deadline:
                 break
-        outcome = outcome or RunOutcome(Verdict.INVALID_HARNESS, ())
+        return self._explained(outcome or RunOutcome(Verdict.INVALID_HARNESS, ()), typed, cancelled)
+
+    def _explained(self, outcome: RunOutcome, typed: bool, cancelled: int) -> RunOutcome:
+        """Add to an outcome what the runner knows of it.
+
+        Args:
+            typed: the word that aborts was typed.
+            cancelled: signals that came.
+        """
         if self._client.first_event is not None and not self._told:
             busy = self._waits.too_busy(*self._client.first_event)
             outcome = with_busy_machine(outcome, busy)

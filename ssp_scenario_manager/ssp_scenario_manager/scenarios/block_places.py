@@ -118,7 +118,7 @@ def end_of(block: Block, size: Size) -> float:
 
 
 def rectangle(
-    block: Block, from_s_m: float, to_s_m: float, from_l_m: float, to_l_m: float
+    from_s_m: float, to_s_m: float, from_l_m: float, to_l_m: float
 ) -> tuple[BlockPoint, ...]:
     """Corners of a stretch of the block, counter-clockwise."""
     low, high = round(from_s_m, 3), round(to_s_m, 3)

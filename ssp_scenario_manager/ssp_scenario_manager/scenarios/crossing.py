@@ -267,7 +267,7 @@ def _parked(event: Event, block: Block, size: Size, front_s_m: float, lane_m: fl
     return BlockPoint(round(front_s_m - size.front_m, 3), round(y, 3))
 
 
-def _hidden(name: str, occluder: str, told: Motions, seen: Prediction) -> list[str]:
+def _hidden(name: str, occluder: str, _: Motions, seen: Prediction) -> list[str]:
     """List the reasons why the occluder doesn't hide the crosser when the trigger fires."""
     states = {state.object_id: state for state in seen.targets_fired}
     eye_m = Camera().forward_m
@@ -284,7 +284,7 @@ def _hidden(name: str, occluder: str, told: Motions, seen: Prediction) -> list[s
     ]
 
 
-def crossing_manoeuvres(event: Event) -> frozenset[str]:
+def crossing_manoeuvres(_event: Event) -> frozenset[str]:
     """Return the manoeuvres that the road must permit to be crossed."""
     return frozenset({"keep_lane", "crossing"})
 
@@ -322,10 +322,10 @@ def plans_crossing(setting: Setting) -> Iterator[Plan]:
     half = corridor_half_m(size_of(event, vut).width_m)
     reach = corridor_half_m(size_of(event, name).width_m)
 
-    def zone(draft: Draft, seen: Prediction, conflict: BlockPoint) -> tuple[BlockPoint, ...]:
+    def zone(draft: Draft, _seen: Prediction, _conflict: BlockPoint) -> tuple[BlockPoint, ...]:
         s = draft.targets[name].start.s_m
         y = draft.vut.start.l_m
-        return rectangle(block, s - reach, s + reach, y - half, y + half)
+        return rectangle(s - reach, s + reach, y - half, y + half)
 
     for plan in plans_on(setting, "lateral", choices, partial(_draft, setting), zone):
         # The zone is cut square to the reference line, and the conflict point is where it begins.

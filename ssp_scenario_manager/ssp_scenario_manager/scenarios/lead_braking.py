@@ -52,7 +52,7 @@ def _headway(preferred: Mapping[str, float]) -> Choice:
     return Choice(_HEADWAY_FIELD, "s", _HEADWAYS_S, why)
 
 
-def _manoeuvres(event: Event) -> frozenset[str]:
+def _manoeuvres(_event: Event) -> frozenset[str]:
     return frozenset({"keep_lane"})
 
 

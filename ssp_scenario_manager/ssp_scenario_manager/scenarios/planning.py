@@ -313,7 +313,7 @@ def plans_in_lane(
     def zone(made: Draft, seen: Prediction, conflict: BlockPoint) -> tuple[BlockPoint, ...]:
         s, y = conflict.s_m, conflict.l_m
         end = min(s + length + reach(made, seen), block.length_m)
-        return rectangle(block, s, end, y - half, y + half)
+        return rectangle(s, end, y - half, y + half)
 
     return plans_on(setting, observable, choices, draft, zone)
 

@@ -297,7 +297,7 @@ class Timed:
         sample = Sample(snapshot.stamp_ns, ns_to_seconds(snapshot.stamp_ns - zero_ns))
         return Reading(sample, snapshot.stamp_ns >= since_ns, since_ns)
 
-    def changed_ns(self, before: Reading, now: Reading) -> int:
+    def changed_ns(self, _before: Reading, now: Reading) -> int:
         return now.sample.stamp_ns if now.since_ns is None else now.since_ns
 
 

@@ -146,8 +146,7 @@ def test_the_occluder_only_stands(case_of: Any, tmp_path: Path) -> None:
 
 
 def trigger_of(root: ET.Element) -> ET.Element:
-    found = need(root, ".//Event[@name='manoeuvre']/StartTrigger/ConditionGroup/Condition")
-    return found
+    return need(root, ".//Event[@name='manoeuvre']/StartTrigger/ConditionGroup/Condition")
 
 
 def test_a_distance_fires_on_the_bumper_gap_to_the_object(case_of: Any, tmp_path: Path) -> None:

@@ -155,7 +155,9 @@ _WAYPOINTS_FORM = Form(
 
 
 def adapt_waypoints(
-    response: Response, request: Request | None = None, mode: str = WAYPOINTS_FRAME
+    response: Response,
+    request: Request | None = None,
+    mode: str = WAYPOINTS_FRAME,  # noqa: ARG001  # as every reader has it
 ) -> Adapted:
     """Reads the array ``trajectory``: frame ``ego_xy``, unit m, shape (n, 2), constant step.
 

@@ -228,15 +228,20 @@ def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[
     found = [axes.get(name, _NAMES.get(name, name)) for name in names]
     points = "forward" in meaning.columns
     own = dict(zip(("x", "y"), meaning.columns, strict=True)) if points else {}
-    side = "left" if "left" in meaning.columns else "right"
-    if (positive := _POSITIVE_SIDE.search(said)) is not None:
-        side = positive[1] or positive[2]
-    elif negative_side:
-        side = _MIRRORED[negative_side]
+    side = _lateral_side(said, meaning, negative_side)
     found = [side if one == "lateral" else own.get(one, one) for one in found]
     if found.count("forward") > 1 or not _UNREADABLE.isdisjoint(found):
         return f"the list names the columns {', '.join(names)}"
     return tuple(found)
+
+
+def _lateral_side(said: str, meaning: Meaning, negative_side: str) -> str:
+    """Return the side to which a column that is only called lateral counts."""
+    if (positive := _POSITIVE_SIDE.search(said)) is not None:
+        return positive[1] or positive[2]
+    if negative_side:
+        return _MIRRORED[negative_side]
+    return "left" if "left" in meaning.columns else "right"
 
 
 def _arranged(

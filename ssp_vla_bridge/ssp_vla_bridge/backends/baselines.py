@@ -22,7 +22,7 @@ class Silent(OptionFree):
     name = "silent"
     model_id = "ssp/silent/1"
 
-    def answer(self, request: Request) -> Answer:
+    def answer(self, _request: Request) -> Answer:
         return Answer("")
 
 

@@ -106,7 +106,7 @@ class Link:
         self.problem = "not connected yet"
         self.transmitter_id = CENTRE_ID
         self.receiver_id = CENTRE_ID
-        self._tap = tap or (lambda sent, stamp_ns, data: None)
+        self._tap = tap or (lambda _sent, _stamp_ns, _data: None)
         self._monotonic_ns = monotonic_ns
         self._counter = 0
         self._tcp: socket.socket | None = None

@@ -243,7 +243,7 @@ def _acknowledge(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     return within(clause, len(told), _names(told), sent=sent, came=came)
 
 
-def _identity(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _identity(step: Step, _clause: Clause, _: Mapping[str, Step]) -> Finding:
     for r in step.came:
         if isinstance(r.outcome, Decoded) and isinstance(r.outcome.message, Dres):
             d = r.outcome.message
@@ -276,7 +276,7 @@ def _reaches(*wanted: ControlState) -> Judge:
 
 
 def _stays(wanted: ControlState) -> Judge:
-    def judge(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    def judge(step: Step, _clause: Clause, _: Mapping[str, Step]) -> Finding:
         if not step.monrs():
             return silent(step)
         # The first tenth of a second may show what came before.
