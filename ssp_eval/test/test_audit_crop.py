@@ -12,6 +12,7 @@ from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
+from ssp_core.motion.state_series import StateSeries
 from ssp_core.vocabulary import ControlState, Verdict
 from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.reasons import explain
@@ -198,3 +199,30 @@ def test_a_part_keeps_the_verdict_of_the_whole(
     facts = read_recording(tmp_path / "cut" / "bag").provenance
     assert facts.verdict == "aborted"
     assert "the operator aborted" in (facts.refusal or "")
+
+
+def test_a_clip_that_is_all_of_its_recording_holds_its_states_once(
+    session: Callable[..., Path],
+) -> None:
+    """An hour of three recordings took 600 MB."""
+    one = read_recording(session("simulated"))
+    assert one.end_s is not None
+    crop = crop_of(0.0, one.end_s, None, None, None)
+    whole = one.near(crop)
+    assert isinstance(one.series, StateSeries)
+    assert isinstance(whole.series, StateSeries)
+    assert whole.series._states is one.series._states
+    assert whole.sightings is one.sightings
+    shorter = one.within(crop_of(1.0, 2.0, None, None, None))
+    assert 0 < len(shorter.sightings) < len(one.sightings)
+
+
+def test_the_states_at_frames_are_made_when_they_are_asked_for(
+    session: Callable[..., Path],
+) -> None:
+    one = read_recording(session("simulated"))
+    moments = one.moments()
+    assert len(moments) == len(one.frames_s) > 100
+    assert [moment.t_s for moment in moments] == list(one.frames_s)
+    assert moments[-1] == moments[-2:][1] == list(moments)[-1]
+    assert set(moments[50].states) == {"vut", "ot1"}

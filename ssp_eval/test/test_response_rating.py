@@ -94,3 +94,14 @@ def test_the_library_is_imported_when_a_pair_is_rated() -> None:
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
+
+
+def test_rating_loads_nothing_that_draws() -> None:
+    code = (
+        "import sys, numpy, ssp_eval.response.iso18571 as iso\n"
+        "iso._metric()\n"
+        "print(sorted({'matplotlib', 'networkx', 'pandas', 'seaborn'} & set(sys.modules)))\n"
+        "import networkx; networkx.DiGraph()"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"

@@ -17,7 +17,7 @@ from ssp_core.bag.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_monitor.bag_tools.info import summarise_bag
-from ssp_monitor.replay.player import Leap, Playback, Rest, Send, Timeline
+from ssp_monitor.replay.player import Leap, Pause, Playback, Rest, Send, Timeline
 from support.bags import text
 
 STRING = "std_msgs/msg/String"
@@ -76,6 +76,19 @@ def test_replay_skips_a_leap_and_says_it() -> None:
     assert playback.act(NS_PER_S) == Leap(NS_PER_S, 10**9 * NS_PER_S)
     assert isinstance(playback.act(NS_PER_S), Send)
     assert playback.act(NS_PER_S) == Rest(2 * NS_PER_S)
+
+
+def test_replay_says_a_long_pause_once_and_waits_for_it() -> None:
+    messages = [
+        BagMessage("/text", t_s * NS_PER_S, t_s * NS_PER_S, b"", 0) for t_s in (0, 10, 3610)
+    ]
+    playback = Playback(iter(messages), Timeline(0, 0))
+    assert isinstance(playback.act(0), Send)
+    assert playback.act(0) == Rest(10 * NS_PER_S)
+    assert isinstance(playback.act(10 * NS_PER_S), Send)
+    assert playback.act(10 * NS_PER_S) == Pause(10 * NS_PER_S, 3610 * NS_PER_S)
+    assert playback.act(10 * NS_PER_S) == Rest(3610 * NS_PER_S)
+    assert isinstance(playback.act(3610 * NS_PER_S), Send)
 
 
 def sqlite_bag(path: Path, topics: int = 2) -> Path:

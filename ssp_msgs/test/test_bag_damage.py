@@ -176,6 +176,9 @@ def test_bad_metadata_names_the_file(tmp_path: Path, text: str, match: str) -> N
 
 
 def test_a_folder_with_a_bag_in_it_names_the_bag(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no closed bag; name a folder with"):
+        BagReader(tmp_path)
+    (tmp_path / "open.mcap").write_bytes(b"")
     with pytest.raises(InputError, match="no closed bag; `ssp bag recover`"):
         BagReader(tmp_path)
     with BagWriter(tmp_path / "bag") as writer:

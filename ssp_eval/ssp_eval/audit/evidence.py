@@ -407,7 +407,7 @@ class Subject:
     crop: Crop | None
     measured: Measured | None
     phases: Phases | None
-    moments: tuple[Moment, ...]
+    moments: Sequence[Moment]
 
     @property
     def agreement(self) -> Agreement | None:

@@ -146,7 +146,7 @@ def _subject(recording: Recording, event: Event | None, version: str | None) -> 
         crop=crop,
         measured=measured,
         phases=phases,
-        moments=tuple(within.moments()),
+        moments=within.moments(),
     )
 
 

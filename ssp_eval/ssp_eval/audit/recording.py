@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +12,14 @@ from ssp_core.cdr.messages import peek_stamp_ns, stamp_ns
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.event import TOLERANCE_S
-from ssp_core.motion.state_series import Packed, Series, between, copied, times_of
+from ssp_core.motion.state_series import (
+    Packed,
+    Series,
+    StateSeries,
+    between,
+    copied,
+    times_of,
+)
 from ssp_core.names import CAMERA_IMAGE, PHASE_EVENT, SAFETY_EVENT, absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
@@ -33,7 +40,7 @@ from ssp_eval.observations.agreement import Agreement, agree
 from ssp_eval.observations.files import Footage, load_observations
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.recordings.event import Crop
-from ssp_eval.recordings.sight import Moment, Optics
+from ssp_eval.recordings.sight import Moments, Optics
 from ssp_eval.recordings.states import (
     STATE_AGE_S,
     Sighting,
@@ -283,41 +290,40 @@ class Recording:
             self,
             frames_s=tuple(t_s for t_s in self.frames_s if crop.holds(t_s)),
             series=copied(self.series, crop.start_s - TOLERANCE_S, crop.end_s + TOLERANCE_S),
-            sightings=Packed(Sighting, (s for s in self.sightings if crop.holds(s.t_s))),
+            sightings=self._seen(crop.holds),
         )
 
     def near(self, crop: Crop) -> Recording:
         """The recording with the states in and BESIDE_S beside its clip alone.
 
-        An hour of states takes 75 MB, and an audit holds three recordings.
+        An hour of states takes 75 MB, and an audit holds three recordings. A clip that is all of
+        its recording shares them.
         """
         first_s, last_s = crop.start_s - BESIDE_S, crop.end_s + BESIDE_S
         return replace(
             self,
             series=copied(self.series, first_s, last_s),
-            sightings=Packed(Sighting, (s for s in self.sightings if first_s <= s.t_s <= last_s)),
+            sightings=self._seen(lambda t_s: first_s <= t_s <= last_s),
         )
 
-    def moments(self) -> list[Moment]:
+    def _seen(self, holds: Callable[[float], bool]) -> Sequence[Sighting]:
+        """The sightings at times that hold; those of the recording where all do."""
+        found = Packed(Sighting, (one for one in self.sightings if holds(one.t_s)))
+        return self.sightings if len(found) == len(self.sightings) else found
+
+    def moments(self) -> Moments:
         """The states at each frame, extrapolated from the newest ones."""
         times = times_of(self.series)
-        found = []
+        found = StateSeries()
         for t_s in self.frames_s:
             i = bisect_right(times, t_s + 1e-9) - 1
             if i < 0 or t_s - times[i] > STATE_AGE_S:
-                found.append(Moment(t_s, {}))
+                found.append(t_s, ())
                 continue
             ahead_ns = seconds_to_ns(t_s - times[i])
-            found.append(
-                Moment(
-                    t_s,
-                    {
-                        key: state.extrapolated(state.stamp_ns + ahead_ns)
-                        for key, state in self.series[i][1].items()
-                    },
-                )
-            )
-        return found
+            states = self.series[i][1].values()
+            found.append(t_s, (one.extrapolated(one.stamp_ns + ahead_ns) for one in states))
+        return Moments(found)
 
 
 @dataclass(frozen=True)

@@ -113,13 +113,19 @@ class CameraSource:
             )  # fmt: skip
         for problem in _impossible(lens, k):
             findings.add(Finding("camera_matrix", problem, _FIX, self.file, f"{topic}.k", value=k))
+        bent = [float(value) for value in info.d]
+        if not all(map(math.isfinite, bent)):
+            problem = "has a distortion that is no number"
+            findings.add(
+                Finding("camera_matrix", problem, _FIX, self.file, f"{topic}.d", value=bent)
+            )
         notes = []
         if how:
             notes.append(
                 f"{topic}: K is scaled to the frames{how}: fx {lens.fx_px:g}, fy {lens.fy_px:g}, "
                 f"cx {lens.cx_px:g}, cy {lens.cy_px:g}"
             )
-        if np.any(np.asarray(info.d, dtype=float)):
+        if any(bent):
             notes.append(
                 f"{topic}: the lens is distorted; what is projected into its frames ignores it"
             )

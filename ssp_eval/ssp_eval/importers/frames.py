@@ -130,9 +130,11 @@ class FrameIntake:
             image = read_image(kind, data)
             size_px = shown_size_px(image)
             if self._last is not None and size_px != self.size_px:
+                turn = orientation_of(image)
+                how = "" if turn == UPRIGHT else f" by its EXIF orientation {turn}"
                 raise ValueError(
-                    f"{size_px[0]}x{size_px[1]} px, not {self.size_px[0]}x{self.size_px[1]} as the "
-                    "first"
+                    f"{size_px[0]}x{size_px[1]} px{how}, not {self.size_px[0]}x{self.size_px[1]} "
+                    "as the first"
                 )
             read = self._read(stamp_ns, image)
         except ValueError as error:

@@ -320,11 +320,14 @@ class SourceBag(Closing):
             return []
         if not (self.path / FILE_NAME).is_file():
             return [f"there is no {FILE_NAME}: what the folder's files hold was read"]
-        return [
-            f"{name} isn't named by {FILE_NAME} and was left out"
-            for suffix in (".mcap", SUFFIX)
-            for name in unlisted_files(self.path, suffix)
-        ]
+        return [f"{name} isn't named by {FILE_NAME} and was left out" for name in self._left_out()]
+
+    def _left_out(self) -> list[str]:
+        """Name the files of a folder that its metadata.yaml doesn't name."""
+        if not (self.path / FILE_NAME).is_file():
+            return []
+        kinds = (".mcap", SUFFIX)
+        return [name for kind in kinds for name in unlisted_files(self.path, kind)]
 
     def unread(self, wanted: Collection[str]) -> list[str]:
         """Say which topics beside those that are wanted couldn't be read."""
@@ -341,10 +344,10 @@ class SourceBag(Closing):
         found = self.types.get(topic)
         if found is None:
             like = [name for name, kind in self.types.items() if kind in types]
-            raise InputError(
-                "is no topic of this bag", file=self.path, field=topic,
-                remedy=f"of these types it has {', '.join(like) or 'none'}",
-            )  # fmt: skip
+            remedy = f"of these types it has {', '.join(like) or 'none'}"
+            if left_out := self._left_out():
+                remedy += f"; {', '.join(left_out)} isn't named by {FILE_NAME} and was left out"
+            raise InputError("is no topic of this bag", file=self.path, field=topic, remedy=remedy)
         if found not in types:
             raise InputError("has messages of another type", file=self.path, field=topic,
                              value=found, remedy=f"{', '.join(types)} are read")  # fmt: skip

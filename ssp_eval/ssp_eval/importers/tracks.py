@@ -327,8 +327,9 @@ def _check_finite(samples: Samples) -> None:
     for name, values in samples.columns.items():
         if not np.isfinite(values).all():
             i = int(np.argmin(np.isfinite(values)))
+            after_s = ns_to_seconds(int(samples.stamps_ns[i] - samples.stamps_ns[0]))
             raise samples.source.error(
-                f"has a {name} that is no number at {ns_to_seconds(int(samples.stamps_ns[i])):g} s",
+                f"has a {name} that is no number, {after_s:.3f} s after its first sample",
                 "cut the span out with --start and --end, or mend the source",
                 index=i,
                 value=float(values[i]),

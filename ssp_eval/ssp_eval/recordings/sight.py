@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core.geometry import FloatArray, Pose2
 from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state_series import Series
 from ssp_core.world.camera import Intrinsics, Mounting, View, mounted_view, project, shown_box
 
 # Heights at which points are taken, as shares of the box's height: feet, middle, head.
@@ -110,6 +112,29 @@ class Moment:
 
     t_s: float
     states: Mapping[str, ObjectState]
+
+
+class Moments(Sequence[Moment]):
+    """The frames of a clip, made of states in arrays when they are asked for.
+
+    Args:
+        series: clip time and states of each frame.
+    """
+
+    def __init__(self, series: Series) -> None:
+        self._series = series
+
+    def __len__(self) -> int:
+        return len(self._series)
+
+    @overload
+    def __getitem__(self, at: int) -> Moment: ...
+    @overload
+    def __getitem__(self, at: slice) -> Moments: ...
+    def __getitem__(self, at: int | slice) -> Moment | Moments:
+        if isinstance(at, slice):
+            return Moments(self._series[at])
+        return Moment(*self._series[at])
 
 
 def object_share(view: View, state: ObjectState, others: Sequence[ObjectState]) -> float:

@@ -7,9 +7,12 @@ machine code of its time warping, which it would compile anew in every process.
 from __future__ import annotations
 
 import importlib
-from contextlib import suppress
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -24,6 +27,8 @@ INNER, OUTER = 0.05, 0.5
 _AS_GOOD = 1e-9
 # The warping holds a matrix of so many samples squared.
 MAX_SAMPLES = 2500
+# With these the package draws, which is never asked of it; they bring pandas and pyarrow, 130 MB.
+_DRAWING = ("matplotlib", "matplotlib.pyplot", "networkx", "seaborn")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +82,26 @@ def _share(value: float) -> float:
 
 @cache
 def _metric() -> Any:
-    """The package's class; imported here, since it brings pandas and seaborn with it."""
+    """The package's class; imported here, since numba comes with it."""
+    with _without_drawing():
+        metric = importlib.import_module("objective_rating_metrics.rating").ISO18571
     for module, function in (("cost", "_calc_cumsum_matrix_jit"), ("backtrack", "_backtrack_jit")):
         compiled = getattr(importlib.import_module(f"dtwalign.{module}"), function)
         with suppress(RuntimeError):  # no folder can be written: it is compiled once a process
             compiled.enable_caching()
-    metric = importlib.import_module("objective_rating_metrics.rating").ISO18571
     return type("Metric", (metric,), {"_get_shifted_curve_and_pr": _shifted})
+
+
+@contextmanager
+def _without_drawing() -> Iterator[None]:
+    """Keep packages for drawing that aren't loaded from being loaded by what is imported here."""
+    absent = [name for name in _DRAWING if name not in sys.modules]
+    sys.modules.update((name, ModuleType(name)) for name in absent)
+    try:
+        yield
+    finally:
+        for name in absent:
+            del sys.modules[name]
 
 
 def _shifted(metric: Any) -> tuple[FloatArray, FloatArray, int, float]:

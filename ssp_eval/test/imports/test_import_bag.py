@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -623,6 +624,21 @@ def test_an_orientation_that_is_none_is_named(
     source = write_bag(tmp_path / "day", messages_of(day, unset))
     message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
     assert "/vut/odom: message 1: the orientation's norm is 0.000, not 1" in message
+
+
+def test_a_place_that_is_no_number_is_named_by_its_time(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    def lost(m: Message) -> Message:
+        if m[0] != "/vut/odom" or m[2] - day.zero_ns < 1_000_000_000:
+            return m
+        p = m[3].pose.pose
+        none = replace(p, position=replace(p.position, x=math.nan))
+        return (*m[:3], replace(m[3], pose=replace(m[3].pose, pose=none)))
+
+    source = write_bag(tmp_path / "day", messages_of(day, lost))
+    message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
+    assert re.search(r"/vut/odom: has a x_m that is no number, 1\.\d+ s after its first", message)
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,7 @@ def test_a_lens_is_that_of_the_frames(lens: Any, k: tuple[float, ...] | None) ->
         # Binning that is stated, but was applied to the size already.
         (info(binning_x=2, binning_y=2), "frames of 32x24 px, binned 2x2, the camera's have 64x48"),
         (info(k_of(math.nan, 32, 32, 24)), "isn't calibrated"),
+        (info(d=np.array([0.1, math.nan, 0.0, 0.0, 0.0])), "distortion that is no number"),
     ],
 )
 def test_a_lens_that_no_camera_of_these_frames_has_is_refused(lens: Any, match: str) -> None:

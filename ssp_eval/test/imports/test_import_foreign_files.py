@@ -170,3 +170,29 @@ def test_a_bag_of_sqlite_is_read_whatever_types_stand_beside(
     assert "/odd: can't be read and isn't needed" in said
     assert "/vendor: can't be read and isn't needed" in said
     assert recorded(tmp_path / "out") == recorded(tmp_path / "same")
+
+
+def test_a_bag_of_sqlite_that_nobody_closed_is_read_and_that_is_said(
+    day: TrackDay, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As rosbag2 leaves it when it is killed: it writes metadata.yaml at the end."""
+    source = write_bag(tmp_path / "day", day.messages(), sqlite=True)
+    assert run(source, tmp_path / "same") == 0
+    (source / "metadata.yaml").unlink()
+    capsys.readouterr()
+    assert run(source, tmp_path / "out") == 0
+    assert "there is no metadata.yaml: what the folder's files hold was read" in (
+        capsys.readouterr().err
+    )
+    assert recorded(tmp_path / "out") == recorded(tmp_path / "same")
+    assert main(["bag", "cut", str(source), "--start", "1", "-o", str(tmp_path / "cut")]) == 0
+
+
+def test_a_topic_that_is_missing_may_stand_in_a_file_that_was_left_out(
+    source: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    (source / "later.mcap").write_bytes(next(source.glob("*.mcap")).read_bytes())
+    wanted = ("--vut", "/nobody", *OBJECTS[2:], "--domain", "physical", "--out", tmp_path / "out")
+    said = refused("import-bag", source, *wanted)
+    assert "/nobody: is no topic of this bag" in said
+    assert "later.mcap isn't named by metadata.yaml and was left out" in said

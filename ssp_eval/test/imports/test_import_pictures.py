@@ -149,6 +149,19 @@ def test_pictures_are_turned_as_exif_says_unless_a_camera_info_describes_them(
     assert "31 of 31 JPEGs say EXIF orientation 6: the CameraInfo is of the pictures before" in said
 
 
+def test_pictures_that_are_turned_in_a_part_alone_are_named_as_that(
+    tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    turn = with_exif(8)
+
+    def later(ns: int, image: Any) -> Any:
+        return turn(ns, image) if ns - DAY.zero_ns >= 2_000_000_000 else jpeg(ns, image)
+
+    bag = bag_of(tmp_path / "day", later)
+    said = refused("import-bag", bag, *OPTIONS, "--out", tmp_path / "rec")
+    assert "48x64 px by its EXIF orientation 8, not 64x48 as the first" in said
+
+
 def test_cut_pictures_that_are_accepted_go_as_far_as_they_do(
     tmp_path: Path, refused: Callable[..., str]
 ) -> None:

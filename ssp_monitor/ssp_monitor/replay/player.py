@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from ssp_core.bag.latched import Kept, StaticTransforms, is_static
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.stamps import LOG_LEAP_S
+from ssp_core.bag.stamps import LOG_LEAP_S, PAUSE_S
 from ssp_core.bag.types import BagMessage
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
@@ -243,6 +243,14 @@ class Leap:
 
 
 @dataclass(frozen=True, slots=True)
+class Pause:
+    """Nothing was recorded for long before the next message, which is waited for."""
+
+    before_ns: int
+    after_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class Rest:
     """Nothing to do before this time of the steady clock; None: before somebody commands."""
 
@@ -254,7 +262,7 @@ class End:
     """Everything was sent."""
 
 
-Action = Send | Tick | Leap | Rest | End
+Action = Send | Tick | Leap | Pause | Rest | End
 
 
 class Playback:
@@ -325,6 +333,8 @@ class Playback:
             line, steady_ns = self.timeline, max(now_ns, self.timeline.steady_ns)
             self.timeline = Timeline(self._reached_ns, steady_ns, line.rate, line.paused)
             return Leap(before_ns, self._reached_ns)
+        if self._reached_ns - before_ns > PAUSE_S * NS_PER_S:
+            return Pause(before_ns, self._reached_ns)
         if self._steps or self._to_frame:
             return self._send_step(message)
         if self._tick_ns is not None and self._tick_at_ns <= now_ns:
@@ -410,7 +420,7 @@ class Player:
         send: publishes a message, in the player's thread.
         tick: publishes a bag time, ns, in that thread.
         over: called at the end, in that thread.
-        leapt: called with two log times, ns, between which nothing is waited for, in that thread.
+        told: called with a gap of the log times that was skipped or is waited for, in that thread.
     """
 
     def __init__(
@@ -421,7 +431,7 @@ class Player:
         send: Callable[[BagMessage], None],
         tick: Callable[[int], None],
         over: Callable[[], None] = lambda: None,
-        leapt: Callable[[int, int], None] = lambda _, __: None,
+        told: Callable[[Leap | Pause], None] = lambda _: None,
     ) -> None:
         self._tape = tape
         self._loop = wishes.loop
@@ -430,7 +440,7 @@ class Player:
         self._send = send
         self._tick = tick
         self._over = over
-        self._leapt = leapt
+        self._told = told
         self.lateness = Lateness()
         self.error: BaseException | None = None
         self._sent = 0
@@ -530,8 +540,8 @@ class Player:
                     self._publish(message)
                     if late_ns is not None:
                         self.lateness.add(late_ns)
-                case Leap(before_ns, after_ns):
-                    self._leapt(before_ns, after_ns)
+                case Leap() | Pause():
+                    self._told(action)
                 case Tick(bag_ns):
                     self._tick(bag_ns)
                 case End():

@@ -23,14 +23,15 @@ from std_srvs.srv import Trigger
 
 from ssp_core import names, ros
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.stamps import leap_text
+from ssp_core.bag.stamps import leap_text, pause_text
 from ssp_core.bag.types import BagMessage
+from ssp_core.clock import ns_to_seconds
 from ssp_core.console import err, note
 from ssp_core.environment import adopt
 from ssp_core.errors import HostError
 from ssp_core.run_file.participation import ParticipantKind
 from ssp_monitor.replay.plan import ReplayOptions, make_plan, played, session_signs
-from ssp_monitor.replay.player import MessageSource, Player
+from ssp_monitor.replay.player import Leap, MessageSource, Pause, Player
 from ssp_monitor.replay.terminal import ReplayOutcome, plan_lines, progress_line
 from ssp_monitor.ros.conversions import message_class, profile_of, why_not_installed
 from ssp_monitor.ros.parameters import REPLAY
@@ -87,7 +88,7 @@ class ReplayNode(Node):
             self._send,
             self._tick,
             lambda: stop.set("end"),
-            lambda before_ns, after_ns: note(f"{leap_text(before_ns, after_ns)}; skipped"),
+            self._tell,
         )
         self._offer_commands()
         if stop.reason is None:
@@ -99,6 +100,14 @@ class ReplayNode(Node):
     def _tick(self, bag_ns: int) -> None:
         if self._clock_publisher is not None:
             self._clock_publisher.publish(ClockMsg(clock=ros.stamp_from_ns(bag_ns)))
+
+    def _tell(self, gap: Leap | Pause) -> None:
+        """Say that a gap of the log times is skipped, or for how long it is waited for."""
+        if isinstance(gap, Leap):
+            note(f"{leap_text(gap.before_ns, gap.after_ns)}; skipped")
+            return
+        wait_s = ns_to_seconds(gap.after_ns - gap.before_ns) / self._wishes.rate
+        note(f"{pause_text(gap.before_ns, gap.after_ns)}; waits {wait_s:.1f} s (--start skips it)")
 
     def _signs(self) -> list[str]:
         return session_signs(

@@ -256,7 +256,9 @@ def read_metadata(folder: Path) -> BagDirectory:
     """
     path = folder / FILE_NAME
     if not path.is_file():
-        remedy = "`ssp bag recover` makes a readable bag of an interrupted recording"
+        remedy = "name a folder with metadata.yaml, or a .mcap file"
+        if any(folder.glob("*.mcap")):
+            remedy = "`ssp bag recover` makes a readable bag of an interrupted recording"
         inner = min(folder.glob(f"*/{FILE_NAME}"), default=None)
         if inner is not None:  # as in a session's folder, where the bag is one of several things
             remedy = f"there is one in it: {inner.parent}"

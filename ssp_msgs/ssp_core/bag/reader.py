@@ -133,19 +133,24 @@ def bag_files(path: Path) -> tuple[Path, ...]:
     return (path,)
 
 
-def mcap_files(folder: Path) -> tuple[Path, ...]:
-    """The MCAP files in a directory, ``bag_10`` behind ``bag_9``.
-
-    Raises:
-        InputError: there are none.
-    """
+def numbered_files(folder: Path, suffix: str) -> tuple[Path, ...]:
+    """The files of a kind in a directory, ``bag_10`` behind ``bag_9``."""
 
     def place(file: Path) -> tuple[str, int, str]:
         stem, _, number = file.stem.rpartition("_")
         whole = number.isascii() and number.isdigit() and len(number) < 10
         return (stem, int(number), file.name) if whole else (file.stem, -1, file.name)
 
-    files = tuple(sorted(folder.glob("*.mcap"), key=place))
+    return tuple(sorted(folder.glob(f"*{suffix}"), key=place))
+
+
+def mcap_files(folder: Path) -> tuple[Path, ...]:
+    """The MCAP files in a directory, in their order.
+
+    Raises:
+        InputError: there are none.
+    """
+    files = numbered_files(folder, ".mcap")
     if not files:
         raise InputError("has no .mcap file", file=folder)
     return files

@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import quote
 
 from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY
-from ssp_core.bag.reader import BagReader, TopicInfo
+from ssp_core.bag.reader import BagReader, TopicInfo, numbered_files
 from ssp_core.bag.types import CDR, MSG_ENCODING, BagMessage, TypeDefinition, definition
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
@@ -28,10 +28,14 @@ def open_bag(path: Path) -> BagReader:
     """
     if path.is_file() and path.suffix == SUFFIX:
         return SqliteBag(path, (path,))
-    if path.is_dir() and (path / FILE_NAME).is_file():
-        told = read_mapping(path / FILE_NAME).get(ROOT_KEY)
-        if isinstance(told, dict) and told.get("storage_identifier") == "sqlite3":
-            return SqliteBag(path, _files(path, told))
+    if path.is_dir():
+        if (path / FILE_NAME).is_file():
+            told = read_mapping(path / FILE_NAME).get(ROOT_KEY)
+            if isinstance(told, dict) and told.get("storage_identifier") == "sqlite3":
+                return SqliteBag(path, _files(path, told))
+        elif not any(path.glob("*.mcap")) and (files := numbered_files(path, SUFFIX)):
+            # Its recorder ended before it wrote metadata.yaml; the files are whole all the same.
+            return SqliteBag(path, files)
     return BagReader(path)
 
 

@@ -17,6 +17,16 @@ _MOST_RUNS = 8
 # No recording pauses for longer: log times that step further have leapt, as from 1970.
 LOG_LEAP_S = 86_400.0
 _NS = NDArray[np.int64]
+# A pause of a recording that replay waits for in silence.
+PAUSE_S = 10.0
+
+
+def pause_text(before_ns: int, after_ns: int) -> str:
+    """A pause of a recording, for people."""
+    return (
+        f"nothing was recorded for {(after_ns - before_ns) / NS_PER_S:.1f} s, from "
+        f"{before_ns / NS_PER_S:.3f} to {after_ns / NS_PER_S:.3f} s"
+    )
 
 
 def leaps_of(log_times_ns: NDArray[np.int64]) -> list[tuple[int, int]]:

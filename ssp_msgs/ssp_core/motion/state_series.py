@@ -172,7 +172,9 @@ def between(series: Series, first_s: float, last_s: float) -> Series:
 def copied(series: Series, first_s: float, last_s: float) -> Series:
     """The rows from one time to another, both included, which share nothing with the rest."""
     part = between(series, first_s, last_s)
-    return part.copied() if isinstance(part, StateSeries) else part
+    if isinstance(part, StateSeries) and len(part) < len(series):
+        return part.copied()
+    return part
 
 
 def states_of(series: Series, object_id: str) -> Packed[ObjectState]:
