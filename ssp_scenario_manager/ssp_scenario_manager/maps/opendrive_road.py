@@ -172,6 +172,10 @@ _SHAPES: dict[str, Shape] = {shape: shape for shape in _NUMBERS}
 _SPEED_UNITS = {"m/s": 1.0, "mph": 0.44704, "km/h": 1 / 3.6}
 # What others write for a unit of OpenDRIVE.
 _MEANT = {"kph": "km/h", "kmh": "km/h", "kmph": "km/h", "mps": "m/s", "ms": "m/s", "mi/h": "mph"}
+# Which side traffic keeps to, and where it goes on a lane; others write them in any case.
+_RULES = ("rht", "lht")
+_DIRECTIONS = ("standard", "reversed", "both")
+_SPELT = {"rht": "RHT", "lht": "LHT"}
 # Participants that restrictions of access name, of which one that may use a lane makes it a car's.
 _CARS = frozenset({"passengercar", "car", "none", "simulator", "autonomoustraffic",
                    "throughtraffic"})  # fmt: skip
@@ -186,6 +190,24 @@ def _end(element: Element) -> End | None:
     if word is None:
         return None
     raise BadElement(element, "is no end of a road", "contactPoint", "say start or end")
+
+
+def _word(element: Element, name: str, words: tuple[str, ...]) -> str:
+    """Read an attribute that is one of a few words, in small letters; the first is the default.
+
+    A road with another word is left out: see _word_fault.
+    """
+    return element.get(name, words[0]).strip().lower()
+
+
+def _word_fault(road: Element) -> str:
+    """Name a word that hides where a road's traffic runs; empty: there is none."""
+    places = [("rule", _RULES, road), *(("direction", _DIRECTIONS, e) for e in road.iter("lane"))]
+    for name, words, element in places:
+        if _word(element, name, words) not in words:
+            shown = " or ".join(_SPELT.get(word, word) for word in words)
+            return f"{element.get(name)!r} is no {name} of a {element.tag}; write {shown}"
+    return ""
 
 
 def _rising(records: list[tuple[Element, float]]) -> None:
@@ -323,7 +345,7 @@ def _lane(element: Element, base_m: float) -> LaneRecord:
             for child in element.findall("speed")
         ),
         closed=_closed(element, base_m),
-        direction=element.get("direction", "standard"),
+        direction=_word(element, "direction", _DIRECTIONS),
         travel=_travel(element),
     )
 
@@ -412,7 +434,7 @@ def read_road(road: Element) -> RoadRecord:
         speeds = [_speed(child) for child in element.findall("speed")]
         s = number(element, "s", 0.0, high=LONGEST_ROAD_M)
         types.append((s, text(element, "type", "unknown"), speeds[0] if speeds else None))
-    left_hand = road.get("rule") == "LHT"
+    left_hand = _word(road, "rule", _RULES) == "lht"
     scenery, not_drawn = read_scenery(road, left_hand=left_hand)
     shifts = lanes.findall("laneOffset")
     _rising([(e, number(e, "s", low=0.0, high=LONGEST_ROAD_M)) for e in shifts])
@@ -430,7 +452,7 @@ def read_road(road: Element) -> RoadRecord:
         crosswalks=tuple(read_crosswalks(road)),
         scenery=scenery,
         not_drawn=not_drawn,
-        fault=_unit_fault(road),
+        fault=_unit_fault(road) or _word_fault(road),
     )
 
 

@@ -111,6 +111,31 @@ def test_left_hand_traffic_is_refused_also_where_nobody_comes_the_other_way(
         assert any("left-hand traffic" in reason for reason in score.reasons)
 
 
+@pytest.mark.parametrize("rule", ["LHT", "lht", " Lht "])
+def test_the_side_is_read_in_any_case(made: Made, rule: str) -> None:
+    library = load_library(made.road(attributes=f'rule="{rule}"').write())
+    assert all(block.left_hand for block in library.blocks)
+    assert not library.faults
+
+
+@pytest.mark.parametrize(
+    ("attributes", "lane", "why"),
+    [
+        ('rule="left"', "", "'left' is no rule of a road; write RHT or LHT"),
+        ("", 'direction="forward"', "'forward' is no direction of a lane; write standard or"),
+    ],
+)
+def test_a_word_that_hides_the_direction_leaves_the_road_out_by_name(
+    made: Made, words: Words, attributes: str, lane: str, why: str
+) -> None:
+    sections = words.section(words.lane(1), words.lane(-1, attributes=lane))
+    library = load_library(made.road(sections=sections, attributes=attributes).road("2").write())
+    assert {block.block_id for block in library.blocks} == {"road 2 backward", "road 2 forward"}
+    ((name, told_why),) = library.faults
+    assert name == "road 1"
+    assert told_why.startswith(why)
+
+
 def street(left_hand: str, strips: list[tuple[float, str]]) -> str:
     """A one-way SUMO edge of lanes of 3 m: their middles and permissions, outermost first."""
     text = "".join(
