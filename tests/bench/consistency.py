@@ -63,7 +63,7 @@ def main() -> None:
             "us",
             f"{len(rows)} states at {RATE_HZ:g} Hz, best of {REPEATS}",
             lower=True,
-            limit=100.0,
+            ratio_limit=60.0,
         )
 
 

@@ -130,7 +130,7 @@ def main() -> None:
         "s",
         note,
         lower=True,
-        limit=1.0,
+        ratio_limit=0.5,
     )
     report(
         "seek: every message of the bag",

@@ -45,7 +45,7 @@ def main() -> None:
         "us",
         f"{len(data)} bytes; through rclpy's message {by_rclpy:.1f} us",
         lower=True,
-        limit=5.0,
+        ratio_limit=45.0,
     )
     by_rclpy = best_us(lambda: serialize_message(state_to_msg(one)), 3000)
     report(
@@ -65,7 +65,7 @@ def main() -> None:
         "us",
         f"{OBJECTS} objects, {len(many)} bytes",
         lower=True,
-        limit=80.0,
+        ratio_limit=28.0,
     )
     last = f"ot{OBJECTS}"
     report(
