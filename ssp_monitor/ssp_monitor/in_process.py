@@ -41,7 +41,7 @@ _NOTHING: Counter[str] = Counter()
 
 
 class InProcessRecorder(Closing):
-    """Writes the bag of one session; a context manager that closes it.
+    """See ssp_core.world.recorder.SessionRecorder.
 
     Args:
         run: whose camera, if it has one, is drawn here.
@@ -164,3 +164,8 @@ class InProcessRecorder(Closing):
             info = encode_camera_info(report.now_ns, intrinsics(self._run.camera))
             self.take(names.CAMERA_INFO, info, report.now_ns)
             self.take(names.CAMERA_IMAGE, encode_frame(report.now_ns, picture), report.now_ns)
+
+
+def make_recorder(run: RunSpec, run_file: Path, bag: Path) -> InProcessRecorder:
+    """Return the recorder of a run, see ssp_core.world.recorder.make_recorder."""
+    return InProcessRecorder(run, run_file, bag)

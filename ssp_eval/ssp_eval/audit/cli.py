@@ -158,7 +158,7 @@ def show(found: Audit) -> None:
 
 
 def _notes(r: RecordingEntry) -> Iterator[str]:
-    """What is to be known of a recording beside the reasons."""
+    """Yield the remarks on a recording beside the reasons."""
     if r.labels is not None and (times_s := r.labels.hardly_visible_s):
         yield (
             f"{r.domain}: hardly visible, the critical object is under {HARDLY_VISIBLE_PX:g} px "

@@ -13,27 +13,26 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.event_messages import encode_phase
 from ssp_core.world.plant import StepReport
-from ssp_monitor.in_process import InProcessRecorder
+from ssp_core.world.recorder import make_recorder
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation
 from ssp_scenario_manager.session.messages import encode_session_state, encode_trigger
 
 
 class SessionRecording(Closing):
-    """Hands what a session's nodes would say to a recorder; see InProcessRecorder.
+    """Hands what a session's nodes would say to a recorder; see ssp_core.world.recorder.
 
     Args:
         run_file: holds ``spec``; its task lies beside it.
         bag: a new folder.
 
     Raises:
-        InputError: as InProcessRecorder.
-        HostError: the disk doesn't take it.
+        InputError, HostError: as make_recorder.
     """
 
     def __init__(self, spec: RunSpec, run_file: Path, bag: Path) -> None:
         self._spec = spec
-        self.recorder = InProcessRecorder(spec, run_file, bag)
+        self.recorder = make_recorder(spec, run_file, bag)
 
     def hear(self, report: StepReport) -> None:
         """Take a report of world, VUT and objects."""

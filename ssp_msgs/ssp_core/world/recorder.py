@@ -1,0 +1,63 @@
+"""The recorder of a session in one process, as the manager's side sees it.
+
+As with the plant, neither side imports the other: the recorder is named by its module.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Protocol
+
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.plant import LimitFact, StepReport
+
+RECORDER_MODULE = "ssp_monitor.in_process"
+
+
+class SessionRecorder(Protocol):
+    """Writes the bag of one session."""
+
+    def hear(self, report: StepReport) -> None:
+        """Write what world, VUT and objects say in a step, and the frame of the step."""
+        ...
+
+    def answer(self, now_ns: int, session: SessionPhase) -> None:
+        """Write what the manager says at the end of each step, after its facts."""
+        ...
+
+    def sent(self, object_id: str, reference: bytes, stamp_ns: int) -> None:
+        """Write a reference that an object is sent."""
+        ...
+
+    def limit(self, passed: LimitFact, reaction: str = "abort") -> None:
+        """Write a limit that was passed, and what follows from it."""
+        ...
+
+    def take(self, topic: str, message: bytes, stamp_ns: int) -> None:
+        """Write one serialised message at its session time; topics as in ssp_core.names."""
+        ...
+
+    def close(self) -> None:
+        """Attach the recorder's report and close the bag."""
+        ...
+
+
+def make_recorder(
+    run: RunSpec, run_file: Path, bag: Path, module: str = RECORDER_MODULE
+) -> SessionRecorder:
+    """Return the recorder of a run.
+
+    Args:
+        run: whose camera, if it has one, is drawn.
+        run_file: of the run, with its task beside it.
+        bag: a new folder.
+        module: that has ``make_recorder(run, run_file, bag)``.
+
+    Raises:
+        InputError: the folder exists, or a file of the task can't be taken.
+        HostError: the disk doesn't take it.
+    """
+    recorder: SessionRecorder = importlib.import_module(module).make_recorder(run, run_file, bag)
+    return recorder
