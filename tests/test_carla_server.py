@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from ssp_core.carla.probe_report import load_report
+from support.carla_catalogue import BODIES, Body
 from support.carla_commands import client, left_as_found, refused, ssp
-from support.carla_counterpart import BODIES, EMPTY_XODR, Behaviour, Body, Counterpart
+from support.carla_counterpart import EMPTY_XODR, Behaviour, Counterpart
 
 pytestmark = pytest.mark.carla
 

@@ -29,6 +29,7 @@ BODY_STATUS = "body_status"
 CAMERA_IMAGE = "vut/front_camera/image/compressed"
 CAMERA_INFO = "vut/front_camera/camera_info"
 CAMERA_MOUNT = "vut/front_camera/mount"
+WORLD_PLANT = "sil_world/plant"  # what moves the bodies, where it isn't ours
 CAMERA_RENDERER = "vut/front_camera/renderer"  # what drew the pictures, where it isn't ours
 
 SIL_WORLD = "sil_world"

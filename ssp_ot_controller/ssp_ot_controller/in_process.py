@@ -25,6 +25,7 @@ from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.objects.pool import ObjectPool
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Channel
+from ssp_ot_controller.sil.plant import BodyPlant
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
 from ssp_ot_controller.sil.world import OVER, TrafficSimulation, World
 
@@ -47,12 +48,19 @@ class InProcessPlant:
 
     Args:
         scene: SUMO, or a scene without traffic.
+        bodies: what moves VUT and targets; None: our own bodies.
     """
 
-    def __init__(self, run: RunSpec, scene: TrafficSimulation, resources: ExitStack) -> None:
+    def __init__(
+        self,
+        run: RunSpec,
+        scene: TrafficSimulation,
+        resources: ExitStack,
+        bodies: BodyPlant | None = None,
+    ) -> None:
         self._run = run
         self._resources = resources
-        self._world = World(run, scene)
+        self._world = World(run, scene, bodies)
         self._pool = ObjectPool(run)
         self._vut = Channel(run, names.VUT_ID)
         self._commands: dict[str, tuple[int, Command]] = {}
@@ -169,6 +177,13 @@ def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
             field="mode",
             value=run.mode,
             remedy="run it in lockstep, or in processes of their own",
+        )
+    if run.plant != "bodies":
+        raise InputError(
+            "a run in one process moves our own bodies only",
+            field="plant",
+            value=run.plant,
+            remedy="run it in processes of their own",
         )
     if run.driver.external:
         raise InputError(

@@ -328,7 +328,7 @@ def test_a_stepped_clock_and_a_frozen_position() -> None:
 
 def test_a_stuck_actuator_heeds_an_emergency_stop_alone() -> None:
     def act(fault: Fault, commands: list[Command]) -> list[float]:
-        actuator = Actuator(make_run(NONE, 1, fault), "ot1", 1.0)
+        actuator = Actuator(make_run(NONE, 1, fault), "ot1")
         return [actuator.actuate(c, k * STEP_NS).acceleration_mps2 for k, c in enumerate(commands)]
 
     commands = [Command(a, 0.1, 0.0) for a in (0.5, 1.0, -2.0, -3.0, -4.0)]
@@ -339,5 +339,5 @@ def test_a_stuck_actuator_heeds_an_emergency_stop_alone() -> None:
     other = Fault(kind="actuator_stuck", target="ot2", at_s=0.0)
     assert act(other, commands) == [c.acceleration_mps2 for c in commands]
     stop = Command(0.0, 0.1, 0.0, emergency_stop=True)
-    actuator = Actuator(make_run(NONE, 1, given), "ot1", 1.0)
+    actuator = Actuator(make_run(NONE, 1, given), "ot1")
     assert actuator.actuate(stop, 1_000_000_000) == stop

@@ -66,7 +66,7 @@ class Loop:
         self.run = run
         self.cls = run.targets[0].cls
         self.pool = ObjectPool(run)
-        self.actuator = Actuator(run, "ot1", 1.0)
+        self.actuator = Actuator(run, "ot1")
         self.body = BodyState(START_X_M, 0.0, 0.0)
         self.step_index = 0
         self.session = SessionPhase.ARMED

@@ -27,8 +27,9 @@ BLUEPRINT = "vehicle.tesla.model3"
 def ours(address: str) -> float:
     """Ticks a second of SSP's connection."""
     from ssp_core.carla.address import parse_address
-    from ssp_core.carla.client import CarlaServer, Placement
+    from ssp_core.carla.client import CarlaServer
     from ssp_core.carla.frame import CarlaPose
+    from ssp_core.carla.orders import Placement
     from ssp_core.carla.sensor import camera_attributes
     from ssp_core.run_file.model import Camera
 

@@ -21,49 +21,17 @@ from typing import Any
 
 import msgpack
 
+from support.carla_catalogue import BODIES, INSTANCES, Body, definitions
+from support.carla_physics import Drive, Physics
 from support.carla_picture import Pose, Solid, draw
 
 VERSION = "0.9.16"
 _WORLD_STREAM, _SENSOR_STREAMS = 1, 100
 _WORLD_TYPE, _RGB_TYPE, _INSTANCE_TYPE = 17, 13, 15
-_INSTANCES = "sensor.camera.instance_segmentation"
 _FREE_RUNNING_S = 0.02
-_BOOL, _INT, _FLOAT, _STRING, _COLOUR = range(1, 6)
 EMPTY_XODR = (
     '<OpenDRIVE><header revMajor="1" revMinor="4">'
     "<geoReference>+proj=tmerc +lat_0=0 +lon_0=0</geoReference></header></OpenDRIVE>\n"
-)
-
-
-@dataclass(frozen=True)
-class Body:
-    """A blueprint with the box that an actor of it has, in m.
-
-    Args:
-        extent: half sizes.
-        offset: of the box's middle from the actor's origin.
-    """
-
-    blueprint: str
-    kind: str
-    wheels: int
-    extent: tuple[float, float, float]
-    offset: tuple[float, float, float]
-    generation: int = 1
-
-
-BODIES = (
-    Body("vehicle.tesla.model3", "car", 4, (2.40, 1.08, 0.75), (0.03, 0.0, 0.75)),
-    Body("vehicle.mercedes.coupe_2020", "car", 4, (2.34, 0.905, 0.72), (0.0, 0.0, 0.72), 2),
-    Body("vehicle.mini.cooper_s", "car", 4, (1.90, 0.98, 0.74), (0.02, 0.0, 0.74)),
-    Body("vehicle.carlamotors.firetruck", "truck", 4, (4.23, 1.45, 1.91), (-0.25, 0.0, 1.91)),
-    Body("vehicle.carlamotors.carlacola", "truck", 4, (2.60, 1.31, 1.23), (0.1, 0.0, 1.23)),
-    Body("vehicle.mitsubishi.fusorosa", "bus", 4, (5.14, 1.97, 2.12), (-0.45, 0.12, 2.12)),
-    Body("vehicle.kawasaki.ninja", "motorcycle", 2, (1.02, 0.40, 0.76), (0.0, 0.0, 0.76)),
-    Body("vehicle.bh.crossbike", "bicycle", 2, (0.75, 0.43, 0.80), (0.0, 0.0, 0.80)),
-    Body("vehicle.gazelle.omafiets", "bicycle", 2, (0.92, 0.33, 0.89), (0.0, 0.0, 0.89)),
-    Body("walker.pedestrian.0001", "pedestrian", 0, (0.19, 0.19, 0.93), (0.0, 0.0, 0.0)),
-    Body("walker.pedestrian.0002", "pedestrian", 0, (0.19, 0.19, 0.93), (0.0, 0.0, 0.0)),
 )
 
 
@@ -82,6 +50,8 @@ class Behaviour:
         batch_error_at: the tick before whose end one batch gets an error for its first command.
         moved_by: m by which each picture shows bodies beside their poses.
         synchronous: somebody left it so.
+        physics: of vehicles.
+        falls_at: the tick from which the ground is gone from under them.
     """
 
     version: str = VERSION
@@ -98,6 +68,8 @@ class Behaviour:
     batch_error_at: int = 0
     moved_by: float = 0.0
     synchronous: bool = False
+    physics: Physics = field(default_factory=Physics)
+    falls_at: int = 0
 
 
 @dataclass
@@ -112,6 +84,7 @@ class Actor:
     stream: int = 0
     physics: bool = True
     lights: int = 0
+    drive: Drive = field(default_factory=Drive)
 
     @property
     def role(self) -> str:
@@ -121,50 +94,6 @@ class Actor:
 
 class _Wrong(Exception):
     """A call that a real client doesn't make."""
-
-
-def _definitions() -> list[list[Any]]:
-    def attribute(name: str, kind: int, value: str, changeable: bool = True) -> list[Any]:
-        return [name, kind, value, [], changeable, False]
-
-    found: list[list[Any]] = []
-    for body in BODIES:
-        if body.kind == "pedestrian":
-            own = [
-                attribute("role_name", _STRING, "pedestrian"),
-                attribute("is_invincible", _BOOL, "true"),
-                attribute("speed", _FLOAT, "1.4"),
-            ]
-        else:
-            own = [attribute("number_of_wheels", _INT, str(body.wheels), False),
-                   attribute("base_type", _STRING, body.kind, False),
-                   attribute("generation", _INT, str(body.generation), False),
-                   attribute("color", _COLOUR, "17,37,103"),
-                   attribute("role_name", _STRING, "autopilot")]  # fmt: skip
-        found.append([0, body.blueprint, body.blueprint.replace(".", ","), own])
-    numbers = {
-        "fov": "90.0", "sensor_tick": "0.0", "gamma": "2.2", "motion_blur_intensity": "0.45",
-        "motion_blur_max_distortion": "0.35", "motion_blur_min_object_screen_size": "0.1",
-        "lens_flare_intensity": "0.1", "bloom_intensity": "0.675", "fstop": "1.4", "iso": "100.0",
-        "shutter_speed": "200.0", "exposure_min_bright": "10.0", "exposure_max_bright": "12.0",
-        "exposure_speed_up": "3.0", "exposure_speed_down": "1.0", "exposure_compensation": "0.0",
-        "lens_circle_falloff": "5.0", "lens_circle_multiplier": "0.0", "lens_k": "-1.0",
-        "lens_kcube": "0.0", "chromatic_aberration_intensity": "0.0",
-    }  # fmt: skip
-    camera = [attribute(name, _FLOAT, value) for name, value in numbers.items()]
-    camera += [attribute("image_size_x", _INT, "800"), attribute("image_size_y", _INT, "600"),
-               attribute("enable_postprocess_effects", _BOOL, "true"),
-               attribute("exposure_mode", _STRING, "histogram"),
-               attribute("role_name", _STRING, "front")]  # fmt: skip
-    found.append([0, "sensor.camera.rgb", "sensor,camera,rgb", camera])
-    instances = [one for one in camera if one[0] in ("fov", "sensor_tick", "role_name")
-                 or one[0].startswith("image_size")]  # fmt: skip
-    found.append([0, _INSTANCES, "sensor,camera,instance_segmentation", instances])
-    # So that no picture of it passes for one of CARLA's.
-    found.append([0, "static.prop.counterpart", "static,prop,counterpart", []])
-    for uid, definition in enumerate(found, 1):
-        definition[0] = uid
-    return found
 
 
 def _pose(raw: Any) -> Pose:
@@ -207,7 +136,7 @@ class Counterpart:
         self.weather = [-1.0] * 13 + [0.0]
         self.left_settings = list(self.settings)
         self._random = random.Random(seed)
-        self._definitions = _definitions()
+        self._definitions = definitions()
         self._late: list[tuple[int, Callable[[], None]]] = []
         self._held: list[tuple[int, bytes, int]] = []
         self._episode, self._next_id = 7, 20
@@ -435,6 +364,8 @@ class Counterpart:
         match index:
             case 1:
                 self._destroy(actor_id)
+            case 2:
+                _needs(not (wrong := actor.drive.told(fields[1])), wrong)
             case 6:
                 self._place(actor_id, _pose(fields[1]))
             case 7:
@@ -496,6 +427,7 @@ class Counterpart:
     def _place(self, actor_id: int, pose: Pose) -> None:
         if actor_id in self.actors:
             self.actors[actor_id].pose = pose
+            self.actors[actor_id].drive.stop()
 
     def _later(self, change: Callable[[], None]) -> None:
         """Apply an asynchronous command, 0 to 2 ticks late."""
@@ -532,8 +464,9 @@ class Counterpart:
         self._late = [one for one in self._late if one[0] > self.frame]
         for actor in self.actors.values():
             if actor.body is not None and actor.physics and actor.body.kind != "pedestrian":
-                fallen = max(0.0, actor.pose.z - 9.81 * step_s)
-                actor.pose = replace(actor.pose, z=fallen)
+                actor.pose = actor.drive.step(actor.pose, self.behaviour.physics, step_s)
+                if 0 < self.behaviour.falls_at <= self.ticks:
+                    actor.pose = replace(actor.pose, z=-3.0)
         if self.behaviour.exit_at and self.ticks >= self.behaviour.exit_at:
             self.leave()
             return
@@ -553,7 +486,8 @@ class Counterpart:
         for one in self.actors.values():
             p = one.pose
             place = (p.x, p.y, p.z, p.pitch, p.yaw, p.roll)
-            told.append(struct.pack("<IB15f", one.actor_id, 1, *place, *([0.0] * 9)) + bytes(54))
+            moved = (*one.drive.velocity, *([0.0] * 6))
+            told.append(struct.pack("<IB15f", one.actor_id, 1, *place, *moved) + bytes(54))
         return b"".join(told)
 
     def _send_picture(self, camera: Actor) -> None:
@@ -567,7 +501,7 @@ class Counterpart:
                   one.body.offset, one.body.extent)
             for one in self.actors.values() if one.body is not None
         ]  # fmt: skip
-        instances = camera.definition[1] == _INSTANCES
+        instances = camera.definition[1] == INSTANCES
         pixels = draw(camera.pose, fov, size, solids, None if instances else self.frame)
         kind = _INSTANCE_TYPE if instances else _RGB_TYPE
         message = self._header(kind, camera.pose)

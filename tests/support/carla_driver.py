@@ -11,8 +11,9 @@ import math
 import sys
 
 from ssp_core.carla.address import parse_address
-from ssp_core.carla.client import CarlaServer, Placement
+from ssp_core.carla.client import CarlaServer
 from ssp_core.carla.frame import CarlaPose
+from ssp_core.carla.orders import Placement
 from ssp_core.carla.sensor import camera_attributes
 from ssp_core.run_file.model import Camera
 from support.carla_picture import read_picture

@@ -18,13 +18,13 @@ from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.bag.seal import REPORT_NAME, check_unaltered, read_seal
 from ssp_core.bag.verdict import check_verdict
 from ssp_core.carla.probe_report import CarlaProbeReport, load_report
-from ssp_core.carla.record import CarlaScene
+from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
 from ssp_core.cdr.codec import START, read_text
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model
 from ssp_core.hashing import sha256_file
-from ssp_core.names import CAMERA_RENDERER, SESSION_STATE, absolute
+from ssp_core.names import CAMERA_RENDERER, SESSION_STATE, WORLD_PLANT, absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import CAMERA, Participation, Standing
 from ssp_core.run_file.road import Road
@@ -230,6 +230,7 @@ class Provenance:
         twin: in what it differs from which recording, None unless it is a twin.
         drawn: of which recording its pictures were drawn anew, None where they are its own.
         scene: what the server was that drew its pictures, None where CARLA drew none.
+        plant: what the server was that moved its bodies, None where they are ours or real.
         probe: of that server, as it lies beside the bag; None: there is none.
         participation: what the participants of a session were, None for an imported video.
         declaration_sha256: hash of declaration.json, None where nobody gave a word.
@@ -256,6 +257,7 @@ class Provenance:
     twin: str | None = None
     drawn: Drawn | None = None
     scene: CarlaScene | None = None
+    plant: CarlaPlantRecord | None = None
     probe: ServerProbe | None = None
     participation: Participation | None = None
     declaration_sha256: str | None = None
@@ -320,6 +322,15 @@ class Provenance:
             return OUR_RENDERER if CAMERA in self.participation.substitutes else None
         camera = self.run.camera
         return CARLA if camera is not None and camera.renderer == "carla" else OUR_RENDERER
+
+    @property
+    def carla_texts(self) -> dict[str, str]:
+        """Describe the bodies in CARLA that drew or moved participants, for people."""
+        found = {} if self.scene is None else self.scene.texts
+        moved = {} if self.plant is None else self.plant.texts
+        return {f"body of {name}": text for name, text in found.items()} | {
+            f"moved by CARLA: {name}": text for name, text in moved.items()
+        }
 
     @property
     def lacks_verdict(self) -> bool:
@@ -427,23 +438,26 @@ def _told_twin(bag: BagReader) -> str | None:
     return f"{told.get('words')}, of {told.get('of')}"
 
 
-def _told_scene(bag: BagReader) -> CarlaScene | None:
-    """Read what the server is that drew the pictures, by its last word; None: there is none.
+ServerRecord = TypeVar("ServerRecord", CarlaScene, CarlaPlantRecord)
+
+
+def _told_server(bag: BagReader, topic: str, record: type[ServerRecord]) -> ServerRecord | None:
+    """Read what the server is that drew or moved a run, by its last word; None: there is none.
 
     Raises:
         InputError: it isn't valid.
     """
     data = None
-    for message in bag.messages([absolute(CAMERA_RENDERER)]):
+    for message in bag.messages([absolute(topic)]):
         data = message.data
     if data is None:
         return None
-    place = f"{bag.path}:{absolute(CAMERA_RENDERER)}"
+    place = f"{bag.path}:{absolute(topic)}"
     try:
         text, _ = read_text(data, START)
     except (ValueError, struct.error) as error:
         raise InputError(f"is no text: {error}", file=place) from error
-    return parse_model(CarlaScene, parse_mapping(text.encode(), place), place)
+    return parse_model(record, parse_mapping(text.encode(), place), place)
 
 
 def _told_probe(folder: Path) -> ServerProbe | None:
@@ -487,7 +501,8 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     folder = bag_folder(bag.path)
     participation = participation_of(bag, run, folder, digest)
     word = folder / DECLARATION_FILE
-    drawn, scene = _told_drawn(bag), _told_scene(bag)
+    drawn, scene = _told_drawn(bag), _told_server(bag, CAMERA_RENDERER, CarlaScene)
+    plant = _told_server(bag, WORLD_PLANT, CarlaPlantRecord)
     stood_in = run.domain == "physical" and (
         drawn is not None or participation.standing is Standing.STAND_IN
     )
@@ -513,7 +528,8 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         twin=_told_twin(bag),
         drawn=drawn,
         scene=scene,
-        probe=None if scene is None else _told_probe(folder),
+        plant=plant,
+        probe=None if scene is None and plant is None else _told_probe(folder),
         participation=participation,
         declaration_sha256=sha256_file(word) if participation.said_by else None,
     )

@@ -387,6 +387,7 @@ def _clip_facts(labelled: LabelledClip, out: Path) -> dict[str, Any]:
     return {
         "origin": facts.origin,
         "renderer": facts.renderer,
+        **({"carla": facts.carla_texts} if facts.carla_texts else {}),
         "declared_by": facts.declared_by,
         "import_rules": None if facts.imported is None else facts.imported.rules_version,
         # From the campaign's folder, so that both can be moved together.

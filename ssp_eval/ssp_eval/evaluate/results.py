@@ -79,6 +79,8 @@ class ClipFacts(_Part):
     origin: str
     # None where nobody knows of one; cells of an earlier version don't say.
     renderer: str | None = None
+    # The bodies in CARLA that drew or moved participants; none where CARLA did nothing.
+    carla: dict[str, str] = {}
     # Who says of which domain it is, when and where; empty where no person did.
     declared_by: str = ""
     # The rules by which it was imported; null for a session, and in cells of an earlier version.

@@ -274,6 +274,7 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     every = _recordings(cells)
     yield from _outside(cells)
     yield from _of_renderers(cells)
+    yield from _of_carla(cells)
     yield from _of_rules(cells)
     yield from _of_outages(cells)
     for finding in sorted({name for cell in cells for name in cell.facts.clip.accepted}):
@@ -430,6 +431,19 @@ def _of_renderers(cells: Sequence[CellData]) -> Iterable[Notice]:
                 "these says how pictures of a camera, or of another renderer, are read."
             )
             yield Notice(RENDERER, text, tuple(sorted(domains)), everywhere=True)
+
+
+def _of_carla(cells: Sequence[CellData]) -> Iterable[Notice]:
+    """Bodies of CARLA, which aren't of the size or the physics that the run reckons with."""
+    found = {
+        (cell.scenario, cell.domain): cell.facts.clip.carla
+        for cell in cells
+        if cell.facts.clip.carla
+    }
+    for (scenario, domain), bodies in sorted(found.items()):
+        told = ". ".join(f"{name[0].upper()}{name[1:]}: {text}" for name, text in bodies.items())
+        text = f"CARLA drew or moved {scenario} in {domain}. {told}."
+        yield Notice(RENDERER, text, (scenario,), everywhere=True)
 
 
 def _of_rules(cells: Sequence[CellData]) -> Iterable[Notice]:

@@ -14,6 +14,7 @@ from ssp_core.run_file.participation import declaring
 from ssp_core.world.transforms import TF_TYPE
 
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+TEXT_TYPE = "std_msgs/msg/String"
 # Of an expression over topic names.
 MOST_CHARACTERS = 1000
 
@@ -96,6 +97,8 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     if run.mode != "live":
         add(names.CLOCK, CLOCK_TYPE, state)
         add(names.WORLD_TICK, "WorldTick", state, required=True)
+    if run.plant == "carla":
+        add(names.WORLD_PLANT, TEXT_TYPE, latched, required=True, session=False)
     add(names.state_topic(run.vut.id), "ObjectState", state, required=True)
     # In a live session the objects may be spread over several processes.
     if run.states_in_one:
@@ -122,7 +125,7 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     add(names.RECORDER_STATUS, "RecorderStatus", state)
     if run.mode == "live":
         for who in declaring(run):
-            add(names.declared_topic(who), "std_msgs/msg/String", latched, session=False)
+            add(names.declared_topic(who), TEXT_TYPE, latched, session=False)
         # Of a VUT whose states a vut_adapter makes.
         add(names.LOCALISATION_STATUS, "LocalisationStatus", state)
         add(names.BODY_STATUS, "BodyStatus", state)
@@ -133,8 +136,7 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
         add(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", Profile.SENSOR)
         add(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched)
         if run.camera.renderer == "carla":
-            kind = "std_msgs/msg/String"
-            add(names.CAMERA_RENDERER, kind, latched, required=True, session=False)
+            add(names.CAMERA_RENDERER, TEXT_TYPE, latched, required=True, session=False)
     return tuple(found)
 
 

@@ -118,6 +118,7 @@ _LATCHED_NAMES = frozenset(
         names.FAULT_EVENT,
         names.CAMERA_MOUNT,
         names.CAMERA_RENDERER,
+        names.WORLD_PLANT,
         names.TF_STATIC,
     )
 )

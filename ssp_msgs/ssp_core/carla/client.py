@@ -13,7 +13,6 @@ import socket
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
@@ -21,12 +20,14 @@ from ssp_core.carla.acceptance import (
     ServerFacts,
     foreign_actors,
     opendrive_sha256,
+    refusals,
     version_refusal,
 )
 from ssp_core.carla.address import CarlaAddress
 from ssp_core.carla.blueprints import PEDESTRIAN_PREFIX, VEHICLE_PREFIX, Blueprint
 from ssp_core.carla.frame import BodyBox, CarlaPose, Ground
 from ssp_core.carla.left import LeftFile, forget_left, read_left
+from ssp_core.carla.orders import CarlaMotion, PedalOrder, Placement, transform_of
 from ssp_core.carla.pictures import CarlaCamera, Picture, pose_of_transform
 from ssp_core.carla.record import COUNTERPART_BLUEPRINT
 from ssp_core.carla.sensor import CAMERA_BLUEPRINT
@@ -47,21 +48,6 @@ _PLACE_M, _YAW_DEG = 0.01, 0.05
 # CARLA takes at most max_substeps of max_substep_delta_time for a step.
 _SUBSTEP_S, _MOST_SUBSTEPS = 0.01, 16
 NEWEST_PYTHON = (3, 12)
-
-
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """A place for an actor in the next frame.
-
-    Args:
-        walking_mps: of a pedestrian, whose pose is that of its feet; None for other actors.
-        lights: of a vehicle, as bits of carla.VehicleLightState; None leaves them.
-    """
-
-    actor: int
-    pose: CarlaPose
-    walking_mps: float | None = None
-    lights: int | None = None
 
 
 def client_library() -> Any:
@@ -208,6 +194,21 @@ class CarlaServer:
             actors=actors,
         )
 
+    def accept(self, map_sha256: str) -> ServerFacts:
+        """Give back what a killed client left, and ask whether a run is accepted.
+
+        Raises:
+            PeerError: it isn't.
+        """
+        self.restore_left()
+        facts = self.facts()
+        if refused := refusals(facts, map_sha256):
+            raise PeerError(
+                f"CARLA server {self.address} is refused: "
+                + "; ".join(f"{one.text}; {one.remedy}" for one in refused)
+            )
+        return facts
+
     def settings(self) -> dict[str, Any]:
         """The world's settings by the names of carla.WorldSettings."""
         with self._asking("asked for its settings"):
@@ -336,7 +337,7 @@ class CarlaServer:
                 blueprint.set_attribute("role_name", role)
             row, place = divmod(index, _IN_A_ROW)
             where = CarlaPose(place * _APART_M, row * _APART_M, _HIGH_M)
-            spawn = command.SpawnActor(blueprint, self._transform(where))
+            spawn = command.SpawnActor(blueprint, transform_of(self._carla, where))
             if not name.startswith(PEDESTRIAN_PREFIX):
                 spawn = spawn.then(command.SetSimulatePhysics(command.FutureActor, False))
             batch.append(spawn)
@@ -386,36 +387,32 @@ class CarlaServer:
         command = self._carla.command.SetSimulatePhysics(actor, enabled)
         self._check([actor], self._batch("told to set physics", [command]))
 
-    def step(self, placements: Sequence[Placement]) -> int:
-        """Put actors in their places and run one frame, in which they are there; its number.
+    def step(self, placements: Sequence[Placement], pedals: Sequence[PedalOrder] = ()) -> int:
+        """Put actors in their places, press pedals, and run one frame; its number.
 
         Raises:
-            PeerError: one of them isn't, or is gone.
+            PeerError: one of them isn't where it was put in that frame, or is gone.
         """
-        command, batch, whose = self._carla.command, [], []
-        for one in placements:
-            whose.append(one.actor)
-            transform = self._transform(one.pose)
-            if one.walking_mps is None:
-                batch.append(command.ApplyTransform(one.actor, transform))
-            else:
-                batch.append(command.ApplyWalkerState(one.actor, transform, one.walking_mps))
-            if one.lights is not None:
-                state = self._carla.VehicleLightState(one.lights)
-                batch.append(command.SetVehicleLightState(one.actor, state))
-                whose.append(one.actor)
-        self._check(whose, self._batch("told to place its actors", batch))
+        moved: list[Placement | PedalOrder] = [*placements, *pedals]
+        told = [(one.actor, c) for one in moved for c in one.commands(self._carla)]
+        answers = self._batch("told to move its actors", [command for _, command in told])
+        self._check([actor for actor, _ in told], answers)
         frame = self.tick()
         self._check_places(frame, placements)
         return frame
 
     def pose_of(self, actor: int) -> CarlaPose:
         """The pose of an actor in the newest frame."""
+        return self.motion_of(actor).pose
+
+    def motion_of(self, actor: int) -> CarlaMotion:
+        """The motion of an actor in the newest frame."""
         with self._asking("asked for its frame"):
             found = self._world.get_snapshot().find(actor)
         if found is None:
             raise self._gone(actor)
-        return pose_of_transform(found.get_transform())
+        v = found.get_velocity()
+        return CarlaMotion(pose_of_transform(found.get_transform()), (v.x, v.y, v.z))
 
     def _check_places(self, frame: int, placements: Sequence[Placement]) -> None:
         with self._asking("asked for its frame"):
@@ -462,11 +459,6 @@ class CarlaServer:
         with self._asking("asked for its blueprints"):
             return self._world.get_blueprint_library()
 
-    def _transform(self, pose: CarlaPose) -> Any:
-        location = self._carla.Location(pose.x_m, pose.y_m, pose.z_m)
-        rotation = self._carla.Rotation(pose.pitch_deg, pose.yaw_deg, pose.roll_deg)
-        return self._carla.Transform(location, rotation)
-
     # -- pictures ---------------------------------------------------------------------------------
 
     def start_camera(
@@ -488,7 +480,7 @@ class CarlaServer:
         for attribute, value in attributes.items():
             blueprint.set_attribute(attribute, value)
         with self._asking("told to spawn a camera"):
-            sensor = self._world.spawn_actor(blueprint, self._transform(pose))
+            sensor = self._world.spawn_actor(blueprint, transform_of(self._carla, pose))
             self._sensors.append(sensor)
             self._spawned.append(int(sensor.id))
             self._roles[int(sensor.id)] = "the camera"

@@ -23,8 +23,9 @@ from ssp_core.carla.blueprints import (
     choose_body,
     is_candidate,
 )
-from ssp_core.carla.client import CarlaServer, Placement
+from ssp_core.carla.client import CarlaServer
 from ssp_core.carla.frame import BodyBox, CarlaPose
+from ssp_core.carla.orders import Placement
 from ssp_core.carla.pictures import CarlaCamera
 from ssp_core.carla.probe_report import CarlaProbeReport, MeasuredBody, Outcome, Row
 from ssp_core.carla.sensor import INSTANCES_BLUEPRINT, camera_attributes, instance_attributes

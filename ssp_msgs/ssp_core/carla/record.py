@@ -1,17 +1,20 @@
-"""The record of a CARLA server that drew pictures (``ssp.carla_scene/1``), as a bag holds it."""
+"""The records of a CARLA server that drew pictures or moved vehicles, as a bag holds them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
+from ssp_core.carla.blueprints import ChosenBody
 from ssp_core.carla.frame import BodyBox
+from ssp_core.motion.state import Size
 from ssp_core.run_file.values import Finite, Strict
 
 SCENE_SCHEMA: Literal["ssp.carla_scene/1"] = "ssp.carla_scene/1"
+PLANT_SCHEMA: Literal["ssp.carla_plant/1"] = "ssp.carla_plant/1"
 # A blueprint that a server offers which isn't CARLA, but stands in for one in tests.
 COUNTERPART_BLUEPRINT = "static.prop.counterpart"
 # Smaller differences between a body and what the run takes it for aren't told.
@@ -38,15 +41,20 @@ class BodyRecord(Strict):
         return BodyBox(**{field.name: self.box[field.name] for field in fields(BodyBox)})
 
     @property
-    def text(self) -> str:
-        """Describe blueprint, box and offset, and the difference to the run's size, for people."""
-        box, size = self.measured, self.size
-        own = (size["front_m"] + size["rear_m"], size["width_m"], size["height_m"])
-        sides = (box.length_m, box.width_m, box.height_m)
-        told = (
-            f"{self.blueprint}, box {_product(sides)} m, middle {box.forward_m:+.2f} m ahead and "
-            f"{box.right_m:+.2f} m right of its origin"
+    def box_text(self) -> str:
+        """Describe blueprint, box and offset, for people."""
+        box = self.measured
+        return (
+            f"{self.blueprint}, box {_product(_sides(box))} m, middle {box.forward_m:+.2f} m ahead "
+            f"and {box.right_m:+.2f} m right of its origin"
         )
+
+    @property
+    def text(self) -> str:
+        """Describe the body and by how much the run's size differs in pictures, for people."""
+        size, told = self.size, self.box_text
+        own = (size["front_m"] + size["rear_m"], size["width_m"], size["height_m"])
+        sides = _sides(self.measured)
         apart = [theirs - ours for theirs, ours in zip(sides, own, strict=True)]
         if max(map(abs, apart)) < _TOLD_M:
             return f"{told}; as the run has it"
@@ -62,41 +70,92 @@ class BodyRecord(Strict):
         )
 
 
-class CarlaScene(Strict):
-    """A server and what it was told, for the readers of its pictures.
+def body_record(body: ChosenBody, size: Size) -> dict[str, Any]:
+    """The fields of a ``BodyRecord``."""
+    return {"blueprint": body.blueprint, "box": asdict(body.box), "size": asdict(size)}
+
+
+class _ServerRecord(Strict):
+    """A server and what it was told.
 
     Args:
-        first_frame: CARLA's number of the frame before the first picture.
-        settings, weather: as read back.
+        address: as it was given; empty in bags from before it was recorded.
+        first_frame: CARLA's number of the frame before the first that counts.
+        settings: as read back.
         bodies: by object.
         counterpart: it is a stand-in for tests, and no CARLA.
     """
 
-    schema_: Literal["ssp.carla_scene/1"] = Field(SCENE_SCHEMA, alias="schema")
     version: str
     client_version: str
+    address: str = ""
     map_name: str
     map_sha256: str
     synchronous: bool
     step_s: Finite
     first_frame: Annotated[int, Field(ge=0)]
     seed: Annotated[int, Field(ge=0)]
-    rate_hz: Finite
-    camera: dict[str, str]
     settings: dict[str, Any]
-    weather: dict[str, Finite]
-    triggers: list[dict[str, Any]]
     bodies: dict[str, BodyRecord]
     counterpart: bool = False
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
+
+class CarlaPlantRecord(_ServerRecord):
+    """A server whose physics moves vehicles (``ssp.carla_plant/1``).
+
+    Args:
+        responses: of each vehicle to its pedals and its wheel, as measured before the run, by the
+            names of ``Response``; a body without one is moved by our own model and only placed.
+    """
+
+    schema_: Literal["ssp.carla_plant/1"] = Field(PLANT_SCHEMA, alias="schema")
+    responses: dict[str, dict[str, Finite]]
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Describe the bodies and how they answer, by object, for people."""
+        found = {}
+        for name, body in sorted(self.bodies.items()):
+            r = self.responses.get(name)
+            found[name] = f"{body.box_text}; " + (
+                "moved by our own body, and placed"
+                if r is None
+                else f"full throttle {r['throttle_mps2']:.2f} m/s^2 (lag {r['throttle_lag_s']:.2f} "
+                f"s), full brake {r['brake_mps2']:.2f} m/s^2 (lag {r['brake_lag_s']:.2f} s), whole "
+                f"turn of the wheel {r['steer_1pm']:.3f} 1/m (lag {r['steer_lag_s']:.2f} s)"
+            )
+        return found
+
+
+class CarlaScene(_ServerRecord):
+    """A server that drew pictures, for their readers (``ssp.carla_scene/1``).
+
+    Args:
+        weather: as read back.
+    """
+
+    schema_: Literal["ssp.carla_scene/1"] = Field(SCENE_SCHEMA, alias="schema")
+    rate_hz: Finite
+    camera: dict[str, str]
+    weather: dict[str, Finite]
+    triggers: list[dict[str, Any]]
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Describe the bodies, by object, for people."""
+        return {name: body.text for name, body in sorted(self.bodies.items())}
+
     def differences(self, other: CarlaScene) -> list[str]:
-        """Name the fields that differ, but for the frame's number and bodies of other objects."""
+        """Name the fields that differ, but for the address, the frame's number and bodies of
+        other objects.
+        """
         named = [
             name
             for name in type(self).model_fields
-            if name not in ("first_frame", "bodies") and getattr(self, name) != getattr(other, name)
+            if name not in ("address", "first_frame", "bodies")
+            and getattr(self, name) != getattr(other, name)
         ]
         both = self.bodies.keys() & other.bodies.keys()
         return named + [f"bodies.{k}" for k in sorted(both) if self.bodies[k] != other.bodies[k]]
@@ -105,6 +164,10 @@ class CarlaScene(Strict):
 def with_bodies(scene: CarlaScene, bodies: Mapping[str, BodyRecord]) -> CarlaScene:
     """The record with further bodies."""
     return scene.model_copy(update={"bodies": {**bodies, **scene.bodies}})
+
+
+def _sides(box: BodyBox) -> tuple[float, float, float]:
+    return box.length_m, box.width_m, box.height_m
 
 
 def _product(sides: tuple[float, float, float]) -> str:

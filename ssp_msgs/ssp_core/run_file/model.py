@@ -312,6 +312,11 @@ class RunSpec(Strict):
     mode: Literal["lockstep", "realtime", "live"] = Field(
         description="live: no simulated world; session time is the system clock's"
     )
+    plant: Literal["bodies", "carla"] = Field(
+        "bodies",
+        description="what moves VUT and targets. bodies: ours; carla: the vehicle physics of a "
+        "server, which `ssp run --plant` names, in lockstep only",
+    )
     step_s: Annotated[float, Field(ge=0.005, le=0.1)] = 0.02
     road: Road
     geofence: Outline
@@ -345,7 +350,9 @@ class RunSpec(Strict):
 
     @model_serializer(mode="wrap")
     def _without_what_nobody_gave(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(dump(self), datum=None, session_token="", declaring=())
+        return without_defaults(
+            dump(self), plant="bodies", datum=None, session_token="", declaring=()
+        )
 
     @model_validator(mode="after")
     def _everybody_declares(self) -> RunSpec:
@@ -353,6 +360,14 @@ class RunSpec(Strict):
         missing = [who for who in wanted if who not in self.declaring]
         if self.declaring and missing:
             raise ValueError(f"declaring lacks {', '.join(missing)}, which must declare their kind")
+        return self
+
+    @model_validator(mode="after")
+    def _carla_moves_simulated_bodies(self) -> RunSpec:
+        if self.plant == "carla" and self.mode != "lockstep":
+            raise ValueError(
+                f"plant carla moves simulated bodies in lockstep only, and the mode is {self.mode}"
+            )
         return self
 
     @model_validator(mode="after")

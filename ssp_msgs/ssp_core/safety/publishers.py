@@ -57,6 +57,7 @@ _OF_SESSION: dict[str, tuple[Part, ...]] = {
     names.CAMERA_INFO: ONE,
     names.CAMERA_MOUNT: ONE,
     names.CAMERA_RENDERER: ONE,
+    names.WORLD_PLANT: ONE,
     names.state_topic(names.VUT_ID): ONE,
 }
 # What anybody may publish beside us, and why that does no harm.

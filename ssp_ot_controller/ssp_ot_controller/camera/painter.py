@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from typing import Any, Protocol
 
-from ssp_core.carla.acceptance import refusals
 from ssp_core.carla.address import CarlaAddress
-from ssp_core.carla.blueprints import ChosenBody, choose_body, is_candidate
-from ssp_core.carla.client import CarlaServer, Placement
-from ssp_core.carla.frame import BodyBox, camera_pose, feet_pose, vehicle_pose
-from ssp_core.carla.record import SCENE_SCHEMA
+from ssp_core.carla.blueprints import ChosenBody
+from ssp_core.carla.client import CarlaServer
+from ssp_core.carla.frame import camera_pose, feet_pose, vehicle_pose
+from ssp_core.carla.offer import Offer
+from ssp_core.carla.orders import Placement
+from ssp_core.carla.record import SCENE_SCHEMA, body_record
 from ssp_core.carla.sensor import camera_attributes, weather_of
 from ssp_core.errors import PeerError
 from ssp_core.geometry import Pose2
@@ -108,22 +108,15 @@ class CarlaPainter:
         self._frame_s = steps_per_frame(camera.rate_hz, run.step_s) * run.step_s
         self._bodies: dict[str, ChosenBody] = {}
         self._sizes: dict[str, Size] = {}
-        self._boxes: dict[str, BodyBox] = {}
         self._actors: dict[str, int] = {}
         self._server = CarlaServer(address)
         try:
-            self._server.restore_left()
-            facts = self._server.facts()
-            if refused := refusals(facts, map_sha256):
-                raise PeerError(
-                    f"CARLA server {address} is refused: "
-                    + "; ".join(f"{one.text}; {one.remedy}" for one in refused)
-                )
+            facts = self._server.accept(map_sha256)
             self._ground = self._server.ground()
             self._server.take_over(self._frame_s)
             self._server.freeze_traffic_lights()
             weather = self._server.set_weather(weather_of(run.look))
-            self._blueprints = self._server.blueprints()
+            self._offer = Offer(self._server)
             for target in run.targets:
                 self._add(target.id, ObjectClass[target.object_class.upper()], target.size)
             eye = camera_pose(start or run.vut.start.pose, run.vut.size, camera, self._ground)
@@ -132,6 +125,7 @@ class CarlaPainter:
                 self._server.tick()
             self._record: dict[str, Any] = {
                 "schema": SCENE_SCHEMA,
+                "address": str(address),
                 "version": facts.version,
                 "client_version": facts.client_version,
                 "map_name": facts.map_name,
@@ -156,14 +150,7 @@ class CarlaPainter:
     @property
     def record(self) -> Mapping[str, Any]:
         """The facts that a reader of the pictures needs (docs/carla.md)."""
-        bodies = {
-            name: {
-                "blueprint": body.blueprint,
-                "box": asdict(body.box),
-                "size": asdict(self._sizes[name]),
-            }
-            for name, body in self._bodies.items()
-        }
+        bodies = {name: body_record(body, self._sizes[name]) for name, body in self._bodies.items()}
         return {**self._record, "bodies": bodies}
 
     def draw(self, scene: Scene, stamp_ns: int, _index: int) -> Array:
@@ -197,13 +184,7 @@ class CarlaPainter:
             self._tell()
 
     def _add(self, object_id: str, object_class: ObjectClass, size: Size) -> None:
-        candidates = [one.id for one in self._blueprints if is_candidate(one, object_class)]
-        unknown = [name for name in candidates if name not in self._boxes]
-        self._boxes |= self._server.measure(unknown)
-        body = choose_body(object_class, size, self._blueprints, self._boxes)
-        (actor,) = self._server.spawn([(object_id, body.blueprint)])
-        if isinstance(actor, str):
-            raise PeerError(f"CARLA doesn't spawn {body.blueprint} for {object_id}: {actor}")
+        actor, body = self._offer.spawn(object_id, object_class, size)
         self._bodies[object_id], self._sizes[object_id] = body, size
         self._actors[object_id] = actor
 

@@ -25,7 +25,22 @@ OBJECT_TARGET = (
     ),
     Parameter("autostart", True, "configure and activate at once; false: wait for commands"),
 )
-SIL_WORLD = (RUN_FILE,)
+_MAP_FILE = Parameter(
+    "map_file",
+    "",
+    "map that the run was compiled for, where CARLA draws or moves it",
+    text="an OpenDRIVE file; the server's map must be the same",
+)
+SIL_WORLD = (
+    RUN_FILE,
+    Parameter(
+        "carla",
+        "",
+        "CARLA server that moves the bodies of a run with the plant carla",
+        text="HOST:PORT; empty for our own bodies",
+    ),
+    _MAP_FILE,
+)
 FRONT_CAMERA = (
     replace(RUN_FILE, description="the run; size, lens, rate and mount of its camera stand there"),
     Parameter(
@@ -34,12 +49,7 @@ FRONT_CAMERA = (
         "CARLA server that draws the pictures of a run whose camera has the renderer carla",
         text="HOST:PORT; empty for the renderer raster",
     ),
-    Parameter(
-        "map_file",
-        "",
-        "map that the run was compiled for, with the renderer carla",
-        text="an OpenDRIVE file; the server's map must be the same",
-    ),
+    _MAP_FILE,
 )
 _GNSS_TOPICS = (
     Parameter(

@@ -6,19 +6,25 @@ import faulthandler
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMsg
+from std_msgs.msg import String
 
 from ssp_core import names, ros
+from ssp_core.carla.acceptance import opendrive_sha256, read_map
+from ssp_core.carla.address import parse_address
 from ssp_core.cdr import steps
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.errors import InputError
+from ssp_core.hashing import canonical_json
+from ssp_core.ros.conversions import fault_event, safety_event
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import SessionPhase
@@ -37,7 +43,9 @@ from ssp_msgs.msg import (
 )
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.ros.parameters import SIL_WORLD
+from ssp_ot_controller.sil.carla_bodies import CarlaBodies
 from ssp_ot_controller.sil.disturbance import Channel, FaultChange
+from ssp_ot_controller.sil.plant import BodyPlant, OwnBodies
 from ssp_ot_controller.sil.sumo_world import SumoWorld
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
 from ssp_ot_controller.sil.world import OVER, StepBarrier, World
@@ -61,7 +69,8 @@ class SilWorld(Node):
 
     def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__(names.SIL_WORLD, namespace=names.NAMESPACE)
-        run_file = ros.declare(self, SIL_WORLD)["run_file"]
+        given = ros.declare(self, SIL_WORLD)
+        run_file = given["run_file"]
         self._run = load_run(run_file)
         if self._run.mode == "live":
             raise InputError(
@@ -71,10 +80,12 @@ class SilWorld(Node):
                 value="live",
                 remedy="start it without sil_world, or run it in mode lockstep or realtime",
             )
+        # Connecting to a server takes seconds: do it before anybody can see this node.
+        self._plant = self._make_plant(given["carla"], given["map_file"])
         self._work_dir = tempfile.TemporaryDirectory(prefix="ssp-sumo-")
         self._sumo = SumoWorld(self._run, Path(self._work_dir.name))
         self._sumo.__enter__()
-        self._world = World(self._run, self._sumo)
+        self._world = World(self._run, self._sumo, self._plant)
         self._lockstep = self._run.mode == "lockstep"
         self._channel = Channel(self._run, names.VUT_ID)
         camera = self._run.camera
@@ -101,6 +112,23 @@ class SilWorld(Node):
         self._driver_told = False
         self._driver_heard_ns: int | None = None
         self._make_endpoints()
+
+    def _make_plant(self, carla: str, map_file: str) -> BodyPlant:
+        if self._run.plant == "bodies":
+            return OwnBodies(self._run)
+        for name, value in (("carla", carla), ("map_file", map_file)):
+            if not value:
+                raise InputError(
+                    "isn't given, and the run has the plant carla", field=name,
+                    remedy="start the run with `ssp run --plant carla://HOST:PORT`",
+                )  # fmt: skip
+
+        def tell(record: Mapping[str, Any]) -> None:
+            said = self.create_publisher(String, names.WORLD_PLANT, ros.LATCHED)
+            said.publish(String(data=canonical_json(record).decode()))
+
+        wanted = opendrive_sha256(read_map(map_file))
+        return CarlaBodies(self._run, parse_address(carla, "carla"), wanted, tell)
 
     def _make_endpoints(self) -> None:
         pub, raw = self.create_publisher, partial(ros.subscribe_raw, self)
@@ -295,6 +323,8 @@ class SilWorld(Node):
     def close(self) -> None:
         # A SUMO that doesn't come to its end has nothing left to write.
         faulthandler.dump_traceback_later(CLOSE_LIMIT_S, exit=True)
+        for line in self._plant.close():
+            self.get_logger().error(line)
         self._sumo.__exit__(None, None, None)
         self._work_dir.cleanup()
 

@@ -425,14 +425,9 @@ class Channel:
 
 
 class Actuator:
-    """Drive and brakes of one simulated body, healthy or not.
+    """Drive and brakes of one simulated body, healthy or not."""
 
-    Args:
-        lag_scale: factor on the lags of drive, brakes and steering.
-    """
-
-    def __init__(self, run: RunSpec, object_id: str, lag_scale: float) -> None:
-        self.lag_scale = lag_scale
+    def __init__(self, run: RunSpec, object_id: str) -> None:
         self._faults = FaultSchedule(run.faults, (object_id,), ACTUATOR_FAULTS)
         self._last: Command | None = None
 

@@ -13,21 +13,15 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
-from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
+from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.sil.disturbance import Actuator
+from ssp_ot_controller.sil.plant import BodyPlant, OwnBodies
 from ssp_ot_controller.sil.vut_driver import VutDriver
 
 # A body that hears no command for this long brakes as hard as it can, whoever is to blame.
 BODY_TIMEOUT_S = 0.2
 # In these states of the session the world steps on until everything stands, and then holds.
 OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED, SessionPhase.IDLE)
-
-
-def _lag_scale(run: RunSpec, object_id: str) -> float:
-    """The run's general disturbance is of the objects' actuators; the VUT's has to be named."""
-    if object_id == run.vut.id and object_id not in run.disturbances:
-        return 1.0
-    return run.disturbance_of(object_id).actuator_lag_scale
 
 
 class TrafficSimulation(Protocol):
@@ -43,21 +37,22 @@ class World:
 
     Args:
         scene: supplies traffic; SumoWorld, or an in-memory one in tests.
+        plant: moves the bodies; None: ours.
     """
 
-    def __init__(self, run: RunSpec, scene: TrafficSimulation) -> None:
+    def __init__(
+        self, run: RunSpec, scene: TrafficSimulation, plant: BodyPlant | None = None
+    ) -> None:
         self._run = run
         self._scene = scene
+        self._plant = plant or OwnBodies(run)
         self.step_index = 0
-        self._bodies = {
-            spec.id: BodyState.at_rest(spec.start.pose) for spec in [run.vut, *run.targets]
-        }
+        self._bodies = self._plant.start()
         specs = (run.vut, *run.targets)
         # Asked for in every step, and looked up by word each time.
         self._kinds = {spec.id: (spec.cls, spec.size) for spec in specs}
         self._step_ns = seconds_to_ns(run.step_s)
-        self._actuators = {t.id: Actuator(run, t.id, _lag_scale(run, t.id)) for t in run.targets}
-        self._actuators[run.vut.id] = Actuator(run, run.vut.id, _lag_scale(run, run.vut.id))
+        self._actuators = {spec.id: Actuator(run, spec.id) for spec in specs}
         self.driver = VutDriver(run)
         self._observe(scene.traffic())
 
@@ -87,21 +82,15 @@ class World:
         Returns:
             Ground truth after the step, sorted by id.
         """
-        dt_s = self._run.step_s
         vut_id, now_ns = self._run.vut.id, self.now_ns
-        for object_id, body in list(self._bodies.items()):
+        done = {}
+        for object_id in self._bodies:
             if object_id == vut_id:
                 command = self._vut_command(commands, drive_vut)
             else:
                 command = self._object_command(object_id, commands)
-            actuator = self._actuators[object_id]
-            self._bodies[object_id] = step_body(
-                self._kinds[object_id][0],
-                body,
-                actuator.actuate(command, now_ns),
-                dt_s,
-                lag_scale=actuator.lag_scale,
-            )
+            done[object_id] = self._actuators[object_id].actuate(command, now_ns)
+        self._bodies = self._plant.step(self._bodies, done)
         self.step_index += 1
         own = {object_id: self._state(object_id) for object_id in self._bodies}
         self._observe(self._scene.step(list(own.values())), own)

@@ -73,6 +73,14 @@ DEFAULT_SITE = "boulevard"
     "task was compiled for (docs/carla.md).  [default: that of the task, raster]",
 )
 @click.option(
+    "--plant",
+    "plant_text",
+    metavar="bodies|carla://HOST[:PORT]",
+    help="What moves VUT and object targets: our own bodies, or the vehicle physics of a CARLA "
+    "server as above, by throttle, brake and steering. Such a run isn't repeatable to the byte.  "
+    "[default: that of the task, bodies]",
+)
+@click.option(
     "--in-process",
     is_flag=True,
     help="One process without ROS, many times faster than real time, with the same states; camera "
@@ -141,6 +149,7 @@ def run(
     out: Path | None,
     no_camera: bool,
     camera_text: str | None,
+    plant_text: str | None,
     in_process: bool,
     record: bool,
     runs: int | None,
@@ -184,6 +193,7 @@ def run(
         page_port=page_port,
         video=video,
         camera_text=camera_text,
+        plant_text=plant_text,
         no_camera=no_camera,
         shadow_texts=shadow_texts,
     )
@@ -222,7 +232,8 @@ def run(
         else:
             if no_camera:
                 spec = spec.model_copy(update={"camera": None})
-            spec, painter = _with_renderer(spec, camera_text, draft / TASK_FOLDER, folder)
+            task = draft / TASK_FOLDER
+            spec, carla = _with_carla(spec, camera_text, plant_text, task, folder)
             faults.check(spec, _nodes(spec))
         if junit is not None:
             # Whatever ends the runner before the run: a build server finds no older verdict here.
@@ -238,7 +249,7 @@ def run(
     from ssp_scenario_manager.run.over_dds import run_session
 
     result = run_session(
-        spec, folder.resolve(), console.note, live, page_port, video, shadows, painter
+        spec, folder.resolve(), console.note, live, page_port, video, shadows, carla
     )
     if live is not None and live.declared is not None and result.bag.name == "bag":
         seal_declaration(load_declaration(live.declared, spec), result.bag)
@@ -271,6 +282,7 @@ def _check_options(
     page_port: int | None,
     video: str | None,
     camera_text: str | None,
+    plant_text: str | None,
     no_camera: bool,
     shadow_texts: tuple[str, ...],
 ) -> None:
@@ -291,6 +303,8 @@ def _check_options(
         raise click.UsageError("--in-process has no camera to record; leave out --video")
     if camera_text is not None and (no_camera or in_process or mode == "live"):
         raise click.UsageError("--camera goes with a simulated session that has a camera")
+    if plant_text is not None and (in_process or mode == "live"):
+        raise click.UsageError("--plant moves the bodies of a simulated session alone")
     if shadow_texts and (in_process or (no_camera and mode != "live")):
         raise click.UsageError("--shadow needs a camera and processes to follow")
     for name, count in Counter(text.partition("=")[0] for text in shadow_texts).items():
@@ -298,55 +312,96 @@ def _check_options(
             raise click.UsageError(f"--shadow {name} stands {count} times")
 
 
-def _with_renderer(
-    spec: RunSpec, text: str | None, task: Path, folder: Path
-) -> tuple[RunSpec, dict[str, object]]:
-    """The run with the renderer that draws its pictures, and front_camera's parameters for it.
+def _with_carla(
+    spec: RunSpec, camera: str | None, plant: str | None, task: Path, folder: Path
+) -> tuple[RunSpec, dict[str, dict[str, object]]]:
+    """The run with what draws and what moves it, and the parameters of nodes that ask CARLA for it.
 
     Args:
-        text: as typed; None: the run's own renderer.
+        camera, plant: as typed; None: the run's own.
         task: of the run.
         folder: into which the task is moved.
 
     Raises:
-        InputError: there is none, or CARLA can't draw this run.
+        InputError: there is none, or CARLA can't draw or move this run.
     """
-    wanted = text or (spec.camera.renderer if spec.camera is not None else "raster")
-    if wanted == "raster":
-        if spec.camera is None or spec.camera.renderer == "raster":
-            return spec, {}
-        return with_value(spec, "camera.renderer", "raster"), {}
+    found: dict[str, dict[str, object]] = {}
+    before = None if spec.camera is None else spec.camera.renderer
+    if _asks_carla("--camera", camera, "raster", before):
+        if spec.camera is None:
+            raise InputError("the run has no camera", field="--camera", value=camera)
+        found[names.FRONT_CAMERA] = _server("--camera", camera, spec, task, folder)
+    if spec.camera is not None:
+        renderer = "carla" if names.FRONT_CAMERA in found else "raster"
+        if spec.camera.renderer != renderer:
+            spec = with_value(spec, "camera.renderer", renderer)
+    if _asks_carla("--plant", plant, "bodies", spec.plant):
+        found[names.SIL_WORLD] = _server("--plant", plant, spec, task, folder)
+    servers = [one["carla"] for one in found.values()]
+    if len(set(servers)) < len(servers):
+        raise InputError(
+            "is the server of --camera too, and one client ticks a server",
+            field="--plant",
+            value=plant,
+            remedy="name another server, or leave --camera out and have the recording drawn by "
+            "`ssp draw`",
+        )
+    moves = "carla" if names.SIL_WORLD in found else "bodies"
+    return spec.model_copy(update={"plant": moves}), found
+
+
+def _asks_carla(option: str, text: str | None, ours: str, before: str | None) -> bool:
+    """Tell whether CARLA does what an option is about.
+
+    Args:
+        text: as typed; None: as before.
+        ours: the word for our own renderer or bodies.
+        before: of the run.
+
+    Raises:
+        InputError: the text names nothing, or the run's server isn't named.
+    """
+    if (text or before or ours) == ours:
+        return False
     if text is None or not text.startswith(SCHEME):
         raise InputError(
-            "names no renderer" if text else "isn't given, and the run was drawn by CARLA",
-            field="--camera",
+            f"names neither {ours} nor a server"
+            if text
+            else "isn't given, and CARLA did it before",
+            field=option,
             value=text,
-            remedy="give raster, or carla://HOST:PORT",
+            remedy=f"give {ours}, or carla://HOST:PORT",
         )
-    if spec.camera is None:
-        raise InputError("the run has no camera", field="--camera", value=text)
+    return True
+
+
+def _server(
+    option: str, text: str | None, spec: RunSpec, task: Path, folder: Path
+) -> dict[str, object]:
+    """Parameters of a node that asks a CARLA server.
+
+    Raises:
+        InputError: no server can serve this run.
+    """
     if spec.mode != "lockstep":
         raise InputError(
-            "CARLA draws in lockstep only: by the wall clock a late picture would be lost",
+            "CARLA draws and moves in lockstep only: by the wall clock a late frame would be lost",
             field="--mode",
             value=spec.mode,
             remedy="leave --mode out",
         )
-    address = parse_address(text, "--camera")
+    address = parse_address(text or "", option)
     place = load_task(task).place
     if place.kind != "opendrive":
         raise InputError(
             f"the run is placed on a {place.kind}, {place.name}: no CARLA server has that map",
-            field="--camera",
+            field=option,
             value=text,
             remedy="compile the event for the server's map: ssp compile EVENT --target sumo --map "
             "TOWN.xodr --out T, then ssp run T",
         )
     map_file = (folder / TASK_FOLDER / place.name).resolve()
-    return with_value(spec, "camera.renderer", "carla"), {
-        "carla": str(address),
-        "map_file": str(map_file),
-    }
+    return {"carla": str(address), "map_file": str(map_file)}
 
 
 def _nodes(spec: RunSpec) -> list[str]:

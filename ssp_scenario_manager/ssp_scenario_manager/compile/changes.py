@@ -23,7 +23,9 @@ from ssp_scenario_manager.event_spec.log import Record
 
 # What belongs to one run, and what says which versions and what kind of site it was made for: never
 # a change on site.
-OF_THE_RUN = frozenset({"run_id", "seed", "mode", "session_token", "declaring", "camera.renderer"})
+OF_THE_RUN = frozenset(
+    {"run_id", "seed", "mode", "session_token", "declaring", "camera.renderer", "plant"}
+)
 LINKS = frozenset(
     {
         "schema",

@@ -197,6 +197,11 @@ class RunClient:
         topic = self.node.resolve_topic_name(names.CAMERA_IMAGE)
         return bool(self.node.count_publishers(topic))
 
+    def plant_is_there(self) -> bool:
+        """Tell whether a world whose plant is CARLA's has said so, which it does once all stand."""
+        topic = self.node.resolve_topic_name(names.WORLD_PLANT)
+        return bool(self.node.count_publishers(topic))
+
     def load(self, run_file: str) -> None:
         """Asks the manager to load a run without beginning it; ``loaded`` has its answer."""
         request = LoadScenario.Request(run_file=run_file, session_token=self._token)

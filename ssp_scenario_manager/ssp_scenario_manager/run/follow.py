@@ -37,8 +37,8 @@ END_TIMEOUT_S = 20.0
 STANDSTILL_S = 20.0
 # A session doesn't begin before its camera can draw. The first start in a checkout compiles the
 # kernels: some 20 s on a quiet machine, two minutes seen where seven others were at work.
-CAMERA_S = 300.0
-CAMERA_TOLD_S = 5.0
+SLOW_START_S = 300.0
+SLOW_START_TOLD_S = 5.0
 FIRST_START = "its first start in a checkout compiles the camera's kernels (once, about 20 s)"
 # Beyond the heartbeat's limit, for an object to say on the wall's clock that it was passed.
 NOTICED_S = 0.5
@@ -146,7 +146,10 @@ class _Following:
         if faults.strikes_armed(self._spec):
             self._by_hand = StepwiseClient(self._client.node, self._spec, str(run_file))
         failure = (
-            self._wait_for_manager() or self._wait_for_camera() or self._wait_for_others_to_go()
+            self._wait_for_manager()
+            or self._wait_for_camera()
+            or self._wait_for_plant()
+            or self._wait_for_others_to_go()
         )
         if failure is not None:
             return Followed(failure)
@@ -189,18 +192,30 @@ class _Following:
         """
         if names.FRONT_CAMERA not in self._group.processes:
             return None
+        who, is_there = names.FRONT_CAMERA, self._client.camera_is_there
+        return self._wait_for(is_there, f"{who} could not draw", f"{who}; {FIRST_START}")
+
+    def _wait_for_plant(self) -> RunOutcome | None:
+        """Wait until CARLA's vehicles stand at their starts, as ``_wait_for_camera``."""
+        if self._spec.plant == "bodies":
+            return None
+        text = "CARLA, which measures how its vehicles answer"
+        is_there = self._client.plant_is_there
+        return self._wait_for(is_there, f"{names.SIL_WORLD} has no vehicles", text)
+
+    def _wait_for(self, is_there: Callable[[], bool], lacks: str, what: str) -> RunOutcome | None:
         began_s, told = time.monotonic(), False
-        while not self._client.camera_is_there():
+        while not is_there():
             self._client.spin(0.05)
             if (failure := self._failed_before("did not come up: ")) is not None:
                 return failure
             waited_s = time.monotonic() - began_s
-            if waited_s > CAMERA_S:
-                reason = f"{names.FRONT_CAMERA} could not draw within {CAMERA_S:g} s; {FIRST_START}"
+            if waited_s > SLOW_START_S:
+                reason = f"{lacks} within {SLOW_START_S:g} s; waited for {what}"
                 return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
-            if waited_s > CAMERA_TOLD_S and not told:
+            if waited_s > SLOW_START_TOLD_S and not told:
                 told = True
-                self._say(f"waiting for {names.FRONT_CAMERA}; {FIRST_START}")
+                self._say(f"waiting for {what}")
         return None
 
     def _failed_before(self, word: str = "") -> RunOutcome | None:

@@ -87,7 +87,7 @@ def run_session(
     page_port: int | None = None,
     video: str | None = None,
     shadows: Sequence[Companion] = (),
-    camera: Mapping[str, object] = MappingProxyType({}),
+    carla: Mapping[str, Mapping[str, object]] = MappingProxyType({}),
 ) -> RunResult:
     """Runs one session in processes of its own and leaves run.yaml, bag, logs and result.json.
 
@@ -100,7 +100,7 @@ def run_session(
         page_port: of the operators' page beside it, 0: any; None: no page.
         video: codec that the recorder encodes the camera's frames with; None: frames as they come.
         shadows: models that follow it in shadow mode; their answers are recorded.
-        camera: further parameters of front_camera.
+        carla: further parameters of the nodes that speak to a CARLA server, by node.
 
     Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
     bag, which an evaluation reads beside what the bag itself says. On a full disk the result alone
@@ -125,8 +125,8 @@ def run_session(
         nodes[names.MONITOR]["video"] = video
     if shadows:
         nodes[names.MONITOR]["include"] = RECORDED
-    if camera:
-        nodes[names.FRONT_CAMERA].update(camera)
+    for name, further in carla.items():
+        nodes[name].update(further)
     faults.check(spec, nodes)
     spec = faults.with_conditions_never_met(spec)
     spec = spec.model_copy(
