@@ -162,11 +162,11 @@ def test_a_failure_ends_the_run_with_its_reason(
 def test_runs_that_carla_cannot_draw_are_refused_beforehand(task: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     for arguments, words in (
-        ((task, "--mode", "realtime"), "CARLA draws in lockstep only"),
+        ((task, "--mode", "realtime"), "CARLA draws and moves in lockstep only"),
         (("cut_in", "--site", "boulevard"), "no CARLA server has that map"),
     ):
         done = ssp("run", *arguments, "--camera", "carla://localhost:2000", "--out", out)
         assert done.returncode == 1
         assert words in done.stderr, done.stderr
         assert not out.exists()
-    assert "names no renderer" in ssp("run", task, "--camera", "blender", "--out", out).stderr
+    assert "names neither raster" in ssp("run", task, "--camera", "blender", "--out", out).stderr

@@ -10,10 +10,8 @@ from pathlib import Path
 
 from ssp_core import __version__
 from ssp_core.bag.chain import Maker
-from ssp_core.bag.mcap_file import McapFile
-from ssp_core.bag.metadata import is_latched, usable_qos
+from ssp_core.bag.derived import begin_derived
 from ssp_core.bag.reader import BagReader, content_sha256
-from ssp_core.bag.seal import REPORT_NAME, source_of
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.codec import u32_bytes
@@ -45,8 +43,6 @@ from ssp_eval.twins.files import (
 from ssp_eval.twins.playback import IMAGE, TICK, Factual, Picture, World, decoded, draw
 
 ARRAYS = absolute(OBJECT_STATES)
-# Of the recorder, on what it received: a twin was recorded by nobody.
-_LEFT_OUT_ATTACHMENTS = frozenset({REPORT_NAME})
 # So many twins are made at once: the factual frames are drawn once for all of them, and what an
 # interruption loses stays small.
 TOGETHER = 4
@@ -79,9 +75,7 @@ def make_twins(
         writers = [
             stack.enter_context(BagWriter(folder / "bag", maker=Maker.TWIN)) for folder in folders
         ]
-        sources = source_of(bag)
         for edit, writer in zip(edits, writers, strict=True):
-            writer.add_sources(sources)
             edit.begin(writer)
         with closing(_Frames(factual, edits)) as frames:
             for message in bag.messages():
@@ -200,22 +194,8 @@ class _Edit:
 
     def begin(self, writer: BagWriter) -> None:
         """Announces the topics, and attaches what the factual bag holds and what the twin is."""
-        for file in self._bag.files:
-            part = McapFile(file)
-            for index in part.summary.attachment_indexes:
-                data = part.attachment(index.name)
-                if data is not None and index.name not in _LEFT_OUT_ATTACHMENTS:
-                    writer.attach(index.name, data, index.media_type)
         identity = self.identity.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
-        writer.attach(TWIN_FILE, identity, "application/json")
-        for name, info in self._bag.topics.items():
-            writer.add_topic(
-                name,
-                info.msgtype,
-                usable_qos(info.offered_qos),
-                written=self._bag.definition(name),
-                latched=is_latched(info.offered_qos),
-            )
+        begin_derived(writer, self._bag, {TWIN_FILE: identity})
 
     @property
     def identity(self) -> TwinIdentity:

@@ -24,7 +24,6 @@ from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.hashing import canonical_json
-from ssp_core.ros.conversions import fault_event, safety_event
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import SessionPhase

@@ -337,14 +337,12 @@ def _with_carla(
             spec = with_value(spec, "camera.renderer", renderer)
     if _asks_carla("--plant", plant, "bodies", spec.plant):
         found[names.SIL_WORLD] = _server("--plant", plant, spec, task, folder)
-    servers = [one["carla"] for one in found.values()]
-    if len(set(servers)) < len(servers):
+    if len(found) > 1:
         raise InputError(
-            "is the server of --camera too, and one client ticks a server",
+            "goes without --camera carla://…: one client ticks a server",
             field="--plant",
             value=plant,
-            remedy="name another server, or leave --camera out and have the recording drawn by "
-            "`ssp draw`",
+            remedy="leave --camera out, and have the recording drawn by `ssp draw` afterwards",
         )
     moves = "carla" if names.SIL_WORLD in found else "bodies"
     return spec.model_copy(update={"plant": moves}), found
