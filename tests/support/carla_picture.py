@@ -20,6 +20,8 @@ _ID_BITS, _PLACE_BITS, _YAW_BITS = 12, 26, 16
 _FRAME_BITS = 40
 _PLACE_MM, _YAW_DEG = 1e-3, 0.01
 _GROUND_BGR, _SKY_BGR = (96, 100, 98), (215, 200, 180)
+_BAND_BGR = (240, 240, 240)
+_BANDS = ((0.3, 0.4), (0.5, 0.6), (0.7, 0.8), (0.86, 0.93))
 _NEAR_M = 0.1
 # One colour for each kind of body, in blue, green, red.
 COLOURS = {
@@ -132,7 +134,14 @@ def _fill(picture: Any, points: Any, colour: tuple[int, int, int]) -> None:
     inside = np.ones((bottom + 1 - top, right + 1 - left), bool)
     for (ax, ay), (bx, by) in zip(hull, np.roll(hull, -1, axis=0), strict=True):
         inside &= (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0.0
-    picture[top : bottom + 1, left : right + 1][inside] = (*colour, 255)
+    part = picture[top : bottom + 1, left : right + 1]
+    part[inside] = (*colour, 255)
+    # Bands across the body, by its own height in the picture, so that it moves as a whole.
+    share = (y - hull[:, 1].min()) / max(float(np.ptp(hull[:, 1])), 1e-9)
+    bands = np.zeros_like(share, bool)
+    for low, high in _BANDS:
+        bands |= (share >= low) & (share < high)
+    part[inside & bands] = (*_BAND_BGR, 255)
 
 
 def _bits(value: int, count: int) -> list[int]:
