@@ -78,6 +78,6 @@ def test_a_session_of_carla_is_admitted_beside_clip_and_raster_and_scored(
     assert bodies["synthetic"] is bodies["physical"] is None
     assert bodies["simulation"]["body of ot1"] == told["body of ot1"]
     succeed("report", out)
-    page = (out / "report.html").read_text()
+    page = (out / "index.html").read_text()
     assert "CARLA drew or moved cut_in in simulation" in page
     assert told["body of ot1"] in page

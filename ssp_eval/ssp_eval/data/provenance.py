@@ -307,6 +307,10 @@ class Provenance:
     @property
     def renderer(self) -> str | None:
         """Name what drew the pictures; None where a camera took them, or it is not stated."""
+        if self.scene is not None and self.scene.counterpart:
+            return COUNTERPART
+        if self.drawn is not None:
+            return CARLA
         if self.imported is not None:
             made_by = self.imported.generator
             if made_by.startswith(_OUR_CLIPS):
@@ -314,10 +318,6 @@ class Provenance:
             return None if made_by == "unknown" else made_by
         if self.run is None or self.participation is None:
             return None
-        if self.scene is not None and self.scene.counterpart:
-            return COUNTERPART
-        if self.drawn is not None:
-            return CARLA
         if self.run.mode == "live" and not self.run.stand_in:
             return OUR_RENDERER if CAMERA in self.participation.substitutes else None
         camera = self.run.camera
@@ -547,6 +547,7 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
     declared = record.declaration
     names = ", ".join(record.accepted_names)
     accepted = f", accepted as it is: {names}" if names else ""
+    drawn, scene = _told_drawn(bag), _told_server(bag, CAMERA_RENDERER, CarlaScene)
     return Provenance(
         name=bag_folder(bag.path).name,
         bag_sha256=digest,
@@ -554,8 +555,9 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
         domain=record.domain,
         domain_said_by="declared by nobody" if declared is None else declared.text,
         event_version=record.event_version,
-        origin=f"{kind} {record.source_name}, {crop}, made by {record.generator}{accepted}",
-        stand_in=False,
+        origin=f"{kind} {record.source_name}, {crop}, made by {record.generator}{accepted}"
+        + ("" if drawn is None else f", {drawn.text}"),
+        stand_in=drawn is not None and record.domain == "physical",
         ego=record.ego.provenance,
         camera=record.camera.provenance,
         verdict=None,
@@ -564,6 +566,9 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
         session_start_ns=None,
         run=None,
         imported=record,
+        drawn=drawn,
+        scene=scene,
+        probe=None if scene is None else _told_probe(bag_folder(bag.path)),
     )
 
 

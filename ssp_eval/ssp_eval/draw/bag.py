@@ -65,7 +65,7 @@ def write_drawn(
 
 
 def _changes(recorded: Recorded, pictures: Pictures) -> dict[str, Callable[[bytes], bytes | None]]:
-    """What becomes of a message of each topic that changes; None: the new bag lacks it."""
+    """Give the change of each topic that has one; it gives None for a message that is left out."""
     lens = intrinsics(recorded.camera)
     mounted = encode_transform(mount(recorded.camera))
 

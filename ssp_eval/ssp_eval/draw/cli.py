@@ -82,7 +82,7 @@ def draw(recording: Path, camera_text: str, map_file: Path | None, out: Path, as
             if pictures.server is None:
                 raise InputError("has no frame at which a state of the VUT is known", file=source)
             drawn = Drawn(
-                of=recorded.run.run_id,
+                of=recorded.name,
                 of_sha256=recorded.facts.bag_sha256,
                 map_file=wanted.name,
                 map_sha256=sha256,
@@ -160,9 +160,8 @@ def _draw(recorded: Recorded, pictures: Pictures, address: CarlaAddress, sha256:
             for index, (stamp_ns, scene) in enumerate(scenes(recorded)):
                 if not pictures.has(stamp_ns):
                     if painter is None:
-                        painter = CarlaPainter(
-                            recorded.run, recorded.camera, address, sha256, tell, scene.vut.pose
-                        )
+                        shooting = recorded.shooting(scene)
+                        painter = CarlaPainter(shooting, address, sha256, tell)
                     picture = painter.draw(scene, stamp_ns, index)
                     pictures.put(stamp_ns, jpeg(picture, recorded.camera.jpeg_quality))
                 count += 1

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+
+import numpy as np
 
 from ssp_core.bag.reader import BagReader, object_states
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.cdr.steps import decode_tick
-from ssp_core.clock import seconds_to_ns
+from ssp_core.clock import NS_PER_S, seconds_to_ns
 from ssp_core.errors import InputError
+from ssp_core.files import parse_model
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
-from ssp_core.run_file.model import Camera, RunSpec
-from ssp_eval.data.provenance import Provenance
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.road import Road
+from ssp_eval.data.provenance import Participants, Provenance
+from ssp_eval.recordings.clip import Clip
 from ssp_eval.recordings.states import STATE_AGE_S
 from ssp_ot_controller.camera.frames import Odometer
+from ssp_ot_controller.camera.painter import Shooting
 from ssp_ot_controller.camera.redraw import Redrawing
 from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
 
@@ -34,9 +41,31 @@ class Recorded:
 
     bag: BagReader
     facts: Provenance
-    run: RunSpec
+    people: Participants
+    road: Road
     camera: Camera
     frames_ns: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Name the recording, for people."""
+        return self.facts.name if self.facts.run is None else self.facts.run.run_id
+
+    def shooting(self, first: Scene) -> Shooting:
+        """Describe the world before CARLA's camera.
+
+        Nobody knows weather and light of an import: it is drawn by day in dry weather.
+        """
+        if self.facts.run is not None:
+            return Shooting.of_run(self.facts.run, self.camera, first.vut.pose)
+        return Shooting(
+            camera=self.camera,
+            frame_s=1.0 / self.camera.rate_hz,
+            look=Look(),
+            objects={s.object_id: (s.object_class, s.size) for s in first.others},
+            vut_size=first.vut.size,
+            start=first.vut.pose,
+        )
 
 
 def read_recorded(bag: BagReader, facts: Provenance) -> Recorded:
@@ -51,16 +80,49 @@ def read_recorded(bag: BagReader, facts: Provenance) -> Recorded:
             f"isn't as it was recorded: {made}", file=bag.path,
             remedy="give the recording that it was made of",
         )  # fmt: skip
-    run = facts.run
-    if run is None or run.camera is None:
-        raise InputError(
-            "is no session with a camera, so that nothing says where a camera would stand",
-            file=bag.path, field="camera", remedy="give a recording of `ssp run`",
-        )  # fmt: skip
+    people, road = facts.participants, facts.road
+    for known, what, remedy in (
+        (people, "no states of VUT and objects", "give a recording with states"),
+        (road, "no road", "bind one: `ssp import-bag --site MAP`"),
+    ):
+        if known is None:
+            raise InputError(f"has {what}, so that there is nothing to draw", file=bag.path,
+                             remedy=remedy)  # fmt: skip
     frames_ns = sorted({peek_stamp_ns(message.data) for message in bag.messages([IMAGE])})
     if not frames_ns:
         raise InputError("has no frames, whose stamps are drawn", file=bag.path, field=IMAGE)
-    return Recorded(bag, facts, run, run.camera, tuple(frames_ns))
+    camera = _imported_camera(bag, frames_ns) if facts.run is None else facts.run.camera
+    if camera is None or people is None or road is None:
+        raise InputError(
+            "says nowhere where its camera stood and how it saw", file=bag.path, field="camera",
+            remedy="give a recording of `ssp run`, or import one with its camera's geometry",
+        )  # fmt: skip
+    return Recorded(bag, facts, people, road, camera, tuple(frames_ns))
+
+
+def _imported_camera(bag: BagReader, frames_ns: Sequence[int]) -> Camera | None:
+    """A pinhole camera like that of an import; CARLA's has square pixels and a central axis.
+
+    Raises:
+        InputError: CARLA's camera can't be like it.
+    """
+    clip = Clip(bag.path)
+    try:
+        optics = clip.optics
+    finally:
+        clip.close()
+    if optics is None:
+        return None
+    lens, mount = optics.lens, optics.mounting
+    apart_s = float(np.median(np.diff(frames_ns))) / NS_PER_S if len(frames_ns) > 1 else 0.1
+    told = {
+        "width_px": lens.width_px,
+        "height_px": lens.height_px,
+        "hfov_deg": math.degrees(2.0 * math.atan(0.5 * lens.width_px / lens.fx_px)),
+        "rate_hz": 1.0 / apart_s,
+        **{field.name: getattr(mount, field.name) for field in fields(mount)},
+    }
+    return parse_model(Camera, told, f"{bag.path}: camera")
 
 
 def scenes(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
@@ -72,7 +134,10 @@ def scenes(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
 
 def _of_world(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
     """Scenes of a simulated world, step by step, as its camera saw them."""
-    camera, wanted = Redrawing(recorded.run), set(recorded.frames_ns)
+    run = recorded.facts.run
+    if run is None:
+        raise InputError("has a simulated world and no run", file=recorded.bag.path, field=TICK)
+    camera, wanted = Redrawing(run), set(recorded.frames_ns)
     for message in recorded.bag.messages([TICK]):
         try:
             tick = decode_tick(message.data)
@@ -87,20 +152,20 @@ def _of_world(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
 
 def _of_reports(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
     """Scenes of what VUT and object targets reported, each carried on to the frame's stamp."""
-    run = recorded.run
-    ids = [run.vut.id, *(target.id for target in run.targets)]
+    people, road = recorded.people, recorded.road
+    ids = [people.vut, *people.targets]
     found = object_states(recorded.bag, ids)
     rows = {name: _Reports([s for s in states if s.is_finite]) for name, states in found.items()}
-    odometer, indicators = Odometer(), Indicators(run.road)
+    odometer, indicators = Odometer(), Indicators(road)
     for stamp_ns in recorded.frames_ns:
         known = [rows[name].at(stamp_ns) for name in sorted(rows)]
         states = tuple(state for state in known if state is not None)
-        vut = next((state for state in states if state.object_id == run.vut.id), None)
+        vut = next((state for state in states if state.object_id == people.vut), None)
         if vut is None:
             continue
         odometer.update(states)
         blinking = indicators.update(states, stamp_ns)
-        yield stamp_ns, Scene(run.road, vut, states, odometer.snapshot(), blinking)
+        yield stamp_ns, Scene(road, vut, states, odometer.snapshot(), blinking)
 
 
 class _Reports:

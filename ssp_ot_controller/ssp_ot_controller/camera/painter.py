@@ -7,7 +7,8 @@ where everything is, runs one frame, and sends what its camera saw in that frame
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ssp_core.carla.address import CarlaAddress
@@ -21,7 +22,7 @@ from ssp_core.carla.sensor import camera_attributes, weather_of
 from ssp_core.errors import PeerError
 from ssp_core.geometry import Pose2
 from ssp_core.motion.state import ObjectState, Size
-from ssp_core.run_file.model import Camera, RunSpec
+from ssp_core.run_file.model import Camera, Look, RunSpec
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.camera.frames import steps_per_frame
 from ssp_ot_controller.camera.kernels.jit import Array
@@ -78,6 +79,46 @@ class RasterPainter:
         return []
 
 
+@dataclass(frozen=True)
+class Shooting:
+    """The world before CARLA's camera.
+
+    Args:
+        frame_s: from one picture to the next.
+        objects: class and size of those that are known beforehand, by id.
+        vut_size: of the VUT, which carries the camera.
+        start: of the VUT at the first picture, for the camera's exposure.
+        triggers: for the record.
+    """
+
+    camera: Camera
+    frame_s: float
+    look: Look
+    objects: Mapping[str, tuple[ObjectClass, Size]]
+    vut_size: Size
+    start: Pose2
+    seed: int = 0
+    triggers: Sequence[Mapping[str, Any]] = ()
+
+    @classmethod
+    def of_run(cls, run: RunSpec, camera: Camera, start: Pose2 | None = None) -> Shooting:
+        """Describe the world before a run's camera.
+
+        Args:
+            start: where the first picture isn't the run's first.
+        """
+        return cls(
+            camera=camera,
+            frame_s=steps_per_frame(camera.rate_hz, run.step_s) * run.step_s,
+            look=run.look,
+            objects={target.id: (target.cls, target.size) for target in run.targets},
+            vut_size=run.vut.size,
+            start=start or run.vut.start.pose,
+            seed=run.seed,
+            triggers=[one.model_dump(mode="json") for one in run.triggers],
+        )
+
+
 class CarlaPainter:
     """CARLA's camera in an empty world of the run's map, which this alone ticks.
 
@@ -85,10 +126,8 @@ class CarlaPainter:
     it. The other objects are bodies of the nearest size, without physics.
 
     Args:
-        run: with a camera, in lockstep.
         map_sha256: of the OpenDRIVE that the run was compiled for.
         on_record: takes ``record`` whenever it changes.
-        start: of the VUT at the first picture, for the camera's exposure; None: the run's.
 
     Raises:
         HostError: CARLA's client isn't installed.
@@ -97,15 +136,12 @@ class CarlaPainter:
 
     def __init__(
         self,
-        run: RunSpec,
-        camera: Camera,
+        shooting: Shooting,
         address: CarlaAddress,
         map_sha256: str,
         on_record: Callable[[Mapping[str, Any]], None],
-        start: Pose2 | None = None,
     ) -> None:
-        self._run, self._camera, self._on_record = run, camera, on_record
-        self._frame_s = steps_per_frame(camera.rate_hz, run.step_s) * run.step_s
+        self._camera, self._look, self._on_record = shooting.camera, shooting.look, on_record
         self._bodies: dict[str, ChosenBody] = {}
         self._sizes: dict[str, Size] = {}
         self._actors: dict[str, int] = {}
@@ -113,15 +149,16 @@ class CarlaPainter:
         try:
             facts = self._server.accept(map_sha256)
             self._ground = self._server.ground()
-            self._server.take_over(self._frame_s)
+            self._server.take_over(shooting.frame_s)
             self._server.freeze_traffic_lights()
-            weather = self._server.set_weather(weather_of(run.look))
+            weather = self._server.set_weather(weather_of(shooting.look))
             self._offer = Offer(self._server)
-            for target in run.targets:
-                self._add(target.id, ObjectClass[target.object_class.upper()], target.size)
-            eye = camera_pose(start or run.vut.start.pose, run.vut.size, camera, self._ground)
+            for name, (object_class, size) in shooting.objects.items():
+                self._add(name, object_class, size)
+            camera = shooting.camera
+            eye = camera_pose(shooting.start, shooting.vut_size, camera, self._ground)
             self._eye = self._server.start_camera(camera_attributes(camera), eye)
-            for _ in range(math.ceil(_EXPOSURE_S / self._frame_s)):
+            for _ in range(math.ceil(_EXPOSURE_S / shooting.frame_s)):
                 self._server.tick()
             self._record: dict[str, Any] = {
                 "schema": SCENE_SCHEMA,
@@ -131,14 +168,14 @@ class CarlaPainter:
                 "map_name": facts.map_name,
                 "map_sha256": facts.map_sha256,
                 "synchronous": True,
-                "step_s": self._frame_s,
+                "step_s": shooting.frame_s,
                 "first_frame": self._server.tick(),
-                "seed": run.seed,
+                "seed": shooting.seed,
                 "rate_hz": camera.rate_hz,
                 "camera": self._eye.attributes,
                 "settings": self._server.settings(),
                 "weather": weather,
-                "triggers": [one.model_dump(mode="json") for one in run.triggers],
+                "triggers": list(shooting.triggers),
                 "counterpart": self._server.is_counterpart(),
             }
             self._server.set_timeout(_FRAME_TIMEOUT_S)
@@ -199,7 +236,7 @@ class CarlaPainter:
         pose = vehicle_pose(state.pose, state.size, box, self._ground)
         if state.object_class not in _WITH_LIGHTS:
             return Placement(actor, pose)
-        lights = _LOW_BEAM if self._run.look.light == "dusk" else 0
+        lights = _LOW_BEAM if self._look.light == "dusk" else 0
         lights |= _BRAKE if state.acceleration_mps2 < BRAKE_MPS2 else 0
         side = scene.indicators.get(state.object_id)
         if side is not None and is_lit(stamp_ns):

@@ -31,7 +31,7 @@ from ssp_core.run_file.model import Camera, RunSpec, load_run
 from ssp_core.world.scenery import left_out
 from ssp_msgs.msg import StepDone, WorldTick
 from ssp_ot_controller.camera.frames import Odometer, Schedule, jpeg, steps_per_frame
-from ssp_ot_controller.camera.painter import CarlaPainter, Painter, RasterPainter
+from ssp_ot_controller.camera.painter import CarlaPainter, Painter, RasterPainter, Shooting
 from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
 from ssp_ot_controller.ros.endpoints import CameraPublishers
 from ssp_ot_controller.ros.parameters import FRONT_CAMERA
@@ -103,7 +103,8 @@ class FrontCamera(Node):
             said.publish(String(data=canonical_json(record).decode()))
 
         wanted = opendrive_sha256(read_map(map_file))
-        return CarlaPainter(run, camera, parse_address(carla, "carla"), wanted, tell)
+        shooting = Shooting.of_run(run, camera)
+        return CarlaPainter(shooting, parse_address(carla, "carla"), wanted, tell)
 
     def _on_tick(self, tick: steps.WorldTick) -> None:
         states = tuple(s for s in tick.objects if s.is_finite)

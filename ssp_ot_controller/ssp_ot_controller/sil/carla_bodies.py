@@ -231,7 +231,7 @@ class CarlaBodies:
         return {name: found[name] for name in bodies}
 
     def _read(self, name: str, before: BodyState, brake: float, curvature_1pm: float) -> BodyState:
-        """A vehicle in the newest frame.
+        """Read a vehicle in the newest frame.
 
         Raises:
             PeerError: it is gone, or fell off the road, or over.
