@@ -1,4 +1,4 @@
-"""What actors are told for the next frame, and CARLA's commands for it."""
+"""Orders to actors for the next frame, and CARLA's commands for them."""
 
 from __future__ import annotations
 
