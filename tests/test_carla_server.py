@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from ssp_core.carla.probe_report import load_report
+from ssp_core.cli import main
 from support.carla_catalogue import BODIES, Body
 from support.carla_commands import client, left_as_found, refused, ssp
 from support.carla_counterpart import EMPTY_XODR, Behaviour, Counterpart
@@ -115,6 +116,29 @@ def test_the_map_is_held_against_a_file(tmp_path: Path) -> None:
     for told in refusals[:2]:
         refused(told, "Carla/Maps/Town01 has OpenDRIVE sha256:", "compile it for this one")
     refused(refusals[2], "none.xodr: can't be read: No such file")
+
+
+_GENERATE = """
+import carla, sys
+client = carla.Client("127.0.0.1", int(sys.argv[1]))
+client.set_timeout(60.0)
+built = carla.OpendriveGenerationParameters()
+world = client.generate_opendrive_world(open(sys.argv[2]).read(), built)
+print(world.get_map().name)
+"""
+
+
+def test_a_world_that_carla_makes_of_our_exported_map_is_accepted_for_it(tmp_path: Path) -> None:
+    """Of docs/carla.md, *A site in CARLA*: what CARLA's config.py -x does, by the real client."""
+    exported, chart = tmp_path / "exported", tmp_path / "exported" / "boulevard.xodr"
+    compiling = ("compile", "vru_crossing", "--site", "boulevard", "--target", "carla")
+    assert main([*compiling, "--out", str(exported)]) == 0
+    with Counterpart() as server:
+        asked = ("doctor", "--carla", server.address, "--map", chart)
+        refused(ssp(asked)[0], "has OpenDRIVE")
+        assert client("-c", _GENERATE, str(server.port), str(chart)).endswith("OpenDriveMap\n")
+        ((status, text),) = ssp(asked)
+        assert (status, "a run would be accepted" in text) == (0, True), text
 
 
 def test_no_server() -> None:

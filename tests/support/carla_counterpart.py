@@ -141,6 +141,7 @@ class Counterpart:
         self._held: list[tuple[int, bytes, int]] = []
         self._episode, self._next_id = 7, 20
         self._cues = 0
+        self._loaded = ""
         self._state = threading.RLock()
         self._cue = threading.Condition(self._state)
         self._streams: dict[int, list[socket.socket]] = {}
@@ -288,6 +289,17 @@ class Counterpart:
 
     def _on_get_map_data(self, _: bool) -> Any:
         return self._ok(self.behaviour.xodr)
+
+    def _on_copy_opendrive_to_file(self, _: bool, text: str, built: list[Any]) -> Any:
+        _needs(len(built) == 7, "a world of OpenDRIVE is built by 7 parameters")
+        self._loaded = text
+        return [[False]]
+
+    def _on_load_new_episode(self, _: bool, name: str, reset: bool, layers: int) -> Any:
+        _needs(name == "OpenDriveMap" and bool(self._loaded), "only a world of OpenDRIVE is loaded")
+        self.behaviour.map_name, self.behaviour.xodr = f"Carla/Maps/{name}", self._loaded
+        self._episode += 1
+        return [[False]]
 
     def _on_get_actor_definitions(self, _: bool) -> Any:
         return self._ok(self._definitions)
