@@ -21,14 +21,16 @@ from ssp_core.errors import HostError, PeerError
 
 # In the order in which the data flow.
 BENCHMARKS = (
-    "topology", "wire", "consistency", "dispatch", "iso", "sil", "sil_in_process", "carla_camera",
+    "topology", "wire", "consistency", "dispatch", "iso", "sil", "sil_in_process", "carla",
     "recorder", "recording", "seek", "replay", "memory", "scoring", "analysis", "extraction",
     "page", "report_page", "growth",
 )  # fmt: skip
 # These show a page in a browser, which isn't installed with the project.
 NEED_BROWSER = ("report_page",)
 # This one speaks to CARLA's client, which is an extra.
-NEED_CARLA = ("carla_camera",)
+NEED_CARLA = ("carla",)
+# A file carla.py would stand in the way of the client of that name.
+FILES = {"carla": "carla_camera"}
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # A benchmark that missed a limit is measured this often in all.
 MOST_RUNS = 3
@@ -67,6 +69,11 @@ class Figure:
         return "ok"
 
 
+def file_of(name: str) -> str:
+    """Name the file of a benchmark."""
+    return f"{FILES.get(name, name)}.py"
+
+
 def run_benchmark(folder: Path, name: str, long: bool) -> list[dict[str, Any]]:
     """The figures of one run of a benchmark.
 
@@ -75,7 +82,7 @@ def run_benchmark(folder: Path, name: str, long: bool) -> list[dict[str, Any]]:
     """
     path = os.pathsep.join(filter(None, (str(folder.parent), os.environ.get("PYTHONPATH"))))
     done = subprocess.run(
-        [sys.executable, f"{name}.py"], cwd=folder, capture_output=True, text=True, check=False,
+        [sys.executable, file_of(name)], cwd=folder, capture_output=True, text=True, check=False,
         env={**os.environ, "PYTHONPATH": path, "SSP_BENCH_LONG": "1" if long else ""},
     )  # fmt: skip
     if done.returncode != 0:
