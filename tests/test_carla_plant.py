@@ -15,15 +15,17 @@ from typing import Any
 
 import pytest
 
+from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
 from ssp_ot_controller.control.pedals import Pedals, Response, first_order, response_problems
+from ssp_scenario_manager.run.sweep import for_one_process
 from support.carla_commands import client, left_as_found
 from support.carla_counterpart import EMPTY_XODR, Behaviour, Counterpart
 from support.carla_physics import Drive, Physics
 from support.carla_picture import Pose
-from tests.support.worlds import small_world
+from tests.support.worlds import CAMERA, small_world
 
 CAR, DT = ObjectClass.CAR, 0.02
 SEEDS = range(20)
@@ -139,6 +141,18 @@ def test_no_run_of_real_objects_has_another_plant() -> None:
     # The default is left out of run files, which stay as they were.
     assert "plant" not in run.model_dump(by_alias=True)
     assert run.model_copy(update={"plant": "carla"}).model_dump()["plant"] == "carla"
+
+
+def test_one_process_neither_draws_nor_moves_by_carla() -> None:
+    run = small_world(camera={**CAMERA, "renderer": "carla"})
+    assert for_one_process(run).camera is None
+    for wrong, camera, field in (
+        (run, True, "camera.renderer"),
+        (run.model_copy(update={"plant": "carla"}), False, "plant"),
+    ):
+        with pytest.raises(InputError, match="one process doesn't speak to") as refused:
+            for_one_process(wrong, camera=camera)
+        assert refused.value.field == field
 
 
 CASES: tuple[tuple[str, Behaviour], ...] = (

@@ -369,7 +369,7 @@ def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
         camera: it is recorded, and keeps its camera.
 
     Raises:
-        InputError: a fault needs processes of their own.
+        InputError: a fault needs processes of their own, or the run a CARLA server.
     """
     for index, fault in enumerate(spec.faults):
         if fault.kind in NEED_PROCESSES:
@@ -379,6 +379,17 @@ def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
                 remedy="leave out --in-process, or this fault",
             )
     kept = spec.camera if camera else None
+    for field, asks in (
+        ("plant", spec.plant == "carla"),
+        ("camera.renderer", kept is not None and kept.renderer == "carla"),
+    ):
+        if asks:
+            raise InputError(
+                "asks a CARLA server, which one process doesn't speak to",
+                field=field,
+                value="carla",
+                remedy="leave out --in-process",
+            )
     return with_conditions_never_met(spec.model_copy(update={"camera": kept, "session_token": ""}))
 
 
