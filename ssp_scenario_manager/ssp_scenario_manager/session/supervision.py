@@ -52,6 +52,7 @@ class LivenessMonitor:
         self._refusals: dict[str, str] = {}
         self._refusal_lasts = False
         self._refused_ns = 0
+        self._table: tuple[RunSpec, SessionPhase, tuple[SignOfLife, ...]] | None = None
 
     def hear(self, who: str, steady_ns: int) -> None:
         self._heard_ns[who] = steady_ns
@@ -153,11 +154,11 @@ class LivenessMonitor:
             steady_ns: now, on the clock of ``hear``.
             stamp_ns: session time, for the events.
         """
-        found = [
-            silent(sign.code, sign.who, self._silence_s(sign, steady_ns), sign.limit_s, stamp_ns)
-            for sign in signs_of_life(spec)
-            if phase in sign.phases and not sign.by_stamp
-        ]
+        found: list[Violation | None] = []
+        for sign in self._watched(spec, phase):
+            silence_s = self._silence_s(sign, steady_ns)
+            if not silence_s <= sign.limit_s:  # what is no number is silent too
+                found.append(silent(sign.code, sign.who, silence_s, sign.limit_s, stamp_ns))
         lost, others = self.recorder_lost, self.other_managers
         detail = "messages lost by the recorder"
         found.append(too_many(SafetyCode.RECORDER, lost, stamp_ns, detail))
@@ -166,6 +167,17 @@ class LivenessMonitor:
             for target in spec.targets:
                 found += self._of_link(spec, target.id, steady_ns, stamp_ns)
         return [violation for violation in found if violation is not None]
+
+    def _watched(self, spec: RunSpec, phase: SessionPhase) -> tuple[SignOfLife, ...]:
+        """Return the signs that are counted by arrival in a phase.
+
+        They are kept, since every look of the watchdog asks for them.
+        """
+        if self._table is None or self._table[0] is not spec or self._table[1] is not phase:
+            signs = signs_of_life(spec)
+            kept = tuple(one for one in signs if phase in one.phases and not one.by_stamp)
+            self._table = spec, phase, kept
+        return self._table[2]
 
     def _silence_s(self, sign: SignOfLife, steady_ns: int) -> float:
         """Seconds since a sign that is counted by arrival, inf before the first."""
