@@ -7,6 +7,8 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -22,6 +24,7 @@ from ssp_core.cli import main
 from ssp_core.motion.state import ObjectState
 from ssp_eval.audit.doubles import _shared
 from ssp_eval.data.provenance import COUNTERPART, read_provenance
+from support.carla_catalogue import BODIES
 from support.carla_commands import PATIENCE_S, left_as_found, refused, ssp
 from support.carla_counterpart import EMPTY_XODR, Actor, Behaviour, Counterpart
 from support.carla_picture import Written, read_picture
@@ -180,6 +183,39 @@ def test_a_drawing_that_was_killed_goes_on_where_it_was(recorded: Path, tmp_path
         left_as_found(server)
         assert server.weather == [-1.0] * 13 + [0.0]
     assert list(pictures(out)) == pictures_of(recorded / "bag")
+
+
+FAILURES: tuple[tuple[Behaviour, str], ...] = (
+    (Behaviour(version="0.9.15"), "the server is CARLA 0.9.15, the client 0.9.16"),
+    (Behaviour(foreign=("walker.pedestrian.0001",)), "1 actors of somebody else"),
+    (Behaviour(synchronous=True), "nobody ticks it: a client died"),
+    (Behaviour(xodr=EMPTY_XODR.replace("lat_0=0", "lat_0=1")), "compile it for this one"),
+    (
+        Behaviour(refused=frozenset(b.blueprint for b in BODIES if b.kind == "truck")),
+        "has no body for a truck: vehicle.carlamotors.carlacola (not spawned)",
+    ),
+    (
+        Behaviour(bodies={b.blueprint: replace(b, extent=(1.0, 0.0, 0.8)) for b in BODIES}),
+        "its box is empty: 2.00 × 0.00 × 1.60 m",
+    ),
+    (Behaviour(vanish_at=("ot1", 10)), "refuses a command for ot1: unable to find actor"),
+    (Behaviour(exit_at=10), "CARLA server"),
+)
+
+
+def test_each_failure_ends_the_drawing_with_its_reason_and_restores(
+    recorded: Path, tmp_path: Path
+) -> None:
+    with ExitStack() as servers:
+        found = [servers.enter_context(Counterpart(b, seed=k)) for k, (b, _) in enumerate(FAILURES)]
+        commands = [drawing(recorded, s, tmp_path / f"out_{k}") for k, s in enumerate(found)]
+        told = ssp(*commands)
+        for server, said, (behaviour, words) in zip(found, told, FAILURES, strict=True):
+            refused(said, words)
+            assert "Traceback" not in said[1]
+            if not behaviour.exit_at:
+                left_as_found(server)
+    assert not list(tmp_path.glob("out_?"))
 
 
 def test_what_cannot_be_drawn_is_refused(

@@ -21,6 +21,7 @@ from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
 from ssp_ot_controller.control.pedals import Pedals, Response, first_order, response_problems
 from ssp_scenario_manager.run.sweep import for_one_process
+from support.carla_catalogue import BODIES
 from support.carla_commands import client, left_as_found
 from support.carla_counterpart import EMPTY_XODR, Behaviour, Counterpart
 from support.carla_physics import Drive, Physics
@@ -167,6 +168,11 @@ CASES: tuple[tuple[str, Behaviour], ...] = (
     ("cut_in", Behaviour(exit_at=900)),
     ("cut_in", Behaviour(falls_at=900)),
     ("cut_in", Behaviour(xodr=EMPTY_XODR.replace("lat_0=0", "lat_0=1"))),
+    ("cut_in", Behaviour(batch_error_at=900)),
+    ("cut_in", Behaviour(refused=frozenset(body.blueprint for body in BODIES))),
+    ("cut_in", Behaviour(foreign=("vehicle.tesla.model3",))),
+    ("cut_in", Behaviour(version="0.9.15")),
+    ("cut_in", Behaviour(stall_at=900)),
 )
 
 
@@ -187,7 +193,7 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
         ]
         told = client("-m", "support.carla_session", str(folder), given=json.dumps(asked))
         for server in found:
-            if not server.behaviour.exit_at:
+            if not server.behaviour.exit_at and not server.behaviour.stall_at:
                 left_as_found(server)
     ended: list[dict[str, Any]] = json.loads(told.splitlines()[-1])
     return ended
@@ -231,6 +237,11 @@ def test_a_vehicle_that_lags_behind_ends_the_run_with_the_limit(
         (7, "CARLA server 127.0.0.1"),
         (8, "is -3.00 m from the road's height"),
         (9, "compile it for this one"),
+        (10, "refuses a command for vut: the actor is busy"),
+        (11, "has no body for a car"),
+        (12, "1 actors of somebody else are in the world"),
+        (13, "the server is CARLA 0.9.15, the client 0.9.16"),
+        (14, "no answer within 8 s"),
     ],
 )
 def test_a_server_that_fails_ends_the_run_with_its_reason(

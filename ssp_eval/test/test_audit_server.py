@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.bag.reader import BagReader
 from ssp_core.carla.probe_report import CarlaProbeReport, write_report
-from ssp_core.carla.record import CarlaScene
+from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
 from ssp_core.errors import InputError
 from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.vocabulary import DOMAINS, ObjectClass
@@ -175,3 +175,40 @@ def test_an_audit_refuses_what_a_counterpart_drew_and_two_bags_of_one_drive(
     found = codes()
     assert [server.CODE in of for of in found] == [False, True, True]
     assert ["same_recording" in of for of in found][1:] == [False, True]
+
+
+def test_a_probe_is_of_the_server_that_was_used(facts: Provenance) -> None:
+    for address, refused, told in (
+        ("", False, False),
+        ("gpu7:2000", False, False),
+        ("gpu7:2001", True, True),
+        # A host may have several names.
+        ("10.0.0.7:2000", False, True),
+    ):
+        one = replace(facts, scene=a_scene(address=address), probe=a_probe())
+        assert words(one) == [
+            f"{PROBE_FILE} is of gpu7:2000, the server was {address}" for _ in range(refused)
+        ]
+        assert ("of gpu7:2000: that" in server_disclosures(one)["probe of CARLA"]) == told
+
+
+def test_what_a_server_moved_is_held_against_its_probe_too(facts: Provenance) -> None:
+    run = facts.run
+    assert run is not None
+    moved = replace(facts, run=run.model_copy(update={"plant": "carla", "camera": None}))
+    assert words(moved) == ["the bag holds no record of the server that moved it"]
+    scene = a_scene().model_dump(by_alias=True)
+    ours = {name: scene[name] for name in scene if name in CarlaPlantRecord.model_fields}
+    response = dict.fromkeys(
+        ("throttle_mps2", "throttle_lag_s", "brake_mps2", "brake_lag_s", "steer_1pm",
+         "steer_lag_s"), 0.5,
+    )  # fmt: skip
+    plant = CarlaPlantRecord.model_validate({**ours, "responses": {"ot1": response}})
+    assert words(replace(moved, plant=plant, probe=a_probe())) == []
+    (found,) = words(replace(moved, plant=plant))
+    assert f"no {PROBE_FILE} lies beside the bag" in found
+    (found,) = words(replace(moved, plant=plant.model_copy(update={"counterpart": True})))
+    assert found == "a stand-in for CARLA in tests moved it, which is no evidence of anything"
+    told = server_disclosures(replace(moved, plant=plant, probe=a_probe()))
+    assert "no two such runs are equal" in told["plant"]
+    assert "full brake 0.50 m/s^2" in told["moved by CARLA: ot1"]
