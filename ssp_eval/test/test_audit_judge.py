@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
+from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.audit.judge import judge
+from ssp_eval.audit.judge import judge, judge_files
 from ssp_eval.audit.recording import read_recording
 from ssp_scenario_manager.event_spec.load import load_event
 
@@ -38,3 +42,24 @@ def test_a_synthetic_session_is_held_against_the_event(make_bag: Callable[..., P
     }
     assert {"topology_differs", "place_differs"} <= codes
     assert [recording.kpr for recording in audit.recordings] == [1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("steps", [3, 4], ids=["before its states are read", "after that"])
+def test_a_bag_that_is_changed_after_its_seal_was_checked_is_refused(
+    steps: int, make_bag: Callable[..., Path]
+) -> None:
+    bags = [make_bag(f"{one}/bag", domain=one, duration_s=1.0) for one in DOMAINS]
+    other = make_bag("other/bag", domain=DOMAINS[0], duration_s=2.0)
+    read = []
+
+    def step() -> None:
+        read.append(1)
+        if len(read) == steps:
+            os.replace(next(other.glob("*.mcap")), next(bags[0].glob("*.mcap")))
+
+    def audit() -> None:
+        for one in judge_files(bags, on_step=step).examined:
+            one.whole.files.check_same()
+
+    with pytest.raises(InputError, match="was changed while it was read"):
+        audit()

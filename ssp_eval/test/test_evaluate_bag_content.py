@@ -50,7 +50,7 @@ def swap(bag: Path, other: Path) -> None:
 
 
 CHANGES: dict[str, Callable[[Path, Path], object]] = {
-    "was changed while it was evaluated": swap,
+    "was changed while it was read": swap,
     "can't be read: No such file": lambda bag, _: the_file(bag).unlink(),
 }
 

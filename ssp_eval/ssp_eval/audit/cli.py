@@ -109,6 +109,8 @@ def audit(
         judged = judge_files(paths, event, limits, lambda: bar.advance(task))
         bar.update(task, description="drawing")
         page = render(judged, lambda _done, _of: bar.advance(task))
+        for one in judged.examined:
+            one.whole.files.check_same()
     make_folder(out)
     value = judged.audit.model_dump(mode="json", by_alias=True)
     write_json(out / AUDIT_FILE, value)

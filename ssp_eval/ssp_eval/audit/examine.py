@@ -86,8 +86,13 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
         event: the K* of the audit, None: there is none at hand.
 
     Raises:
-        InputError: its states can't be used at all.
+        InputError: its states can't be used at all, or it was changed since it was read.
     """
+    with recording.files.watched():
+        return _examine(recording, event, version)
+
+
+def _examine(recording: Recording, event: Event | None, version: str | None) -> Examined:
     one = _subject(recording, event, version)
     coverage, blind = examine_coverage(one)
     pictures = examine_pictures(one)

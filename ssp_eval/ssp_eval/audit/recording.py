@@ -38,7 +38,7 @@ from ssp_eval.data.provenance import (
 )
 from ssp_eval.observations.agreement import Agreement, agree
 from ssp_eval.observations.files import Footage, load_observations
-from ssp_eval.recordings.clip import Clip
+from ssp_eval.recordings.clip import BagFiles, Clip
 from ssp_eval.recordings.event import Crop
 from ssp_eval.recordings.sight import Moments, Optics
 from ssp_eval.recordings.states import (
@@ -239,6 +239,7 @@ class Recording:
     """One recording, read.
 
     Args:
+        files: as they were when its seal was checked.
         start_s: clip time of its beginning, None: it never began.
         end_s: clip time of its last frame, or of its last state where there are no frames.
         frames_s: clip times of the frames from start to end.
@@ -252,6 +253,7 @@ class Recording:
     """
 
     path: Path
+    files: BagFiles
     provenance: Provenance
     start_s: float | None
     end_s: float | None
@@ -328,9 +330,14 @@ class Recording:
 
 @dataclass(frozen=True)
 class Head:
-    """A recording without its frames and states."""
+    """A recording without its frames and states.
+
+    Args:
+        files: as they were before its seal was checked.
+    """
 
     path: Path
+    files: BagFiles
     provenance: Provenance
     attached: Attached
 
@@ -346,7 +353,9 @@ def read_head(path: str | Path) -> Head:
     """
     bag_path = find_bag(Path(path))
     with BagReader(bag_path) as bag:
-        return Head(bag_path, read_provenance(bag), read_attached(bag))
+        files = BagFiles(bag)
+        with files.watched():
+            return Head(bag_path, files, read_provenance(bag), read_attached(bag))
 
 
 def read_recording(path: str | Path, head: Head | None = None) -> Recording:
@@ -357,11 +366,16 @@ def read_recording(path: str | Path, head: Head | None = None) -> Recording:
         head: of it, as it was read before; None: it is read here.
 
     Raises:
-        InputError: it is no recording of this project, or is damaged; an observation file isn't
-            of it, or was changed since it was sealed.
+        InputError: it is no recording of this project, is damaged, or was changed since its seal
+            was checked; an observation file isn't of it, or was changed since it was sealed.
     """
     head = head or read_head(path)
-    bag_path, provenance, attached = head.path, head.provenance, head.attached
+    with head.files.watched():
+        return _recording(head)
+
+
+def _recording(head: Head) -> Recording:
+    bag_path, provenance = head.path, head.provenance
     with BagReader(bag_path) as bag:
         frames_ns = sorted(peek_stamp_ns(m.data) for m in bag.messages([_IMAGE]))
         start_ns = clip_zero_ns(provenance, frames_ns)
@@ -387,6 +401,7 @@ def read_recording(path: str | Path, head: Head | None = None) -> Recording:
     told = [observation for _, observation in observed]
     return Recording(
         path=bag_path,
+        files=head.files,
         provenance=provenance,
         start_s=first_s,
         end_s=last_s,
@@ -398,7 +413,7 @@ def read_recording(path: str | Path, head: Head | None = None) -> Recording:
         phase_events=phase_events,
         safety=tuple(safety),
         optics=optics,
-        attached=attached,
+        attached=head.attached,
         labels=None if labels_file is None else load_labels(labels_file),
         agreement=agree(told, footage.period_s) if told else None,
         observation_files=tuple(file for file, _ in observed),

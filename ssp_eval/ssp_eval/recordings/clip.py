@@ -7,7 +7,7 @@ from array import array
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -54,6 +54,42 @@ class NoQuestion:
     reason: str
 
 
+class BagFiles:
+    """The files of a bag as they were when it was opened."""
+
+    def __init__(self, bag: BagReader) -> None:
+        self._before = {file: _state(file) for file in bag.files}
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Refuses what is read within the block if the bag was changed: it has another hash.
+
+        It is refused for that also where reading it failed, since what is read by the index of
+        another file looks damaged.
+
+        Raises:
+            InputError: naming the file.
+        """
+        try:
+            yield
+        finally:
+            self.check_same()
+
+    def check_same(self) -> None:
+        """Compare size and time of each file with those at the beginning.
+
+        Raises:
+            InputError: naming the file.
+        """
+        for file, before in self._before.items():
+            if _state(file) != before:
+                raise InputError(
+                    "was changed while it was read",
+                    file=file,
+                    remedy="let recordings be while they are read, and give the command again",
+                )
+
+
 class BagContent(Closing):
     """The content of an open bag.
 
@@ -64,8 +100,7 @@ class BagContent(Closing):
     """
 
     def __init__(self, bag: BagReader) -> None:
-        self._bag = bag
-        self._before = [_state(file) for file in bag.files]
+        self._files = BagFiles(bag)
         self._closed = Event()
         self._beside = ThreadPoolExecutor(1)
         self._digest = self._beside.submit(content_sha256, bag, self._go_on)
@@ -89,29 +124,9 @@ class BagContent(Closing):
         with self.watched():
             return self._digest.result()
 
-    @contextmanager
-    def watched(self) -> Iterator[None]:
-        """Refuses what is read within the block if the bag was changed: it has another hash.
-
-        It is refused for that also where reading it failed, since what is read by the index of
-        another file looks damaged.
-
-        Raises:
-            InputError: naming the file.
-        """
-        try:
-            yield
-        finally:
-            self._check_same()
-
-    def _check_same(self) -> None:
-        for file, before in zip(self._bag.files, self._before, strict=True):
-            if _state(file) != before:
-                raise InputError(
-                    "was changed while it was evaluated",
-                    file=file,
-                    remedy="let recordings be while they are evaluated, and give the command again",
-                )
+    def watched(self) -> AbstractContextManager[None]:
+        """Refuses what is read within the block if the bag was changed: see BagFiles."""
+        return self._files.watched()
 
     def close(self) -> None:
         """Ends the hashing at once: after Ctrl-C nobody waits for a hundred gigabytes."""
