@@ -283,6 +283,18 @@ class Provenance:
         )
 
     @property
+    def remark(self) -> str:
+        """Describe what must stand beside its domain, for people; empty: nothing."""
+        if self.stand_in:
+            told = "a software stand-in, not a vehicle"
+        elif self.is_undeclared:
+            told = "undeclared"
+        else:
+            return f"{self.domain} by the word of {self.declared_by}" if self.declared_by else ""
+        part = self.participation
+        return f"{self.domain} is {told}" + ("" if part is None else f": {part.text}")
+
+    @property
     def participants(self) -> Participants | None:
         """Return the participants whose states the bag holds; None without states of object
         targets.

@@ -27,6 +27,7 @@ from ssp_eval.data.provenance import (
     RUN_ATTACHMENT,
     ImportRecord,
     checked_seal,
+    read_provenance,
 )
 from ssp_eval.package.model import FileEntry, Link, Role, object_path
 from ssp_scenario_manager.compile.task import TASK_FILE, TASK_FOLDER, Task, content_hash
@@ -330,9 +331,14 @@ class Index:
                 if (data := bag.attachment(name)) is not None
             }
             frames = _frames(bag)
+            sha256 = digests[0] if len(digests) == 1 else sha256_json(digests)
+            if {RUN_ATTACHMENT, IMPORT_ATTACHMENT} & attachments.keys() and (
+                remark := read_provenance(bag, sha256).remark
+            ):
+                self.notes.append(f"{PurePosixPath(entry.path).parent}: {remark}")
         return Recording(
             entry=entry,
-            sha256=digests[0] if len(digests) == 1 else sha256_json(digests),
+            sha256=sha256,
             attachments=attachments,
             frames=frames,
             run=_parsed(RunSpec, attachments, RUN_ATTACHMENT, entry.path),

@@ -10,6 +10,7 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_bytes, sha256_file
+from ssp_eval.data.provenance import read_provenance
 from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord, parse_records
 from ssp_eval.package.contents import Contents
 from ssp_eval.package.model import Chain, FileEntry, LineRef, Package
@@ -95,7 +96,7 @@ class Walker:
             yield Step("raw output", place, digest, (answer.model_id, _short(text)))
         yield from self._frames(cell, chain)
         bag = self._target(cell.path, "bag")
-        yield self._file("recording", bag)
+        yield Step("recording", bag.path, bag.sha256, self._remarks(cell, bag))
         for kind, what in (("source_video", "source video"), ("task_version", "compiled task")):
             yield from self._version(bag, kind, what)
         yield from self._version(bag, "event_version", "K*")
@@ -103,6 +104,14 @@ class Walker:
             entry = self._linked(cell.path, kind)
             if entry is not None:
                 yield self._file(kind, entry)
+
+    def _remarks(self, cell: FileEntry, bag: FileEntry) -> tuple[str, ...]:
+        """List what must stand beside the domain of a cell's recording."""
+        links = (one for one in self._package.links if one.source == cell.path)
+        digest = next(one.hash for one in links if one.kind == "bag")
+        with self._contents.bag(bag) as reader:
+            remark = read_provenance(reader, digest).remark
+        return (remark,) if remark else ()
 
     def _score(self, cell: FileEntry, chain: Chain) -> Step:
         entry = self._target(cell.path, "score")

@@ -28,6 +28,9 @@ def test_a_score_is_walked_back_to_the_event(
         "K*", "labels", "audit",
     ]  # fmt: skip
     by_kind = {step["what"]: step for step in steps}
+    assert by_kind["recording"]["says"] == [
+        "physical is a software stand-in, not a vehicle: a simulated world (lockstep)"
+    ]
     (version,) = {k.hash for k in load_table(made).links if k.kind == "event_version"}
     assert by_kind["K*"]["sha256"] == version
     assert by_kind["compiled task"]["path"] == "demo/runs/cut_in-physical/task/task.json"
