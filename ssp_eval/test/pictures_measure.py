@@ -203,9 +203,14 @@ def crop(drive: Drive, chance: random.Random) -> Drive:
     return drive.cut(from_s, from_s + chance.uniform(6.0, 9.0))
 
 
+def within(chance: random.Random, sigma: float) -> float:
+    """Draw a normal number, at most two sigma: what is further off is no sound calibration."""
+    return min(max(chance.gauss(0.0, sigma), -2.0 * sigma), 2.0 * sigma)
+
+
 def disturbed(drive: Drive, chance: random.Random, delay_s: float, noise_m: float) -> Drive:
     """States as another system gives them: late, noisy, with an offset of the object."""
-    offset_m = chance.gauss(0.0, noise_m), chance.gauss(0.0, noise_m)
+    offset_m = within(chance, noise_m / 2.0), within(chance, noise_m / 2.0)
     moments = []
     for moment in drive.moments:
         states = {}
@@ -243,8 +248,8 @@ def foreign(drive: Drive, chance: random.Random) -> Drive:
     at = made.optics.mounting
     turned = replace(
         at,
-        pitch_down_rad=at.pitch_down_rad + chance.gauss(0.0, 0.006),
-        yaw_left_rad=at.yaw_left_rad + chance.gauss(0.0, 0.006),
+        pitch_down_rad=at.pitch_down_rad + within(chance, 0.005),
+        yaw_left_rad=at.yaw_left_rad + within(chance, 0.005),
         height_m=at.height_m * chance.uniform(0.95, 1.05),
     )
     return replace(made, optics=replace(made.optics, mounting=turned)).edited(edit)

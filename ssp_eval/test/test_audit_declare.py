@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from ssp_core.bag.append import append_attachment
+from ssp_core.bag.declaration import load_declaration, seal_declaration
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
@@ -99,6 +102,57 @@ def test_what_nobody_declares_is_refused_until_a_person_does(
     assert "undeclared" not in codes(physical)
     assert "by the word of A. Engineer, 2026-03-01, north track" in physical.domain_said_by
     assert physical.declaration_sha256 is not None
+
+
+def recorded(bag: Path, kinds: dict[str, str]) -> Path:
+    """A bag with the report that its recorder leaves on what these participants declared."""
+    rows = [{"name": f"/ssp/declared/{who}", "written": 1} for who in kinds]
+    report = json.dumps({"schema": "ssp.recording/1", "topics": rows}).encode()
+    append_attachment(bag, "recording.json", report, "application/json")
+    return bag
+
+
+@pytest.mark.parametrize("kind", ["real", "simulated"])
+def test_a_word_does_not_stand_for_a_declaration_that_was_taken_out(
+    kind: str, make_bag: BagMaker, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kinds = dict.fromkeys(REAL, kind)
+    bag = recorded(make_bag("phy/bag", domain="physical", declared=kinds), kinds)
+    cut = tmp_path / "cut" / "bag"
+    assert main(["bag", "cut", str(bag), "--exclude", "/ssp/declared/ot1*", "-o", str(cut)]) == 0
+    shutil.copy(bag / "verdict.json", cut)
+    said = word(tmp_path / "word.yaml", ot1="real", ot1__body="real")
+    assert main(["audit", "declare", str(cut), str(said)]) == 1
+    assert "that was taken out of this bag" in " ".join(capsys.readouterr().err.split())
+    # Nor does one that is put there by hand.
+    with BagReader(cut) as reader:
+        run = read_provenance(reader).run
+    assert run is not None
+    seal_declaration(load_declaration(said, run), cut)
+    found = provenance(cut)
+    assert found.participation is not None
+    assert found.participation.lost == ("ot1", "ot1/body")
+    assert not (kind == "real" and found.stand_in)
+    assert found.is_undeclared == (kind == "real")
+    entry = audited(make_bag, cut)
+    if kind == "real":
+        (reason,) = (r for r in entry.reasons if r.code == "undeclared")
+        assert "take the bag as it was recorded: it held the words of ot1, ot1/body" in (
+            reason.detail
+        )
+    else:
+        assert entry.stand_in
+
+
+def test_a_cut_that_keeps_the_declarations_says_the_same(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    bag = recorded(make_bag("phy/bag", domain="physical", declared=REAL), REAL)
+    cut = tmp_path / "cut" / "bag"
+    assert main(["bag", "cut", str(bag), "--end", "1", "-o", str(cut)]) == 0
+    found = provenance(cut).participation
+    assert found is not None
+    assert (found.standing.value, found.lost) == ("real", ())
 
 
 def test_a_word_that_was_changed_or_is_of_another_bag_is_refused(

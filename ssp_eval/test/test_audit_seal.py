@@ -10,7 +10,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from ssp_core.bag.append import append_attachment
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
 from ssp_core.bag.seal import read_seal
 from ssp_core.bag.verdict import UNBOUND, leave_verdict
 from ssp_core.errors import InputError
@@ -67,6 +69,25 @@ def test_a_verdict_without_its_seal_is_refused(bag: Path, make_bag: Callable[...
     (other / "verdict.json").write_bytes((bag / "verdict.json").read_bytes())
     with pytest.raises(InputError, match="is of another recording"):
         read_recording(other)
+
+
+def test_a_session_of_which_nothing_tells_what_it_lacks_is_refused(
+    bag: Path, tmp_path: Path
+) -> None:
+    """What was recovered of a damaged bag is taken where the recorder's report says what was in."""
+    append_attachment(bag, "recording.json", b'{"topics": []}', "application/json")
+    leave_verdict(bag, Verdict.VALID, [], "runner")
+    file = next(bag.glob("*.mcap"))
+    data = bytearray(file.read_bytes())
+    data[data.index(b"\xff\xd8\xff") + 20] ^= 1
+    file.write_bytes(data)
+    recover(bag, tmp_path / "with")
+    assert "damaged: chunk 1" in read_recording(tmp_path / "with").provenance.seal
+    data[data.index(b'{"topics": []}') + 3] ^= 1
+    file.write_bytes(data)
+    recover(bag, tmp_path / "without")
+    with pytest.raises(InputError, match=r"has no recording\.json: nothing tells"):
+        read_recording(tmp_path / "without")
 
 
 def test_a_session_without_seal_and_without_its_recorders_report_is_refused(bag: Path) -> None:

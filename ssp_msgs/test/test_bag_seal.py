@@ -465,6 +465,22 @@ def test_a_verdict_beside_a_bag_alone_is_said(bag: Path) -> None:
     assert UNBOUND in check_bag(bag).remarks
 
 
+def test_nobody_calls_valid_what_was_not_closed(bag: Path, tmp_path: Path) -> None:
+    """Its verdict was cut off, and another one is put beside what was recovered."""
+    leave_verdict(bag, Verdict.INVALID_HARNESS, ["front_camera died"], "runner")
+    file = file_of(bag)
+    last = chunks(file)[-1]
+    file.write_bytes(file.read_bytes()[: last.end])
+    made = tmp_path / "made"
+    recover(bag, made)
+    told = {"schema": "ssp.verdict/1", "verdict": "aborted", "reasons": ["a lost link"]}
+    (made / "verdict.json").write_text(json.dumps(told))
+    assert judged(made) == UNBOUND
+    (made / "verdict.json").write_text(json.dumps({**told, "verdict": "valid", "reasons": []}))
+    with pytest.raises(InputError, match="ends unclosed: no runner calls such a recording valid"):
+        judged(made)
+
+
 def test_a_full_disk_leaves_the_bag_as_it_was(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(descriptor: int, offset: int, length: int) -> None:
         del descriptor, offset, length

@@ -13,6 +13,7 @@ from ssp_core.bag.declaration import SCHEMA, load_declaration, seal_declaration
 from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
+from ssp_core.names import absolute, declared_topic
 from ssp_core.run_file.participation import ParticipantKind
 from ssp_eval.data.provenance import bag_folder, find_bag, read_provenance
 
@@ -44,7 +45,7 @@ def declare(bag: Path, file: Path | None, template: Path | None) -> None:
     if template is not None:
         if template.exists():
             raise InputError("exists already", file=template, remedy="name another file")
-        silent = part.silent or tuple(part.declared)
+        silent = [who for who in part.silent or part.declared if who not in part.lost]
         blank = {"kind": ParticipantKind.REAL.value, "device": "", "serial": ""}
         value = {
             "schema": SCHEMA, "who": "", "date": datetime.now(UTC).date().isoformat(), "place": "",
@@ -59,6 +60,13 @@ def declare(bag: Path, file: Path | None, template: Path | None) -> None:
     if not folder.is_dir():
         raise InputError("is no bag folder", file=path, remedy="name the folder of the bag")
     declaration = load_declaration(file, run)
+    for who in part.lost:
+        if who in declaration.participants:
+            raise InputError(
+                "declared itself when this was recorded, and that was taken out of this bag",
+                file=path, field=absolute(declared_topic(who)),
+                remedy="take the bag as it was recorded, or cut it with this topic",
+            )  # fmt: skip
     written = seal_declaration(declaration, folder)
     console.out.print(f"{written}: declared by {declaration.text}", markup=False)
     with BagReader(path) as reader:

@@ -235,6 +235,9 @@ def _safety(recording: Recording) -> list[Finding]:
     if facts.lacks_verdict:
         found.append(Finding("verdict_missing", NO_VERDICT, math.inf))
     if facts.is_undeclared and facts.participation is not None:
-        silent = ", ".join(facts.participation.silent)
-        found.append(Finding("undeclared", f"{silent}; `ssp audit declare` takes a person's word"))
+        part = facts.participation
+        remedy = "`ssp audit declare` takes a person's word"
+        if part.lost:
+            remedy = f"take the bag as it was recorded: it held the words of {', '.join(part.lost)}"
+        found.append(Finding("undeclared", f"{', '.join(part.silent)}; {remedy}"))
     return found

@@ -409,6 +409,14 @@ def checked_seal(bag: BagReader) -> str:
             file=bag.path,
             remedy="take the bag as it was recorded",
         )
+    damaged = next((one for one in seal.sources if one.is_damaged), None)
+    if damaged is not None and RUN_ATTACHMENT in names and REPORT_NAME not in names:
+        raise InputError(
+            f"was made of {damaged.name}, {damaged.state}, and has no {REPORT_NAME}: nothing tells "
+            "what of the session it lacks",
+            file=bag.path,
+            remedy="take the bag as it was recorded",
+        )
     folder = bag.path if bag.path.is_dir() else bag.path.parent
     unbound = check_verdict(bag, seal, folder)
     return "; ".join(filter(None, (seal.text, *seal.lineage, unbound)))

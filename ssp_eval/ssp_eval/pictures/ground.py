@@ -30,6 +30,8 @@ _LEAST_CELLS = 2000
 FOLLOWED = 0.4
 # At a shorter way the road stands still in the pictures.
 _STILL_M = 0.15
+# Beside an object, in its heights.
+_SHADOW = 0.6
 # In grey levels; frames of a moving camera differ by 0.9 or more.
 _REPEATED_DIFFERENCE = 0.05
 
@@ -127,7 +129,9 @@ def _free(footage: Footage, index: int) -> Grey:
         box = None if name == footage.vut_id else shown_box(view, state)
         if box is not None:
             left, top, right, bottom = (round(edge) for edge in box)
-            mask[max(0, top - 2) : bottom + 6, max(0, left - 2) : right + 3] = 0
+            # Its shadow moves with it.
+            shadow = round(_SHADOW * (bottom - top))
+            mask[max(0, top - 2) : bottom + 6, max(0, left - shadow) : right + shadow + 1] = 0
     return mask
 
 

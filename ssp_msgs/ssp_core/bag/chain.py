@@ -39,6 +39,10 @@ class Maker(StrEnum):
     WRITER = "writer"
 
 
+# In the state of a bag's seal, for people, and of its sources.
+DAMAGED, UNCLOSED = "damaged", "where it ends unclosed"
+
+
 class Ending(StrEnum):
     """Scope of a closing record: a file that another one follows, or the bag."""
 
@@ -63,6 +67,16 @@ class Source:
     state: str
     ends: tuple[str, ...] = ()
     altered: bool = False
+
+    @property
+    def is_damaged(self) -> bool:
+        """True where a part of the bag could not be read."""
+        return self.state.startswith(DAMAGED)
+
+    @property
+    def is_unclosed(self) -> bool:
+        """True where its recorder did not come to close the bag."""
+        return self.state.endswith(UNCLOSED)
 
     def values(self) -> dict[str, str]:
         """Return the values of the record."""

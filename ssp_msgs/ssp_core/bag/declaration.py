@@ -13,8 +13,9 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from ssp_core.bag.reader import BagReader, content_sha256
+from ssp_core.bag.seal import REPORT_NAME
 from ssp_core.errors import InputError
-from ssp_core.files import load_model, write_json
+from ssp_core.files import load_model, parse_mapping, write_json
 from ssp_core.hashing import sha256_json
 from ssp_core.names import absolute, declared_topic
 from ssp_core.run_file.model import RunSpec
@@ -154,6 +155,8 @@ def participation_of(
     topics = {absolute(declared_topic(who)): who for who in declared}
     for message in bag.messages([topic for topic in topics if topic in bag.topics]):
         declared[topics[message.topic]].append(str(bag.decode(message).data))
+    written = written_topics(bag)
+    lost = [who for topic, who in topics.items() if topic in written and not declared[who]]
     word = None
     if bag_sha256 is not None and folder.is_dir():
         word = read_declaration(folder, bag_sha256)
@@ -162,4 +165,19 @@ def participation_of(
         {who: tuple(dict.fromkeys(kinds)) for who, kinds in declared.items()},
         {} if word is None else word.kinds,
         "" if word is None else word.text,
+        tuple(lost),
     )
+
+
+def written_topics(bag: BagReader) -> frozenset[str]:
+    """Topics of which the recorder wrote messages, by its report; empty without one.
+
+    Raises:
+        InputError: the report can't be read.
+    """
+    data = bag.attachment(REPORT_NAME)
+    if data is None:
+        return frozenset()
+    rows = parse_mapping(data, f"{bag.path}:{REPORT_NAME}").get("topics")
+    rows = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
+    return frozenset(str(row.get("name")) for row in rows if row.get("written"))

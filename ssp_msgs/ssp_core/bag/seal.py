@@ -15,9 +15,11 @@ from mcap.records import Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from ssp_core.bag.chain import (
+    DAMAGED,
     LARGE_BYTES,
     SEAL_NAME,
     SOURCE_NAME,
+    UNCLOSED,
     Chain,
     Ending,
     Maker,
@@ -103,12 +105,12 @@ class Seal:
         if self.altered:
             return f"altered: {self.altered}"
         if self.damaged:
-            return f"damaged: {self.damaged}; sealed up to there, {self.chunks} chunks"
+            return f"{DAMAGED}: {self.damaged}; sealed up to there, {self.chunks} chunks"
         if self.maker is None:
             return "not sealed"
         by = _MAKERS.get(Maker(self.maker), self.maker) if self.maker in set(Maker) else "unknown"
         if self.open_at:
-            return f"sealed by {by} up to {self.open_at}, where it ends unclosed"
+            return f"sealed by {by} up to {self.open_at}, {UNCLOSED}"
         return f"sealed by {by}, {self.chunks} chunks, end {self.end[:16]}"
 
     @property

@@ -65,8 +65,8 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
         What can't be checked, for people; empty where they agree, or where there is no verdict.
 
     Raises:
-        InputError: they don't agree, or the verdict is of another recording; or the run's result
-            names another seal or verdict.
+        InputError: they don't agree, or the verdict is of another recording; it calls valid what
+            nobody closed; or the run's result names another seal or verdict.
     """
     result = _result_beside(folder) if bag.path.is_dir() else {}
     _check_result_seal(result, seal, folder)
@@ -91,7 +91,16 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
             "is of another recording: it names a seal that this bag doesn't have",
             file=file, field="seal", value=named, remedy="restore the bag as the run left it",
         )  # fmt: skip
-    return "" if inside is not None else UNBOUND
+    if inside is not None:
+        return ""
+    broken = next((one for one in seal.sources if one.is_damaged or one.is_unclosed), None)
+    if broken is not None and told.verdict is Verdict.VALID:
+        raise InputError(
+            f"says valid, the bag holds no verdict, and it was made of {broken.name}, "
+            f"{broken.state}: no runner calls such a recording valid",
+            file=file, remedy="restore the bag as the run left it",
+        )  # fmt: skip
+    return UNBOUND
 
 
 def _result_beside(folder: Path) -> dict[str, Any]:

@@ -67,12 +67,15 @@ class Participation:
         declared: by participant, every kind that it declared; empty: none.
         word: by participant, the kind by the word of a named person.
         said_by: who gave that word, with date and place; empty: nobody did.
+        lost: participants whose declarations the recorder wrote, and which the bag lacks; nobody's
+            word counts for them.
     """
 
     mode: str
     declared: Mapping[str, tuple[str, ...]]
     word: Mapping[str, str] = field(default_factory=dict)
     said_by: str = ""
+    lost: tuple[str, ...] = ()
 
     @property
     def silent(self) -> tuple[str, ...]:
@@ -102,7 +105,8 @@ class Participation:
     def kinds_of(self, who: str) -> tuple[str, ...]:
         """Kinds that a participant declared; a person's word counts where it declared none."""
         told = self.declared.get(who, ())
-        return told or ((self.word[who],) if who in self.word else ())
+        has_word = who in self.word and who not in self.lost
+        return told or ((self.word[who],) if has_word else ())
 
     @property
     def text(self) -> str:
@@ -116,6 +120,8 @@ class Participation:
         parts = [f"{kind}: {', '.join(of)}" for kind, of in groups if of]
         if self.silent:
             parts.append(f"undeclared: {', '.join(self.silent)}")
+        if self.lost:
+            parts.append(f"declared, and missing in this bag: {', '.join(self.lost)}")
         if self.said_by:
             parts.append(f"by the word of {self.said_by}: {', '.join(self.word)}")
         return "; ".join(parts)
