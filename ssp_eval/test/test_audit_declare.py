@@ -199,3 +199,32 @@ def test_a_contradiction_refuses_the_recording(make_bag: BagMaker) -> None:
     bag = make_bag("phy/bag", domain="physical", declared={**REAL, "vut": "real,simulated"})
     assert provenance(bag).refusal == "vut is declared real and simulated"
     assert "run_invalid" in codes(audited(make_bag, bag))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("stand_in", False), ("participants", "real: vut, ot1")]
+)
+def test_a_result_that_says_another_thing_of_who_took_part_is_refused(
+    field: str, value: object, make_bag: BagMaker
+) -> None:
+    bag = make_bag("phy/bag", domain="physical", declared={**REAL, "vut": "simulated"})
+    part = provenance(bag).participation
+    assert part is not None
+    result = {"schema": "ssp.result/1", "bag": "bag", "stand_in": True, "participants": part.text}
+    file = bag.parent / "result.json"
+    file.write_text(json.dumps(result))
+    assert provenance(bag).stand_in
+    file.write_text(json.dumps({**result, field: value}))
+    with pytest.raises(InputError, match=f"{field}: says another thing than its bag"):
+        provenance(bag)
+
+
+def test_a_result_may_be_older_than_a_persons_word(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag = make_bag("phy/bag", domain="physical", declared={})
+    part = provenance(bag).participation
+    assert part is not None
+    result = {"schema": "ssp.result/1", "bag": "bag", "stand_in": False, "participants": part.text}
+    (bag.parent / "result.json").write_text(json.dumps(result))
+    said = word(tmp_path / "word.yaml", **dict.fromkeys(("vut", "ot1"), "simulated"))
+    assert main(["audit", "declare", str(bag), str(said)]) == 0
+    assert provenance(bag).stand_in

@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Field, model_validator
 from ssp_core.bag.declaration import DECLARATION_FILE, participation_of
 from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.bag.seal import REPORT_NAME, check_unaltered, read_seal
-from ssp_core.bag.verdict import check_verdict
+from ssp_core.bag.verdict import check_verdict, result_beside
 from ssp_core.carla.probe_report import CarlaProbeReport, load_report
 from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
 from ssp_core.cdr.codec import START, read_text
@@ -26,10 +26,10 @@ from ssp_core.files import parse_mapping, parse_model
 from ssp_core.hashing import sha256_file
 from ssp_core.names import CAMERA_RENDERER, SESSION_STATE, WORLD_PLANT, absolute
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.participation import CAMERA, Participation, Standing
+from ssp_core.run_file.participation import CAMERA, Participation, Standing, stands_in
 from ssp_core.run_file.road import Road
 from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Strict
-from ssp_core.run_file.verdict import VERDICT_FILE, RecordedVerdict, read_verdict
+from ssp_core.run_file.verdict import RESULT_FILE, VERDICT_FILE, RecordedVerdict, read_verdict
 from ssp_core.vocabulary import DomainWord, ObjectWord, SessionPhase, Verdict
 from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Drawn
 
@@ -520,12 +520,11 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         reasons = (*reasons, "the session never reached RUNNING")
     folder = bag_folder(bag.path)
     participation = participation_of(bag, run, folder, digest)
+    if bag.path.is_dir():
+        _check_result(run, participation, folder)
     word = folder / DECLARATION_FILE
     drawn, scene = _told_drawn(bag), _told_server(bag, CAMERA_RENDERER, CarlaScene)
     plant = _told_server(bag, WORLD_PLANT, CarlaPlantRecord)
-    stood_in = run.domain == "physical" and (
-        drawn is not None or participation.standing is Standing.STAND_IN
-    )
     return Provenance(
         name=bag_folder(bag.path).name,
         bag_sha256=digest,
@@ -536,7 +535,9 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         event_version=run.event_version,
         origin=f"session {run.run_id} at {run.site}, seed {run.seed}, {run.mode}"
         + ("" if drawn is None else f", {drawn.text}"),
-        stand_in=run.stand_in or stood_in,
+        stand_in=run.stand_in
+        or stands_in(run, participation)
+        or (drawn is not None and run.domain == "physical"),
         ego="measured",
         camera="measured",
         verdict=verdict.name.lower(),
@@ -553,6 +554,30 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         participation=participation,
         declaration_sha256=sha256_file(word) if participation.said_by else None,
     )
+
+
+def _check_result(run: RunSpec, part: Participation, folder: Path) -> None:
+    """Hold what the run's result says of who took part against the bag.
+
+    A person's word may have been given after it was written. Results that name no participants are
+    older.
+
+    Raises:
+        InputError: it says something else.
+    """
+    told, by_itself = result_beside(folder), replace(part, word={}, said_by="")
+    if told.get("participants") is None:
+        return
+    for field, allowed in (
+        ("participants", (part.text, by_itself.text)),
+        ("stand_in", (stands_in(run, part), stands_in(run, by_itself))),
+    ):
+        if told.get(field) not in allowed:
+            raise InputError(
+                f"says another thing than its bag, {allowed[0]}",
+                file=folder.parent / RESULT_FILE, field=field, value=told.get(field),
+                remedy="restore bag and result as the run left them",
+            )  # fmt: skip
 
 
 def _seconds(value: object) -> str:

@@ -68,7 +68,7 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
         InputError: they don't agree, or the verdict is of another recording; it calls valid what
             nobody closed; or the run's result names another seal or verdict.
     """
-    result = _result_beside(folder) if bag.path.is_dir() else {}
+    result = result_beside(folder) if bag.path.is_dir() else {}
     _check_result_seal(result, seal, folder)
     file = folder / VERDICT_FILE
     if not file.is_file():
@@ -103,7 +103,7 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
     return UNBOUND
 
 
-def _result_beside(folder: Path) -> dict[str, Any]:
+def result_beside(folder: Path) -> dict[str, Any]:
     """Read the result of the run that left a bag; empty where none lies there, or another's."""
     file = folder.parent / RESULT_FILE
     try:

@@ -135,3 +135,8 @@ def contradictions(declared: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
         for who, kinds in listed.items()
         if len(kinds) > 1
     )
+
+
+def stands_in(run: RunSpec, part: Participation) -> bool:
+    """Return True for a physical session that is a stand-in, by its site or by its participants."""
+    return run.domain == "physical" and (run.stand_in or part.standing is Standing.STAND_IN)

@@ -13,7 +13,6 @@ from typing import Any
 import click
 
 from ssp_core import console, names
-from ssp_core.bag.declaration import load_declaration, seal_declaration
 from ssp_core.carla.address import SCHEME, parse_address
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
@@ -251,8 +250,6 @@ def run(
     result = run_session(
         spec, folder.resolve(), console.note, live, page_port, video, shadows, carla
     )
-    if live is not None and live.declared is not None and result.bag.name == "bag":
-        seal_declaration(load_declaration(live.declared, spec), result.bag)
     if as_json:
         click.echo(json.dumps(result.told))
     else:

@@ -8,12 +8,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import ssp_core
 from ssp_core import names
+from ssp_core.bag.declaration import Declaration, load_declaration, seal_declaration
 from ssp_core.bag.repair import recover
 from ssp_core.bag.verdict import leave_verdict
 from ssp_core.errors import HostError, InputError
@@ -120,6 +122,9 @@ def run_session(
     run_file, bag = folder / "run.yaml", folder / "bag"
     if live is not None:
         live.check(spec)
+    word = None
+    if live is not None and live.declared is not None:
+        word = load_declaration(live.declared, spec)
     nodes = _simulated(spec, run_file, bag) if live is None else live.parameters(run_file, bag)
     if video is not None:
         nodes[names.MONITOR]["video"] = video
@@ -164,9 +169,13 @@ def run_session(
                 # Before its processes end, so that their silence is known to be the end.
                 tell_end(_end_word(followed.outcome, folder, final=False))
                 outcome = _shut_down(group, followed.outcome)
-            result = _conclude(spec, folder, followed, outcome, started, bodies, say)
+            result = _conclude(spec, folder, followed, outcome, started, bodies, word, say)
             tell_end(_end_word(result.outcome, folder, final=True))
             return result
+
+
+def _seal_word(word: Declaration, bag: Path) -> None:
+    seal_declaration(word, bag)
 
 
 def _end_word(outcome: RunOutcome, folder: Path, *, final: bool) -> EndWord:
@@ -180,6 +189,7 @@ def _conclude(
     outcome: RunOutcome,
     started: float,
     bodies: dict[str, str],
+    word: Declaration | None,
     say: Callable[[str], None],
 ) -> RunResult:
     """Checks the bag, gives the verdict, and writes what a run leaves, as far as the disk lets."""
@@ -211,6 +221,8 @@ def _conclude(
             )
             outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"{why}: nobody knows the event")
         write(lambda: sealed.append(leave_verdict(bag, outcome.verdict, outcome.reasons, "runner")))
+        if word is not None and recording == bag:
+            write(partial(_seal_word, word, bag))
     wall_s = time.monotonic() - started
     told = {
         **result_keys(spec, happened, participation_by(bag, spec)),

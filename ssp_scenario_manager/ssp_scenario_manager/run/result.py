@@ -29,7 +29,7 @@ from ssp_core.motion.event import (
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import absolute
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.participation import Participation, Standing
+from ssp_core.run_file.participation import Participation, stands_in
 from ssp_core.run_file.verdict import RESULT_SCHEMA
 from ssp_core.vocabulary import Phase, SessionPhase
 from ssp_core.world.plant import FaultFact
@@ -197,7 +197,7 @@ def happened_by(bag: Path, spec: RunSpec) -> Happened | None:
 
 
 def participation_by(bag: Path, spec: RunSpec) -> Participation | None:
-    """Read the declarations of a session's participants.
+    """Read the declarations of a session's participants, and a person's word beside its bag.
 
     None where the bag is missing or damaged.
     """
@@ -205,7 +205,7 @@ def participation_by(bag: Path, spec: RunSpec) -> Participation | None:
         return Participation(spec.mode, {})
     try:
         with BagReader(bag) as reader:
-            return participation_of(reader, spec, bag)
+            return participation_of(reader, spec, bag, "")
     except (SspError, ValueError):
         return None
 
@@ -242,15 +242,10 @@ def result_keys(
         "seed": spec.seed,
         "mode": spec.mode,
         "participants": None if took_part is None else took_part.text,
-        "stand_in": None if took_part is None else _is_stand_in(spec, took_part),
+        "stand_in": None if took_part is None else stands_in(spec, took_part),
         "wanted": None if spec.passing is None else spec.passing.model_dump(),
         **known,
     }
-
-
-def _is_stand_in(spec: RunSpec, took_part: Participation) -> bool:
-    stood_in = spec.stand_in or took_part.standing is Standing.STAND_IN
-    return spec.domain == "physical" and stood_in
 
 
 def shown_gap(gap_s: float | None) -> str:
