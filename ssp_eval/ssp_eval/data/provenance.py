@@ -557,7 +557,7 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
 
 
 def _check_result(run: RunSpec, part: Participation, folder: Path) -> None:
-    """Hold what the run's result says of who took part against the bag.
+    """Hold what the run's result says of a stand-in against the bag.
 
     A person's word may have been given after it was written. Results that name no participants are
     older.
@@ -565,19 +565,17 @@ def _check_result(run: RunSpec, part: Participation, folder: Path) -> None:
     Raises:
         InputError: it says something else.
     """
-    told, by_itself = result_beside(folder), replace(part, word={}, said_by="")
+    told = result_beside(folder)
     if told.get("participants") is None:
         return
-    for field, allowed in (
-        ("participants", (part.text, by_itself.text)),
-        ("stand_in", (stands_in(run, part), stands_in(run, by_itself))),
-    ):
-        if told.get(field) not in allowed:
-            raise InputError(
-                f"says another thing than its bag, {allowed[0]}",
-                file=folder.parent / RESULT_FILE, field=field, value=told.get(field),
-                remedy="restore bag and result as the run left them",
-            )  # fmt: skip
+    by_itself = replace(part, word={}, said_by="")
+    allowed = [stands_in(run, one) for one in (part, by_itself)]
+    if told.get("stand_in") not in allowed:
+        raise InputError(
+            f"says another thing than its bag: {part.text}",
+            file=folder.parent / RESULT_FILE, field="stand_in", value=told.get("stand_in"),
+            remedy="restore bag and result as the run left them",
+        )  # fmt: skip
 
 
 def _seconds(value: object) -> str:

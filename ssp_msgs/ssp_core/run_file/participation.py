@@ -123,7 +123,10 @@ class Participation:
         if self.lost:
             parts.append(f"declared, and missing in this bag: {', '.join(self.lost)}")
         if self.said_by:
-            parts.append(f"by the word of {self.said_by}: {', '.join(self.word)}")
+            by_word = [who for who in self.word if not self.declared.get(who)]
+            counted = [who for who in by_word if who not in self.lost]
+            told = ", ".join(counted) or "nobody, for these declared themselves"
+            parts.append(f"by the word of {self.said_by}: {told}")
         return "; ".join(parts)
 
 
