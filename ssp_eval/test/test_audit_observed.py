@@ -30,7 +30,9 @@ def write_clip(path: Path, first: int) -> None:
     """Nine seconds of grey at 12 Hz: what can be seen in it is said by the observer alone."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 12.0, (96, 54))
     for k in range(108):
-        writer.write(np.full((54, 96, 3), first + k, np.uint8))
+        frame = np.full((54, 96, 3), first + k, np.uint8)
+        frame[:, :16] = 10 * (first - 60)  # Another camera's pictures are other pictures.
+        writer.write(frame)
     writer.release()
 
 

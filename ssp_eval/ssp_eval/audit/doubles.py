@@ -12,10 +12,13 @@ from ssp_eval.audit.examine import Examined
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import BESIDE_S, Recording
 from ssp_eval.data.provenance import Provenance
-from ssp_eval.recordings.tracks import SameDrive, Track, same_drive, tracks_of
+from ssp_eval.recordings.tracks import MOVING_MPS, SameDrive, Track, same_drive, tracks_of
 
 TRACKS = "tracks"
 _LONGEST_S = 120.0
+# No camera takes one picture twice, and so many need a VUT that moves: a simulator may draw the
+# same start again.
+_SAME_PICTURES = 10
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class Held:
 
 
 def hold_apart(examined: Sequence[Examined]) -> list[Held]:
-    """Find recordings that are another domain's, by their files, their sessions and their tracks.
+    """Find recordings that are another domain's, by their files, sessions, pictures and tracks.
 
     Two simulated sessions of this project may be equal: their plans come from one K*. What each of
     them comes from is told.
@@ -45,12 +48,16 @@ def hold_apart(examined: Sequence[Examined]) -> list[Held]:
         theirs = first.provenance.domain
         shared = _shared(first.provenance, second.provenance)
         twins[j] += [f"{what} of the {theirs} recording" for what in shared]
+        are_simulated = _is_simulated(first.provenance) and _is_simulated(second.provenance)
+        pictures = len(_pictures(examined[i]) & _pictures(examined[j]))
+        if pictures >= _SAME_PICTURES and not shared and not are_simulated:
+            twins[j].append(f"{pictures} of its pictures are those of the {theirs} recording")
         if not tracks[i] or not tracks[j]:
             continue
         same = _same(first, second, tracks[i], tracks[j])
         if same is None:
             told[j].append(f"another drive than {theirs}")
-        elif _is_simulated(first.provenance) and _is_simulated(second.provenance) and not shared:
+        elif are_simulated and not shared:
             told[j].append(
                 f"equal to {theirs}'s ({same.text}), as of two simulated sessions of one K*: "
                 f"{_origin(second.provenance)}, and {_origin(first.provenance)}"
@@ -117,6 +124,18 @@ def _origin(facts: Provenance) -> str:
     run = facts.run
     name = "" if run is None else run.session_token
     return f"{facts.origin} ({name})" if name else facts.origin
+
+
+def _pictures(one: Examined) -> set[bytes]:
+    """Digests of the pictures in the clip, without those of a VUT that stands."""
+    who = one.recording.provenance.participants
+    moving = [
+        who is None
+        or who.vut not in moment.states
+        or abs(moment.states[who.vut].speed_mps) > MOVING_MPS
+        for moment in one.moments
+    ]
+    return {d for d, is_moving in zip(one.recording.digests, moving, strict=True) if is_moving}
 
 
 _Views = list[dict[str, Track]]

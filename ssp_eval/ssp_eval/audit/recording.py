@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import blake2b
 from pathlib import Path
 
 from ssp_core.bag.reader import BagReader
@@ -243,6 +244,7 @@ class Recording:
         start_s: clip time of its beginning, None: it never began.
         end_s: clip time of its last frame, or of its last state where there are no frames.
         frames_s: clip times of the frames from start to end.
+        digests: of each of these frames, the same for the same picture.
         series: (clip time, states by id) from start to end; empty where there are no states.
         sightings: every recorded state from the start on, for identities.
         tracking_m: per OT the largest longitudinal and lateral tracking error that it reported.
@@ -258,6 +260,7 @@ class Recording:
     start_s: float | None
     end_s: float | None
     frames_s: tuple[float, ...]
+    digests: tuple[bytes, ...]
     series: Series
     source: str
     sightings: Sequence[Sighting]
@@ -288,9 +291,12 @@ class Recording:
 
     def within(self, crop: Crop) -> Recording:
         """The recording as if it had been cut to its clip."""
+        frames = zip(self.frames_s, self.digests, strict=True)
+        kept = [(t_s, digest) for t_s, digest in frames if crop.holds(t_s)]
         return replace(
             self,
-            frames_s=tuple(t_s for t_s in self.frames_s if crop.holds(t_s)),
+            frames_s=tuple(t_s for t_s, _ in kept),
+            digests=tuple(digest for _, digest in kept),
             series=copied(self.series, crop.start_s - TOLERANCE_S, crop.end_s + TOLERANCE_S),
             sightings=self._seen(crop.holds),
         )
@@ -377,7 +383,8 @@ def read_recording(path: str | Path, head: Head | None = None) -> Recording:
 def _recording(head: Head) -> Recording:
     bag_path, provenance = head.path, head.provenance
     with BagReader(bag_path) as bag:
-        frames_ns = sorted(peek_stamp_ns(m.data) for m in bag.messages([_IMAGE]))
+        images = sorted((peek_stamp_ns(m.data), _digest(m.data)) for m in bag.messages([_IMAGE]))
+        frames_ns = [stamp_ns for stamp_ns, _ in images]
         start_ns = clip_zero_ns(provenance, frames_ns)
         states = read_states(bag, provenance, start_ns)
         phase_events = _phase_events(bag, start_ns)
@@ -389,7 +396,9 @@ def _recording(head: Head) -> Recording:
         first_s = max(0.0, ends[0]) if ends else None
         last_s = ends[-1] if ends else None
     inside = [
-        t for t in frames if first_s is not None and last_s is not None and first_s <= t <= last_s
+        (t_s, digest)
+        for t_s, (_, digest) in zip(frames, images, strict=False)
+        if first_s is not None and last_s is not None and first_s <= t_s <= last_s
     ]
     optics = None
     if frames_ns:
@@ -405,7 +414,8 @@ def _recording(head: Head) -> Recording:
         provenance=provenance,
         start_s=first_s,
         end_s=last_s,
-        frames_s=tuple(inside),
+        frames_s=tuple(t_s for t_s, _ in inside),
+        digests=tuple(digest for _, digest in inside),
         series=() if first_s is None or last_s is None else between(states.series, first_s, last_s),
         source=states.source,
         sightings=states.sightings,
@@ -418,6 +428,14 @@ def _recording(head: Head) -> Recording:
         agreement=agree(told, footage.period_s) if told else None,
         observation_files=tuple(file for file, _ in observed),
     )
+
+
+# Of a picture's message, counted from its end, where no stamp stands.
+_DIGESTED_BYTES = 2048
+
+
+def _digest(message: bytes) -> bytes:
+    return blake2b(message[-_DIGESTED_BYTES:], digest_size=12).digest()
 
 
 def _phase_events(bag: BagReader, start_ns: int | None) -> dict[str, float]:

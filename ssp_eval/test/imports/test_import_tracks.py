@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from foreign_recordings import TrackDay, write_bag, write_table, write_video
+from foreign_recordings import TrackDay, jpeg, write_bag, write_table, write_video
 
 from ssp_core.cli import main
 from ssp_core.motion.state import ObjectState
@@ -30,6 +32,16 @@ def measured(day: TrackDay, seed: int) -> TrackDay:
     return replace(
         day, states={who: [with_noise(s) for s in states] for who, states in day.states.items()}
     )
+
+
+def recorded(day: TrackDay, seed: int, pictures: int, path: Path, *, sqlite: bool = False) -> Path:
+    """The bag of a drive as it was measured, with the pictures that one camera took."""
+
+    def filmed(ns: int, image: Any) -> Any:
+        image[:16] = 40 + 20 * pictures
+        return jpeg(ns, image)
+
+    return write_bag(path, measured(day, seed).messages(filmed), sqlite=sqlite)
 
 
 def from_bag(source: Path, domain: str, out: Path) -> Path:
@@ -66,7 +78,7 @@ def others(day: TrackDay, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
     """Two recordings of two drives."""
     found, folder = [], tmp_path_factory.mktemp("others")
     for seed, domain in enumerate(DOMAINS[:2]):
-        source = write_bag(folder / f"{domain}_day", measured(day, seed).messages())
+        source = recorded(day, seed, seed, folder / f"{domain}_day")
         found.append(from_bag(source, domain, folder / domain))
     return found[0], found[1]
 
@@ -74,7 +86,7 @@ def others(day: TrackDay, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
 def test_another_measurement_is_another_recording(
     day: TrackDay, others: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    source = write_bag(tmp_path / "day", measured(day, 7).messages())
+    source = recorded(day, 7, 7, tmp_path / "day")
     judged = audited(*others, from_bag(source, "physical", tmp_path / "physical"))
     assert [same(judged, index) for index in range(3)] == [[], [], []]
     told = [entry.disclosures.get("tracks") for entry in judged.audit.recordings]
@@ -88,10 +100,20 @@ def test_another_measurement_is_another_recording(
 def test_a_bag_in_another_format_is_the_same_recording(
     day: TrackDay, others: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    source = write_bag(tmp_path / "day", measured(day, 1).messages(), sqlite=True)
+    source = recorded(day, 1, 7, tmp_path / "day", sqlite=True)
     judged = audited(*others, from_bag(source, "physical", tmp_path / "physical"))
     (detail,) = same(judged, 2)
     assert detail.startswith("its tracks are those of the simulation recording (0.0 cm rms over ")
+
+
+def test_the_pictures_of_another_domain_are_found_whatever_the_states_are(
+    day: TrackDay, others: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """Places with noise of 2 cm are those of another drive by their tracks."""
+    source = recorded(day, 7, 1, tmp_path / "day")
+    judged = audited(*others, from_bag(source, "physical", tmp_path / "physical"))
+    (detail,) = same(judged, 2)
+    assert re.fullmatch(r"\d\d of its pictures are those of the simulation recording", detail)
 
 
 def test_a_video_with_the_states_of_another_domain_is_the_same_recording(
