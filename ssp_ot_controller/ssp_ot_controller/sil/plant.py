@@ -61,12 +61,11 @@ class OwnBodies:
     def step(
         self, bodies: Mapping[str, BodyState], commands: Mapping[str, Command]
     ) -> dict[str, BodyState]:
-        found = {}
-        for object_id, body in bodies.items():
-            cls, scale = self._kinds[object_id]
-            command = commands[object_id]
-            found[object_id] = step_body(cls, body, command, self._step_s, lag_scale=scale)
-        return found
+        kinds, dt_s = self._kinds, self._step_s
+        return {
+            name: step_body(kinds[name][0], body, commands[name], dt_s, lag_scale=kinds[name][1])
+            for name, body in bodies.items()
+        }
 
     def close(self) -> list[str]:
         return []
