@@ -24,12 +24,10 @@ from ssp_eval.data.provenance import (
     CARLA,
     COUNTERPART,
     OUR_RENDERER,
-    PROBE_FILE,
     Provenance,
-    ServerProbe,
-    _told_probe,
     read_provenance,
 )
+from ssp_eval.data.server import PROBE_FILE, ServerProbe, read_probe
 from ssp_scenario_manager.event_spec.load import load_event
 from tests.support.worlds import CAMERA, record_world, small_world
 
@@ -140,14 +138,14 @@ def test_each_body_is_disclosed_with_its_box_and_what_it_is_taken_for(facts: Pro
 
 def test_a_probe_is_found_beside_the_bag(tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
-    assert _told_probe(tmp_path / "bag") is None
+    assert read_probe(tmp_path / "bag") is None
     write_report(tmp_path / PROBE_FILE, a_probe().report)
-    found = _told_probe(tmp_path / "bag")
+    found = read_probe(tmp_path / "bag")
     assert found is not None
     assert found.report == a_probe().report
     (tmp_path / PROBE_FILE).write_text("{}")
     with pytest.raises(InputError, match=PROBE_FILE):
-        _told_probe(tmp_path / "bag")
+        read_probe(tmp_path / "bag")
 
 
 def test_an_audit_refuses_what_a_counterpart_drew_and_two_bags_of_one_drive(

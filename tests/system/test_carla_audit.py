@@ -18,7 +18,8 @@ from ssp_core.files import write_json
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.data.audit import AUDIT_FILE, load_audit
-from ssp_eval.data.provenance import CARLA, PROBE_FILE
+from ssp_eval.data.provenance import CARLA
+from ssp_eval.data.server import PROBE_FILE
 from support.carla_counterpart import Behaviour, Counterpart
 from tests.system import recordings as made
 from tests.system.recordings import Recordings, succeed

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
+from ssp_core.bag.reader import BagReader
+from ssp_core.files import parse_mapping, parse_model
 from ssp_core.run_file.values import Strict
 
 DRAWN_SCHEMA: Literal["ssp.drawn/1"] = "ssp.drawn/1"
@@ -38,3 +40,12 @@ class Drawn(Strict):
         if self.left_out:
             told += f", without {self.left_out} frames at which no state of the VUT is known"
         return told
+
+
+def read_drawn(bag: BagReader) -> Drawn | None:
+    """Read of which recording the pictures were drawn anew; None: they are its own."""
+    data = bag.attachment(DRAWN_ATTACHMENT)
+    if data is None:
+        return None
+    place = f"{bag.path}:{DRAWN_ATTACHMENT}"
+    return parse_model(Drawn, parse_mapping(data, place), place)

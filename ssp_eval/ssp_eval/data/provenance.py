@@ -4,7 +4,6 @@ it.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import date
@@ -13,13 +12,11 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import ConfigDict, Field, model_validator
 
-from ssp_core.bag.declaration import DECLARATION_FILE, participation_of
+from ssp_core.bag.declaration import DECLARATION_FILE, check_result, participation_of
 from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.bag.seal import REPORT_NAME, check_unaltered, read_seal
-from ssp_core.bag.verdict import check_verdict, result_beside
-from ssp_core.carla.probe_report import CarlaProbeReport, load_report
+from ssp_core.bag.verdict import check_verdict
 from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
-from ssp_core.cdr.codec import START, read_text
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model
@@ -29,9 +26,10 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import CAMERA, Participation, Standing, stands_in
 from ssp_core.run_file.road import Road
 from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Strict
-from ssp_core.run_file.verdict import RESULT_FILE, VERDICT_FILE, RecordedVerdict, read_verdict
+from ssp_core.run_file.verdict import VERDICT_FILE, RecordedVerdict, read_verdict
 from ssp_core.vocabulary import DomainWord, ObjectWord, SessionPhase, Verdict
-from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Drawn
+from ssp_eval.data.drawn import Drawn, read_drawn
+from ssp_eval.data.server import ServerProbe, read_probe, read_server
 
 SCHEMA: Literal["ssp.import/2"] = "ssp.import/2"
 IMPORT_ATTACHMENT = "import.json"
@@ -177,8 +175,6 @@ CARLA = "CARLA"
 COUNTERPART = "a stand-in for CARLA in tests"
 # Generators of clips that the same camera draws, see ssp_ot_controller.camera.clip.
 _OUR_CLIPS = "ssp-clip/"
-# Beside a bag that CARLA drew, or in it: the probe of the server.
-PROBE_FILE = "carla_probe.json"
 RUN_ATTACHMENT = "run.yaml"
 NO_VERDICT = f"the bag holds no {VERDICT_FILE}: the runner's word on how the run ended is missing"
 
@@ -199,14 +195,6 @@ class Participants:
     def ids(self) -> tuple[str, ...]:
         """The VUT first, then the object targets."""
         return (self.vut, *self.targets)
-
-
-@dataclass(frozen=True)
-class ServerProbe:
-    """The file of a probe of the server that drew a recording."""
-
-    report: CarlaProbeReport
-    sha256: str
 
 
 @dataclass(frozen=True)
@@ -458,49 +446,6 @@ def _told_twin(bag: BagReader) -> str | None:
     return f"{told.get('words')}, of {told.get('of')}"
 
 
-ServerRecord = TypeVar("ServerRecord", CarlaScene, CarlaPlantRecord)
-
-
-def _told_server(bag: BagReader, topic: str, record: type[ServerRecord]) -> ServerRecord | None:
-    """Read what the server is that drew or moved a run, by its last word; None: there is none.
-
-    Raises:
-        InputError: it isn't valid.
-    """
-    data = None
-    for message in bag.messages([absolute(topic)]):
-        data = message.data
-    if data is None:
-        return None
-    place = f"{bag.path}:{absolute(topic)}"
-    try:
-        text, _ = read_text(data, START)
-    except (ValueError, struct.error) as error:
-        raise InputError(f"is no text: {error}", file=place) from error
-    return parse_model(record, parse_mapping(text.encode(), place), place)
-
-
-def _told_probe(folder: Path) -> ServerProbe | None:
-    """Read the probe in a bag's folder or beside it; None: there is none.
-
-    Raises:
-        InputError: it is no report of a probe.
-    """
-    for file in (folder / PROBE_FILE, folder.parent / PROBE_FILE):
-        if file.is_file():
-            return ServerProbe(load_report(file), sha256_file(file))
-    return None
-
-
-def _told_drawn(bag: BagReader) -> Drawn | None:
-    """Read of which recording the pictures were drawn anew; None: they are its own."""
-    data = bag.attachment(DRAWN_ATTACHMENT)
-    if data is None:
-        return None
-    place = f"{bag.path}:{DRAWN_ATTACHMENT}"
-    return parse_model(Drawn, parse_mapping(data, place), place)
-
-
 def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     place = f"{bag.path}:{RUN_ATTACHMENT}"
     run = parse_model(RunSpec, parse_mapping(data, place), place)
@@ -521,10 +466,10 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     folder = bag_folder(bag.path)
     participation = participation_of(bag, run, folder, digest)
     if bag.path.is_dir():
-        _check_result(run, participation, folder)
+        check_result(run, participation, folder)
     word = folder / DECLARATION_FILE
-    drawn, scene = _told_drawn(bag), _told_server(bag, CAMERA_RENDERER, CarlaScene)
-    plant = _told_server(bag, WORLD_PLANT, CarlaPlantRecord)
+    drawn, scene = read_drawn(bag), read_server(bag, CAMERA_RENDERER, CarlaScene)
+    plant = read_server(bag, WORLD_PLANT, CarlaPlantRecord)
     return Provenance(
         name=bag_folder(bag.path).name,
         bag_sha256=digest,
@@ -550,32 +495,10 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         drawn=drawn,
         scene=scene,
         plant=plant,
-        probe=None if scene is None and plant is None else _told_probe(folder),
+        probe=None if scene is None and plant is None else read_probe(folder),
         participation=participation,
         declaration_sha256=sha256_file(word) if participation.said_by else None,
     )
-
-
-def _check_result(run: RunSpec, part: Participation, folder: Path) -> None:
-    """Hold what the run's result says of a stand-in against the bag.
-
-    A person's word may have been given after it was written. Results that name no participants are
-    older.
-
-    Raises:
-        InputError: it says something else.
-    """
-    told = result_beside(folder)
-    if told.get("participants") is None:
-        return
-    by_itself = replace(part, word={}, said_by="")
-    allowed = [stands_in(run, one) for one in (part, by_itself)]
-    if told.get("stand_in") not in allowed:
-        raise InputError(
-            f"says another thing than its bag: {part.text}",
-            file=folder.parent / RESULT_FILE, field="stand_in", value=told.get("stand_in"),
-            remedy="restore bag and result as the run left them",
-        )  # fmt: skip
 
 
 def _seconds(value: object) -> str:
@@ -590,7 +513,7 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
     declared = record.declaration
     names = ", ".join(record.accepted_names)
     accepted = f", accepted as it is: {names}" if names else ""
-    drawn, scene = _told_drawn(bag), _told_server(bag, CAMERA_RENDERER, CarlaScene)
+    drawn, scene = read_drawn(bag), read_server(bag, CAMERA_RENDERER, CarlaScene)
     return Provenance(
         name=bag_folder(bag.path).name,
         bag_sha256=digest,
@@ -611,7 +534,7 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
         imported=record,
         drawn=drawn,
         scene=scene,
-        probe=None if scene is None else _told_probe(bag_folder(bag.path)),
+        probe=None if scene is None else read_probe(bag_folder(bag.path)),
     )
 
 

@@ -6,6 +6,7 @@ content hash and lies in the bag's folder as ``declaration.json``.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,13 +15,15 @@ from pydantic import ConfigDict, Field
 
 from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.bag.seal import REPORT_NAME
+from ssp_core.bag.verdict import result_beside
 from ssp_core.errors import InputError
 from ssp_core.files import load_model, parse_mapping, write_json
 from ssp_core.hashing import sha256_json
 from ssp_core.names import absolute, declared_topic
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.participation import ParticipantKind, Participation, declaring
+from ssp_core.run_file.participation import ParticipantKind, Participation, declaring, stands_in
 from ssp_core.run_file.values import Strict
+from ssp_core.run_file.verdict import RESULT_FILE
 
 DECLARATION_FILE = "declaration.json"
 SCHEMA: Literal["ssp.declaration/1"] = "ssp.declaration/1"
@@ -181,3 +184,25 @@ def written_topics(bag: BagReader) -> frozenset[str]:
     rows = parse_mapping(data, f"{bag.path}:{REPORT_NAME}").get("topics")
     rows = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
     return frozenset(str(row.get("name")) for row in rows if row.get("written"))
+
+
+def check_result(run: RunSpec, part: Participation, folder: Path) -> None:
+    """Hold what the run's result says of a stand-in against the bag.
+
+    A person's word may have been given after it was written. Results that name no participants are
+    older.
+
+    Raises:
+        InputError: it says something else.
+    """
+    told = result_beside(folder)
+    if told.get("participants") is None:
+        return
+    by_itself = replace(part, word={}, said_by="")
+    allowed = [stands_in(run, one) for one in (part, by_itself)]
+    if told.get("stand_in") not in allowed:
+        raise InputError(
+            f"says another thing than its bag: {part.text}",
+            file=folder.parent / RESULT_FILE, field="stand_in", value=told.get("stand_in"),
+            remedy="restore bag and result as the run left them",
+        )  # fmt: skip
