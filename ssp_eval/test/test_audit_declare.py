@@ -25,7 +25,7 @@ REAL = dict.fromkeys(("vut", "vut/positioning", "vut/camera", "ot1", "ot1/body")
 WORD = {
     "schema": "ssp.declaration/1",
     "who": "A. Engineer",
-    "date": "2026-03-01",
+    "date": "2023-11-14",
     "place": "north track",
 }
 
@@ -100,7 +100,7 @@ def test_what_nobody_declares_is_refused_until_a_person_does(
     entry = judge([read_recording(b) for b in (tmp_path / "syn/bag", tmp_path / "sim/bag", bag)])
     physical = entry.audit.recordings[2]
     assert "undeclared" not in codes(physical)
-    assert "by the word of A. Engineer, 2026-03-01, north track" in physical.domain_said_by
+    assert "by the word of A. Engineer, 2023-11-14, north track" in physical.domain_said_by
     assert physical.declaration_sha256 is not None
 
 

@@ -9,7 +9,7 @@ import click
 import yaml
 
 from ssp_core import console
-from ssp_core.bag.declaration import SCHEMA, load_declaration, seal_declaration
+from ssp_core.bag.declaration import SCHEMA, day_of, load_declaration, seal_declaration
 from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
@@ -35,7 +35,7 @@ def declare(bag: Path, file: Path | None, template: Path | None) -> None:
         raise click.UsageError("give FILE, or --template NEW")
     path = find_bag(bag)
     with BagReader(path) as reader:
-        facts = read_provenance(reader)
+        facts, day = read_provenance(reader), day_of(reader)
     run, part = facts.run, facts.participation
     if run is None or part is None:
         raise InputError(
@@ -48,9 +48,12 @@ def declare(bag: Path, file: Path | None, template: Path | None) -> None:
         silent = [who for who in part.silent or part.declared if who not in part.lost]
         blank = {"kind": ParticipantKind.REAL.value, "device": "", "serial": ""}
         value = {
-            "schema": SCHEMA, "who": "", "date": datetime.now(UTC).date().isoformat(), "place": "",
+            "schema": SCHEMA,
+            "who": "",
+            "date": (day or datetime.now(UTC).date()).isoformat(),
+            "place": "",
             "participants": {who: dict(blank) for who in silent},
-        }  # fmt: skip
+        }
         write_text(template, yaml.safe_dump(value, sort_keys=False, allow_unicode=True))
         console.note(f"{template}: fill it in, then `ssp audit declare {bag} {template}`")
         return

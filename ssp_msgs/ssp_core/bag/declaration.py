@@ -7,7 +7,7 @@ content hash and lies in the bag's folder as ``declaration.json``.
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import date
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,6 +16,7 @@ from pydantic import ConfigDict, Field
 from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.bag.seal import REPORT_NAME
 from ssp_core.bag.verdict import result_beside
+from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_core.files import load_model, parse_mapping, write_json
 from ssp_core.hashing import sha256_json
@@ -27,6 +28,8 @@ from ssp_core.run_file.verdict import RESULT_FILE
 
 DECLARATION_FILE = "declaration.json"
 SCHEMA: Literal["ssp.declaration/1"] = "ssp.declaration/1"
+# Log times above this, in 2001, are of a clock that somebody has set.
+_SYSTEM_CLOCK_NS = 10**18
 Words = Annotated[str, Field(min_length=1, max_length=200, pattern=r"\S")]
 
 
@@ -94,16 +97,38 @@ def load_declaration(file: Path, run: RunSpec) -> Declaration:
     return found
 
 
+def day_of(bag: BagReader) -> date | None:
+    """Return the day on which a bag was recorded, UTC; None where its clock wasn't set."""
+    if bag.start_ns is None or bag.start_ns < _SYSTEM_CLOCK_NS:
+        return None
+    return datetime.fromtimestamp(bag.start_ns / NS_PER_S, UTC).date()
+
+
+def _check_day(declaration: Declaration, bag: BagReader, folder: Path) -> None:
+    """Refuse another day than that of the recording, wherever on earth it was made."""
+    recorded = day_of(bag)
+    if recorded is not None and abs(declaration.date - recorded) > timedelta(days=1):
+        raise InputError(
+            f"isn't the day of the session: the bag was recorded on {recorded}",
+            file=folder,
+            field="date",
+            value=str(declaration.date),
+            remedy="write the day on which the session was, in local time or UTC",
+        )
+
+
 def seal_declaration(declaration: Declaration, folder: Path) -> Path:
     """Bind a declaration to the bag in a folder, and write it there.
 
     Raises:
-        InputError: the folder holds no bag, or a declaration already.
+        InputError: the folder holds no bag, or a declaration already; or the bag was recorded on
+            another day.
     """
     file = folder / DECLARATION_FILE
     if file.exists():
         raise InputError("exists already", file=file, remedy="remove it first")
     with BagReader(folder) as bag:
+        _check_day(declaration, bag, folder)
         bound = declaration.model_copy(update={"bag_sha256": content_sha256(bag)})
     sealed = bound.model_copy(update={"seal": bound.content_sha256})
     write_json(file, sealed.model_dump(mode="json", by_alias=True))
