@@ -14,6 +14,7 @@ from ssp_core.carla.probe_report import CarlaProbeReport, write_report
 from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
 from ssp_core.errors import InputError
 from ssp_core.motion.state import DEFAULT_SIZES
+from ssp_core.run_file.road import Building, Sign
 from ssp_core.vocabulary import DOMAINS, ObjectClass
 from ssp_eval.audit import server
 from ssp_eval.audit.judge import judge
@@ -134,6 +135,23 @@ def test_each_body_is_disclosed_with_its_box_and_what_it_is_taken_for(facts: Pro
     assert "0.9.16, map Carla/Maps/Town01 (sha256:a), synchronous, step 0.1 s" in found["CARLA"]
     assert found["camera of CARLA"] == "fov 75"
     assert PROBE_FILE in found["probe of CARLA"]
+
+
+def test_what_stands_beside_the_road_and_is_not_in_the_pictures_is_disclosed(
+    facts: Provenance,
+) -> None:
+    def told(scenery: list[Any]) -> str:
+        assert facts.run is not None
+        road = facts.run.road.model_copy(update={"scenery": scenery})
+        run = facts.run.model_copy(update={"road": road})
+        found = server_disclosures(replace(facts, run=run, scene=a_scene()))
+        return found["scenery of CARLA"]
+
+    sign = Sign(type="sign", s_m=10.0, l_m=-5.0, kind="stop")
+    house = Building(type="building", s_m=50.0, l_m=20.0, length_m=10.0, width_m=8.0, height_m=6.0)
+    assert told([]) == "its map's own"
+    beside = "its map's own; of the run's road it has no actors for 2 × building, 1 × sign"
+    assert told([house, sign, house]) == beside
 
 
 def test_a_probe_is_found_beside_the_bag(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import astuple
 
@@ -96,11 +97,22 @@ def server_disclosures(facts: Provenance) -> dict[str, str]:
         found["CARLA"] = f"{_server(scene)}, seed {scene.seed}"
         found["weather of CARLA"] = _listed(scene.weather)
         found["camera of CARLA"] = _listed(scene.camera)
+        found["scenery of CARLA"] = _scenery_text(facts)
     if (plant := facts.plant) is not None:
         found["plant"] = f"vehicle physics of CARLA {_server(plant)}; no two such runs are equal"
     if scene is not None or plant is not None:
         found["probe of CARLA"] = "none" if facts.probe is None else _probe_text(facts, facts.probe)
     return found | facts.carla_texts
+
+
+def _scenery_text(facts: Provenance) -> str:
+    """Say what stands beside the road in the run, and not in CARLA's pictures."""
+    road = None if facts.run is None else facts.run.road
+    kinds = Counter(item.type.replace("_", " ") for item in ([] if road is None else road.scenery))
+    if not kinds:
+        return "its map's own"
+    lacking = ", ".join(f"{count} × {kind}" for kind, count in sorted(kinds.items()))
+    return f"its map's own; of the run's road it has no actors for {lacking}"
 
 
 def _server(record: CarlaScene | CarlaPlantRecord) -> str:
