@@ -92,14 +92,14 @@ class Backend(Protocol):
         """Exact model and version."""
 
     def answer(self, request: Request) -> Answer:
-        """The raw answer; raises whatever it likes, which costs this answer only."""
+        """Return the raw answer; any exception costs this answer only."""
 
 
 class BackendFactory(Protocol):
     """Makes a backend from its options."""
 
     def __call__(self, options: Mapping[str, Any]) -> Backend:
-        """Raises InputError for options that it doesn't know or that are wrong."""
+        """Make a backend; raise InputError for unknown or wrong options."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class BackendResult:
 def parse_options(
     text: str, field: str = "backend_options", remedy: str = 'give an object such as {"frames": 10}'
 ) -> dict[str, Any]:
-    """The options in a JSON object; blank text has none.
+    """Read the options in a JSON object; blank text has none.
 
     Raises:
         InputError: the text is no JSON object. It doesn't quote the text, in which somebody may
@@ -133,10 +133,11 @@ def parse_options(
 
 
 def make_backend(name: str, options: Mapping[str, Any]) -> Backend:
-    """The named backend, ready to answer.
+    """Return the named backend, ready to answer.
 
     Args:
         name: a key of BACKENDS, or ``module:factory`` for a backend of one's own.
+        options: the backend's own; each backend documents its keys.
 
     Raises:
         InputError: the name or the options are wrong.
@@ -156,10 +157,11 @@ def make_backend(name: str, options: Mapping[str, Any]) -> Backend:
 
 
 def interface_of(name: str, options: Mapping[str, Any]) -> str:
-    """The interface that a backend speaks, told without making it (window.py has them).
+    """Return the interface that a backend speaks, without making it (window.py has them).
 
     Args:
         name: a key of BACKENDS, or ``module:factory`` for a backend of one's own.
+        options: the backend's own; ``interface`` overrides the backend's usual one.
 
     Raises:
         InputError: the option ``interface`` names none.
@@ -171,20 +173,18 @@ def interface_of(name: str, options: Mapping[str, Any]) -> str:
 
 
 def is_blind(options: Mapping[str, Any]) -> bool:
-    """Tell whether options, or the decoding that an answer records, say that no picture is
-    shown.
-    """
+    """Tell whether options, or an answer's recorded decoding, say that no picture is shown."""
     return options.get("images") == NO_IMAGES
 
 
 def telling_options(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that can change what a backend says; of one that isn't ours, all."""
+    """Return the options that can change a backend's answer; all of a backend that isn't ours."""
     delivery = _OF_DELIVERY.get(name, frozenset())
     return {key: value for key, value in options.items() if key not in delivery}
 
 
 def check_options(backend: str, options: Mapping[str, Any], known: Mapping[str, type]) -> None:
-    """Refuses options that a backend doesn't know or that have the wrong type.
+    """Refuse options that a backend doesn't know or that have the wrong type.
 
     Raises:
         InputError: naming the option.
@@ -217,7 +217,7 @@ class OptionFree:
 def number_option(
     options: Mapping[str, Any], key: str, default: float, least: float, most: float
 ) -> float:
-    """A number among the options, or the default.
+    """Return a number among the options, or the default.
 
     Raises:
         InputError: it lies outside the limits, or is none.
@@ -232,7 +232,7 @@ def number_option(
 
 
 def address_option(url: str, field: str, example: str) -> str:
-    """The address of a service, without a slash at its end.
+    """Return the address of a service, without a slash at its end.
 
     Raises:
         InputError: it is no address of HTTP, or may hold a key or password, which would be stored
@@ -255,7 +255,7 @@ def address_option(url: str, field: str, example: str) -> str:
 
 
 def key_option(options: Mapping[str, Any]) -> str | None:
-    """The key in the environment variable that the option ``api_key_env`` names; None: none.
+    """Return the key in the environment variable that ``api_key_env`` names, None without one.
 
     Raises:
         InputError: the variable holds no key; the message doesn't show what it holds.
@@ -268,7 +268,7 @@ def key_option(options: Mapping[str, Any]) -> str | None:
 
 
 def respond(backend: Backend, model: str, request: Request) -> BackendResult:
-    """The response to one request, whatever the backend does (latency is left to the caller).
+    """Return the response to one request, whatever the backend does; latency is the caller's.
 
     A request that can't be answered is ERROR_BAD_REQUEST and doesn't reach the backend; an
     exception of the backend is ERROR_BACKEND with its last line as the message. A request that a
@@ -317,7 +317,7 @@ def _check_ended(decoding: Mapping[str, Any]) -> None:
 
 
 def failure(response: Response, code: ErrorCode, message: str) -> Response:
-    """An answer that says, on one line, why there is none."""
+    """Return an answer that says, on one line, why there is none."""
     line = " ".join(message.split())
     return replace(
         response,

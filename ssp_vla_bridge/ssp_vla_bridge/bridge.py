@@ -1,6 +1,4 @@
-"""The decisions of a bridge: the next request, the state of its backend, the plan of shadow
-mode.
-"""
+"""The decisions of a bridge: next request, state of its backend, plan of shadow mode."""
 
 from __future__ import annotations
 
@@ -55,7 +53,7 @@ class RequestQueue:
         self._open: dict[int, Ticket] = {}
 
     def offer(self, request: Request, now_ns: int) -> Ticket | None:
-        """Takes a request in; None when the queue is full."""
+        """Take a request in; return None when the queue is full."""
         if len(self._waiting) >= self._limit:
             return None
         self._count += 1
@@ -71,19 +69,19 @@ class RequestQueue:
 
     @property
     def busy(self) -> bool:
-        """True while a request is still to be answered."""
+        """Tell whether a request is still to be answered."""
         return bool(self._open)
 
     def take(self) -> Ticket | None:
-        """The oldest waiting request, None when there is none."""
+        """Return the oldest waiting request, None when there is none."""
         return self._waiting.popleft() if self._waiting else None
 
     def finish(self, ticket: Ticket) -> bool:
-        """True when this request is still to be answered; from now on it is not."""
+        """Tell whether this request is still to be answered; from now on it is not."""
         return self._open.pop(ticket.number, None) is not None
 
     def expire(self, now_ns: int) -> list[Ticket]:
-        """The requests whose time has run out, oldest first; they count as answered."""
+        """Return the requests whose time has run out, oldest first; they count as answered."""
         late = [t for t in self._open.values() if now_ns - t.received_ns > self._timeout_ns]
         for ticket in late:
             del self._open[ticket.number]
@@ -114,7 +112,7 @@ class BridgeHealth:
     _last_error_ns: int = 0
 
     def see(self, code: int, message: str, latency_s: float, now_ns: int) -> None:
-        """An answer left, good or not."""
+        """Count an answer that left, good or not."""
         if code == ErrorCode.NONE:
             self.answered += 1
             self._latencies_s.append(latency_s)
@@ -124,7 +122,7 @@ class BridgeHealth:
         self._failed.append(code != ErrorCode.NONE)
 
     def status(self, waiting: int, now_ns: int) -> Status:
-        """The bridge's health now."""
+        """Return the bridge's health now."""
         level, message = self._judged(now_ns)
         values = [
             ("model", self.model_id),
@@ -185,7 +183,7 @@ class ShadowRequests:
     _of_before: set[str] = field(default_factory=set)  # open ones from before time began anew
 
     def state(self, state: ObjectState) -> None:
-        """A state of the VUT came, in whatever order."""
+        """Take a state of the VUT, in any order."""
         self._begin_anew(state.stamp_ns, self._states[-1].stamp_ns if self._states else None)
         insort(self._states, state, key=lambda one: one.stamp_ns)
         keep_ns = seconds_to_ns(self.rules.history_s + self.rules.state_age_s + 1.0)
@@ -194,7 +192,7 @@ class ShadowRequests:
             del self._states[0]
 
     def frame(self, frame: Frame) -> bool:
-        """A frame came; True when a request about it is due."""
+        """Take a frame; return True when a request about it is due."""
         newest_ns = self._frames[-1].stamp_ns if self._frames else None
         self._begin_anew(frame.stamp_ns, newest_ns)
         if self._frames and frame.stamp_ns <= self._frames[-1].stamp_ns:
@@ -207,7 +205,7 @@ class ShadowRequests:
         return asked_ns is None or frame.stamp_ns >= asked_ns + self.period_ns - _EARLY_NS
 
     def request(self) -> Request:
-        """The request about the newest frame, which counts as asked from now on.
+        """Return the request about the newest frame, which counts as asked from now on.
 
         Raises:
             ValueError: no frame has come.

@@ -74,23 +74,23 @@ _REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
 
 
 def request_to_json(request: Request, prompt: str | None = None) -> dict[str, Any]:
-    """The JSON object of a request; the prompt says the same to a model that is asked in words."""
+    """Return the JSON object of a request; the prompt says the same to a model asked in words."""
     value = _REQUEST.dump_python(request, mode="json", by_alias=True)
     return {"schema": HTTP_SCHEMA, **value, "prompt": prompt}
 
 
 def answer_from_json(value: Any) -> ServiceAnswer:
-    """A service's answer; raises InputError naming the field that is wrong."""
+    """Read a service's answer; raise InputError naming the field that is wrong."""
     return read_json(_ANSWER, value)
 
 
 def health_from_json(value: Any) -> Health:
-    """A service's health; raises InputError naming the field that is wrong."""
+    """Read a service's health; raise InputError naming the field that is wrong."""
     return read_json(_HEALTH, value)
 
 
 def parse_json(body: bytes) -> Any:
-    """The one JSON value in a body; ``NaN`` and ``Infinity`` are read as such.
+    """Read the one JSON value in a body; ``NaN`` and ``Infinity`` are read as such.
 
     Raises:
         InputError: it is no JSON, more than one value, or text that no file can hold.

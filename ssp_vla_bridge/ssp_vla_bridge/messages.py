@@ -33,7 +33,7 @@ from ssp_core.vocabulary import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OB
 
 
 def _number(value: Any) -> float:
-    """A number; ``nan``, ``inf`` and ``-inf`` stand for those that JSON doesn't have."""
+    """Return a number; ``nan``, ``inf`` and ``-inf`` stand for those that JSON doesn't have."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         try:
             return float(value)
@@ -61,7 +61,7 @@ Read = TypeVar("Read")
 
 
 def read_json(form: TypeAdapter[Read], value: Any, **place: Any) -> Read:
-    """The dataclass of a decoded JSON value.
+    """Read a dataclass from a decoded JSON value.
 
     Raises:
         InputError: naming the first field that is wrong, at the ``file`` and ``line`` of place.
@@ -80,7 +80,7 @@ def read_json(form: TypeAdapter[Read], value: Any, **place: Any) -> Read:
 
 
 def of_schema(schema: str, form: Any) -> Callable[[Any], Any]:
-    """Takes the schema from an object that has every key; a dataclass would put in defaults."""
+    """Take the schema from an object that has every key; a dataclass would put in defaults."""
     names = {one.name for one in fields(form)}
 
     def check(value: Any) -> Any:
@@ -104,7 +104,7 @@ def bare_name(name: str) -> str:
 
 
 def of_message(kind: type[Read], message: Any, **given: Any) -> Read:
-    """A dataclass out of a message that has its fields without their units, whoever decoded it."""
+    """Make a dataclass of a message that has its fields without their units, from any decoder."""
     for name in (one.name for one in fields(cast(Any, kind)) if one.name not in given):
         value = getattr(message, bare_name(name))
         value = value.tolist() if hasattr(value, "tolist") else value
@@ -235,13 +235,13 @@ _RESPONSE: TypeAdapter[Response] = TypeAdapter(StoredResponse)
 
 
 def response_to_json(response: Response) -> dict[str, Any]:
-    """The JSON object of a response; numbers that aren't finite stand as strings in it."""
+    """Return the JSON object of a response; numbers that aren't finite stand as strings in it."""
     value: dict[str, Any] = _RESPONSE.dump_python(response, mode="json")
     return value
 
 
 def response_from_json(value: Any, *, file: str | None = None, line: int | None = None) -> Response:
-    """The inverse of response_to_json; raises InputError as read_json does."""
+    """Read what response_to_json wrote; raise InputError as read_json does."""
     return read_json(_RESPONSE, value, file=file, line=line)
 
 
@@ -337,7 +337,7 @@ class Request:
 
     @property
     def ego_known(self) -> bool:
-        """True when the request says how the VUT moved."""
+        """Tell whether the request says how the VUT moved."""
         return bool(self.history) and self.ego_provenance != "unknown"
 
 
@@ -376,9 +376,7 @@ def request_problems(request: Request) -> tuple[str, ...]:
 
 
 def _all_decode(jpegs: Sequence[bytes]) -> list[bool]:
-    """Tell which pictures decode. OpenCV releases the interpreter, so several are tried at a
-    time.
-    """
+    """Tell which pictures decode, several at a time, since OpenCV releases the interpreter."""
     if len(jpegs) < 2:
         return [_decodes(jpeg) for jpeg in jpegs]
     with ThreadPoolExecutor(min(len(jpegs), _AT_ONCE)) as pool:

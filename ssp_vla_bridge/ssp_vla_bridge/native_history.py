@@ -43,7 +43,7 @@ class NativeHistory:
         return "[" + ", ".join(f"({self._print(a)},{self._print(b)})" for a, b in self.rows) + "]"
 
     def column_text(self, column: int) -> str:
-        """LightEMMA's form, one list per column: ``[10.0, 9.882]``."""
+        """Write a column as LightEMMA does: ``[10.0, 9.882]``."""
         return "[" + ", ".join(str(row[column]) for row in self.rows) + "]"
 
     def _print(self, value: float) -> str:
@@ -51,7 +51,7 @@ class NativeHistory:
 
 
 def openemma_history(request: Request) -> NativeHistory:
-    """OpenEMMA's ``[v, k]``, up to ten, the last one for the request's time.
+    """Return OpenEMMA's ``[v, k]``, up to ten, the last one for the request's time.
 
     v_i = |p_i − p_(i−1)| in metres per 0.5 s step (half the speed in m/s); k_i = 100 · 4A/(abc) in
     1/m, + is left, of the triangle p_(i−1), p_i, p_(i+1) with signed area A and sides a, b, c. The
@@ -69,7 +69,7 @@ def openemma_history(request: Request) -> NativeHistory:
 
 
 def lightemma_history(request: Request) -> NativeHistory:
-    """LightEMMA's (v, c), up to six: v in m/s over the step after a pose, c in 1/m at that pose.
+    """Return LightEMMA's (v, c), up to six: v in m/s over the next step, c in 1/m at the pose.
 
     A speed under 0.2 m/s and a curvature over 0.2 1/m are 0, as there; + is left. The newest pair
     is that of the step which ends at the request's time. A pair needs the pose before its step, so
@@ -90,13 +90,13 @@ def lightemma_history(request: Request) -> NativeHistory:
 
 
 def llavida_history(request: Request) -> NativeHistory:
-    """LLaViDA's past positions, up to six, without the present: x to the right, y forward."""
+    """Return LLaViDA's past positions, up to six, none at present: x to the right, y forward."""
     samples = _raster(request, LLAVIDA_POINTS + 1)[:-1]
     return _rounded([(-sample.y_m, sample.x_m) for sample in samples], 2)
 
 
 def _raster(request: Request, count: int) -> list[EgoSample]:
-    """Samples at 0, −0.5, −1.0, … s, oldest first, up to the first that is missing."""
+    """Return samples at 0, −0.5, −1.0, … s, oldest first, up to the first that is missing."""
     samples = request.history if request.ego_known else ()
     chosen: list[EgoSample] = []
     for k in range(count):
@@ -114,7 +114,7 @@ def _speed_mps(before: EgoSample, after: EgoSample) -> float:
 
 
 def _curvature_pm(samples: Sequence[EgoSample]) -> float:
-    """Curvature of the circle through three points, 1/m, + is left (Menger)."""
+    """Return the curvature of the circle through three points, 1/m, + is left (Menger)."""
     first, middle, last = ((sample.x_m, sample.y_m) for sample in samples)
     into = (middle[0] - first[0], middle[1] - first[1])
     out = (last[0] - middle[0], last[1] - middle[1])
@@ -126,7 +126,7 @@ def _curvature_pm(samples: Sequence[EgoSample]) -> float:
 
 
 def waypoints_history(request: Request) -> NativeHistory:
-    """All past positions (x forward, y left), as the prompt of ``waypoints`` prints them."""
+    """Return all past positions (x forward, y left), as ``waypoints``'s prompt prints them."""
     rows = [(sample.x_m, sample.y_m) for sample in request.history] if request.ego_known else []
     return _rounded(rows, 2)
 
@@ -146,7 +146,7 @@ class Said:
 
 
 def stage_text(response: Response, name: str) -> str | None:
-    """The raw text of a stage by its span in ``decoding["stages"]``; None: there is none.
+    """Return the raw text of a stage by its span in ``decoding["stages"]``, None without one.
 
     A span that isn't one, or lies outside the text, names no stage.
     """

@@ -66,7 +66,7 @@ _TOLERANCE = 1e-9
 
 
 def shown(request: Request, blind: bool) -> Request:
-    """The request as prompts and pictures are made from it; a blind model's holds no frame."""
+    """Return the request that prompts and pictures are made from; a blind model's has no frame."""
     return replace(request, frames=()) if blind else request
 
 
@@ -245,7 +245,7 @@ class _Braces(dict[str, str]):
         return known[name]()
 
     def _demand(self, rows: int) -> str:
-        """The task's demand, and how a native form of fixed length covers it."""
+        """Return the task's demand, and how a native form of fixed length covers it."""
         task, covered_s = self._request.task, rows * STEP_S
         if task.trajectory_horizon_s > covered_s + _TOLERANCE:
             raise InputError(
@@ -279,7 +279,7 @@ PROMPTS: dict[str, tuple[Stage, ...]] = {
 
 
 def find_stages(interface: str) -> tuple[Stage, ...]:
-    """The steps in which an interface asks, first to last.
+    """Return the steps in which an interface asks, first to last.
 
     Raises:
         InputError: there is no prompt for this interface.
@@ -312,7 +312,7 @@ def native_prompt(interface: str, request: Request) -> str | None:
 
 
 def words_sha256(backend: str, options: Mapping[str, Any], request: Request) -> str | None:
-    """Hash of all the words in which a backend of ours asks a request; None: it uses none.
+    """Return the hash of all words with which our backends ask a request; None: they use none.
 
     What the model itself says in a step is left open in the steps behind it: it follows from the
     words before.

@@ -41,13 +41,14 @@ def check_trajectory(
     support_end_s: float = SUPPORT_END_S,
     tolerance_s: float = TOLERANCE_S,
 ) -> tuple[str, ...]:
-    """The reasons why a trajectory is invalid, none for a valid one (METHOD 5.4).
+    """List the reasons why a trajectory is invalid, none for a valid one (METHOD 5.4).
 
     Valid means: at least two points, equal lengths, all finite, times rising strictly, support
     covering [0, support_end_s]. A later check is made only where an earlier failure leaves it a
     meaning: the support of times that don't rise is no interval.
 
     Args:
+        trajectory: of any lengths, finite or not.
         support_end_s: end of the interval that must be covered, s.
         tolerance_s: by how much the support may fall short of either end, s.
 
@@ -72,9 +73,10 @@ def check_trajectory(
 def interpolate(
     trajectory: Trajectory, t_s: float, tolerance_s: float = TOLERANCE_S
 ) -> tuple[float, float]:
-    """Position (x_m, y_m) at a time, linear between samples, never outside them (METHOD 5.4).
+    """Return the position (x_m, y_m) at a time, linear between samples only (METHOD 5.4).
 
     Args:
+        trajectory: a valid one.
         t_s: time after the record's time, s.
         tolerance_s: a time outside the support by no more than this takes the end sample.
 
@@ -109,7 +111,7 @@ def locate(
 
 
 def between(values: Sequence[float], left: int, weight: float) -> float:
-    """A coordinate at a place that locate gave; at a sample no other one is looked at."""
+    """Return a coordinate at a place that locate gave; at a sample only that one is looked at."""
     if not weight:
         return values[left]
     # Halves keep the difference of two huge numbers finite, and halving costs no digit.

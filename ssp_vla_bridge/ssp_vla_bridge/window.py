@@ -46,12 +46,14 @@ class Preprocessing:
 
 
 def choose(stamps_ns: Sequence[int], newest: int, rules: Preprocessing) -> list[int]:
-    """The indices of the frames that go into a request, rising; the last one is ``newest``.
+    """Return the indices of the frames that go into a request, rising; the last one is ``newest``.
 
     From the newest frame backwards, at most the given rate, number and span.
 
     Args:
+        stamps_ns: of all frames, rising, ns.
         newest: index of the request's newest frame.
+        rules: the rate, number and span of the frames.
     """
     spacing_ns = seconds_to_ns(rules.frame_spacing_s) - _SLACK_NS
     chosen = [newest]
@@ -70,12 +72,13 @@ def ego_history(
     now_ns: int,
     rules: Preprocessing,
 ) -> tuple[EgoSample, ...]:
-    """Ego samples up to a time, oldest first; empty when there is no state recent enough.
+    """Return ego samples up to a time, oldest first; empty when no state is recent enough.
 
     Args:
         stamps_ns: of the VUT's states, rising, ns.
         state: the state of an index; asked for no more than is needed.
         now_ns: the request's time; no later state is looked at.
+        rules: length and spacing of the history, and the greatest age of its newest state.
     """
     newest = bisect_right(stamps_ns, now_ns) - 1
     if newest < 0 or ns_to_seconds(now_ns - stamps_ns[newest]) > rules.state_age_s:
@@ -152,7 +155,7 @@ INTERFACES: dict[str, Interface] = {one.name: one for one in _ALL}
 
 
 def find_interface(name: str) -> Interface:
-    """The interface of that name.
+    """Return the interface of that name.
 
     Raises:
         InputError: there is none.
@@ -177,10 +180,11 @@ def mounting_of(transform: Any) -> Mounting:
 
 
 def geometry_of(info: Any, mount: Mounting | None) -> CameraGeometry | None:
-    """The geometry of a sensor_msgs/CameraInfo; None where its matrix K says that it is unknown.
+    """Return the geometry of a sensor_msgs/CameraInfo, None where its matrix K is unset.
 
     Args:
-        mount: None where it isn't known.
+        info: a CameraInfo message.
+        mount: None where the mounting isn't known.
     """
     if float(info.k[0]) <= 0.0 or float(info.k[4]) <= 0.0:
         return None

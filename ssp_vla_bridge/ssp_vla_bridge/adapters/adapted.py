@@ -1,6 +1,4 @@
-"""The result of every adapter, the detection of cut answers, and paths from speeds and
-curvatures.
-"""
+"""The result of every adapter, the detection of cut answers, and paths from speed and curvature."""
 
 from __future__ import annotations
 
@@ -50,7 +48,10 @@ def without_trajectory(
     """Make the result of an adapter that can't read a trajectory.
 
     Args:
-        response: raw; of one with an error, the error is the note.
+        response: as it came; if it has an error, the error replaces the note.
+        info: the adapter's so far; the note is added to its notes.
+        reason: an invalid reason, such as ``missing`` or ``shape``.
+        note: what is wrong, for people.
     """
     if response.error_code:
         note = f"error {response.error_code} instead of an answer"
@@ -88,7 +89,7 @@ def answer_part(response: Response) -> tuple[Response, tuple[str, ...]]:
 
 
 def _spans(stages: object, length: int) -> list[tuple[int, int]]:
-    """The stages' spans of a text, in order; empty where they aren't all sound."""
+    """Return the stages' spans of a text, in order; empty where they aren't all sound."""
     spans: list[tuple[int, int]] = []
     for stage in stages if isinstance(stages, list) else ():
         if not isinstance(stage, Mapping):
@@ -108,7 +109,7 @@ _NAME_LENGTH = 40
 
 
 def cut_parts(response: Response) -> tuple[str, ...]:
-    """Names of the stages that were cut off; ``answer`` where decoding says it of the whole.
+    """Name the stages that were cut off; ``answer`` where decoding says it of the whole.
 
     Args:
         response: whoever made it; ``finish_reason`` is looked for in its ``decoding`` and in each
@@ -135,7 +136,7 @@ def motion_is_cut(response: Response) -> bool:
 
 
 def arcs(steps: Iterable[tuple[float, float]], step_s: float) -> Trajectory:
-    """Each speed (m/s) and curvature (1/m, + is left) holds for one step: a circular arc.
+    """Hold each speed (m/s) and curvature (1/m, + is left) for one step: a circular arc.
 
     Its length is d = v Δt and it turns by κ d. With θ_0 = 0 and c = sin(κ d / 2) / (κ d / 2),
     which is 1 for a straight step:
@@ -155,16 +156,16 @@ def arcs(steps: Iterable[tuple[float, float]], step_s: float) -> Trajectory:
 
 
 def at_steps(xs_m: Sequence[float], ys_m: Sequence[float], step_s: float) -> Trajectory:
-    """Points (x forward, y to the left) at 0, Δt, 2 Δt, …"""
+    """Return points (x forward, y to the left) at 0, Δt, 2 Δt, … as a trajectory."""
     times = tuple(k * step_s for k in range(len(xs_m)))
     return Trajectory(times, tuple(xs_m), tuple(ys_m))
 
 
 def sine(angle_rad: float) -> float:
-    """The sine; NaN of an angle that isn't finite, where math.sin raises."""
+    """Return the sine, or NaN for an angle that isn't finite, where math.sin raises."""
     return math.sin(angle_rad) if math.isfinite(angle_rad) else math.nan
 
 
 def cosine(angle_rad: float) -> float:
-    """The cosine; NaN of an angle that isn't finite, where math.cos raises."""
+    """Return the cosine, or NaN for an angle that isn't finite, where math.cos raises."""
     return math.cos(angle_rad) if math.isfinite(angle_rad) else math.nan

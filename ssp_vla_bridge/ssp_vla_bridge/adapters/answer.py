@@ -93,10 +93,12 @@ class _Candidate:
 
 
 def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool = False) -> Choice:
-    """The list of a text that answers, by the rules above; takes time linear in its length.
+    """Choose the list of a text that answers, by the rules above, in time linear in its length.
 
     Args:
-        history: as the prompt printed it, None when the request isn't at hand.
+        text: the answer's, or its motion stage's.
+        form: of the list that the interface asks for.
+        history: rows as the prompt printed them, None when the request isn't at hand.
         text_is_cut: whether it is known to end at the limit of tokens.
     """
     notes: list[str] = []
@@ -144,7 +146,7 @@ def _goes_on(rest: str) -> bool:
 
 
 def _own(answers: list[_Candidate], form: Form, notes: list[str]) -> list[_Candidate]:
-    """The lists that count as the own plan, in the text's order (METHOD 5.4b)."""
+    """Return the lists that count as the own plan, in the text's order (METHOD 5.4b)."""
     if not form.label:
         return answers
     labelled = [one for one in answers if one.label.owner is Owner.OWN]
@@ -172,7 +174,7 @@ def _is_origin(row: Sequence[float]) -> bool:
 
 
 def _with_cut_end(text: str, lists: Sequence[NumberList], count: int) -> Sequence[NumberList]:
-    """The lists, the last one of them cut where nothing says that it ended."""
+    """Return the lists, the last one of them cut where the text doesn't show that it ended."""
     if not lists:
         return lists
     last = lists[-1]
@@ -183,7 +185,7 @@ def _with_cut_end(text: str, lists: Sequence[NumberList], count: int) -> Sequenc
 
 
 def _as_closed(one: NumberList, count: int) -> NumberList:
-    """A cut list as a whole one, where all rows that were asked for are closed."""
+    """Return a cut list as a whole one if all rows that were asked for are closed."""
     asked = count + 1 if one.rows and _is_origin(one.rows[0]) else count
     if one.fault != CUT or len(one.rows) < max(1, asked):
         return one
@@ -191,7 +193,7 @@ def _as_closed(one: NumberList, count: int) -> NumberList:
 
 
 def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) -> list[NumberList]:
-    """A list that is longer than asked for, parted where that can be told."""
+    """Split a list that is longer than asked for, where the place can be told."""
     if one.fault and one.fault != CUT:
         return [one]
     known = history or ()
@@ -268,9 +270,7 @@ def _is_echo(rows: Rows, history: Rows, of_past: bool, notes: list[str]) -> bool
 
 
 def _is_rounded(rows: Rows, history: Rows) -> bool:
-    """Tell whether rows are the whole history with fewer decimals, and vary enough to be no
-    chance.
-    """
+    """Tell whether rows are the history with fewer decimals, and vary too much for chance."""
     if len(rows) != len(history) or len(set(rows)) < _LEAST_ECHO or _equal(rows, history):
         return False
     pairs = [

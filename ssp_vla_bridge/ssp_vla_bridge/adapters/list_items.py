@@ -52,7 +52,7 @@ class Item:
 
 
 def closing_brackets(text: str) -> dict[int, int]:
-    """Offsets of closing brackets by those of their opening ones, each kind for itself."""
+    """Return offsets of closing brackets by those of their opening ones, each kind for itself."""
     found: dict[int, int] = {}
     opened: dict[str, list[int]] = {"[": [], "(": [], "{": []}
     for match in re.finditer(r"[\[\](){}]", text):
@@ -65,7 +65,7 @@ def closing_brackets(text: str) -> dict[int, int]:
 
 
 def item_of(text: str, start: int) -> Item | None:
-    """The numbering, bullet or line that begins with the row at an offset; None: there is none."""
+    """Return the numbering, bullet or line that begins with the row at an offset, or None."""
     line = text.rfind("\n", max(0, start - 80), start) + 1
     if line == 0 and start > 80:
         return None
@@ -89,8 +89,11 @@ def continues(
     """Tell whether a row goes on with the numbering or bullet of the row before it.
 
     Args:
+        text: the answer's.
         end: offset behind the row before.
         start: offset of the row.
+        before: item of the row before, None: it has none.
+        item: of this row, None: it has none.
 
     Returns:
         None where it doesn't; else whether an item without a row stands between the two.
@@ -136,6 +139,7 @@ def lacks_first(before: str, items: Sequence[Item | None]) -> bool:
 
     Args:
         before: the text before the first row.
+        items: of the list's rows, in order; None: a row without one.
     """
     numbers = [item.number for item in items[:2] if item is not None and item.number]
     if len(numbers) < 2 or numbers[0] == 1 or numbers[1] != numbers[0] + 1:
@@ -156,7 +160,7 @@ def holds_element(between: str) -> bool:
 
 
 def stated_times_s(gaps: Sequence[str]) -> tuple[float, ...]:
-    """The times beside the rows of a list, one for each row, s; empty where they aren't stated.
+    """Return the times beside the rows of a list, one for each row, s; empty: none are stated.
 
     Args:
         gaps: the text before the first row, between the rows, and behind the last one.

@@ -70,7 +70,7 @@ class Row:
 
 
 def find_rows(text: str) -> Iterator[Row]:
-    """The rows of a text, in its order."""
+    """Yield the rows of a text, in its order."""
     for match in _GROUP.finditer(text):
         opening, inside, closing = match.groups()
         if _DIGIT.search(inside) is None:
@@ -81,9 +81,12 @@ def find_rows(text: str) -> Iterator[Row]:
 
 
 def read_row(start: int, end: int, inside: str, brackets: str) -> Row | None:
-    """The row in a bracket; None if it holds no number, or a single one, which is a label.
+    """Return the row in a bracket, None if it holds no number, or a single one, which is a label.
 
     Args:
+        start: offset of its opening bracket.
+        end: offset behind its closing one.
+        inside: the text between them.
         brackets: both; empty for one that never closes.
     """
     marks = (_BRACKETS[brackets],) if brackets in _BRACKETS else ()
@@ -114,7 +117,7 @@ _TEXT_FIELD = re.compile(
 
 
 def _plain_name(word: str) -> str:
-    """A column's name without a number or a unit: ``x_m``, ``time_s``, ``v1``."""
+    """Return a column's name without a number or a unit: ``x_m``, ``time_s``, ``v1``."""
     plain = re.sub(r"_(?:m|s|mps|meters?|metres?|sec|seconds)$", "", word.lower())
     return plain.rstrip("0123456789_")
 
@@ -247,7 +250,7 @@ class _Gap:
 
 
 def scan_lists(text: str) -> tuple[NumberList, ...]:
-    """Find the lists of number rows in a text, in its order; takes time linear in its length.
+    """Find the lists of number rows in a text, in its order, in time linear in its length.
 
     Rows inside one outer bracket, of one numbering, or behind the same bullet at the same indent
     are one list, whatever remark stands between them.
@@ -355,7 +358,7 @@ def _names(rows: list[Row], width: int) -> tuple[frozenset[str], ...]:
 def _ending(
     text: str, rows: list[Row], gaps: list[_Gap], items: list[Item | None], end: int
 ) -> list[NumberList]:
-    """The last list, and whether the text ends before it does."""
+    """Return the last list, and tell whether the text ends before it does."""
     last = max(text.rfind(bracket, end) for bracket in "[](){}")
     opener = last if last >= 0 and text[last] in "[({" else len(text)
     row_begun = opener < len(text) and may_begin_row(text[opener + 1 :])

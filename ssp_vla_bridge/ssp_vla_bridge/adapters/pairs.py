@@ -45,10 +45,14 @@ def adapt_pairs(
     form: Form,
     integrate: Callable[[Rows], Trajectory],
 ) -> Adapted:
-    """Text and trajectory of an answer in pairs.
+    """Return text and trajectory of an answer in pairs.
 
     Args:
-        history: as the prompt printed it, None when the request isn't at hand.
+        response: as it came.
+        history: rows as the prompt printed them, None when the request isn't at hand.
+        info: the adapter's name and mode; notes are added.
+        form: of the list that the interface asks for.
+        integrate: makes the trajectory of the list's rows.
     """
     if response.error_code:
         return without_trajectory(response, info, "missing")
@@ -79,7 +83,7 @@ def _is_raster(times_s: tuple[float, ...]) -> bool:
 
 
 def motion_text(response: Response) -> tuple[str, tuple[str, ...]]:
-    """The motion stage's text of a staged answer, the whole text of another; with notes.
+    """Return the motion stage's text of a staged answer, the whole text of another; with notes.
 
     Args:
         response: whose ``decoding["stages"]`` may name spans of its text.
@@ -93,7 +97,7 @@ def motion_text(response: Response) -> tuple[str, tuple[str, ...]]:
 
 
 def _most_lateral_mps2(trajectory: Trajectory) -> float:
-    """The largest change of velocity across the direction of motion, m/s²."""
+    """Return the largest change of velocity across the direction of motion, m/s²."""
     times, xs, ys = trajectory.t_s, trajectory.x_m, trajectory.y_m
     most = 0.0
     for i in range(1, len(times) - 1):
@@ -119,7 +123,7 @@ _OPENEMMA_FORM = Form(
 def adapt_openemma(
     response: Response, request: Request | None = None, mode: str = CORRECTED
 ) -> Adapted:
-    """Reads the pairs of the motion stage, or of the whole text where no stage is named.
+    """Read the pairs of the motion stage, or of the whole text where no stage is named.
 
     ``corrected``: speed v / 0.5 s and curvature k / 100 hold for one step of 0.5 s each (arcs), so
     that n pairs give points at 0, 0.5, …, n · 0.5 s, the first one the origin. ``native``:
@@ -135,7 +139,7 @@ def _openemma_arcs(pairs: Rows) -> Trajectory:
 
 
 def published_points(pairs: Rows) -> Trajectory:
-    """OpenEMMA's own integration with its faults, so that its published numbers can be met.
+    """Integrate as OpenEMMA does, faults included, so that its published numbers can be met.
 
     n pairs give n points. Its time runs from 0 to n in n points, so that a step is n / (n − 1),
     10/9 for ten; heading and position are trapezoidal sums over that time of κ v, v cos θ and
@@ -164,7 +168,7 @@ _LIGHTEMMA_FORM = Form(
 def adapt_lightemma(
     response: Response, request: Request | None = None, mode: str = NATIVE
 ) -> Adapted:
-    """Reads the pairs of the motion stage, or of the whole text where no stage is named.
+    """Read the pairs of the motion stage, or of the whole text where no stage is named.
 
     ``native``: LightEMMA's own integration (straight_steps). ``corrected``: arcs, whose heading
     doesn't lag half a step behind in a curve. Both give points at 0, 0.5, …, n · 0.5 s.
@@ -180,7 +184,7 @@ def _lightemma_arcs(pairs: Rows) -> Trajectory:
 
 
 def straight_steps(pairs: Rows) -> Trajectory:
-    """LightEMMA's own integration: each step is straight, and the heading turns behind it.
+    """Integrate as LightEMMA does: each step is straight, and the heading turns behind it.
 
     x_k = x_(k−1) + v Δt cos θ_(k−1), y_k = y_(k−1) + v Δt sin θ_(k−1), θ_k = θ_(k−1) + κ v Δt. The
     points lie at 0, Δt, 2 Δt, …, the first one is the origin, which LightEMMA leaves out of its

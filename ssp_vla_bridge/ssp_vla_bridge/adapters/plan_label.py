@@ -169,10 +169,11 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
     """Read the label of a list.
 
     Args:
-        bare: the prompt asks for a list without a label, so that "the vehicle" is the own one.
+        text: the answer's.
         end_before: offset behind the list before.
         start: offset of the list.
         end: offset behind its last row.
+        bare: the prompt asks for a list without a label, so that "the vehicle" is the own one.
     """
     begin = max(end_before, start - _LOOKED_AT)
     before = text[begin:start]
@@ -248,7 +249,7 @@ def _says_more(line: str) -> bool:
 
 
 def _parents(text: str, begin: int, start: int) -> list[str]:
-    """Keys of the objects that hold a list, outermost first."""
+    """Return keys of the objects that hold a list, outermost first."""
     found: list[str] = []
     depth = 0
     for i in range(start - 1, begin - 1, -1):

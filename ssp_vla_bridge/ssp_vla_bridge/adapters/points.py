@@ -31,9 +31,11 @@ def adapt_points(
     times_s: Sequence[float],
     request: Request | None,
 ) -> Adapted:
-    """The trajectory of points, with the origin before a start one step late.
+    """Return the trajectory of points, with the origin before a start one step late.
 
     Args:
+        response: whose text is kept.
+        info: the adapter's name, mode and notes; further ones are added.
         xs_m: forward, m.
         ys_m: to the left, m.
         times_s: of the points after the record's time, s, finite.
@@ -56,7 +58,7 @@ def adapt_points(
 
 
 def present_speed_mps(request: Request | None) -> float | None:
-    """The VUT's speed at the request's time by its history; None where that isn't known."""
+    """Return the VUT's speed at the request's time by its history, None where that isn't known."""
     samples = request.history if request is not None and request.ego_known else ()
     if not samples:
         return None
@@ -97,7 +99,7 @@ def _raster(count: int, first_time_s: float, step_s: float) -> tuple[float, ...]
 
 
 def _times_of(choice: Choice, step_s: float) -> tuple[float, ...]:
-    """Times of a list's rows: as stated, from the origin, or from one step after t = 0."""
+    """Return times of a list's rows: as stated, from the origin, or from one step after t = 0."""
     if choice.times_s == FROM_ORIGIN:
         return _raster(len(choice.rows), 0.0, step_s)
     return choice.times_s or _raster(len(choice.rows), step_s, step_s)
@@ -117,7 +119,7 @@ _LLAVIDA_FORM = Form(
 def adapt_llavida(
     response: Response, request: Request | None = None, mode: str = LLAVIDA_FRAME
 ) -> Adapted:
-    """Reads the list behind the label ``… trajectory:``, points at 0.5, 1.0, … s.
+    """Read the list behind the label ``… trajectory:``, points at 0.5, 1.0, … s.
 
     A native x is lateral, negative to the left, and a native y is forward: (X, Y) = (y, −x). The
     origin is added. LLaViDA's own parser pads a short list with its last point and makes six
@@ -125,7 +127,9 @@ def adapt_llavida(
     read is no trajectory. A line of meta-actions stays in the text.
 
     Args:
-        request: that it answers, by which the echo of its history is known.
+        response: as it came.
+        request: that it answers, by which the echo of its history is known; None: not at hand.
+        mode: the frame, as the result names it.
     """
     info = AdapterInfo("llavida", mode)
     if response.error_code:
@@ -159,7 +163,7 @@ def adapt_waypoints(
     request: Request | None = None,
     mode: str = WAYPOINTS_FRAME,  # noqa: ARG001  # as every reader has it
 ) -> Adapted:
-    """Reads the array ``trajectory``: frame ``ego_xy``, unit m, shape (n, 2), constant step.
+    """Read the array ``trajectory``: frame ``ego_xy``, unit m, shape (n, 2), constant step.
 
     A first row one step after t = 0 gets the frame's origin before it, marked (METHOD 5.4). A
     wrong frame, unit, shape or number of arrays is a trajectory that can't be read: ``shape``.
@@ -168,7 +172,9 @@ def adapt_waypoints(
     at the task's step, the first point one step after t = 0.
 
     Args:
+        response: as it came.
         request: that it answers, whose task declares the step; None: that of TASK.
+        mode: ignored; every reader has it.
     """
     arrays = [array for array in response.arrays if array.name == WAYPOINTS_ARRAY]
     if response.error_code:
@@ -196,7 +202,7 @@ def _read_waypoints(response: Response, array: NativeArray, request: Request | N
 
 
 def _read_text(response: Response, request: Request | None) -> Adapted:
-    """The list behind ``Trajectory:``, whose step and first time the task declares."""
+    """Return the list behind ``Trajectory:``, whose step and first time the task declares."""
     task = TASK if request is None else request.task
     history = () if request is None else waypoints_history(request).rows
     step_s = task.trajectory_step_s
@@ -235,7 +241,7 @@ _PRINTED = re.compile(rf"\s*\[[\[\s]*+({_LITERAL})(?:[\s,\[\]]++|{_LITERAL})*+")
 def adapt_alpamayo(
     response: Response, request: Request | None = None, mode: str = ALPAMAYO_MODE
 ) -> Adapted:
-    """Reads set 0, sample 0 of ``pred_xyz``: shape [B, sets, samples, n, 3], or fewer leading axes.
+    """Read set 0, sample 0 of ``pred_xyz``: shape [B, sets, samples, n, 3], or fewer leading axes.
 
     x is forward, y to the left, m, in the ego frame at the record's time; z is not used. B must be
     1. Step and first time are the array's own (0.1 s each for Alpamayo), so that the origin is
@@ -284,7 +290,7 @@ def _read_alpamayo(
 
 
 def unwrapped(text: str) -> tuple[str, tuple[str, ...]]:
-    """The first string of a text that is the print of an array of strings; notes say if it was."""
+    """Return the first string of a text that prints an array of strings, and a note on that."""
     match = _PRINTED.fullmatch(text)
     if match is None or not text.rstrip().endswith("]"):
         return text, ()

@@ -28,10 +28,12 @@ class Read(Protocol):
     """Reads a response as one interface defines it."""
 
     def __call__(self, response: Response, request: Request | None, mode: str) -> Adapted:
-        """Text and trajectory; raises on nothing.
+        """Return text and trajectory; raise on nothing.
 
         Args:
+            response: as it came.
             request: that it answers, by which an echo of the prompt is known; None: not at hand.
+            mode: one of the adapter's modes.
         """
 
 
@@ -53,10 +55,12 @@ ADAPTERS: dict[str, _Adapter] = {
 
 
 def adapt(adapter_name: str, response: Response, request: Request | None = None) -> Adapted:
-    """Text and trajectory of a response, read as the named interface defines it.
+    """Return text and trajectory of a response, read as the named interface defines it.
 
     Args:
         adapter_name: ``name`` or ``name:mode``.
+        response: as it came.
+        request: that it answers; None: not at hand.
 
     Raises:
         InputError: there is no adapter or mode of that name.

@@ -164,7 +164,9 @@ def convert(one: NumberList, heading: str, meaning: Meaning, accepted: frozenset
     """Bring a list into its interface's columns and units, as far as it states others.
 
     Args:
+        one: the list, as read.
         heading: the words from the label to the list.
+        meaning: the columns and units that the interface asks for.
         accepted: units that are the interface's own.
     """
     said = _SIDE_OF_AXIS.sub(r"\1", heading.lower())
@@ -247,7 +249,7 @@ def _lateral_side(said: str, meaning: Meaning, negative_side: str) -> str:
 def _arranged(
     rows: Rows, columns: Sequence[str], meaning: Meaning
 ) -> tuple[Rows, tuple[float, ...], bool]:
-    """Rows in an interface's order and signs, the times, and whether the rows were changed."""
+    """Arrange rows in an interface's order and signs; also return times and if rows changed."""
     picked: list[tuple[int, float]] = []
     for wanted in meaning.columns:
         mirrored = _MIRRORED.get(wanted, wanted)
@@ -274,9 +276,7 @@ def _arranged(
 def _factors(
     one: NumberList, said: str, meaning: Meaning, accepted: frozenset[str]
 ) -> tuple[tuple[float, float], str] | str:
-    """Return the factors of the two columns and the units' names; or the reason why they aren't
-    known.
-    """
+    """Return the factors of the two columns and the units' names, or why they aren't known."""
     stated = {*one.units, *_UNIT.findall(said)} - {"s"}
     if "forward" in meaning.columns and len({_LENGTHS_M.get(unit) for unit in one.units}) > 1:
         return f"the rows are in {' and '.join(sorted(one.units))}"

@@ -42,12 +42,13 @@ class _Column:
 
 
 def with_lists_for_tables(text: str, is_of_points: bool, text_is_cut: bool) -> str:
-    """Replace each table of a plan by a heading and a list; takes time linear in the length.
+    """Replace each table of a plan by a heading and a list, in time linear in the length.
 
     Args:
+        text: the answer's.
         is_of_points: whether the interface reads points, not pairs of speed and curvature.
-        text_is_cut: whether the text is known to end at the limit of tokens, so that a table at
-            its end isn't known to be whole.
+        text_is_cut: whether the text is known to end at the limit of tokens, so that a table at its
+            end isn't known to be whole.
     """
     if "|" not in text:
         return text

@@ -54,7 +54,7 @@ class ConstantVelocity(OptionFree):
 
 
 def speed_trend_mps2(history: tuple[EgoSample, ...]) -> float:
-    """Slope of the least-squares line through the speeds of the last TREND_S, m/s²; 0 if short."""
+    """Return the slope of the line fitted to the last TREND_S of speeds, m/s²; 0 if short."""
     recent = [sample for sample in history if sample.t_s >= history[-1].t_s - TREND_S - 1e-9]
     mean_t = sum(sample.t_s for sample in recent) / len(recent)
     mean_v = sum(sample.speed_mps for sample in recent) / len(recent)

@@ -39,12 +39,13 @@ _SENTENCE = re.compile(r"[^.!?\n]*[.!?\n]*")
 
 
 def turned(text: str, fact: str, is_plan: bool = False) -> str:
-    """The text with one fact turned wherever it stands; the same text where it doesn't say it.
+    """Return the text with one fact turned wherever it stands, or unchanged if it doesn't say it.
 
-    A vehicle becomes a pedestrian and whoever is none a car, left and right change places, and
-    who slows down accelerates and the other way round.
+    A vehicle becomes a pedestrian and any other road user a car, left and right change places, and
+    slowing down becomes accelerating and the other way round.
 
     Args:
+        text: a stage's.
         fact: one of FACTS.
         is_plan: all of the text is about what the model itself does.
     """
@@ -78,7 +79,7 @@ def _other_action(match: re.Match[str]) -> str:
 
 
 def _as(word: str, before: str) -> str:
-    """The word, beginning as the one in whose place it comes, which may be an abbreviation."""
+    """Return the word, which may be an abbreviation, beginning as the one that it replaces."""
     return word.capitalize() if before.istitle() or before[:2].istitle() else word
 
 
@@ -96,7 +97,7 @@ def before_trajectory(text: str) -> str:
 
 
 def check_continued(completion: str) -> None:
-    """Refuses a completion that begins anew, rather than with the trajectory that was left open.
+    """Refuse a completion that begins anew instead of with the trajectory that was left open.
 
     Raises:
         PeerError: saying so.

@@ -106,7 +106,7 @@ class HttpService:
         self._one_at_a_time = threading.Lock()
 
     def wait_ready(self) -> None:
-        """Waits until the service is ready, at most ``start_s``; what isn't ready then may come."""
+        """Wait at most ``start_s`` until the service is ready; it may still come later."""
         deadline_s = time.monotonic() + self.start_s
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             try:
@@ -118,7 +118,7 @@ class HttpService:
                 time.sleep(min(_POLL_S, max(0.0, deadline_s - time.monotonic())))
 
     def answer(self, request: Request) -> Answer:
-        """The service's answer.
+        """Return the service's answer.
 
         Raises:
             NotTakenError: the service didn't take the request.
@@ -178,17 +178,18 @@ class HttpService:
         return answer
 
     def _refuse_key(self, kept: list[Any]) -> None:
-        """A key must not get into what is stored, also not by way of the service."""
+        """Refuse to store an answer that holds the key, which the service may have repeated."""
         if gives_away(json.dumps(kept).encode(), self.key):
             raise PeerError(self._text("the answer repeats the key, and isn't kept"))
 
     # -- one exchange --------------------------------------------------------------------------
 
     def _exchange(self, path: str, body: bytes | None, timeout_s: float) -> HttpReply:
-        """Sends a request and reads the whole reply.
+        """Send a request and read the whole reply.
 
         Args:
-            body: JSON to post; None: gets.
+            path: of the endpoint, under the service's address.
+            body: JSON to post; None: the request is a GET.
             timeout_s: for everything, from connecting to the last byte.
 
         Raises:
@@ -248,7 +249,7 @@ class HttpService:
             return HttpReply(response.status, named, bytes(read))
 
     def _read(self, reply: HttpReply, path: str, read: Callable[[Any], Read]) -> Read:
-        """Read a reply; raises PeerError for one that isn't of the exchange."""
+        """Read a reply; raise PeerError for one that isn't of the exchange."""
         self._check_status(reply, path)
         try:
             return read(parse_json(reply.body))
@@ -295,7 +296,7 @@ class HttpService:
         return redact(f"{self.url}: {reason}", self.key)
 
     def _short(self, text: str) -> str:
-        """One printable line without the key; cut before, as a text may be large, and after."""
+        """Return one printable line without the key; cut before, as it may be large, and after."""
         text = redact(text[: 4 * _SHOWN], self.key)
         line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
         return line if len(line) <= _SHOWN else line[: _SHOWN - 1] + "…"
@@ -323,7 +324,7 @@ OPTIONS: dict[str, type] = {
 def make(
     options: Mapping[str, Any], name: str = "http", defaults: Mapping[str, Any] | None = None
 ) -> HttpService:
-    """A model behind HTTP, for the options in OPTIONS; waits for it at most ``start_s``.
+    """Make a model behind HTTP, for the options in OPTIONS; wait for it at most ``start_s``.
 
     Raises:
         InputError: the options are wrong.
@@ -351,13 +352,13 @@ def make(
 
 
 def make_llavida(options: Mapping[str, Any]) -> HttpService:
-    """The backend ``http`` with LLaViDA's interface, its sidecar's port and more patience."""
+    """Make the backend ``http`` with LLaViDA's interface, its sidecar's port and more patience."""
     defaults = {"interface": "llavida", "url": "http://127.0.0.1:8302", "timeout_s": 120.0}
     return make(options, "llavida", defaults)
 
 
 def make_alpamayo(options: Mapping[str, Any]) -> HttpService:
-    """The backend ``http`` with Alpamayo's interface, its sidecar's port and more patience."""
+    """Make the backend ``http`` with Alpamayo's interface, its sidecar's port and more patience."""
     defaults = {"interface": "alpamayo", "url": "http://127.0.0.1:8301", "timeout_s": 120.0}
     return make(options, "alpamayo", defaults)
 

@@ -107,7 +107,7 @@ class Options:
 
 
 def read_options(given: Mapping[str, Any]) -> Options:
-    """The options, with the key from the environment.
+    """Return the options, with the key from the environment.
 
     Raises:
         InputError: one is missing, unknown or wrong, or the variable holds no key.
@@ -175,7 +175,7 @@ def read_options(given: Mapping[str, Any]) -> Options:
 
 
 def _decoding(given: Mapping[str, Any], name: str) -> float | None:
-    """A parameter of the request; null leaves it out, for servers that refuse it."""
+    """Return a parameter of the request; null leaves it out, for servers that refuse it."""
     if name in given and given[name] is None:
         return None
     return number_option(given, name, *_DECODING[name])
@@ -222,7 +222,7 @@ class OpenAIBackend:
         )
 
     def answer(self, request: Request) -> Answer:
-        """The stages' texts and how they came.
+        """Return the stages' texts and how they came.
 
         Raises:
             NotTakenError: the server is away or too busy; the line names the stage and says why.
@@ -253,7 +253,7 @@ class OpenAIBackend:
         return Answer(STAGE_GAP.join(one.text for one in said), decoding=self._facts(request, said))
 
     def _given(self, before: Mapping[str, str]) -> dict[str, str]:
-        """The texts of the stages before as they are given back; empty: as they are.
+        """Return the texts of earlier stages as they are given back; empty: unchanged.
 
         Raises:
             PeerError: they don't say the fact that is to be turned.
@@ -271,7 +271,7 @@ class OpenAIBackend:
             raise PeerError(f"n/a: its text says no {fact} that could be turned")
 
     def _asked_on(self, own: _Said, pictures: Sequence[Mapping[str, Any]], end_s: float) -> _Said:
-        """The text of one stage with the trajectory that follows on it as it is given back.
+        """Return the text of one stage with the trajectory that follows from it as given back.
 
         Raises:
             PeerError: there is nothing to give back, or the server doesn't go on with it.
@@ -290,9 +290,13 @@ class OpenAIBackend:
         self, name: str, prompt: Prompt, pictures: Sequence[Mapping[str, Any]], end_s: float,
         begun: str = "",
     ) -> _Said:  # fmt: skip
-        """One stage.
+        """Ask one stage.
 
         Args:
+            name: of the stage.
+            prompt: of the stage.
+            pictures: as message parts, with the frames in them.
+            end_s: when the answer must be there, s on the monotonic clock.
             begun: the beginning of the answer, with which the server goes on.
         """
         begun_s = time.monotonic()
@@ -424,7 +428,7 @@ def _notes(said: Completion, model: str) -> list[str]:
 
 
 def scaled(jpeg: bytes, width_px: int | None) -> bytes:
-    """A frame scaled down to a width, as JPEG; the same bytes where it is no wider.
+    """Return a frame scaled down to a width, as JPEG; the same bytes if it is no wider.
 
     Raises:
         ValueError: it is no picture.
@@ -463,5 +467,5 @@ def _remedies(variable: str) -> dict[str, str]:
 
 
 def make(options: Mapping[str, Any]) -> OpenAIBackend:
-    """Raises InputError: an option is wrong, or the environment holds no key under its name."""
+    """Make the backend; raise InputError for a wrong option or a key that isn't there."""
     return OpenAIBackend(read_options(options))

@@ -96,7 +96,7 @@ class OpencvBaseline(OptionFree):
 
 
 def look(request: Request) -> Perception:
-    """The road users and other things in a request's frames."""
+    """Return the road users and other things in a request's frames."""
     frames = choose_frames(request.frames)
     newest = _decode(frames[-1])
     height, width = newest.shape[:2]
@@ -122,7 +122,7 @@ def look(request: Request) -> Perception:
 
 
 def choose_frames(frames: Sequence[Frame]) -> list[Frame]:
-    """The newest frame and those nearest to LOOK_BACK_S before the request, oldest first."""
+    """Return the newest frame and those nearest to LOOK_BACK_S before the request, oldest first."""
     newest_ns = frames[-1].stamp_ns
     chosen = {
         min(
@@ -135,7 +135,7 @@ def choose_frames(frames: Sequence[Frame]) -> list[Frame]:
 
 
 def choose_action(situation: Situation, speed_mps: float | None, blind: bool) -> str:
-    """The longitudinal action: slow down for a conflict, stop if it is slow and close enough."""
+    """Return the longitudinal action: slow down for a conflict, stop if slow and close enough."""
     standing = speed_mps is not None and speed_mps <= _STANDING_MPS
     must_react = blind or situation.conflict in ("potential", "active")
     if not must_react:

@@ -70,7 +70,7 @@ class Perfect:
         self._clip_start_ns = clip_start_ns
 
     def answer(self, request: Request) -> Answer:
-        """Raises PeerError: no label is near the request's time."""
+        """Return the labels' answer; raise PeerError if no label is near the request's time."""
         time_s = ns_to_seconds(request.stamp_ns - self._clip_start_ns)
         label = min(self._labels, key=lambda candidate: abs(candidate.t_s - time_s))
         if abs(label.t_s - time_s) > MATCH_S + 1e-9:
@@ -97,7 +97,7 @@ def _trajectory(
 
 
 def make(options: Mapping[str, Any]) -> Perfect:
-    """A control for the options ``labels_file`` and ``clip_start_ns`` (default 0).
+    """Make a control for the options ``labels_file`` and ``clip_start_ns`` (default 0).
 
     Raises:
         InputError: the options or the labels file are wrong.

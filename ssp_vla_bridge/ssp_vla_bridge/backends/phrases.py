@@ -58,7 +58,7 @@ _LAT = {
 
 
 def action_sentence(lon_action: str, lat_action: str) -> str:
-    """The VUT's own action: ``I slow down and stay in my lane.``"""
+    """Return the VUT's own action in words: ``I slow down and stay in my lane``."""
     return f"{_LON[lon_action]} and {_LAT[lat_action]}."
 
 
@@ -68,10 +68,13 @@ def scene_text(
     motion: str | None,
     conflict: str | None,
 ) -> str:
-    """The closed slots of METHOD 5.1 in full sentences; what is None is left unsaid.
+    """Return the closed slots of METHOD 5.1 in full sentences; what is None is left unsaid.
 
     Args:
-        objects: the critical one first; empty says that nobody is there.
+        objects: the critical one first; empty says that there is none.
+        position: of the critical object, a word of METHOD 5.1.
+        motion: of the critical object, a word of METHOD 5.1.
+        conflict: a word of METHOD 5.1.
     """
     sentences = []
     critical = objects[0] if objects else ""
@@ -118,7 +121,7 @@ SIDEWAYS_M = 0.3
 
 
 def point_times(task: DrivingTask) -> tuple[float, ...]:
-    """0, step, 2 step, … up to the task's horizon, s."""
+    """Return 0, step, 2 step, … up to the task's horizon, s."""
     count = math.floor(task.trajectory_horizon_s / task.trajectory_step_s + 1e-9)
     return tuple(index * task.trajectory_step_s for index in range(count + 1))
 
@@ -132,7 +135,7 @@ def circle_point(distance_m: float, curvature_per_m: float) -> tuple[float, floa
 
 
 def travelled_m(time_s: float, speed_mps: float, acceleration_mps2: float) -> float:
-    """Distance after a time at constant acceleration; a braking vehicle stays where it stops."""
+    """Return the distance after a time at constant acceleration; braking ends at standstill."""
     if acceleration_mps2 < 0.0:
         time_s = min(time_s, max(0.0, speed_mps) / -acceleration_mps2)
     return speed_mps * time_s + acceleration_mps2 * time_s**2 / 2.0
@@ -151,6 +154,8 @@ def action_points(
     """Draw a feasible plan that is read as these two actions (METHOD 6.6).
 
     Args:
+        lon_action: longitudinal, a word of METHOD 5.1.
+        lat_action: lateral, a word of METHOD 5.1.
         speed_mps: present speed; what is outside 3 to 20 m/s is taken for the nearest, and a plan
             that stops begins at 3 m/s.
         times_s: of the points.
@@ -166,7 +171,7 @@ def action_points(
 
 
 def waypoints(points: list[tuple[float, float]], task: DrivingTask) -> NativeArray:
-    """Positions (x_m, y_m) at the task's point times, the first one at t = 0."""
+    """Return positions (x_m, y_m) at the task's point times, the first one at t = 0."""
     return NativeArray(
         name=WAYPOINTS_ARRAY,
         shape=(len(points), 2),

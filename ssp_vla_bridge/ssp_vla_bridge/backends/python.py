@@ -56,7 +56,7 @@ class PythonFunction:
         self._first_time_s = first_time_s
 
     def answer(self, request: Request) -> Answer:
-        """Return the function's answer; raises PeerError where it can't be sent."""
+        """Return the function's answer; raise PeerError where it can't be sent."""
         given = self._function(request)
         if isinstance(given, Answer):
             return given
@@ -72,7 +72,7 @@ class PythonFunction:
 
 
 def _points(points: Any, step_s: float, first_time_s: float) -> NativeArray:
-    """Rows (x, y) of anything that can be gone through: lists, numpy arrays, tensors."""
+    """Read rows (x, y) of anything iterable: lists, numpy arrays, tensors."""
     try:
         rows = [tuple(float(value) for value in row) for row in points]
     except (TypeError, ValueError, OverflowError) as error:
@@ -94,7 +94,7 @@ def _points(points: Any, step_s: float, first_time_s: float) -> NativeArray:
 
 
 def make(options: Mapping[str, Any]) -> PythonFunction:
-    """The function that the option ``function`` names.
+    """Make a backend of the function that the option ``function`` names.
 
     Further options: ``folder`` to look for its module in before all others, ``options`` for the
     function's own keyword ``options``, ``interface`` (default waypoints), ``model_id``, and for
@@ -119,7 +119,7 @@ def make(options: Mapping[str, Any]) -> PythonFunction:
 
 
 def check(options: Mapping[str, Any]) -> None:
-    """Refuses what can be told without importing the function's module, which may load a model.
+    """Refuse what can be told without importing the function's module, which may load a model.
 
     Raises:
         InputError: an option is unknown or has a wrong value, or the function's name is none.
@@ -137,7 +137,7 @@ def check(options: Mapping[str, Any]) -> None:
 
 
 def split(path: str) -> tuple[str, str]:
-    """Module and function of ``module:function`` or ``module.function``; empty where missing."""
+    """Split ``module:function`` or ``module.function``; a missing part is empty."""
     module, separator, name = path.partition(":")
     if not separator:
         module, _, name = path.rpartition(".")
@@ -183,7 +183,7 @@ def _function(path: str) -> Callable[..., Any]:
 
 
 def _broken(module_name: str, path: str, error: BaseException) -> InputError:
-    """A module that is there and can't be imported."""
+    """Describe a module that is there and can't be imported."""
     spec = None
     try:
         spec = importlib.util.find_spec(module_name)

@@ -29,7 +29,7 @@ RESPONSE_TYPE = "ssp_msgs/msg/VlaResponse"
 
 
 def response_of_message(message: Any) -> Response:
-    """The response in a decoded message (ssp_core.bag.reader.BagReader.decode).
+    """Return the response in a decoded message (ssp_core.bag.reader.BagReader.decode).
 
     Raises:
         ValueError: its decoding facts are no JSON object.
@@ -61,7 +61,7 @@ class Stored:
 
 
 def read_stored(path: Path) -> tuple[Stored, ...]:
-    """Every answer in a JSON Lines file, a cell's folder, a campaign's folder or a bag.
+    """Read every answer in a JSON Lines file, a cell's folder, a campaign's folder or a bag.
 
     Raises:
         InputError: it is none of these, holds no answers, or can't be read.
@@ -146,7 +146,7 @@ class Recorded:
         self.model_id = f"recorded({', '.join(names)})"
 
     def answer(self, request: Request) -> Answer:
-        """Raises PeerError: none is stored, several differ, or an error is stored."""
+        """Return the stored answer; raise PeerError for none, differing ones, or an error."""
         fitting = self._by_id.get(request.request_id) or self._by_stamp.get(request.stamp_ns)
         if not fitting:
             away_s = ns_to_seconds(min(abs(stamp - request.stamp_ns) for stamp in self._by_stamp))
@@ -161,7 +161,7 @@ class Recorded:
 
 
 def _the_one(fitting: Sequence[Stored], asked: str) -> Response:
-    """The answer that all places agree on; to choose among different ones would be guessing."""
+    """Return the answer that all places agree on; raise PeerError where they differ."""
     last = {(one.place, one.response.model): one for one in fitting}
     first, *others = last.values()
     for other in others:
@@ -180,7 +180,7 @@ def _said(response: Response) -> str:
 
 
 def make(options: Mapping[str, Any]) -> Recorded:
-    """A backend for the options ``file``, ``model`` and ``interface``.
+    """Make a backend for the options ``file``, ``model`` and ``interface``.
 
     ``file`` is JSON Lines of responses (messages.py), a cell's or a campaign's folder, or a
     bag with the answers of a shadow run; ``model`` leaves only the answers of that name.

@@ -28,7 +28,7 @@ from ssp_vla_bridge.window import geometry_of
 
 
 def request_from_msg(msg: Any) -> Request:
-    """VlaRequest.msg as a Request; a zero matrix K or height is what the message calls unknown.
+    """Return VlaRequest.msg as a Request; a zero matrix K or height stands for unknown.
 
     Raises:
         ValueError: a stamp is none, or the previous answer in it can't be read.
@@ -55,7 +55,7 @@ def _camera(msg: Any) -> CameraGeometry | None:
 
 
 def request_to_msg(request: Request) -> Any:
-    """A Request as VlaRequest.msg: the inverse of request_from_msg."""
+    """Return a Request as VlaRequest.msg, the inverse of request_from_msg."""
     msg = VlaRequest()
     msg.header.stamp = stamp_from_ns(request.stamp_ns)
     msg.request_id = request.request_id
@@ -80,7 +80,7 @@ def request_to_msg(request: Request) -> Any:
 
 
 def _message(kind: type, value: Any, **given: Any) -> Any:
-    """A message with the fields of a dataclass, without their units; of_message's inverse."""
+    """Return a message with a dataclass's fields without their units, as of_message reads it."""
     for name in (one.name for one in fields(value)):
         if name != "stamp_ns" and bare_name(name) not in given:
             own = getattr(value, name)
@@ -89,7 +89,7 @@ def _message(kind: type, value: Any, **given: Any) -> Any:
 
 
 def response_to_msg(response: Response) -> Any:
-    """A Response as VlaResponse.msg.
+    """Return a Response as VlaResponse.msg.
 
     Raises:
         ValueError, TypeError, AssertionError or OverflowError: the backend gave what no message

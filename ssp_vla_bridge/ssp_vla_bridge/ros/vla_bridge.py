@@ -136,7 +136,7 @@ class VlaBridge(Node):
         return follower
 
     def shutdown(self) -> None:
-        """No answer leaves after this, however long the backend still works."""
+        """Stop answering: nothing leaves after this, however long the backend still works."""
         with self._changed:
             self._stopping = True
             self._changed.notify_all()
@@ -158,7 +158,7 @@ class VlaBridge(Node):
                 self._refuse(request, ErrorCode.OVERLOAD, "the queue is full", 0.0)
 
     def _on_due(self) -> None:
-        """Shadow mode asks about the newest frame or not at all: what waits would grow old."""
+        """Ask about the newest frame in shadow mode, or not at all: a queue would grow old."""
         with self._changed:
             if self._queue.busy or self._follower is None:
                 self._health.skipped += 1
@@ -243,7 +243,7 @@ class VlaBridge(Node):
         self._release()
 
     def _release(self) -> None:
-        """Publishes in order what somebody hears, or has waited for a listener long enough."""
+        """Publish in order what has a listener, or has waited for one long enough."""
         while self._held and (
             self._publisher.get_subscription_count() or time.monotonic() > self._held[0][0]
         ):
@@ -251,14 +251,14 @@ class VlaBridge(Node):
 
 
 def _answerable_ns(stamp: Any) -> int:
-    """The stamp that a refusal repeats; 0 for one that no answer could carry."""
+    """Return the stamp that a refusal repeats, 0 for one that no answer could carry."""
     with suppress(ValueError):
         return session_ns(stamp)
     return 0
 
 
 def main() -> int:
-    """Runs the bridge until SIGINT or SIGTERM."""
+    """Run the bridge until SIGINT or SIGTERM."""
 
     def make(_: StopRequest) -> Node:
         return make_node("vla_bridge", VlaBridge)

@@ -72,7 +72,7 @@ class _Blob:
 
 
 def detect_objects(ycc: NDArray[np.float32], foreign: Mask, plane: GroundPlane) -> list[Detection]:
-    """The things that stand on the ground, nearest first."""
+    """Return the things that stand on the ground, nearest first."""
     closed = cv2.morphologyEx(
         foreign, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_RECT, (3, 5))
     )
@@ -97,7 +97,7 @@ def detect_objects(ycc: NDArray[np.float32], foreign: Mask, plane: GroundPlane) 
 
 
 def _hidden(thing: Detection, nearer: Detection) -> bool:
-    """True for a piece that lies in the picture of a nearer thing."""
+    """Tell whether a piece lies in the picture of a nearer thing."""
     a, b = thing.box, nearer.box
     wide = min(a[2], b[2]) - max(a[0], b[0])
     high = min(a[3], b[3]) - max(a[1], b[1])
@@ -106,7 +106,7 @@ def _hidden(thing: Detection, nearer: Detection) -> bool:
 
 
 def _belongs(blob: _Blob, nearer: _Blob, plane: GroundPlane) -> bool:
-    """True for a part of the same thing: beside or above it, and not wider than any vehicle."""
+    """Tell whether it is a part of the same thing: beside or above it, no wider than a vehicle."""
     scale = plane.row_px_per_m[nearer.bottom - 1]
     aside = max(blob.left - nearer.right, nearer.left - blob.right)
     above = nearer.top - blob.bottom
@@ -153,7 +153,7 @@ def _thing(ycc: NDArray[np.float32], blob: _Blob, plane: GroundPlane) -> Detecti
 
 
 def _top_row(ycc: NDArray[np.float32], blob: _Blob, scale: float) -> int:
-    """First row of the thing, followed upwards for as long as it differs from what is beside it."""
+    """Return the first row of the thing, followed upwards while it differs from its sides."""
     highest = max(0, round(blob.bottom - _TALLEST_M * scale))
     if blob.top <= highest:
         return blob.top
@@ -186,7 +186,7 @@ def _top_row(ycc: NDArray[np.float32], blob: _Blob, scale: float) -> int:
 
 
 def _beside(ycc: NDArray[np.float32], blob: _Blob, scale: float, count: int) -> NDArray[np.float32]:
-    """Shape (height, n, 3): some columns on either side of a blob, blurred along the row."""
+    """Return some columns on either side of a blob, blurred along the row, (height, n, 3)."""
     step = max(1, round(_FLANK_STEP_M * scale))
     gap = max(1, round(_FLANK_GAP_M * scale))
     columns = []

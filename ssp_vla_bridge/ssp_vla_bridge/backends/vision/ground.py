@@ -66,7 +66,7 @@ class GroundPlane:
         return np.asarray(np.maximum(0.0, self.fx_px * (slope * c + s) / self.height_m))
 
     def y_m(self, u_px: float, row: int) -> float:
-        """Lateral position of the ground seen at a pixel, m, + is left."""
+        """Return the lateral position of the ground seen at a pixel, m, + is left."""
         scale = float(self.row_px_per_m[row])
         return (self.cx_px - u_px) / scale if scale > 0 else math.inf
 
@@ -85,13 +85,15 @@ def ground_plane(
     scale: float,
     horizon_px: float | None = None,
 ) -> GroundPlane:
-    """The plane for images of a size that are scaled by a factor before they are looked at.
+    """Return the plane for images of a size that are scaled by a factor before they are looked at.
 
     What the request doesn't give is assumed and named: a field of view, a mounting height, and a
     pitch from the horizon's row if that was found, else a level camera.
 
     Args:
+        camera: None: nothing is known of it.
         image_size: width and height of the images as they came, px.
+        scale: factor from the images as they came to those that are looked at.
         horizon_px: row of the horizon in the scaled image; used where the pitch is not given.
     """
     width, height = image_size
@@ -136,7 +138,7 @@ _PLAUSIBLE_SHARE = (0.25, 0.75)
 
 
 def horizon_row(images: Sequence[NDArray[np.uint8]]) -> float | None:
-    """Row in which road lines from the left and from the right meet, px; None when unclear.
+    """Return the row in which road lines from left and right meet, px; None when unclear.
 
     Args:
         images: of one camera, each of shape (height, width, 3).
@@ -153,7 +155,7 @@ def horizon_row(images: Sequence[NDArray[np.uint8]]) -> float | None:
 
 
 def _crossing_rows(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Rows where each line of the left half-plane meets each of the right one, px."""
+    """Return the rows where each line of the left half-plane meets each of the right one, px."""
     height, width = image.shape[:2]
     top = round(_SKY_SHARE * height)
     edges = cv2.Canny(cv2.cvtColor(image[top:], cv2.COLOR_BGR2GRAY), 50, 120)
@@ -211,14 +213,14 @@ class Surface:
 
 
 def to_ycc(image: ByteImage) -> NDArray[np.float32]:
-    """Y, Cr − 128, Cb − 128 as float32."""
+    """Convert to Y, Cr − 128, Cb − 128 as float32."""
     ycc = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)
     return np.subtract(ycc, _NEUTRAL, dtype=np.float32)
 
 
 @lru_cache(maxsize=4)
 def strip_index(plane: GroundPlane) -> NDArray[np.int32]:
-    """Shape (height, width): the strip of each pixel, −1 outside the strips and above ground."""
+    """Return the strip of each pixel, (height, width); −1 outside of them and above ground."""
     ahead = plane.row_x_m[:, None]
     inside = (np.abs(plane.lateral_m) < HALF_WIDTH_M) & (ahead < FARTHEST_M)
     lateral = np.where(inside, plane.lateral_m, 0.0)
@@ -227,7 +229,7 @@ def strip_index(plane: GroundPlane) -> NDArray[np.int32]:
 
 
 def learn_surface(frames: Sequence[NDArray[np.float32]], plane: GroundPlane) -> Surface:
-    """Medians over the near ground of all frames."""
+    """Take medians over the near ground of all frames."""
     count = round(2 * HALF_WIDTH_M / STRIP_M)
     index = strip_index(plane)
     # Only as far as needed to see a strip at all: farther away, something stands on it.
@@ -259,7 +261,7 @@ def learn_surface(frames: Sequence[NDArray[np.float32]], plane: GroundPlane) -> 
 
 
 def _filled(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Strips that the near ground doesn't show take the nearest one that it does."""
+    """Fill strips that the near ground doesn't show from the nearest one that it does."""
     if not known.any():
         return values
     places = np.flatnonzero(known)
@@ -270,9 +272,7 @@ def _filled(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np
 def foreign_pixels(
     frames: Sequence[NDArray[np.float32]], surface: Surface, index: NDArray[np.int32]
 ) -> list[Mask]:
-    """Mark per frame with 1 the pixels of the strips that look like none of the strips around
-    them.
-    """
+    """Mark per frame with 1 the pixels of strips that look like none of the strips around."""
     last = len(surface.colours) - 1
     places = np.flatnonzero(index >= 0)
     strips = index.ravel()[places]

@@ -162,7 +162,7 @@ def _motion(user: RoadUser) -> str | None:
 
 
 def _conflict(user: RoadUser, motion: str | None, ego_mps: float | None) -> str:
-    """METHOD 1's conflict start: TTC or the gap between the arrivals under a threshold."""
+    """Apply METHOD 1's conflict start: TTC or the gap between the arrivals under a threshold."""
     track = user.track
     gap = max(0.0, track.x_m - CAMERA_TO_BUMPER_M)
     closing = user.closing_mps

@@ -64,7 +64,7 @@ class _Sighting:
 
 
 def ego_pose(history: Sequence[EgoSample], t_s: float) -> Pose2:
-    """The VUT's pose at a time, in the newest ego frame; linear between samples and before them.
+    """Return the VUT's pose at a time in the newest ego frame, linear between samples and before.
 
     Args:
         history: not empty, oldest first.
@@ -87,7 +87,7 @@ def ego_pose(history: Sequence[EgoSample], t_s: float) -> Pose2:
 
 
 def centre_m(thing: Detection) -> float:
-    """Lateral position of a thing's centre from the edge that doesn't mislead, m.
+    """Return the lateral position of a thing's centre from the edge that doesn't mislead, m.
 
     Beside the VUT's path a vehicle shows its inner side too, which makes it look wider towards
     the path; its outer edge belongs to its end alone.
@@ -104,7 +104,7 @@ def centre_m(thing: Detection) -> float:
 def track_objects(
     seen: Sequence[tuple[float, Sequence[Detection]]], history: Sequence[EgoSample]
 ) -> list[Track]:
-    """Follows the things of the newest frame back through the older ones.
+    """Follow the things of the newest frame back through the older ones.
 
     Args:
         seen: time relative to the request's, s, and the things of each frame, oldest first.
@@ -123,7 +123,7 @@ def track_objects(
 
 
 def _extend(tracks: list[list[_Sighting]], older: list[_Sighting]) -> None:
-    """Gives each track its best sighting of an older frame; each sighting to one track."""
+    """Give each track its best sighting of an older frame; each sighting to one track."""
     pairs = sorted(
         (cost, i, j)
         for i, track in enumerate(tracks)
@@ -160,7 +160,7 @@ def _cost(track: list[_Sighting], older: _Sighting) -> float | None:
 
 
 def _velocity(track: Sequence[_Sighting]) -> tuple[float, float]:
-    """Slopes of the least-squares lines, m/s."""
+    """Return slopes of the least-squares lines, m/s."""
     times = np.array([s.t_s for s in track])
     times = times - times.mean()
     spread = float((times**2).sum())
