@@ -50,14 +50,17 @@ def write_images(
     losses: Losses,
     advance: Callable[[int], None],
 ) -> int:
-    """Writes each frame as ``<number>_<stamp in ns>.<suffix>``, and ``index.csv`` beside them.
+    """Write each frame as ``<number>_<stamp in ns>.<suffix>``, and ``index.csv`` beside them.
 
     What was recorded in the wanted format is copied byte for byte.
 
     Args:
         bag: open for reading.
+        topic: of the frames.
+        folder: made here.
         suffix: ``.jpg`` or ``.png``.
         span: first log time, and the first that no longer belongs.
+        losses: told of each frame that can't be written.
         advance: called with the number of frames written.
 
     Returns:
@@ -106,13 +109,16 @@ def write_video(
     losses: Losses,
     advance: Callable[[int], None],
 ) -> tuple[list[Path], int, int]:
-    """Writes ``<stem>.mp4``, and ``<stem>.2.mp4`` and so on where the size of the frames changes.
+    """Write ``<stem>.mp4``, and ``<stem>.2.mp4`` and so on where the size of the frames changes.
 
     A frame whose stamp leaps is shown at its time of receipt.
 
     Args:
         bag: open for reading.
+        topic: of the frames.
         stem: path without suffix.
+        span: first log time, and the first that no longer belongs.
+        losses: told of each frame that can't be written.
         advance: called with the number of frames written.
 
     Returns:
@@ -163,7 +169,7 @@ class FileNames:
         self._taken: set[str] = set()
 
     def of(self, topic: str) -> str:
-        """A name of letters, digits, ``_``, ``-`` and ``.``: ``ssp.vut.state`` for /ssp/vut/state.
+        """Return a name of letters, digits, ``_``, ``-`` and ``.``, such as ``ssp.vut.state``.
 
         What can't be told from the name any more gets a part of the topic's hash.
         """
@@ -224,7 +230,7 @@ class Export:
     report: ExportReport = field(default_factory=ExportReport)
 
     def into(self, target: Path) -> ExportReport:
-        """Writes the files into a new folder.
+        """Write the files into a new folder.
 
         Raises:
             InputError: the folder exists, the bag is damaged where it is read, or nothing in it
@@ -317,7 +323,7 @@ class Export:
     def _write_some(
         self, folder: Path, names: Mapping[str, str], layouts: Mapping[str, Layout]
     ) -> None:
-        """Tables in one pass."""
+        """Write tables in one pass."""
         damaged: Counter[str] = Counter()
         first: dict[str, str] = {}
         tables: dict[str, CsvFile] = {}

@@ -115,7 +115,7 @@ class BagSummary:
 
 
 def _files(path: Path) -> tuple[tuple[Path, ...], list[str]]:
-    """The files to look at, and what is to be said about that.
+    """Return the files to look at, and notes about that choice.
 
     Raises:
         InputError: there are none that can be read.
@@ -145,7 +145,7 @@ def _files(path: Path) -> tuple[tuple[Path, ...], list[str]]:
 
 
 def summarise_bag(path: Path) -> BagSummary:
-    """Looks at a bag directory or one .mcap file.
+    """Summarise a bag directory or one .mcap file.
 
     Raises:
         InputError: there is no bag, or none of its files can be read.
@@ -182,7 +182,7 @@ def summarise_bag(path: Path) -> BagSummary:
 
 
 def _log_times(file: McapFile) -> NDArray[np.int64]:
-    """All log times of a file, by its indexes."""
+    """Return all log times of a file, by its indexes."""
     part = Part(file.path, later=False)
     with damage_of(part.path):
         found = [
@@ -246,7 +246,7 @@ def _add_topics(part: McapFile, topics: dict[str, TopicSummary], first: bool) ->
 
 
 def _add_times(part: McapFile, wanted: dict[int, str], topics: dict[str, TopicSummary]) -> None:
-    """First and last log time of each topic, from the indexes of the chunks where they stand."""
+    """Add the first and last log time of each topic, from the chunks' indexes where they stand."""
     chunks = sorted(part.summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
     for forwards in (True, False):
         missing = set(wanted)
@@ -269,7 +269,7 @@ def _widen(topic: TopicSummary, first_ns: int, last_ns: int) -> None:
 
 
 def recording_report(bag: BagReader) -> dict[str, Any] | None:
-    """The report in a bag, None when there is none or it is of another make.
+    """Return the report in a bag, None when there is none or it is of another make.
 
     Raises:
         InputError: it is damaged.
@@ -282,7 +282,7 @@ def recording_report(bag: BagReader) -> dict[str, Any] | None:
 
 
 def told(report: dict[str, Any]) -> list[str]:
-    """The report in sentences: first whether anything is missing, then where.
+    """Put the report into sentences: first whether anything is missing, then where.
 
     Raises:
         InputError: the report lacks what it must have.
@@ -327,7 +327,7 @@ _KEEP_ALL = (2, "keep_all")
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
 def info_command(path: Path, json_: bool) -> None:
-    """Topics, types, rates, QoS, files and attachments of a bag directory or .mcap file.
+    """Show topics, types, rates, QoS, files and attachments of a bag directory or .mcap file.
 
     Messages are not read, so it takes no longer for a large bag.
     """
@@ -460,7 +460,7 @@ def _topic_row(topic: TopicSummary) -> tuple[str, ...]:
 
 
 def qos_text(profiles: Sequence[dict[str, Any]] | None) -> str:
-    """Quality of service in a few words: ``reliable, latched, 20``; of several publishers each.
+    """Put quality of service into a few words: ``reliable, latched, 20``; for each publisher.
 
     Args:
         profiles: as they stand in the bag; None when they can't be read.
@@ -488,7 +488,7 @@ def topics_text(counts: Collection[int]) -> str:
 
 
 def size_text(size: int) -> str:
-    """Bytes in the unit that suits them."""
+    """Return bytes in the unit that suits them."""
     value, units = float(size), ("B", "kB", "MB", "GB", "TB")
     for unit in units:
         if value < 1000.0 or unit == units[-1]:
@@ -498,7 +498,7 @@ def size_text(size: int) -> str:
 
 
 def span_text(start_ns: int | None, end_ns: int | None) -> str:
-    """Beginning and length of a bag; a simulated one counts from the beginning of its world."""
+    """Return beginning and length of a bag; a simulated one counts from its world's beginning."""
     if start_ns is None or end_ns is None:
         return "no times"
     length = f"{ns_to_seconds(end_ns - start_ns):.3f} s"
@@ -509,7 +509,7 @@ def span_text(start_ns: int | None, end_ns: int | None) -> str:
 
 
 def _table(heads: Sequence[tuple[str, ...]], rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Aligned columns, figures to the right; the last column runs free."""
+    """Align columns, figures to the right; the last column runs free."""
     cells = [*heads, *rows]
     widths = [max(len(row[column]) for row in cells) for column in range(len(heads[0]))]
     figures = ("size", "messages", "Hz", "from", "length")

@@ -114,7 +114,7 @@ def record_command(
 
 
 def _line(status: Any) -> str:
-    """The recorder's state (RecorderStatus.msg) in one line."""
+    """Return the recorder's state (RecorderStatus.msg) in one line."""
     return (
         f"{status.messages} messages of {len(status.topics)} topics, {status.bytes / MB:.1f} MB at "
         f"{status.write_bytes_per_s / MB:.1f} MB/s, {status.lost} lost, "
@@ -124,7 +124,7 @@ def _line(status: Any) -> str:
 
 @contextmanager
 def _stopped_by_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C, SIGTERM and a closed terminal set: the bag is closed in good order."""
+    """Yield an event that Ctrl-C, SIGTERM and a closed terminal set, so that the bag is closed."""
     stop = threading.Event()
     with on_stop_signals(lambda _: stop.set()):
         yield stop

@@ -21,7 +21,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def _a_time(_: click.Context, param: click.Parameter, text: str | None) -> str | None:
-    """Refuses what is no time whatever bag it is for, before the bag is opened."""
+    """Refuse text that is no time for any bag, before the bag is opened."""
     if text is not None:
         with usage_errors():
             parse_time(text, param.opts[0], 0, 0)
@@ -29,7 +29,7 @@ def _a_time(_: click.Context, param: click.Parameter, text: str | None) -> str |
 
 
 def span_options(command: Command) -> Command:
-    """Adds --start, --end, --topics and --exclude."""
+    """Add --start, --end, --topics and --exclude."""
     for option in (
         click.option("--exclude", multiple=True, metavar="TOPIC", help="Leave out; as --topics."),
         click.option(
@@ -53,10 +53,13 @@ def span_options(command: Command) -> Command:
 
 
 def parse_time(text: str, field: str, start_ns: int, end_ns: int) -> int:
-    """A time on the command line as a log time, ns.
+    """Return a time on the command line as a log time, ns.
 
     Args:
         text: seconds from the beginning, negative from the end; or nanoseconds with ``ns``.
+        field: the option's name, for messages.
+        start_ns: log time of the bag's first message.
+        end_ns: log time of its last one.
 
     Raises:
         InputError: it is none.
@@ -80,7 +83,7 @@ def parse_time(text: str, field: str, start_ns: int, end_ns: int) -> int:
 def chosen_span(
     bag: BagReader, start: str | None, end: str | None
 ) -> tuple[int | None, int | None]:
-    """First log time, and the first that no longer belongs; None where none was given.
+    """Return the first log time, and the first that no longer belongs; None where not given.
 
     Raises:
         InputError: no times, or none in which the bag has anything.
@@ -109,7 +112,7 @@ def chosen_span(
 
 
 def chosen_topics(bag: BagReader, only: Sequence[str], exclude: Sequence[str]) -> list[str]:
-    """The bag's topics that were asked for, by name.
+    """Return the bag's topics that were asked for, by name.
 
     Raises:
         InputError: a pattern fits none of them, or nothing is left.

@@ -86,7 +86,7 @@ class Layout:
         return unique
 
     def rows(self, message: BagMessage, decoded: Any) -> Iterator[list[Any]]:
-        """The rows of one message; None is an empty cell."""
+        """Yield the rows of one message; None is an empty cell."""
         head = [c.value(message) for c in _ABOUT] + [c.value(decoded) for c in self.head]
         if not self.items:
             yield head
@@ -99,7 +99,7 @@ class Layout:
 
 
 def layout_of(store: Typestore, msgtype: str) -> Layout:
-    """The table of a type: nested fields have dotted names.
+    """Return the table of a type: nested fields have dotted names.
 
     Raises:
         ValueError: it would have too many columns.
@@ -187,7 +187,7 @@ def _as_json(path: str) -> Callable[[Any], str]:
 
 
 def _plain(value: Any) -> Any:
-    """A decoded value of lists, mappings, numbers and texts; long byte arrays as their length."""
+    """Return a decoded value as lists, mappings, numbers and texts; long bytes as their length."""
     if is_dataclass(value) and not isinstance(value, type):
         named = [f.name for f in fields(value) if f.init and f.name != "__msgtype__"]
         return {name: _plain(getattr(value, name)) for name in named}

@@ -13,7 +13,7 @@ _LOOPBACK_NAMES = ("localhost",)
 
 
 def make_token() -> str:
-    """A token that nobody guesses."""
+    """Make a token that can't be guessed."""
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
@@ -24,7 +24,7 @@ def same_token(given: str, token: str) -> bool:
 
 
 def bearer(header: str | None) -> str:
-    """The token of an Authorization header, empty without one."""
+    """Return the token of an Authorization header, empty without one."""
     scheme, _, given = (header or "").partition(" ")
     return given.strip() if scheme.lower() == "bearer" else ""
 
@@ -69,7 +69,7 @@ class AccessRules:
 
     @property
     def open_to_read(self) -> bool:
-        """Reading needs no token: only this machine can."""
+        """Tell whether reading needs no token, since only this machine can."""
         return is_loopback(self.bound)
 
     def knows_host(self, host: str | None) -> bool:

@@ -27,10 +27,12 @@ _BY_HAND = "operator"
 
 
 def end_of(board: Board, word: EndWord | None, now_ns: int) -> dict[str, Any] | None:
-    """The end that was heard, as JSON values; None while the session may go on.
+    """Return the end that was heard, as JSON values; None while the session may go on.
 
     Args:
+        board: what was heard.
         word: of the runner that leads the session; None: it has said nothing, or there is none.
+        now_ns: on the steady clock.
 
     Returns:
         ``head`` is the verdict in words, ``stands`` whether everything is known to stand, and
@@ -48,7 +50,7 @@ def end_of(board: Board, word: EndWord | None, now_ns: int) -> dict[str, Any] | 
 
 
 def verdict_of(board: Board, word: EndWord | None) -> tuple[Verdict, tuple[str, ...]]:
-    """The verdict and its reasons: the runner's, which knows more, or the session's own."""
+    """Return verdict and reasons: the runner's, which knows more, or else the session's own."""
     if word is not None:
         return word.verdict, word.reasons
     fact = board.session

@@ -40,7 +40,7 @@ class Asset:
 
 
 def load_assets(folder: Path = FOLDER) -> dict[str, Asset]:
-    """The files by the path under which they are served; ``/`` is the page.
+    """Return the files by the path under which they are served; ``/`` is the page.
 
     Raises:
         HostError: the installation lacks the page.
@@ -85,9 +85,11 @@ class Commands(Protocol):
     """The way of commands to the manager."""
 
     def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
-        """Sends one of names.SESSION_COMMANDS; may be called in any thread.
+        """Send one of names.SESSION_COMMANDS; may be called in any thread.
 
         Args:
+            command: its name.
+            who: where it comes from, for the record.
             shown: state for which it was pressed; None for an abort, which counts in each.
         """
 
@@ -136,15 +138,15 @@ class PageServer:
         return self._thread.is_alive()
 
     def push(self, payloads: dict[str, Payload]) -> None:
-        """Sends new things to all viewers; may be called in any thread."""
+        """Send new things to all viewers; may be called in any thread."""
         self._loop.call_soon_threadsafe(self._hub.push, payloads)
 
     def retire(self) -> None:
-        """Passes no command on any more, and leaves the port to the page of another run."""
+        """Stop passing commands on, and leave the port to the page of another run."""
         self._retired = True
 
     def close(self) -> None:
-        """Ends connections and thread."""
+        """End connections and thread."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join(5.0)
@@ -244,7 +246,7 @@ class PageServer:
         return _answer(200 if answer.answered else 504, answer)
 
     async def _leave(self, _request: web.Request) -> web.StreamResponse:
-        """Leaves the port, if the run has ended: who asks is the page of the next one."""
+        """Leave the port, if the run has ended: the page of the next run asks for it."""
         if not self._retired:
             return web.Response(status=409, text="this page's run goes on")
         # After the answer.
@@ -253,7 +255,7 @@ class PageServer:
 
 
 def _shown(body: bytes) -> Shown:
-    """The state that the page showed. Raises ValueError where its request doesn't say."""
+    """Return the state that the page showed. Raise ValueError where its request doesn't say."""
     told = parse_strict(body)
     return Shown.parse(told.get("shown") if isinstance(told, dict) else None)
 
@@ -276,7 +278,7 @@ def _refusal(status: int, text: str) -> web.HTTPException:
 
 
 def _headers(host: str) -> dict[str, str]:
-    """Nothing from elsewhere, nothing inline, in nobody's frame, in no cache."""
+    """Return headers that allow nothing from elsewhere, nothing inline, no frame and no cache."""
     return {
         "Content-Security-Policy": (
             "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
@@ -293,7 +295,7 @@ def _headers(host: str) -> dict[str, str]:
 
 
 def _listen_on(host: str, port: int) -> sockets.socket:
-    """A listening socket, so that a taken port is known at once."""
+    """Open a listening socket, so that a taken port is known at once."""
     remedy = "choose another with port, or 0 for any"
     try:
         family, _, _, _, address = sockets.getaddrinfo(

@@ -69,7 +69,7 @@ _DIGITS = re.compile(r"(\d+)")
 
 
 def number(value: float, digits: int = 3) -> float | None:
-    """Rounded for JSON, which has neither NaN nor infinity: None."""
+    """Round for JSON; NaN and infinity, which it doesn't have, become None."""
     return round(value, digits) if math.isfinite(value) else None
 
 
@@ -89,7 +89,7 @@ class Snapshots:
         self._limits: Limits | None = run.limits if run else None
 
     def snapshot(self, now_ns: int) -> dict[str, Any]:
-        """Everything but events, site and picture.
+        """Return everything but events, site and picture.
 
         After the end that was heard it stays as it was then: what stood still stands, and the
         silence of processes that have ended is no news.
@@ -123,7 +123,7 @@ class Snapshots:
         }
 
     def stale(self, now_ns: int) -> list[str]:
-        """Sources that are silent, as sentences; what they last said must not pass for now."""
+        """List silent sources, as sentences; what they last said must not pass for the present."""
         board = self._board
         silent = []
         if board.manager_at_ns is None:
@@ -146,7 +146,7 @@ class Snapshots:
         return all(object_age_s(board, one, now_ns) > STALE_S for one in board.objects.values())
 
     def _is_abort_unheard(self) -> bool:
-        """ABORT would reach nobody now; in a replay there is nobody who should hear it."""
+        """Tell whether ABORT would reach no receiver now; in a replay none should hear it."""
         board = self._board
         return not board.replay and board.offered is not None and "abort" not in board.offered
 
@@ -161,7 +161,7 @@ class Snapshots:
         return [c for c in COMMANDS[state] if board.offered is None or c in board.offered]
 
     def events(self) -> dict[str, Any]:
-        """All remembered events, newest first."""
+        """Return all remembered events, newest first."""
         zero_ns = self._board.started_ns
         return {
             "events_seen": self._board.events_seen,
@@ -265,7 +265,7 @@ class Snapshots:
 
 
 def _order(state: ObjectState) -> tuple[bool, bool, list[tuple[int, str]]]:
-    """The VUT first, traffic last, and ot2 before ot10."""
+    """Return a sorting key: the VUT first, traffic last, and ot2 before ot10."""
     parts = [(int(p), "") if p.isdecimal() else (-1, p) for p in _DIGITS.split(state.object_id)]
     return state.role is not Role.VUT, state.role is Role.TRAFFIC, parts
 
@@ -278,7 +278,7 @@ def _phase(phase: Phase) -> str:
 
 
 def _control(state: ObjectState) -> str:
-    """Traffic has no control state, and a VUT that isn't controlled says OFF while it drives."""
+    """Return the control state; traffic has none, and an uncontrolled VUT says OFF as it drives."""
     driven = state.role is Role.VUT and state.control_state is ControlState.OFF
     return "" if driven or state.role is Role.TRAFFIC else state.control_state.name
 
@@ -344,7 +344,7 @@ MOST_POINTS = 600
 
 
 def site_message(run: RunSpec | None) -> dict[str, Any]:
-    """The drawing of a run; ``known`` is false, and nothing is drawn, without a run file."""
+    """Return the drawing of a run; ``known`` is false, and nothing is drawn, without a run file."""
     if run is None:
         return {"known": False}
     drawing = drawing_of(run)
@@ -414,11 +414,11 @@ class Pictures:
         self._next_ns = 0
 
     def put(self, data: bytes, at_ns: int) -> None:
-        """A serialised CompressedImage, with its time of arrival on the steady clock."""
+        """Keep a serialised CompressedImage with its time of arrival on the steady clock."""
         self._newest = (data, at_ns)
 
     def settle(self) -> str:
-        """Looks at what came last; what is wrong with it, empty when nothing is."""
+        """Examine the newest picture; return what is wrong with it, empty when nothing is."""
         if self._newest is None:
             return ""
         (data, at_ns), self._newest = self._newest, None
@@ -431,7 +431,7 @@ class Pictures:
         return ""
 
     def take(self, now_ns: int) -> bytes | None:
-        """The newest picture, if one is due that nobody took yet."""
+        """Return the newest picture if one is due that wasn't taken yet."""
         if self._jpeg is None or now_ns < self._next_ns:
             return None
         self._next_ns = now_ns + self._period_ns

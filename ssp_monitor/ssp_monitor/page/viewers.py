@@ -25,13 +25,13 @@ class Mailbox:
         self.filled_ns = 0
 
     def put(self, kind: str, payload: Payload) -> None:
-        """The newest of its kind; an older one that wasn't fetched is dropped."""
+        """Put in the newest of its kind; drop an older one that wasn't fetched."""
         self._slots[kind] = payload
         self.filled_ns = time.monotonic_ns()
         self._filled.set()
 
     async def take(self) -> Mapping[str, Payload]:
-        """Everything there is, as soon as there is something."""
+        """Take all there is, as soon as there is something."""
         await self._filled.wait()
         self._filled.clear()
         taken, self._slots = self._slots, {}
@@ -74,20 +74,20 @@ class Hub:
         return len(self._viewers)
 
     def push(self, payloads: dict[str, Payload]) -> None:
-        """New things, by kind."""
+        """Send new things, by kind, to all viewers."""
         self._newest.update({k: payloads[k] for k in _KEPT if k in payloads})
         for box in self._boxes:
             for kind, payload in payloads.items():
                 box.put(kind, payload)
 
     async def close(self) -> None:
-        """Says goodbye to everybody."""
+        """Say goodbye to all viewers."""
         for socket in [*self._viewers, *self._strangers]:
             with suppress(Exception):
                 await asyncio.wait_for(socket.close(code=1001, message=b"the page ends"), 1.0)
 
     async def serve(self, request: web.Request) -> web.StreamResponse:
-        """One viewer, from its hello to its end."""
+        """Serve one viewer, from its hello to its end."""
         if len(self._strangers) >= MOST_STRANGERS:
             return web.Response(status=503, text="too many say nothing; try again in a moment")
         if len(self._viewers) >= MOST_VIEWERS:
@@ -106,7 +106,7 @@ class Hub:
         return socket
 
     async def _welcome(self, socket: web.WebSocketResponse) -> bool:
-        """Takes the hello and answers it; False: this one may not even read."""
+        """Take the hello and answer it; return False if this viewer may not even read."""
         try:
             message = await asyncio.wait_for(socket.receive(), HELLO_S)
             token = _token_of(message.data) if message.type is WSMsgType.TEXT else None
@@ -166,7 +166,7 @@ class Echoes:
         self.late = False
 
     def mark(self, filled_ns: int) -> str:
-        """Ends a bundle: its number, and how long it was not on its way.
+        """End a bundle; return its number, and how long it was not on its way.
 
         The viewer knows when it confirmed the one before. From then until this one has come, all
         time was spent on the way but what it waited here; what it shows can't be older than that
@@ -194,7 +194,7 @@ class Echoes:
         return True
 
     async def wait(self) -> None:
-        """Wait until the last bundle is confirmed. Raises TimeoutError when it takes too long."""
+        """Wait until the last bundle is confirmed. Raise TimeoutError when it takes too long."""
         try:
             await asyncio.wait_for(self._heard.wait(), ECHO_S)
         except TimeoutError:
@@ -222,7 +222,7 @@ async def _send(socket: web.WebSocketResponse, payload: Payload) -> None:
 
 
 async def _listen(socket: web.WebSocketResponse, echoes: Echoes) -> None:
-    """A viewer has nothing to say but echoes; one that talks all the same is sent away."""
+    """Listen to a viewer's echoes; one that says much else is disconnected."""
     chatter = TokenBucket(20, 2)
     async for message in socket:
         if echoes.hear(message.data):
@@ -233,7 +233,7 @@ async def _listen(socket: web.WebSocketResponse, echoes: Echoes) -> None:
 
 
 def _object_of(text: object) -> dict[str, Any] | None:
-    """The JSON object that a viewer sent, None for anything else."""
+    """Return the JSON object that a viewer sent, None for anything else."""
     try:
         said = json.loads(text) if isinstance(text, str) else None
     except (ValueError, RecursionError):
@@ -242,7 +242,7 @@ def _object_of(text: object) -> dict[str, Any] | None:
 
 
 def _token_of(text: str) -> str | None:
-    """The token of a hello, empty without one; None for what is no hello."""
+    """Return the token of a hello, empty without one; None for what is no hello."""
     said = _object_of(text)
     if said is None or said.get("type") != "hello":
         return None

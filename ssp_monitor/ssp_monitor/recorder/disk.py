@@ -35,13 +35,15 @@ def free_bytes(folder: Path) -> int | None:
 
 @dataclass(slots=True)
 class WriteRate:
-    """Bytes a second over the last RATE_WINDOW_S, of which a recording's first seconds are a part:
-    one burst at the beginning is no rate."""
+    """Bytes a second over the last RATE_WINDOW_S.
+
+    A recording's first seconds count as a part of this time: one burst at the beginning is no rate.
+    """
 
     _seen: deque[tuple[float, int]] = field(default_factory=deque)
 
     def note(self, now_s: float, total_bytes: int) -> float:
-        """Notes what was written until now and returns the rate."""
+        """Note what was written until now and return the rate."""
         self._seen.append((now_s, total_bytes))
         while len(self._seen) > 2 and now_s - self._seen[1][0] >= RATE_WINDOW_S:
             self._seen.popleft()
@@ -50,8 +52,9 @@ class WriteRate:
 
 
 def expected_rate(run: RunSpec) -> float:
-    """Estimate what a run writes, bytes per second, by its camera, objects and step, on the safe
-    side, for a run that hasn't begun.
+    """Estimate what a run will write, on the safe side, bytes per second.
+
+    The estimate takes camera, objects and step of a run that hasn't begun.
     """
     rate = (1 + len(run.targets)) * _BYTES_PER_OBJECT_STEP / run.step_s
     if run.camera is not None:
@@ -93,11 +96,12 @@ class DiskOutlook:
 
 
 def outlook(free: int | None, rate_bps: float, needs: DiskNeeds) -> DiskOutlook:
-    """Judges the disk.
+    """Judge the disk.
 
     Args:
         free: bytes; None when it can't be told (the recorder's own writing fails then).
         rate_bps: written lately, bytes per second.
+        needs: of the recording: reserve, and a run's length and rate.
     """
     if free is None:
         return DiskOutlook(math.inf, None, None, "free space of the disk can't be told")

@@ -32,7 +32,7 @@ class VideoChoice:
     topics: Pattern
 
     def encoder(self, topic: str, msgtype: str) -> VideoEncoder | None:
-        """An encoder for a topic, None when it is recorded as it comes."""
+        """Return an encoder for a topic, None when it is recorded as it comes."""
         if msgtype not in PICTURES or not self.topics.found_in(topic):
             return None
         # Codecs are large: who records no video doesn't load them.
@@ -42,7 +42,7 @@ class VideoChoice:
 
 
 def video_choice(codec: str, topics: str) -> VideoChoice | None:
-    """The choice out of two options; an empty codec is none.
+    """Make the choice out of two options; an empty codec is none.
 
     Raises:
         InputError: the codec or the expression isn't one.

@@ -52,7 +52,7 @@ class Arrivals:
         return len(self._last)
 
     def seen(self, publisher: bytes, sequence: int) -> int:
-        """Notes a message that arrived and returns how many are missing right before it.
+        """Note a message that arrived and return how many are missing right before it.
 
         Args:
             publisher: what tells its publisher from others; a restarted one is another.
@@ -74,7 +74,7 @@ class Arrivals:
         return missing
 
     def claimed(self, sent: int) -> None:
-        """Notes at the end that the topic's publisher says to have sent at least so many.
+        """Note at the end that the topic's publisher claims to have sent at least so many.
 
         With several publishers it proves nothing, since the claim is one publisher's; with none
         heard, since it may have been sent before anybody listened.
@@ -97,21 +97,21 @@ class RivalWatch:
         self._found: set[str] = set()
 
     def begin(self, returned: Mapping[str, int]) -> None:
-        """The session is armed; what came before is of those who have been waited out."""
+        """Begin to watch a session that is armed; what came before is of earlier publishers."""
         if self._before is None:
             self._before = returned
 
     @property
     def is_on(self) -> bool:
-        """A session is under way."""
+        """Tell whether a session is under way."""
         return self._before is not None
 
     def end(self) -> None:
-        """The session is over; whoever speaks now says nothing of it."""
+        """Stop watching, once the session is over; later publishers say nothing of it."""
         self._before = None
 
     def look(self, returned: Mapping[str, int]) -> tuple[str, ...]:
-        """All that were found by now, as sentences.
+        """Return all topics that were found by now, as sentences.
 
         Args:
             returned: by topic, as Arrivals counts.
@@ -129,7 +129,7 @@ class RivalWatch:
 
 
 def losses_beside(counts: Mapping[str, int], own: Set[str]) -> list[str]:
-    """A sentence about losses that don't make a run invalid, so that nothing else tells of them.
+    """Describe losses that don't make a run invalid, so that nothing else tells of them.
 
     Args:
         counts: messages that are missing, by topic.
@@ -198,7 +198,7 @@ class SimulatedTime:
     newest_ns: int = 0
 
     def of(self, cdr: bytes, at: int | None) -> int:
-        """Time of a message, ns."""
+        """Return the time of a message, ns."""
         stamp_ns = None if at is None else leading_stamp_ns(cdr, at)
         if stamp_ns is None:
             return self.newest_ns

@@ -31,7 +31,7 @@ Attachment = tuple[str, str, bytes]
 
 
 def run_attachments(run_file: Path) -> list[Attachment]:
-    """The run file, and every file of the folder ``task`` beside it, each under its own name.
+    """Return the run file, and every file of the folder ``task`` beside it, under their own names.
 
     Returns:
         (name, media type, data); the run first, then the task's files by name.
@@ -107,11 +107,12 @@ class RecordingPlan:
 
 
 def options_plan(given: Mapping[str, Any], bag_dir: Path, called: str) -> RecordingPlan:
-    """The recording that options mean, those of a command line or a node's parameters.
+    """Return the recording that options mean, those of a command line or a node's parameters.
 
     Args:
         given: ``all``, ``include`` and ``exclude`` (a text or several), ``most_topics``,
             ``split_mb``, ``split_s``, ``queue_mb``, ``reserve_mb``, ``video``, ``video_topics``.
+        bag_dir: new folder of the bag.
         called: what an option is called towards people, with ``{}`` for its name.
 
     Raises:

@@ -101,7 +101,7 @@ class DropQueue:
         self._lock = threading.Lock()
 
     def announce(self, topics: Mapping[str, Importance]) -> None:
-        """Says how important topics are; one that is not announced counts as OTHER."""
+        """Set how important topics are; one that is not announced counts as OTHER."""
         self._importance = {**self._importance, **topics}
 
     def dropped(self) -> Counter[str]:
@@ -110,7 +110,7 @@ class DropQueue:
             return Counter(self._dropped)
 
     def give_up(self, messages: Iterable[BagMessage]) -> None:
-        """Counts messages as dropped that were taken and can't be written."""
+        """Count messages as dropped that were taken and can't be written."""
         with self._lock:
             self._dropped.update(message.topic for message in messages)
 
@@ -123,7 +123,7 @@ class DropQueue:
         return sum(map(len, self._waiting))
 
     def put_all(self, messages: Iterable[BagMessage]) -> None:
-        """Takes messages in their order, or drops them or less important ones."""
+        """Take messages in their order, or drop them or less important ones."""
         ranks, waiting, bytes_of = self._importance, self._waiting, self._bytes_of
         with self._lock:
             for message in messages:
@@ -138,7 +138,7 @@ class DropQueue:
                 waiting[rank].append((self._number, message))
 
     def _make_room(self, rank: int, size: int) -> bool:
-        """Drops of less important ones, least first, as many as needed; none if that can't do."""
+        """Drop less important messages, least important first, as many as needed, or none."""
         needed = self._bytes + size - self.limit_bytes
         if sum(self._bytes_of[:rank]) < needed:
             return False
@@ -154,7 +154,7 @@ class DropQueue:
         return True
 
     def take(self, most_bytes: int) -> list[BagMessage]:
-        """The oldest messages, in the order in which they came; what was taken before is done with.
+        """Return the oldest messages, in order of arrival; those taken before are done with.
 
         Args:
             most_bytes: no more are taken once they hold this much.
@@ -259,9 +259,10 @@ class Recorder:
         self._thread.start()
 
     def add(self, topic: TopicSpec, offered: str, latched: bool) -> None:
-        """Announces a topic; needed before its first message.
+        """Announce a topic; needed before its first message.
 
         Args:
+            topic: not announced yet.
             offered: YAML of the profiles of its publishers; left out where no bag can hold it.
             latched: its newest messages stay valid.
 
@@ -282,7 +283,7 @@ class Recorder:
         self._to_add.append(_Added(topic, offered, latched, encoder))
 
     def put_all(self, messages: Iterable[BagMessage]) -> None:
-        """Hands messages over; when too much is waiting, the least important is dropped."""
+        """Hand messages over; when too much is waiting, the least important is dropped."""
         self._queue.put_all(messages)
 
     @property
@@ -328,8 +329,9 @@ class Recorder:
         )
 
     def stop(self, seal: Callable[[], Attachment] | None = None) -> RecorderState:
-        """Writes what waits, closes the bag and returns the final state. Never raises for the
-        disk's sake: the state says what failed.
+        """Write what waits, close the bag and return the final state.
+
+        Never raises for the disk's sake: the state says what failed.
 
         Args:
             seal: gives a last attachment, once all messages are written.
@@ -404,7 +406,7 @@ class Recorder:
             self._announce(name, msgtype, added)
 
     def _add_originals(self, topic: str, msgtype: str, added: _Added) -> str:
-        """Announces where a topic's pictures go that can't be encoded; no real topic's name."""
+        """Announce where a topic's pictures go that can't be encoded; not a real topic's name."""
         with self._naming:
             name, number = topic + ORIGINAL, 1
             while name in self._names:

@@ -24,7 +24,7 @@ SCHEMA = "ssp.recording/1"
 
 
 def seals(attachments: Iterable[Attachment]) -> dict[str, str]:
-    """Hash of each attachment by name, so that a bag says what was put into it."""
+    """Return the hash of each attachment by name, so that a bag says what was put into it."""
     return {name: sha256_bytes(data) for name, _, data in attachments}
 
 
@@ -54,7 +54,7 @@ def report_attachment(
     warnings: Sequence[str],
     sealed: Mapping[str, str],
 ) -> Attachment:
-    """The report as it is put into the bag.
+    """Return the report as it is put into the bag.
 
     Args:
         records: of the topics, in the order of the bag.
@@ -158,14 +158,15 @@ def check_closed(
     originals: Mapping[str, str] = _NONE,
     most_s: float = MOST_S,
 ) -> ClosingCheck:
-    """Holds a closed bag against what was received: counts of all topics, checksums for a while.
+    """Compare a closed bag with what was received: counts of all topics, checksums for a while.
 
     Args:
+        bag: folder of the bag.
         expected: messages by topic that were received and not dropped; a picture that could not be
             encoded counts for its topic.
         originals: by topic, where its pictures are that could not be encoded.
-        most_s: no more time than this goes into checksums; the rest of a large bag is left to
-            ``ssp bag check``, and the text says so.
+        most_s: no more time than this goes into checksums; the rest of a large bag is left to ``ssp
+            bag check``, and the text says so.
     """
     read = messages = 0
     problems: list[str] = []
@@ -224,13 +225,13 @@ class RunOutcome:
 
     @property
     def is_due(self) -> bool:
-        """The session is under way, so that its last word is still to come."""
+        """Tell whether the session is under way, so that its last word is still to come."""
         return self._state in _UNDER_WAY
 
     def hear(
         self, state: SessionPhase, verdict: Verdict, reasons: tuple[str, ...], run_id: str
     ) -> None:
-        """Takes a session state as it was recorded (SessionState.msg)."""
+        """Take a session state as it was recorded (SessionState.msg)."""
         if state is SessionPhase.RUNNING and state is not self._state:
             self._runs += 1
         self._state = state
@@ -242,7 +243,7 @@ class RunOutcome:
     def verdict(
         self, lost: int, lost_limit: int = 0, problems: tuple[str, ...] = ()
     ) -> tuple[Verdict, tuple[str, ...]]:
-        """The verdict of the recording, with its reasons, the session's own first.
+        """Return the verdict of the recording, with its reasons, the session's own first.
 
         Args:
             lost: messages that the recorder knows to be missing.
@@ -273,15 +274,13 @@ _FIGURES = re.compile(r"(?<![\w/])\d+(?:\.\d+)?(?!\w)")
 
 
 class RepeatedWarnings:
-    """The warnings given, at most MOST different ones, in the order in which each was given
-    first.
-    """
+    """The warnings given, at most MOST different ones, in the order of their first appearance."""
 
     def __init__(self) -> None:
         self._texts: dict[str, str] = {}
 
     def say(self, text: str) -> bool:
-        """Notes a sentence; whether it is new, other than by its figures."""
+        """Note a sentence; return whether it is new, other than by its figures."""
         key = _FIGURES.sub("#", text)
         fresh = key not in self._texts
         if not fresh or len(self._texts) < MOST:

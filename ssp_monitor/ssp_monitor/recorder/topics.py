@@ -84,7 +84,7 @@ class TopicSpec:
 
 
 def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
-    """All topics of a session with their types, in the order in which they stand in the bag."""
+    """Return all topics of a session with their types, in the order of the bag."""
     found: list[TopicSpec] = []
 
     def add(
@@ -210,7 +210,7 @@ class TopicDiscovery:
     def look(
         self, graph: Iterable[tuple[str, Sequence[str]]], why_not: Callable[[str], str | None]
     ) -> list[TopicSpec]:
-        """The topics to record from now on.
+        """Return the topics to record from now on.
 
         Args:
             graph: names with the types that their publishers and subscribers have.
@@ -233,7 +233,7 @@ class TopicDiscovery:
     def in_order(
         self, graph: Iterable[tuple[str, Sequence[str]]]
     ) -> list[tuple[str, Sequence[str]]]:
-        """A graph as ``look`` goes through it, for who looks at parts of it."""
+        """Return a graph in the order of ``look``, for callers that look at parts of it."""
         return sorted(graph, key=lambda item: (item[0] not in self.selection.named, item[0]))
 
     def all_warnings(self) -> list[str]:
@@ -274,14 +274,16 @@ class TopicDiscovery:
         return TopicSpec(name, types[0], Profile.ADAPTED, session_time=False)
 
     def _settle(self, name: str) -> None:
-        """One type is left: the topic is recorded, and what came before stays lost."""
+        """Take a topic whose one type is left; what came before stays lost."""
         self.ambiguous.discard(name)
         self.warnings = [text for text in self.warnings if not text.startswith(_not_recorded(name))]
         self.warnings.append(f"{name} had several types at first and is recorded since it has one")
 
     def _look_again(self, name: str, types: Sequence[str]) -> None:
-        """A reader of the one type never hears the other; what it says is lost, and nobody can
-        count it. rosbag2 does the same, without a word."""
+        """Warn that a topic has got another type, whose messages are lost uncounted.
+
+        A reader of the one type never hears the other. rosbag2 does the same, without a word.
+        """
         others = [kind for kind in types if kind != self.recorded[name]]
         if others and name not in self.changed:
             self.changed.add(name)
@@ -301,8 +303,10 @@ def _not_recorded(name: str) -> str:
 
 
 class Importance(IntEnum):
-    """The order of dropping, from first to last. It is a promise to users: see DropQueue for its
-    effect, and docs/recording.md, which shows this table.
+    """The order of dropping, from first to last.
+
+    It is a promise to users: see DropQueue for its effect, and docs/recording.md, which shows this
+    table.
     """
 
     RAW_IMAGE = 0  # raw pictures, depth maps and point clouds that the run doesn't ask for

@@ -51,7 +51,7 @@ class VideoEncoder:
         self._done: list[BagMessage] = []
 
     def encode(self, message: BagMessage) -> list[BagMessage]:
-        """The frame as a CompressedVideo message.
+        """Return the frame as a CompressedVideo message.
 
         Raises:
             ValueError: it is damaged, or can't be encoded; the video goes on without it.

@@ -129,8 +129,10 @@ _TRANSIENT_LOCAL = ("transient_local", 1)
 
 @dataclass(frozen=True, slots=True)
 class PublisherQos:
-    """The publisher's offer. Deadline, lifespan and liveliness are left at their defaults: a replay
-    that is paused or slowed down couldn't keep them.
+    """The publisher's offer.
+
+    Deadline, lifespan and liveliness are left at their defaults: a replay that is paused or slowed
+    down couldn't keep them.
 
     Args:
         reliable: lost packets are sent again.
@@ -148,7 +150,7 @@ def _whole(value: Any) -> int:
 
 
 def offer_of(topic: str, offered_qos: str, msgtype: str = "") -> PublisherQos:
-    """The offer for a topic.
+    """Return the offer for a topic.
 
     Of several recorded publishers the strongest offer is taken, which every subscriber that heard
     one of them takes too, with room for what each of them kept.
@@ -265,7 +267,7 @@ class Plan:
 
 
 def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing: Missing) -> Plan:
-    """The plan for a bag's topics.
+    """Return the plan for a bag's topics.
 
     Raises:
         InputError: a wish names nothing in the bag, or nothing is left.
@@ -299,7 +301,7 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing:
 
 
 def played(lines: Iterable[PlannedTopic]) -> tuple[str, ...]:
-    """Participants that a replay plays: the VUT, its positioning and camera, objects, bodies."""
+    """Return participants that a replay plays: VUT, positioning, camera, objects, bodies."""
     found: set[str] = set()
     for line in lines:
         place, _, _ = line.topic.removeprefix(f"{names.NAMESPACE}/").rpartition("/")
@@ -312,7 +314,7 @@ def played(lines: Iterable[PlannedTopic]) -> tuple[str, ...]:
 
 
 def _folder_of(topic: str) -> str:
-    """The first two words of an absolute name: ``/ssp/declared`` of ``/ssp/declared/vut``."""
+    """Return an absolute name's first two words: ``/ssp/declared`` of ``/ssp/declared/vut``."""
     return "/".join(topic.split("/")[:3])
 
 
@@ -321,7 +323,7 @@ _OF_THE_RECORDED_SESSION = "says what took part in the recorded session; a repla
 
 
 def _matching(recorded: Mapping[str, TopicInfo], wishes: tuple[str, ...], field: str) -> set[str]:
-    """Topics that are named or, where a wish is no topic's name, in whose names it is found."""
+    """Return topics that are named or, where a wish is no topic's name, whose names hold it."""
     found: set[str] = set()
     for wish in wishes:
         exact = {name for name in (wish, names.absolute(wish)) if name in recorded}

@@ -56,8 +56,9 @@ class MessageSource:
             )
 
     def kept(self) -> list[BagMessage]:
-        """Return the messages that latched publishers kept from before the start: the newest of
-        each, as many as it offered, in order of time.
+        """Return the messages that latched publishers kept from before the start, in order of time.
+
+        They are the newest of each publisher, as many as it offered.
         """
         self._static = {
             line.recorded: StaticTransforms()
@@ -79,13 +80,13 @@ class MessageSource:
         return sorted(found, key=lambda message: message.log_time_ns)
 
     def messages(self) -> ReadAhead:
-        """The stretch from its beginning; ``kept`` goes before it."""
+        """Return the stretch from its beginning; ``kept`` goes before it."""
         topics = frozenset(line.recorded for line in self._lines)
         stretch = self._reader.messages(topics, self.start_ns, self.end_ns + 1)
         return ReadAhead(map(self._with_others, stretch))
 
     def _with_others(self, message: BagMessage) -> BagMessage:
-        """The message; of static transforms with those of all publishers, as tf2 sends them."""
+        """Return the message; static transforms with those of all publishers, as tf2 sends them."""
         static = self._static.get(message.topic)
         if static is None:
             return message
@@ -131,7 +132,7 @@ class ReadAhead(Iterator[BagMessage]):
             return message
 
     def close(self) -> None:
-        """Ends the thread; what wasn't asked for is forgotten."""
+        """End the thread; messages that weren't asked for are forgotten."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -183,7 +184,7 @@ class Timeline:
     paused: bool = False
 
     def at(self, steady_ns: int) -> int:
-        """Bag time at a time of the steady clock."""
+        """Return the bag time at a time of the steady clock."""
         if self.paused or steady_ns <= self.steady_ns:
             return self.bag_ns
         return self.bag_ns + math.floor((steady_ns - self.steady_ns) * self.rate)
@@ -195,13 +196,13 @@ class Timeline:
         return self.steady_ns + math.ceil((bag_ns - self.bag_ns) / self.rate)
 
     def set_paused(self, paused: bool, now_ns: int) -> Timeline:
-        """Standing from now on, or going on from where it stands."""
+        """Return a timeline that stands from now on, or goes on from where it stands."""
         if paused == self.paused:
             return self
         return Timeline(self.at(now_ns), max(now_ns, self.steady_ns), self.rate, paused)
 
     def set_rate(self, rate: float, now_ns: int) -> Timeline:
-        """Another rate from now on.
+        """Return the timeline at another rate from now on.
 
         Raises:
             ValueError: the rate is outside SLOWEST to FASTEST.
@@ -211,7 +212,7 @@ class Timeline:
         return Timeline(self.at(now_ns), max(now_ns, self.steady_ns), rate, self.paused)
 
     def moved_to(self, bag_ns: int) -> Timeline:
-        """A paused timeline at another bag time; a timeline that runs stays as it is."""
+        """Return a paused timeline at another bag time; a timeline that runs stays as it is."""
         return replace(self, bag_ns=bag_ns) if self.paused else self
 
 
@@ -303,17 +304,19 @@ class Playback:
             self._steps, self._to_frame = 0, False
 
     def set_rate(self, rate: float, now_ns: int) -> None:
-        """Raises ValueError for a rate that can't be."""
+        """Set the rate; raise ValueError for one that is impossible."""
         self.timeline = self.timeline.set_rate(rate, now_ns)
 
     def step(self, now_ns: int) -> None:
-        """One more message, then a pause."""
+        """Play one more message, then pause."""
         self.set_paused(True, now_ns)
         self._steps += 1
 
     def step_frame(self, now_ns: int) -> None:
-        """Messages up to and with the next camera frame, then a pause; in a bag without a camera
-        one message."""
+        """Play up to and with the next camera frame, then pause.
+
+        In a bag without a camera this is one message.
+        """
         if not self._frames:
             self.step(now_ns)
             return
@@ -373,7 +376,7 @@ class Lateness:
     _counts: Counter[int] = field(default_factory=Counter)
 
     def add(self, late_ns: int) -> None:
-        """One more message; what was sent early counts as in time."""
+        """Count one more message; one that was sent early counts as in time."""
         late_ns = max(late_ns, 0)
         self.count += 1
         self.most_ns = max(self.most_ns, late_ns)
@@ -455,7 +458,7 @@ class Player:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends the replay and waits for the end of its thread."""
+        """End the replay and wait for the end of its thread."""
         with self._changed:
             self._stopped = True
             self._changed.notify_all()
@@ -482,15 +485,15 @@ class Player:
         self._command(lambda playback, now_ns: playback.set_paused(False, now_ns))
 
     def set_rate(self, rate: float) -> None:
-        """Raises ValueError for a rate that can't be."""
+        """Set the rate; raise ValueError for one that is impossible."""
         self._command(lambda playback, now_ns: playback.set_rate(rate, now_ns))
 
     def step(self) -> None:
-        """One more message, then a pause."""
+        """Play one more message, then pause."""
         self._command(Playback.step)
 
     def step_frame(self) -> None:
-        """Messages up to and with the next camera frame, then a pause."""
+        """Play up to and with the next camera frame, then pause."""
         self._command(Playback.step_frame)
 
     @property
@@ -513,7 +516,7 @@ class Player:
             self._over()
 
     def _play_once(self) -> bool:
-        """One lap; False when it was stopped before its end."""
+        """Play one lap; return False when it was stopped before its end."""
         for message in self._tape.kept():
             self._publish(message)
         with closing(self._tape.messages()) as messages:

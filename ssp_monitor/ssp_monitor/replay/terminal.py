@@ -39,7 +39,7 @@ def plan_lines(plan: Plan) -> list[str]:
 
 
 def progress_line(progress: Progress, start_ns: int, end_ns: int, topics: int) -> str:
-    """Bag time, rate and topics in one line."""
+    """Return bag time, rate and topics in one line."""
     at_s, length_s = (ns_to_seconds(ns - start_ns) for ns in (progress.bag_ns, end_ns))
     words = [
         f"{at_s:9.3f} of {length_s:.3f} s",

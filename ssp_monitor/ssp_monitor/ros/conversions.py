@@ -48,7 +48,7 @@ OTHER_DEPTH = 1000
 
 
 def recording_profile(profile: Profile) -> QoSProfile:
-    """The publishers' profile with a reader's history that is deep enough for a recorder."""
+    """Return the publishers' profile with a reader's history that is deep enough for a recorder."""
     published = PUBLISHED[profile]
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
@@ -59,7 +59,7 @@ def recording_profile(profile: Profile) -> QoSProfile:
 
 
 def adapted_profile(topic: TopicSpec, publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
-    """A profile that hears all publishers and asks for as much as all of them offer.
+    """Return a profile that hears all publishers and asks for as much as all of them offer.
 
     The rule is rosbag2's: reliable when all are, transient local when all are.
     """
@@ -90,8 +90,9 @@ def is_heard(publisher: TopicEndpointInfo, msgtype: str, wanted: QoSProfile) -> 
 
 
 def offered_profiles(publishers: Sequence[TopicEndpointInfo]) -> str:
-    """YAML of what the publishers offer, complete, for the bag: each profile once, whoever has it,
-    and no more than a bag may hold.
+    """Return YAML of what the publishers offer, complete, for the bag.
+
+    Each profile stands once, however many have it, and no more than a bag may hold.
 
     Publishers don't tell others their history and depth: these are as rosbag2 writes them.
     """
@@ -151,7 +152,7 @@ def why_not_recordable(msgtype: str) -> str | None:
 def topic_status(
     record: TopicRecord, publishers: int, lost: int, dropped: int, rate_hz: float
 ) -> TopicStatus:
-    """One topic as the recorder's status shows it."""
+    """Return one topic as the recorder's status shows it."""
     return TopicStatus(
         name=record.name,
         type=record.msgtype,
@@ -165,7 +166,7 @@ def topic_status(
 
 
 def message_class(msgtype: str) -> type:
-    """The generated class of a type given as ``package/msg/Name``.
+    """Return the generated class of a type given as ``package/msg/Name``.
 
     Raises:
         HostError: this ROS installation lacks it.
@@ -179,7 +180,7 @@ def message_class(msgtype: str) -> type:
 
 
 def profile_of(offer: PublisherQos) -> QoSProfile:
-    """The publisher's profile."""
+    """Return the publisher's profile."""
     durable = DurabilityPolicy.TRANSIENT_LOCAL if offer.latched else DurabilityPolicy.VOLATILE
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
@@ -195,6 +196,7 @@ def why_not_installed(msgtype: str, type_hash: str) -> str | None:
     """Say why messages of a recorded type can't be published here, None where they can.
 
     Args:
+        msgtype: ``package/msg/Name``.
         type_hash: of the definition that they were written with, empty where it isn't known.
     """
     try:

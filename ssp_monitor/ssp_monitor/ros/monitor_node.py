@@ -83,7 +83,7 @@ class MonitorNode(Node):
             self._safety.publish(encode_limit(passed, name="disk_left", unit="s"))
 
     def _say_once(self, text: str) -> bool:
-        """Logs a sentence if it is new; figures in it don't make it new."""
+        """Log a sentence if it is new; figures in it don't make it new."""
         fresh = self._sayings.say(text)
         if fresh:
             self.get_logger().error(text)
@@ -107,7 +107,7 @@ class MonitorNode(Node):
         self._session_heard.set()
 
     def _is_waiting(self) -> bool:
-        """A live session that isn't armed: it may stand like that for hours."""
+        """Tell whether a live session isn't armed yet, as it may be for hours."""
         return not self._plan.simulated_time and self._state < SessionPhase.ARMED
 
     def _keep_pace(self, data: bytes) -> None:
@@ -117,9 +117,7 @@ class MonitorNode(Node):
             self._done.publish(encode_done(steps.StepDone(names.MONITOR, tick.step)))
 
     def _await_last_word(self) -> None:
-        """Wait so that an end of all nodes at once doesn't lose the session's ending and the
-        braking.
-        """
+        """Wait, so that an end of all nodes at once doesn't lose the session's end and braking."""
         deadline = time.monotonic() + LAST_WORD_S
         while self._last_word.is_due and time.monotonic() < deadline:
             if self.recording.intake.error is not None:
@@ -130,7 +128,7 @@ class MonitorNode(Node):
             self._session_heard.clear()
 
     def close(self) -> None:
-        """Ends reception, closes the bag, leaves the verdict and prints one line about it.
+        """End reception, close the bag, leave the verdict and print one line about it.
 
         Raises:
             HostError: not everything that arrived is in the bag, or reception ended before.

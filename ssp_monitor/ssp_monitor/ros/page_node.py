@@ -62,7 +62,7 @@ class ManagerCommands:
         }
 
     def offered(self) -> frozenset[str]:
-        """Commands whose services were found."""
+        """Return commands whose services were found."""
         return frozenset(word for word, one in self._clients.items() if one.service_is_ready())
 
     def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
@@ -131,7 +131,7 @@ class MonitorPage(Node):
             threading.Thread(target=self._hear_runner, name="runner", daemon=True).start()
 
     def _session_token(self) -> str:
-        """The run file's, or where that names none the one of the manager that is heard."""
+        """Return the run file's token, or without one that of the manager that is heard."""
         run = self._board.run
         return (run.session_token if run is not None else "") or self._board.session_token
 
@@ -164,7 +164,7 @@ class MonitorPage(Node):
                     self._watch.follow(names.absolute(names.state_topic(target.id)))
 
     def _look_around(self) -> None:
-        """Follows objects that the run file, or no run file, names."""
+        """Follow objects that the run file, or no run file, names."""
         self._watch.look_around()
         for topic, kinds in self.get_topic_names_and_types():
             if topic.startswith(f"{names.NAMESPACE}/") and _ACK_TYPE in kinds:
@@ -190,7 +190,7 @@ class MonitorPage(Node):
             self._board.tell(messages.refused_event(ack))
 
     def _hear_runner(self) -> None:
-        """Takes the runner's words, in a thread of its own; without it there is no run."""
+        """Take the runner's words, in a thread of its own; without it there is no run."""
         for line in sys.stdin.buffer:
             try:
                 word = EndWord.parse(line)
@@ -206,7 +206,7 @@ class MonitorPage(Node):
     # -- what is shown ---------------------------------------------------------------------------
 
     def _push(self) -> None:
-        """Decodes what is newest, and sends it to whoever looks."""
+        """Decode the newest messages, and send them to all viewers."""
         self._watch.settle()
         now_ns = time.monotonic_ns()
         if not self.server.viewers:
@@ -231,7 +231,7 @@ class MonitorPage(Node):
         return word is not None and word.final
 
     def close(self) -> None:
-        """Ends the server; one that shows the end of a run goes on for its viewers."""
+        """End the server; one that shows the end of a run goes on for its viewers."""
         if self._has_final_word and self.server.viewers:
             self._push()
             self.server.retire()
@@ -239,7 +239,7 @@ class MonitorPage(Node):
             self.server.close()
 
     def stay(self) -> None:
-        """Shows the end of the run without ROS: for a minute, as long as somebody looks."""
+        """Show the end of the run without ROS: for a minute, as long as there are viewers."""
         if not self.server.is_alive:
             return
         over = threading.Event()
@@ -261,7 +261,7 @@ class MonitorPage(Node):
 
 
 def main() -> None:
-    """Entry point of the node."""
+    """Run the node."""
     sys.exit(ros.run_node(MonitorPage, MonitorPage.close, afterwards=MonitorPage.stay))
 
 

@@ -122,9 +122,10 @@ NODES = {"monitor": MONITOR, "monitor_page": PAGE, "view": VIEW, "replay": REPLA
 
 
 def session_plan(given: Mapping[str, Any], full_name: Callable[[str], str]) -> RecordingPlan:
-    """The recording of one run.
+    """Return the recording of one run.
 
     Args:
+        given: the node's parameters, by name.
         full_name: under which a topic is heard, its remapping applied.
 
     Raises:

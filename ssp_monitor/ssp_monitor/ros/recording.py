@@ -105,8 +105,11 @@ class Recording:
             raise
 
     def lost_by_topic(self) -> dict[str, int]:
-        """Published and never received, as far as known. Of a publisher that is not heard, for its
-        type or its profile, nobody knows how much is lost: it counts as one message."""
+        """Count messages that were published and never received, as far as known.
+
+        A publisher that is not heard, for its type or its profile, counts as one message, since
+        nothing tells how many it lost.
+        """
         lost = dict(self.intake.lost_by_topic())
         for name in (*self._survey.changed, *self._unheard):
             lost[name] = lost.get(name, 0) + 1
@@ -114,8 +117,10 @@ class Recording:
 
     @property
     def lost(self) -> int:
-        """Messages known to be missing of the topics that must be complete: never arrived, or not
-        written. Those are the run's own; without a run all."""
+        """Messages known to be missing of the topics that must be complete.
+
+        They never arrived, or were not written. The topics are the run's own; without a run all.
+        """
         dropped = self.recorder.dropped_by_topic
         return self._of_own(self.lost_by_topic()) + self._of_own(dropped)
 
@@ -123,9 +128,7 @@ class Recording:
         return sum(n for name, n in counts.items() if not self._own or name in self._own)
 
     def session_is(self, state: SessionPhase) -> None:
-        """Require, from arming to the end of a session, one publisher of each topic that should
-        have one.
-        """
+        """Watch from arming to the session's end that topics have the one publisher they should."""
         if state in WATCHED:
             self._rivals.begin(self.intake.returned_by_topic())
         elif state in (SessionPhase.FINISHED, SessionPhase.ABORTED):
@@ -133,11 +136,11 @@ class Recording:
             self._rivals.end()
 
     def strangers(self) -> tuple[str, ...]:
-        """Topics with more publishers than they should have, as sentences."""
+        """Return topics with more publishers than they should have, as sentences."""
         return self._rivals.look(self.intake.returned_by_topic())
 
     def poll(self) -> DiskOutlook:
-        """Looks at graph and disk, and records what has appeared. Twice a second is often enough.
+        """Look at graph and disk, and record new topics. Twice a second is often enough.
 
         Returns:
             How long the disk lasts, and whether the recording must end.
@@ -160,7 +163,7 @@ class Recording:
         return self._outlook
 
     def status(self) -> RecorderStatus:
-        """Everything but the stamp, as it was at the last poll."""
+        """Return everything but the stamp, as it was at the last poll."""
         state = self.recorder.state()
         lost, dropped = self.lost_by_topic(), self.recorder.dropped_by_topic
         status = RecorderStatus()
@@ -194,7 +197,7 @@ class Recording:
         return status
 
     def close(self) -> Closed:
-        """Ends reception, closes the bag with a report in it, and opens it again to check it."""
+        """End reception, close the bag with a report in it, and open it again to check it."""
         self.intake.stop()
         received = self.intake.received_by_topic()
         state = self.recorder.stop(lambda: self._report(received))
@@ -254,7 +257,7 @@ class Recording:
         return not all(heard) or (topic.required and (not heard or silent))
 
     def _graph(self) -> list[tuple[str, list[str]]]:
-        """Topics that are recorded or asked for, each with the types of its publishers."""
+        """Return topics that are recorded or asked for, each with the types of its publishers."""
         graph = []
         for name, types in self._node.get_topic_names_and_types():
             recorded = self._survey.recorded.get(name)
@@ -281,7 +284,7 @@ class Recording:
         self._profiles[topic.name] = profile
 
     def _count_publishers(self, name: str, msgtype: str) -> None:
-        """A reader keeps the profile that suited its first publishers; later ones may not."""
+        """Find publishers that a reader can't hear: its profile is that of the first ones."""
         count = self._node.count_publishers(name)
         if count == self._publishers.get(name) or name not in self._profiles:
             return
@@ -297,7 +300,7 @@ class Recording:
                 )
 
     def _rates(self) -> dict[str, float]:
-        """Messages a second of each topic since the call before."""
+        """Return messages a second of each topic since the call before."""
         now_s, received = time.monotonic(), dict(self.intake.received_by_topic())
         then_s, before = self._before
         self._before = now_s, received
@@ -331,7 +334,7 @@ def record(
     duration_s: float | None,
     tell: Callable[[RecorderStatus], None],
 ) -> tuple[Closed, str]:
-    """Records what a plan asks for.
+    """Record a plan's topics.
 
     Args:
         plan: without topics of its own.

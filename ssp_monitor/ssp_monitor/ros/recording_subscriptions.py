@@ -109,19 +109,18 @@ class SerializedTaker:
         self._refused: int | None = None
 
     def _look_at_buffer(self) -> tuple[ctypes.Array[ctypes.c_char], int]:
-        """The memory of the buffer, which moves when it has to grow, and where it is."""
+        """Return the memory of the buffer, which moves when it has to grow, and its address."""
         where = int(self._buffer.buffer)
         self._room = (ctypes.c_char * self._buffer.capacity).from_address(where)
         self._room_at = where
         return self._room, where
 
     def close(self) -> None:
-        """Frees the buffer."""
+        """Free the buffer."""
         self._free(ctypes.byref(self._buffer))
 
     def take(self, subscription: int) -> tuple[list[Taken], bool]:
-        """Take the messages that arrived at a subscription, oldest first, and tell whether more may
-        come.
+        """Take the messages that arrived, oldest first, and tell whether more may come.
 
         Args:
             subscription: address of its rcl_subscription_t, which must stay valid meanwhile.
@@ -246,10 +245,11 @@ class RecordingSubscriptions:
         self._thread.start()
 
     def add(self, topic: TopicSpec, profile: QoSProfile) -> None:
-        """Takes a topic too, from now on; from one thread at a time.
+        """Take in one more topic, from now on; from one thread at a time.
 
         Args:
             topic: not taken yet; the recorder knows it.
+            profile: that its reader asks for.
 
         Raises:
             HostError: this ROS installation lacks its type.
@@ -274,7 +274,7 @@ class RecordingSubscriptions:
         self._added.append(source)
 
     def lost_by_topic(self) -> dict[str, int]:
-        """Messages of each topic that were published and never arrived, as far as is known."""
+        """Count messages of each topic that were published and never arrived, as far as known."""
         return {name: arrivals.lost for name, arrivals in self._arrivals.items()}
 
     def returned_by_topic(self) -> dict[str, int]:
@@ -282,15 +282,15 @@ class RecordingSubscriptions:
         return {name: arrivals.returned for name, arrivals in self._arrivals.items()}
 
     def received_by_topic(self) -> dict[str, int]:
-        """Messages of each topic that arrived."""
+        """Count messages of each topic that arrived."""
         return {name: arrivals.received for name, arrivals in self._arrivals.items()}
 
     def passed_over_by_topic(self) -> dict[str, int]:
-        """Pictures of each topic that arrived while the session waited, and weren't kept."""
+        """Count pictures of each topic that came while the session waited, and weren't kept."""
         return {s.topic.name: s.passed_over for s in self._sources if s.passed_over}
 
     def stop(self) -> None:
-        """Takes what has arrived and what is under way, and ends."""
+        """Take what has arrived and what is under way, and end."""
         self._stop.set()
         self._thread.join()
         self._taker.close()
@@ -365,7 +365,7 @@ class RecordingSubscriptions:
             source.last = taken[-1][0]
 
     def _tell(self, source: _Source, listen: Callable[[bytes], None], taken: list[Taken]) -> None:
-        """Anybody may have sent it: whatever a listener makes of it must not end the recording."""
+        """Tell a listener of messages of any sender; its failure must not end the recording."""
         for one in taken:
             try:
                 listen(one[0])
@@ -395,7 +395,7 @@ class RecordingSubscriptions:
 
 
 def _thinned(source: _Source, taken: list[Taken]) -> list[Taken]:
-    """The pictures that are kept of a session that waits; the others are counted."""
+    """Return the pictures that are kept of a session that waits; the others are counted."""
     kept = []
     for one in taken:
         if one[2] - source.kept_ns >= WAITING_PERIOD_NS:
@@ -406,7 +406,7 @@ def _thinned(source: _Source, taken: list[Taken]) -> list[Taken]:
 
 
 def _lost_event(subscription: Subscription) -> rcl.EventHandle | None:
-    """The middleware's count of what it could not deliver; None where it has none."""
+    """Return the middleware's count of what it could not deliver, None where it has none."""
     try:
         with subscription.handle:
             return rcl.EventHandle(

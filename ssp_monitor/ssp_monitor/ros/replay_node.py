@@ -115,7 +115,7 @@ class ReplayNode(Node):
         )
 
     def _look(self) -> None:
-        """Listens for a session, for longer when commands would be published."""
+        """Listen for a session, for longer when commands would be published."""
         if self._wishes.beside_session:
             return
         look_s = COMMANDS_LOOK_S if self._wishes.commands else LOOK_S
@@ -126,7 +126,7 @@ class ReplayNode(Node):
             threading.Event().wait(POLL_S)
 
     def _watch(self) -> None:
-        """A session that comes later ends the replay."""
+        """End the replay when a session comes later."""
         if self._error is None and (signs := self._signs()):
             self._error = HostError(_refusal(signs))
             self._stop.set("session")
@@ -206,7 +206,7 @@ class ReplayNode(Node):
         err.print(f"\r{self._line()}", end="\x1b[K", markup=False)
 
     def close(self) -> None:
-        """Ends the replay and says how it went.
+        """End the replay and say how it went.
 
         Raises:
             HostError: a session came up, or the replay ended early for another reason.
@@ -250,7 +250,7 @@ def _refusal(signs: list[str]) -> str:
 
 
 def replay(reader: BagReader, wishes: ReplayOptions, environment: dict[str, str]) -> int:
-    """Replays a bag in this process, which ends with it; see ros.run_node."""
+    """Replay a bag in this process, which ends with it; see ros.run_node."""
     adopt(environment)
     os.environ.update(environment)
     return ros.run_node(

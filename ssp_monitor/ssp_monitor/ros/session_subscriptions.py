@@ -60,21 +60,21 @@ class SessionSubscriptions:
             ros.subscribe_raw(node, kind, topic, rules_from_msg, hear, qos, raw=False)
 
     def look_around(self) -> None:
-        """Follows objects that have topics of their own, and sees whether a bag is replayed."""
+        """Follow objects that have topics of their own, and notice whether a bag is replayed."""
         self._board.replay = _REPLAY_NODE in self._node.get_node_names_and_namespaces()
         for topic, kinds in self._node.get_topic_names_and_types():
             if topic.startswith(f"{names.NAMESPACE}/") and _STATE_TYPE in kinds:
                 self.follow(topic)
 
     def follow(self, topic: str) -> None:
-        """Hears the states of one object."""
+        """Hear the states of one object."""
         if topic not in self._followed:
             self._followed.add(topic)
             take = partial(self._on_state, topic)
             self._node.create_subscription(ObjectState, topic, take, ros.STATE, raw=True)
 
     def settle(self) -> None:
-        """Decodes what is newest of states and heartbeats, and writes it on the board."""
+        """Decode the newest states and heartbeats, and write them on the board."""
         for newest in (self._single, self._arrays):
             states, problems = newest.take()
             for group, at_ns in states:
@@ -92,7 +92,7 @@ class SessionSubscriptions:
             self.tell_once(f"{names.HEARTBEAT}: {error}")
 
     def tell_once(self, problem: str) -> None:
-        """Says what is wrong with a topic, ``TOPIC: what``, the first time."""
+        """Say what is wrong with a topic, ``TOPIC: what``, the first time."""
         topic = problem.partition(":")[0]
         if topic not in self._told:
             self._told.add(topic)

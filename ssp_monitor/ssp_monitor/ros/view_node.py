@@ -73,10 +73,14 @@ def mark(
     z_m: float,
     size_m: tuple[float, float, float],
 ) -> Marker:
-    """A mark in frame map; a later one of the same space and number replaces it.
+    """Return a mark in frame map; a later one of the same space and number replaces it.
 
     Args:
-        at: of its middle.
+        space: the marker's namespace.
+        number: its id in there.
+        shape: a type of Marker.msg.
+        colour: red, green, blue and opacity, 0 to 1.
+        at: its middle, m.
         z_m: height of its middle over the ground.
         size_m: x, y and z in the mark's own frame.
     """
@@ -101,7 +105,7 @@ def line(
     *,
     closed: bool = False,
 ) -> Marker:
-    """A line through points of frame map; back to the first one where it is closed."""
+    """Return a line through points of frame map; back to the first one where it is closed."""
     origin = Pose2(0.0, 0.0, 0.0)
     marker = mark(space, number, Marker.LINE_STRIP, colour, origin, 0.0, (width_m, 0.0, 0.0))
     through = (*points, points[0]) if closed else points
@@ -110,7 +114,7 @@ def line(
 
 
 def text(space: str, number: int, words: str, at: Point, z_m: float, colour: Colour) -> Marker:
-    """A text that faces whoever looks."""
+    """Return a text that faces the viewer."""
     place = Pose2(*at, 0.0)
     marker = mark(space, number, Marker.TEXT_VIEW_FACING, colour, place, z_m, (0.0, 0.0, 0.9))
     marker.text = words
@@ -118,7 +122,7 @@ def text(space: str, number: int, words: str, at: Point, z_m: float, colour: Col
 
 
 def circle(centre: Point, radius_m: float, corners: int = 32) -> tuple[Point, ...]:
-    """A circle as an outline that isn't closed."""
+    """Return a circle as an outline that isn't closed."""
     angles = [2.0 * math.pi * k / corners for k in range(corners)]
     return tuple(
         (centre[0] + radius_m * math.cos(a), centre[1] + radius_m * math.sin(a)) for a in angles
@@ -126,7 +130,7 @@ def circle(centre: Point, radius_m: float, corners: int = 32) -> tuple[Point, ..
 
 
 def standing_marks(drawing: Drawing) -> Iterator[Marker]:
-    """The marks of a run's drawing."""
+    """Yield the marks of a run's drawing."""
     yield line("fence", 0, drawing.fence, FENCE, 0.3, closed=True)
     for number, one in enumerate(drawing.road_lines):
         colour, width_m = _LINES[one.kind]
@@ -170,7 +174,7 @@ class Trail:
     stamp_ns: int = 0
 
     def add(self, state: ObjectState) -> None:
-        """One more state. A time that goes back, or a jump, begins a new trail."""
+        """Add one more state. A time that goes back, or a jump, begins a new trail."""
         at = (state.x_m, state.y_m)
         moved_m = math.dist(self.points[-1], at) if self.points else math.inf
         if state.stamp_ns < self.stamp_ns or moved_m > TRAIL_JUMP_M:
@@ -195,7 +199,7 @@ class Moving:
     _shown: set[tuple[str, int]] = field(default_factory=set)
 
     def marks(self, board: Board, now_ns: int) -> list[Marker]:
-        """The marks of all objects as they were last heard."""
+        """Return the marks of all objects as they were last heard."""
         fresh: list[ObjectState] = []
         marks: list[Marker] = []
         for heard in board.objects.values():
@@ -235,7 +239,7 @@ class Moving:
             yield line("trail", number, tuple(trail.points), colour, 0.12, 0.05)
 
     def _gaps(self, states: list[ObjectState]) -> Iterator[Marker]:
-        """A line from the VUT to each object that it is predicted to meet, with the times."""
+        """Yield a line from the VUT to each object that it is predicted to meet, with the times."""
         vut = next((state for state in states if state.role is Role.VUT), None)
         if vut is None or self.vut_path is None:
             return
@@ -313,7 +317,7 @@ class ViewNode(Node):
 
 
 def main() -> None:
-    """Entry point of the node."""
+    """Run the node."""
     sys.exit(ros.run_node(lambda _: ViewNode(), lambda _: None))
 
 

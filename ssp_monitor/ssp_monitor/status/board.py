@@ -70,7 +70,7 @@ class Shown:
 
     @staticmethod
     def parse(text: object) -> Shown:
-        """Reads what ``str`` gives. Raises ValueError for another text or value."""
+        """Read what ``str`` gives. Raise ValueError for another text or value."""
         found = re.fullmatch(r"([1-9]\d?)@(\d{1,19})", text) if isinstance(text, str) else None
         if found is None:
             raise ValueError("it doesn't say which state the page showed")
@@ -216,7 +216,7 @@ class Board:
             self.motion[one.id] = ConsistencyWatch(bounds)
 
     def hear_states(self, states: Iterable[ObjectState], at_ns: int) -> None:
-        """Newest states; one that was overtaken on its way is dropped."""
+        """Take the newest states; one that was overtaken on its way is dropped."""
         for state in states:
             known = self.objects.get(state.object_id)
             if known is None and len(self.objects) >= MOST_OBJECTS:
@@ -231,7 +231,7 @@ class Board:
                 watch.see(state)
 
     def hear_session(self, fact: SessionFact, at_ns: int) -> None:
-        """A transition; it also becomes an event, and begins or ends the run's own time."""
+        """Take a transition, which becomes an event, and begins or ends the run's own time."""
         before = self.session
         self.session, self.session_at_ns = fact, at_ns
         if fact.state in (SessionPhase.IDLE, SessionPhase.LOADED):
@@ -252,7 +252,7 @@ class Board:
         )
 
     def hear_phase(self, phase: Phase, event: Event) -> None:
-        """The beginning of a phase of the event."""
+        """Take the beginning of a phase of the event."""
         self.phase = phase
         self.tell(event)
 
@@ -272,7 +272,7 @@ class Board:
             self.bodies[status.object_id] = status, at_ns
 
     def tell(self, event: Event) -> None:
-        """One more event; the oldest one is forgotten when there are too many."""
+        """Add one more event; the oldest one is forgotten when there are too many."""
         self.events_seen += 1
         self.events.append((self.events_seen, event))
 
@@ -299,7 +299,7 @@ class Newest:
     _waiting: dict[str, tuple[bytes, int]] = field(default_factory=dict)
 
     def put(self, source: str, data: bytes, at_ns: int) -> None:
-        """A message, with its time of arrival on the steady clock."""
+        """Keep a message with its time of arrival on the steady clock."""
         self._waiting[source] = (data, at_ns)
 
     def take(self) -> tuple[list[tuple[list[ObjectState], int]], list[str]]:
@@ -331,7 +331,7 @@ def age_s(now_ns: int, at_ns: int | None) -> float:
 
 
 def links_of(board: Board, now_ns: int) -> dict[str, LinkFact]:
-    """The links as they are now; nothing when the manager hasn't told of them lately."""
+    """Return the links as they are now; empty if the manager hasn't told of them lately."""
     return board.links if age_s(now_ns, board.links_at_ns) <= LINKS_FRESH_S else {}
 
 

@@ -38,8 +38,10 @@ _BEFORE_START = (
 
 
 def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
-    """Everything, as sentences, by the rules that the manager arms by; empty once the session is
-    past its start."""
+    """List every obstacle, as sentences, by the rules that the manager arms by.
+
+    The list is empty once the session is past its start.
+    """
     session = board.session.state if board.session is not None else SessionPhase.UNKNOWN
     if session not in _BEFORE_START:
         return []
@@ -95,8 +97,11 @@ def _facts(board: Board, now_ns: int) -> Facts:
 
 
 def _session_ns(board: Board, now_ns: int) -> int:
-    """Session time: of a live session it goes on after the manager's last word of it; a simulated
-    world stands still before the start."""
+    """Return session time, ns.
+
+    In a live session it goes on after the manager's last word of it; a simulated world stands still
+    before the start.
+    """
     if board.manager_stamp_ns is None:
         return max((heard.state.stamp_ns for heard in board.objects.values()), default=0)
     live = board.run is not None and board.run.mode == "live"
@@ -105,7 +110,7 @@ def _session_ns(board: Board, now_ns: int) -> int:
 
 
 def not_armed(board: Board) -> list[str]:
-    """Objects of the run that don't report that they are armed."""
+    """Return objects of the run that don't report that they are armed."""
     run, heard = board.run, board.objects
     return [
         target.id
@@ -128,16 +133,20 @@ class ClockWatch:
     changed_at_ns: int = 0
 
     def see(self, stamp_ns: int | None, now_ns: int) -> None:
-        """The newest stamp as it is now; a replay that begins again may go back."""
+        """Take the newest stamp as it is now; a replay that begins again may go back."""
         if stamp_ns is not None and stamp_ns != self.stamp_ns:
             self.stamp_ns, self.changed_at_ns = stamp_ns, now_ns
 
 
 def health(board: Board, clock: ClockWatch, now_ns: int) -> tuple[Status, ...]:
-    """Recorder, session, clock, and each object that the run names or that was heard.
+    """Return the status of recorder, session, clock and each object.
+
+    The objects are those that the run names and those that were heard.
 
     Args:
+        board: what was heard.
         clock: of session time.
+        now_ns: on the steady clock.
     """
     objects = dict.fromkeys([*(board.run.object_ids if board.run else ()), *sorted(board.objects)])
     return (
@@ -272,7 +281,7 @@ def _stricter(board: Board, object_id: str) -> tuple[str, ...]:
 def _judged(
     heard: Received, link: LinkFact, limits: Limits | None, old_s: float
 ) -> tuple[Level, str]:
-    """The worst that is known of an object, first what makes everything else meaningless."""
+    """Return the worst that is known of an object; what makes the rest meaningless goes first."""
     state = heard.state
     if old_s > STALE_S:
         return Level.STALE, f"silent for {old_s:.1f} s"

@@ -43,7 +43,7 @@ def _read(kind: type[Fact], message: Any, **known: Any) -> Fact:
 
 
 def session_fact(message: Any) -> SessionFact:
-    """A SessionState. Raises ValueError for a state or verdict that is none."""
+    """Read a SessionState. Raise ValueError for an unknown state or verdict."""
     return _read(
         SessionFact,
         message,
@@ -54,14 +54,14 @@ def session_fact(message: Any) -> SessionFact:
 
 
 def phase_of(message: Any) -> tuple[Phase, Event]:
-    """A PhaseEvent. Raises ValueError for a phase that is none."""
+    """Read a PhaseEvent. Raise ValueError for an unknown phase."""
     phase = Phase(message.phase)
     title = f"phase {phase.name.lower()}" + (", provisional" if message.provisional else "")
     return phase, Event("phase", stamp_ns(message.header.stamp), title, _short(message.evidence))
 
 
 def safety_event(message: Any) -> Event:
-    """A SafetyEvent; what an operator does, or what is told in words, has no measure."""
+    """Read a SafetyEvent; an operator's act, or what is told in words, has no measure."""
     in_words = message.code == SafetyCode.OPERATOR or bool(message.words)
     seen = f"seen by {message.source}, {message.reaction.replace('_', ' ')}"
     return Event(
@@ -77,7 +77,7 @@ def safety_event(message: Any) -> Event:
 
 
 def trigger_event(message: Any) -> Event:
-    """A TriggerEvent; measured is the condition's value at the later of its two samples."""
+    """Read a TriggerEvent; its measure is the condition's value at the later of its two samples."""
     values = list(message.sample_values)
     sent = f"reference {', '.join(message.reference_ids)} sent to {', '.join(message.object_ids)}"
     return Event(
@@ -91,7 +91,7 @@ def trigger_event(message: Any) -> Event:
 
 
 def fault_event(message: Any) -> Event:
-    """A FaultEvent: something that was injected on purpose."""
+    """Read a FaultEvent, something that was injected on purpose."""
     what = message.fault.partition(" ")[2].replace("_", " ") or message.fault
     return Event(
         "fault",
@@ -105,7 +105,7 @@ def fault_event(message: Any) -> Event:
 
 
 def refused_event(ack: Acknowledgement) -> Event:
-    """An object's refusal of a reference."""
+    """Make an event of an object's refusal of a reference."""
     return Event(
         "refused",
         ack.stamp_ns,
@@ -116,7 +116,7 @@ def refused_event(ack: Acknowledgement) -> Event:
 
 
 def link_facts(message: Any) -> dict[str, LinkFact]:
-    """A LinkStatus, by object; lists of unequal lengths give what all of them have."""
+    """Read a LinkStatus, by object; lists of unequal lengths give what all of them have."""
     columns = zip(
         message.object_ids,
         message.clock_offset,
@@ -133,7 +133,7 @@ def link_facts(message: Any) -> dict[str, LinkFact]:
 
 
 def recorder_fact(message: Any) -> RecorderFact:
-    """A RecorderStatus."""
+    """Read a RecorderStatus."""
     return _read(
         RecorderFact,
         message,
@@ -148,7 +148,7 @@ def localisation(message: Any) -> str:
 
 
 def body_status(message: Any) -> BodyStatus:
-    """A BodyStatus."""
+    """Read a BodyStatus."""
     return BodyStatus(
         _short(message.object_id),
         tuple(map(_short, message.no_state)),
@@ -158,7 +158,7 @@ def body_status(message: Any) -> BodyStatus:
 
 
 def command_answer(response: Any) -> Answer:
-    """The manager's answer to a command."""
+    """Read the manager's answer to a command."""
     try:
         state = SessionPhase(response.session_state).name
     except ValueError:
@@ -167,7 +167,7 @@ def command_answer(response: Any) -> Answer:
 
 
 def jpeg_of(data: bytes) -> bytes:
-    """The picture in a serialised CompressedImage, as it stands there; ValueError if not JPEG."""
+    """Return the picture in a serialised CompressedImage as it is; ValueError if not JPEG."""
     image = read_image(COMPRESSED_TYPE, data)
     if image.data[:2] != JPEG_START:
         raise ValueError(f"a picture of format {image.format[:20]!r} is no JPEG")
