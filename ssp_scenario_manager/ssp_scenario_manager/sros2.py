@@ -165,7 +165,7 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
 
 
 def policy(run: RunSpec, *receiver: str) -> str:
-    """The policy as XML (SROS2 policy schema 0.2.0); arguments as for ``rights``."""
+    """Return the policy as XML (SROS2 policy schema 0.2.0); arguments as for ``rights``."""
     root = ElementTree.Element("policy", version="0.2.0")
     enclaves = ElementTree.SubElement(root, "enclaves")
     table = rights(run, *receiver)
@@ -209,7 +209,7 @@ def _group(profile: ElementTree.Element, kind: str, what: str, found: Iterable[s
     help="Topics of the VUT's GNSS/INS.",
 )
 def main(run_file: Path, receiver: tuple[str, ...]) -> None:
-    """Prints the SROS2 policy of the live session RUN_FILE."""
+    """Print the SROS2 policy of the live session RUN_FILE."""
     try:
         click.echo(policy(load_run(run_file), *receiver), nl=False)
     except SspError as error:

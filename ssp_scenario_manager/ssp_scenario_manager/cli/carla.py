@@ -75,12 +75,12 @@ def probe_command(server: str, map_file: Path | None, out: Path, as_json: bool) 
 
 
 def map_sha256(path: Path) -> str:
-    """The hash of an OpenDRIVE file, as a server's map is held against it."""
+    """Return the hash of an OpenDRIVE file, with which a server's map is compared."""
     return opendrive_sha256(read_map(path))
 
 
 def show(report: CarlaProbeReport) -> None:
-    """The table for people, on standard output."""
+    """Print the table for people on standard output."""
     title = f"CARLA {report.version} at {report.host}:{report.port}, {report.map_name}"
     table = Table(title=escape(title), title_justify="left")
     for column in ("check", "outcome", "measured", "bound", "found"):

@@ -32,9 +32,7 @@ _MOST_ROWS = 25
 
 
 def _login_name() -> str | None:
-    """Return the name of the user who is logged in, None where there is none (a container's bare
-    user id).
-    """
+    """Return the name of the user who is logged in, None for a container's bare user id."""
     try:
         return getpass.getuser()
     except (OSError, KeyError):
@@ -135,7 +133,7 @@ def compile_event(
 
 
 def _roads_of(map_path: Path, bar: Progress) -> Loading:
-    """A line below the bar with the roads of a map that were read, of how many."""
+    """Show a line below the bar with the number of a map's roads that were read, and of all."""
     task = bar.add_task(f"roads of {map_path.name}", total=None)
     return lambda read, total: bar.update(task, completed=read, total=total)
 

@@ -180,7 +180,7 @@ def _run(
 
 
 def _note(result: CellResult) -> None:
-    """One line per cell, and one per finding."""
+    """Print one line per cell, and one per finding."""
     name = f"{result.scene.name} {result.row.name} {result.stage.title}"
     if result.judged is None:
         console.note(f"{name}: not applicable")

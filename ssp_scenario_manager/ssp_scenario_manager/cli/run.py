@@ -312,10 +312,12 @@ def _check_options(
 def _with_carla(
     spec: RunSpec, camera: str | None, plant: str | None, task: Path, folder: Path
 ) -> tuple[RunSpec, dict[str, dict[str, object]]]:
-    """The run with what draws and what moves it, and the parameters of nodes that ask CARLA for it.
+    """Return the run with what draws and moves it, and parameters of nodes that ask CARLA for it.
 
     Args:
-        camera, plant: as typed; None: the run's own.
+        spec: the run.
+        camera: as typed; None: the run's own.
+        plant: likewise.
         task: of the run.
         folder: into which the task is moved.
 
@@ -349,6 +351,7 @@ def _asks_carla(option: str, text: str | None, ours: str, before: str | None) ->
     """Tell whether CARLA does what an option is about.
 
     Args:
+        option: its name, for messages.
         text: as typed; None: as before.
         ours: the word for our own renderer or bodies.
         before: of the run.
@@ -373,7 +376,7 @@ def _asks_carla(option: str, text: str | None, ours: str, before: str | None) ->
 def _server(
     option: str, text: str | None, spec: RunSpec, task: Path, folder: Path
 ) -> dict[str, object]:
-    """Parameters of a node that asks a CARLA server.
+    """Return parameters of a node that asks a CARLA server.
 
     Raises:
         InputError: no server can serve this run.
@@ -400,13 +403,13 @@ def _server(
 
 
 def _nodes(spec: RunSpec) -> list[str]:
-    """Names of the processes that a session of this run has."""
+    """Return names of the processes that a session of this run has."""
     always = [names.MONITOR, names.SIL_WORLD, names.OBJECT_TARGET, names.SCENARIO_MANAGER]
     return always + ([names.FRONT_CAMERA] if spec.camera is not None else [])
 
 
 def _case(spec: RunSpec, folder: Path, told: dict[str, Any] | None = None) -> Case:
-    """The run as result.json tells it; None before the end."""
+    """Return the run as result.json tells it, None before the end."""
     facts = {"seed": str(spec.seed), "mode": spec.mode, "folder": str(folder)}
     group = f"{spec.scenario}.{spec.site}"
     if told is None:
@@ -418,7 +421,7 @@ def _case(spec: RunSpec, folder: Path, told: dict[str, Any] | None = None) -> Ca
 
 
 def _name(what: str, site: str | None) -> str:
-    """Folder of a run that nobody named."""
+    """Name the folder of a run that was given no name."""
     parts = [Path(what).name.split(".")[0]]
     if site is not None:
         parts.append(Path(site).name.split(".")[0])

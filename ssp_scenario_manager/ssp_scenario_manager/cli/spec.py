@@ -174,7 +174,7 @@ def graph(file: str, out: Path | None, as_json: bool) -> None:
 
 
 def _targets(event: Event, out: Path) -> list[Path]:
-    """Files to write: the one that was named, or both in a folder."""
+    """Return files to write: the one that was named, or both in a folder."""
     if out.suffix in (".svg", ".json") and not out.is_dir():
         return [out]
     if out.suffix and not out.is_dir():

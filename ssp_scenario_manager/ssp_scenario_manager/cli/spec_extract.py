@@ -1,6 +1,4 @@
-"""``ssp spec extract`` and ``ssp spec review``: a candidate K* from a source video, and its
-review.
-"""
+"""``ssp spec extract`` and ``ssp spec review``: a candidate K* from a video, and its review."""
 
 from __future__ import annotations
 
@@ -206,7 +204,7 @@ def _report(order: Order, found: Extracted) -> None:
 
 
 def _lines(items: list[Undecided]) -> list[str]:
-    """One line per field: path, value, confidence, where from, evidence frames."""
+    """Return one line per field: path, value, confidence, where from, evidence frames."""
     widths = [
         max((len(item.field) for item in items), default=0),
         min(24, max((len(shown(item.value)) for item in items), default=0)),

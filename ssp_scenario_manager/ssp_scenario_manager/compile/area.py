@@ -1,6 +1,4 @@
-"""The operating area that an event is compiled for: what is allowed there, room for the run, other
-traffic.
-"""
+"""The operating area of an event: what is allowed there, room for the run, other traffic."""
 
 from __future__ import annotations
 
@@ -65,7 +63,7 @@ class OperatingArea:
         return self.site.name if self.site is not None else self.map_name
 
     def limits(self, event: Event) -> Limits:
-        """Ω_safe: what the place allows, cut down to what K* allows (METHOD 2.3)."""
+        """Return Ω_safe: what the place allows, cut down to what K* allows (METHOD 2.3)."""
         safety = event.constraints.safety
         place = self.site.limits if self.site is not None else None
         if place is None:
@@ -80,7 +78,7 @@ class OperatingArea:
         )
 
     def camera(self, event: Event) -> Camera:
-        """The site's camera, or for a map the usual one moved into what K* needs.
+        """Return the site's camera, or for a map the usual one moved into what K* needs.
 
         Raises:
             CannotPlace: the site's camera doesn't deliver what K* needs.
@@ -119,12 +117,12 @@ class OperatingArea:
         return self.site.disturbance if self.site is not None else LinkDisturbance()
 
     def site_block(self, block: Block) -> SiteBlock | None:
-        """The block as the site's file has it, with its surroundings; None for a map."""
+        """Return the block as the site's file has it, with its surroundings; None for a map."""
         blocks = self.site.blocks if self.site is not None else []
         return next((found for found in blocks if found.id == block.block_id), None)
 
     def geofence(self, block: Block) -> list[Point]:
-        """The site's fence; for a map, one around the block and its sidewalks.
+        """Return the site's fence; for a map, one around the block and its sidewalks.
 
         Raises:
             CannotPlace: the block comes back to itself, so that its fence encloses no area.
@@ -156,7 +154,7 @@ class OperatingArea:
 def strip_polygon(
     line: ReferenceLine, from_s_m: float, to_s_m: float, right_m: float, left_m: float
 ) -> list[Point]:
-    """Outline of what lies between two arc lengths and two offsets, counter-clockwise."""
+    """Return the outline between two arc lengths and two offsets, counter-clockwise."""
     low, high = sorted((from_s_m, to_s_m))
     right, left = sorted((right_m, left_m))
     return [*line.path(low, high, right), *line.path(high, low, left)]
@@ -170,7 +168,7 @@ SAFE_STOP_REACH_M = 8.0
 
 
 def _way(path: Sequence[Point]) -> FloatArray:
-    """Poses along a path, shape (n, 3)."""
+    """Return poses along a path, shape (n, 3)."""
     line = Polyline(path)
     steps = max(1, round(line.length_m / _STEP_M))
     stations = (line.length_m * i / steps for i in range(steps + 1))
@@ -178,7 +176,7 @@ def _way(path: Sequence[Point]) -> FloatArray:
 
 
 def _paths(run: RunSpec, block: Block, plan: Plan) -> Iterator[tuple[ParticipantSpec, list[Point]]]:
-    """Every path that VUT and OTs may drive or walk, the lane after a lane change included."""
+    """Yield every path that VUT and OTs may drive or walk, also the lane after a lane change."""
     for spec in (run.vut, *run.targets):
         if spec.approach is not None:
             yield spec, spec.approach.path
@@ -197,7 +195,7 @@ def _paths(run: RunSpec, block: Block, plan: Plan) -> Iterator[tuple[Participant
 
 
 def check_in_fence(run: RunSpec, block: Block, plan: Plan) -> None:
-    """Check that nothing that anybody sweeps on a whole path lies outside the fence.
+    """Check that no body sweeps a place outside the fence on any whole path.
 
     Raises:
         CannotPlace: something does; with the place.
@@ -243,7 +241,7 @@ def _leaves(spec: ParticipantSpec, what: str, at: Sequence[float] | FloatArray) 
 
 
 def check_safe_stop(block: Block, plan: Plan, zones: list[list[Point]]) -> None:
-    """A zone lies beside or ahead of the VUT where it stands after braking from the trigger.
+    """Check that a zone lies beside or ahead of where the VUT stands after braking.
 
     Raises:
         CannotPlace: none does.
@@ -260,7 +258,7 @@ def check_safe_stop(block: Block, plan: Plan, zones: list[list[Point]]) -> None:
 
 
 def _crosses(block: Block, s_m: float, l_m: float, zones: list[list[Point]]) -> bool:
-    """Some place beside the path within reach lies in a zone."""
+    """Tell whether some place beside the path within reach lies in a zone."""
     for beside in range(int(2 * SAFE_STOP_REACH_M) + 1):
         with suppress(NotOneToOne):
             point = block.line.to_map(s_m, l_m - SAFE_STOP_REACH_M + beside)
@@ -279,7 +277,7 @@ _FIRES_SHARE = 2.0
 def clear_traffic(
     wanted: Sequence[TrafficSpec], lanes: Sequence[BlockLane], plan: Plan
 ) -> tuple[list[TrafficSpec], list[str]]:
-    """The vehicles that keep clear of the event, and why the others were left out.
+    """Return the vehicles that keep clear of the event, and why the others were left out.
 
     They drive straight on at constant speed, as SUMO has them do.
     """
@@ -315,7 +313,7 @@ def _in_the_way(vehicle: TrafficSpec, lane: BlockLane, plan: Plan) -> str | None
 
 
 def _at_crossing(vehicle: TrafficSpec, lane: BlockLane, plan: Plan, act: Cross) -> str | None:
-    """Two who would be at the same place of the crossing at about the same time."""
+    """Return why a vehicle would be at the crossing at about the walker's time, or None."""
     s = act.goal.s_m
     walker = plan.targets[plan.trigger.object_id].start
     speed = vehicle.speed_mps if lane.forward else -vehicle.speed_mps

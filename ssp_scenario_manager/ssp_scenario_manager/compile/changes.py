@@ -59,7 +59,7 @@ class Difference:
 
 
 def run_mapping(run: RunSpec) -> dict[str, Any]:
-    """The run as JSON values, every default filled in."""
+    """Return the run as JSON values, every default filled in."""
     mapping: dict[str, Any] = run.model_dump(mode="json", by_alias=True)
     # Files leave these out where nobody gave them.
     mapping.setdefault("datum", None)
@@ -70,7 +70,7 @@ def run_mapping(run: RunSpec) -> dict[str, Any]:
 
 
 def value_at(run: RunSpec, field: str, file: str | Path | None = None) -> Any:
-    """The JSON value of a field.
+    """Return the JSON value of a field.
 
     Raises:
         InputError: the run has no such field.
@@ -90,7 +90,7 @@ def value_at(run: RunSpec, field: str, file: str | Path | None = None) -> Any:
 
 
 def with_value(run: RunSpec, field: str, value: Any, file: str | Path | None = None) -> RunSpec:
-    """The run with another value in one field, validated whole.
+    """Return the run with another value in one field, validated whole.
 
     Raises:
         InputError: the run has no such field, or the value isn't one for it.
@@ -107,7 +107,7 @@ def _outermost(field: str) -> str:
 
 
 def check_changeable(field: str) -> None:
-    """Raises InputError for a field that no change on site may touch."""
+    """Refuse a field that no change on site may touch, with an InputError."""
     name = _outermost(field)
     if OF_THE_RUN & {name, field}:
         raise InputError(
@@ -155,7 +155,7 @@ def parse_value(run: RunSpec, field: str, text: str, file: str | Path | None = N
 
 
 def apply_record(run: RunSpec, record: Record, file: str | Path | None = None) -> RunSpec:
-    """The run after one ``site_change``.
+    """Return the run after one ``site_change``.
 
     Raises:
         InputError: it changes no field of the run, or from another value than the run has.
@@ -175,7 +175,7 @@ def apply_record(run: RunSpec, record: Record, file: str | Path | None = None) -
 
 
 def explained(run: RunSpec, records: Iterable[Record], file: str | Path | None = None) -> RunSpec:
-    """The compiled run after every ``site_change`` of its log, in order.
+    """Return the compiled run after every ``site_change`` of its log, in order.
 
     Raises:
         InputError: a change doesn't fit what was before it.
@@ -187,7 +187,7 @@ def explained(run: RunSpec, records: Iterable[Record], file: str | Path | None =
 
 
 def differences(compiled: RunSpec, executed: RunSpec) -> list[Difference]:
-    """Fields in which two runs differ, but for what is every run's own (id, seed, mode).
+    """Return the fields in which two runs differ, but for a run's own (id, seed, mode).
 
     A live run never has what only a simulated world adds (``compile.live.as_live``).
     """
@@ -206,14 +206,14 @@ def differences(compiled: RunSpec, executed: RunSpec) -> list[Difference]:
 
 
 def _fields(run: RunSpec) -> dict[str, Any]:
-    """The run's values by field; the fence is one, since its corners make sense together alone."""
+    """Return the run's values by field; the fence is one, since its corners belong together."""
     mapping = run_mapping(run)
     whole = {"geofence": mapping.pop("geofence")}
     return {**dict(leaves(mapping)), **whole}
 
 
 def same_value(one: Any, other: Any) -> bool:
-    """True for equal JSON values; a boolean is no number, and 15 is 15.0."""
+    """Tell whether JSON values are equal; a boolean is no number, and 15 is 15.0."""
     if isinstance(one, bool) or isinstance(other, bool):
         return one is other
     if isinstance(one, list) and isinstance(other, list):

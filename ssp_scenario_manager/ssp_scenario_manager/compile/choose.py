@@ -1,6 +1,4 @@
-"""The block that an event goes onto (METHOD 2.2), and a trigger's value with which it would happen
-there.
-"""
+"""The block of an event (METHOD 2.2), and a trigger's value with which it would happen there."""
 
 from __future__ import annotations
 
@@ -78,14 +76,18 @@ def choose_block(
     would_do: Callable[[Block], str | None] = lambda _block: None,
     other_lanes: Callable[[Sequence[Block]], str | None] = lambda _blocks: None,
 ) -> Chosen:
-    """The winner of the retrieval that passes connectivity and conflict-geometry checks.
+    """Return the winner of the retrieval that passes connectivity and conflict-geometry checks.
 
     Not every block of equal score is realised: without a choice, until ENOUGH of them fit; with
     one, the chosen block and then as many others as show whether there was anything to choose.
 
     Args:
+        library: the blocks of the place.
+        scores: of all its blocks, best first.
         place: realises the event on a block; raises CannotPlace with the reason.
         choice: id of the block that a person chose among ties.
+        who: the person who chose.
+        said: told of each block that is tried.
         would_do: of the best block, where none fits: what of K* alone keeps the event from it.
         other_lanes: of blocks in order, where none may hold the event: how it is made for the
             number of lanes of one of them.
@@ -97,7 +99,7 @@ def choose_block(
     blocks = {block.block_id: block for block in library.blocks}
 
     def fitting(ids: Sequence[str], enough: int) -> list[Realisation]:
-        """The first of these that the event fits onto; why others don't is noted in ``found``."""
+        """Return the first blocks that the event fits onto; ``found`` gets the others' reasons."""
         fits: list[Realisation] = []
         for block in ids:
             if len(fits) == enough:
@@ -157,7 +159,7 @@ def choose_block(
 
 
 def _groups(scores: Sequence[BlockScore]) -> Iterator[list[str]]:
-    """Ids of the eligible blocks that score alike, best first."""
+    """Yield ids of the eligible blocks that score alike, best first."""
     left = [score for score in scores if score.eligible]
     while left:
         names = {score.block for score in ties(left)}
@@ -171,13 +173,13 @@ def _some(names: Sequence[str], most: int = 8) -> str:
 
 
 def _left_out(faults: Sequence[tuple[str, str]], most: int = 3) -> str:
-    """Roads that the map has and that no block was made of, with the reasons."""
+    """Return roads that the map has and that no block was made of, with the reasons."""
     told = "".join(f"; {name} is left out: {why}" for name, why in faults[:most])
     return told + (f"; and {len(faults) - most} more roads" if len(faults) > most else "")
 
 
 def _why(scores: Sequence[BlockScore]) -> str:
-    """The reasons of the best blocks, each once."""
+    """Return the reasons of the best blocks, each once."""
     if not scores:
         return "it has no blocks"
     worst = Counter(reason for score in scores for reason in score.reasons[:1]).most_common(3)
@@ -195,6 +197,7 @@ def fitting_trigger(event: Event, place: Callable[[Event], object]) -> str | Non
     """Name the value nearest to K*'s interval that would do while all else stays as it is.
 
     Args:
+        event: whose trigger's value does not fit.
         place: places an event on the block; raises CannotPlace with the reason.
 
     Returns:
@@ -226,7 +229,8 @@ def fitting_lanes(
     """Tell how the event is made for the number of lanes of a block.
 
     Args:
-        name: by which somebody asked for the event.
+        event: that fits onto none of the blocks.
+        name: by which the event was asked for.
         blocks: in the order in which they are tried.
         place: places an event on a block; raises CannotPlace with the reason.
 

@@ -46,7 +46,7 @@ NO_TIME = "1970-01-01T00:00:00Z"
 
 
 def entry(kind: EntryKind, event: EventLink, reason: str, **given: Any) -> Record:
-    """An entry of the task's log about its event, by the compiler unless somebody else is given."""
+    """Return an entry of the task's log about its event; its author is the compiler by default."""
     who = {"when": NO_TIME, "who": LOGGED_AS, **given}
     return Record(kind=kind, subject=event.name, version=event.version, reason=reason, **who)
 
@@ -165,9 +165,10 @@ def compile_task(
     said: Callable[[str], None] = lambda _text: None,
     loading: Loading = untold,
 ) -> Compiled:
-    """Compiles an event.
+    """Compile an event.
 
     Args:
+        request: event, place, target and options.
         said: told of each block that is tried.
         loading: told of each road of the map.
 
@@ -245,7 +246,7 @@ def compile_task(
 
 
 def checked_event(name_or_path: str) -> tuple[Event, str, Path]:
-    """A K* that passes all its checks, its version and its file.
+    """Return a K* that passes all its checks, its version and its file.
 
     Raises:
         EventRefused: it doesn't; with every failure.
@@ -262,7 +263,7 @@ def checked_event(name_or_path: str) -> tuple[Event, str, Path]:
 def load_area(
     site: str | None, map_path: Path | None, loading: Loading = untold
 ) -> tuple[OperatingArea, bytes | None]:
-    """A site by name or file, or a map; and the site's text.
+    """Return a site by name or file, with its text, or a map.
 
     Raises:
         InputError: it is not valid.
@@ -282,7 +283,7 @@ def load_area(
 
 
 def check_options(request: Request) -> None:
-    """Raises WrongOptions where options don't go together."""
+    """Raise WrongOptions where options don't go together."""
     if request.site is None and request.map_path is None:
         raise WrongOptions("needs a place", remedy="give --site SITE or --map FILE")
     if request.site is not None and request.map_path is not None:

@@ -59,7 +59,7 @@ from ssp_scenario_manager.triggers.fireability import cannot_fire
 
 
 def place(block: Block, point: BlockPoint) -> Place:
-    """A place of the block in both frames.
+    """Return a place of the block in both frames.
 
     Raises:
         CannotPlace: the block's frame has no such place.
@@ -112,7 +112,7 @@ def trigger_region(block: Block, plan: Plan) -> TriggerRegion:
 
 
 def tunings(event: Event, plan: Plan) -> list[Tuning]:
-    """The values that were chosen within part C, with what it allows."""
+    """Return the values that were chosen within part C, with what it allows."""
     found = []
     for field, (value, unit, why) in sorted(plan.chosen.items()):
         wanted = quantity_at(event, field)
@@ -176,7 +176,7 @@ class Realisation:
 
 
 def realise(order: Order, block: Block) -> Realisation:
-    """Places an event on a block.
+    """Place an event on a block.
 
     Raises:
         CannotPlace: it doesn't fit, or leaves what the place allows; the message says where and by
@@ -193,7 +193,7 @@ def realise(order: Order, block: Block) -> Realisation:
 
 
 def _realised(order: Order, block: Block, plan: Plan) -> Realisation:
-    """One plan as a task that holds what the place demands, and whose event would happen.
+    """Make a plan a task that holds what the place demands, and whose event would happen.
 
     Raises:
         CannotPlace: it doesn't.
@@ -243,10 +243,11 @@ def _realised(order: Order, block: Block, plan: Plan) -> Realisation:
 
 
 def road_of(block: Block, event_at_m: float | None = None) -> Road:
-    """The block as the road of a run, with all its marked crossings.
+    """Return the block as the road of a run, with all its marked crossings.
 
     Args:
-        event_at_m: arc length of the one that the event takes place on, None: on none.
+        block: in frame map.
+        event_at_m: arc length of the crossing that the event takes place on; None: on none.
     """
     origin = block.line.pose(0.0)
     marked = sorted(block.crossings_s_m, key=lambda s: s != event_at_m)
@@ -277,7 +278,7 @@ def road_of(block: Block, event_at_m: float | None = None) -> Road:
 
 
 def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
-    """The run of a session, without surroundings."""
+    """Return the run of a session, without surroundings."""
     event, area, limits = order.event, order.area, order.limits
     physical = order.target == "track" and area.site is not None
     tracked = area.site is not None and area.site.domain == "physical"
@@ -314,7 +315,7 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
 
 
 def _trigger(event: Event, block: Block, plan: Plan, told: Motions, limits: Limits) -> TriggerSpec:
-    """The plan's trigger, with the time gap that is to be kept after it."""
+    """Return the plan's trigger, with the time gap that is to be kept after it."""
     anchor = None
     if isinstance(plan.trigger.act, Cross):
         # Who crosses does so at one place; another meets the VUT where the trigger fires.
@@ -331,7 +332,7 @@ def _trigger(event: Event, block: Block, plan: Plan, told: Motions, limits: Limi
 
 
 def _marked_crossing(block: Block, plan: Plan) -> float | None:
-    """The zebra crossing that the event takes place on."""
+    """Return the arc length of the zebra crossing of the event, None where it is on none."""
     act = plan.trigger.act
     if not isinstance(act, Cross):
         return None
@@ -340,7 +341,7 @@ def _marked_crossing(block: Block, plan: Plan) -> float | None:
 
 
 def _traffic(block: Block, area: OperatingArea, plan: Plan) -> tuple[list[TrafficSpec], list[str]]:
-    """A site's surroundings in the block's lanes, and why some of them are left out."""
+    """Return a site's surroundings in the block's lanes, and why some of them are left out."""
     found, lanes, moved = area.site_block(block), [], []
     if found is None:
         return [], []

@@ -48,7 +48,7 @@ UNKNOWN = Met(0.5)
 
 
 def bounds(quantity: Quantity | None) -> tuple[float, float]:
-    """Both ends of a quantity in SI units; an open or unresolved side is infinite."""
+    """Return both ends of a quantity in SI units; an open or unresolved side is infinite."""
     span = quantity.si if isinstance(quantity, Interval) else Span()
     return span.low, span.high
 
@@ -57,7 +57,7 @@ def bounds(quantity: Quantity | None) -> tuple[float, float]:
 
 
 def identity(event: Event, block: Block) -> dict[str, str]:
-    """Identity fields in which a block differs from K*, and how: it is no candidate (METHOD 2.2).
+    """Return identity fields in which a block differs from K*, which excludes it (METHOD 2.2).
 
     What the map doesn't say isn't known to be equal.
     """
@@ -99,7 +99,7 @@ def _said(value: object) -> str:
 
 
 def road_type(event: Event, block: Block) -> Met:
-    """A type that K* has; a proving ground stands in for any, an unknown type is half met."""
+    """Score a type that K* has; a proving ground stands in for any, an unknown type is half met."""
     field = event.topology.road_type
     if block.road_type == "proving_ground" or _may_be(field, block.road_type, RoadTypeWord):
         return MET
@@ -113,7 +113,7 @@ def _may_be(field: WordField[Any], found: str, vocabulary: Any) -> bool:
 
 
 def segment(event: Event, block: Block) -> Met:
-    """Straight, curve or junction, as K* says."""
+    """Compare the segment: straight, curve or junction, as K* says."""
     words = event.topology.segment.words
     if not words or block.segment in words:
         return MET
@@ -134,7 +134,7 @@ _ANY_COUNT = Count(min=0, max=16)
 
 
 def same_direction(event: Event, block: Block, kind: Kind) -> Met:
-    """Lanes in the VUT's direction: as many as K* says, and as the kind of interaction needs."""
+    """Count lanes in the VUT's direction: as many as K* says and as the kind needs."""
     forward, backward = len(block.forward_lanes), len(block.backward_lanes)
     wanted = event.topology.lanes_same_direction.range or _ANY_COUNT
     met = _count("same-direction", forward, wanted, kind.same_direction_lanes)
@@ -144,7 +144,7 @@ def same_direction(event: Event, block: Block, kind: Kind) -> Met:
 
 
 def opposite(event: Event, block: Block) -> Met:
-    """Oncoming lanes, as many as K* says, on the left: part T has no field for their side."""
+    """Count oncoming lanes, as K* says, on the left: part T has no field for their side."""
     if block.left_hand:
         return Met(0.0, "left-hand traffic: the events are of right-hand traffic")
     mine = min((lane.y_m for lane in block.forward_lanes), default=-math.inf)
@@ -155,12 +155,12 @@ def opposite(event: Event, block: Block) -> Met:
 
 
 def vut_lanes(event: Event, block: Block) -> list[int]:
-    """Indices of the forward lanes, from right to left, that the VUT may drive in."""
+    """Return indices of the forward lanes that the VUT may drive in, from right to left."""
     return lanes_of_words(event.topology.vut_lane.words, len(block.forward_lanes))
 
 
 def vut_lane(event: Event, block: Block) -> Met:
-    """A lane for the VUT."""
+    """Score a lane for the VUT."""
     if vut_lanes(event, block):
         return MET
     lanes, word = len(block.forward_lanes), " or ".join(event.topology.vut_lane.words)
@@ -179,7 +179,7 @@ def boundary(field: WordField[Any], found: str) -> Met:
 
 
 def relation(event: Event, block: Block) -> Met:
-    """A candidate conflict area of the relation."""
+    """Score a candidate conflict area of the relation."""
     wanted = event.interaction.relation
     if any(area.kind == wanted for area in block.conflict_areas):
         return MET
@@ -187,7 +187,7 @@ def relation(event: Event, block: Block) -> Met:
 
 
 def manoeuvres(event: Event, block: Block, kind: Kind) -> Met:
-    """Share of the manoeuvres that K* and the kind need and the block permits."""
+    """Score the share of the manoeuvres of K* and the kind that the block permits."""
     needed = kind.manoeuvres(event) | event.topology.permitted_manoeuvres.needed
     lacking = sorted(needed - block.permitted)
     if not lacking:
@@ -197,7 +197,7 @@ def manoeuvres(event: Event, block: Block, kind: Kind) -> Met:
 
 
 def places(event: Event, block: Block) -> Met:
-    """Share of the participants whose place the block has: lanes beside the VUT's or oncoming."""
+    """Score the share of participants whose place the block has: beside the VUT or oncoming."""
     lanes = len(block.forward_lanes)
     mine = vut_lanes(event, block)
     lacking = []
@@ -218,7 +218,7 @@ def places(event: Event, block: Block) -> Met:
 
 
 def length(event: Event, block: Block) -> Met:
-    """Room for approach, conflict and run-out."""
+    """Compare the room with that for approach, conflict and run-out."""
     said = f"length {block.length_m:.1f}"
     return _measured(said, block.length_m, bounds(event.constraints.site.length), "m")
 
@@ -257,7 +257,7 @@ def speed_limit(event: Event, block: Block) -> Met:
 
 
 def lane_width(event: Event, block: Block, kind: Kind) -> Met:
-    """Share of the forward lanes that are neither too narrow nor too wide.
+    """Score the share of the forward lanes that are neither too narrow nor too wide.
 
     The VUT's must be among them, and so many of them side by side as the kind needs.
     """
@@ -287,13 +287,13 @@ def _range(low: float, high: float) -> str:
 
 
 def curvature(event: Event, block: Block) -> Met:
-    """Curvature over any 10 m, within what K* says."""
+    """Compare the curvature over any 10 m with K*."""
     found, wanted = bend_1pm(block.line), bounds(event.topology.curvature.range)
     return _measured(f"curvature {found:.4f}", found, wanted, "1/m")
 
 
 def kerb_sides(event: Event) -> Collection[str]:
-    """Sides of the road beyond which somebody waits or walks to."""
+    """Return the sides of the road beyond which a participant waits or to which it walks."""
     if event.interaction.relation == "crossing":
         return ("right", "left")
     found = {who.region.place for who in event.participants.values()}
@@ -301,7 +301,7 @@ def kerb_sides(event: Event) -> Collection[str]:
 
 
 def clearance(event: Event, block: Block) -> Met:
-    """Room beyond the outermost lanes, shoulder and sidewalk together.
+    """Compare the room beyond the outermost lanes, shoulder and sidewalk together.
 
     Where somebody waits or walks to it is a must; for run-off it makes a block fitter, as most maps
     don't say what lies beside the road.
@@ -332,7 +332,7 @@ def _mean(met: Sequence[Met]) -> float:
 
 
 def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
-    """METHOD 2.2 for one block; its reasons name each need that excludes it, with numbers."""
+    """Score one block by METHOD 2.2; each need that excludes it is a reason, with numbers."""
     t = event.topology
     # Topology first, and of it the number of lanes: what a map can't change.
     topology = {
@@ -375,14 +375,14 @@ def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
 
 
 def score_blocks(event: Event, library: Library) -> list[BlockScore]:
-    """The scores of all blocks of a library: eligible ones first, best first, then by id."""
+    """Score all blocks of a library: eligible ones first, best first, then by id."""
     kind = KINDS[event.interaction.type]
     scores = [score_block(event, block, kind) for block in library.blocks]
     return sorted(scores, key=lambda score: (not score.eligible, -score.total, score.block))
 
 
 def ties(scores: Sequence[BlockScore]) -> list[BlockScore]:
-    """The eligible blocks whose total is the best one's; a single one is the winner."""
+    """Return the eligible blocks whose total is the best one's; a single one is the winner."""
     fits = [score for score in scores if score.eligible]
     best = max((score.total for score in fits), default=0.0)
     return [score for score in fits if best - score.total <= TIE]

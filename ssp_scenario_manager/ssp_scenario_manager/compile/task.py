@@ -135,7 +135,7 @@ class Task(Strict):
 
 
 def content_hash(task: Task) -> str:
-    """Hash of everything but the seal itself and the run's copy of it.
+    """Return the hash of everything but the seal itself and the run's copy of it.
 
     A task of an earlier version of the software was sealed without the fields that came later:
     where what its file says fits its seal, that is its hash.
@@ -153,14 +153,14 @@ def _hash_of(value: dict[str, Any]) -> str:
 
 
 def sealed(task: Task) -> Task:
-    """The task with its version in it and in its run."""
+    """Return the task with its version in it and in its run."""
     version = content_hash(task)
     run = task.run.model_copy(update={"task_version": version})
     return task.model_copy(update={"version": version, "run": run})
 
 
 def load_task(path: str | Path) -> Task:
-    """Reads a task file and checks its seal.
+    """Read a task file and check its seal.
 
     Raises:
         InputError: it can't be read, is not valid, or was changed after it was compiled.
@@ -173,7 +173,7 @@ def load_task(path: str | Path) -> Task:
 
 
 def check_seal(task: Task, file: str | Path) -> None:
-    """Raises InputError where a task was changed after it was compiled."""
+    """Refuse, with an InputError, a task that was changed after it was compiled."""
     found = content_hash(task)
     if found != task.version:
         raise InputError(
@@ -195,7 +195,7 @@ def check_seal(task: Task, file: str | Path) -> None:
 
 
 def as_live(run: RunSpec) -> RunSpec:
-    """The run in mode live: no disturbances of links and sensors, no simulated traffic.
+    """Return the run in mode live: no disturbances of links and sensors, no simulated traffic.
 
     What a stand-in site brings of them is for simulation; none of it is a change on site.
 
@@ -220,7 +220,7 @@ def as_live(run: RunSpec) -> RunSpec:
 
 
 def check_live(run: RunSpec) -> None:
-    """Raises InputError where a live run was given faults or disturbances of objects."""
+    """Refuse, with an InputError, a live run with faults or disturbances of objects."""
     problem = run.live_problem
     if problem is not None:
         raise InputError(

@@ -34,7 +34,7 @@ class Validated:
 
 
 def read_validation(folder: Path, event_version: str) -> Validated:
-    """The run in a folder, if it validates the anchors of an event.
+    """Return the run in a folder, if it validates the anchors of an event.
 
     Its bag must be undamaged, every CRC of it. It must have been valid by the session's last word
     in the bag and by the runner's beside it, without a safety event, of the same K* version and of
@@ -75,7 +75,7 @@ def read_validation(folder: Path, event_version: str) -> Validated:
 
 
 def _check_told(file: Path) -> None:
-    """Raises InputError where the runner's word isn't that of a valid run, which has no reasons."""
+    """Refuse a folder in which the runner's verdict isn't that of a valid run without reasons."""
     told = read_mapping(file)
     if told.get("verdict") != _VALID or told.get("reasons") != []:
         raise InputError(
@@ -88,7 +88,7 @@ def _check_told(file: Path) -> None:
 
 
 def _check_recorded(reader: BagReader) -> None:
-    """Raises InputError where the bag tells of another verdict, or of a limit that was passed."""
+    """Refuse a bag that tells of another verdict, or of a limit that was passed."""
     states = [reader.decode(m) for m in reader.messages([absolute(SESSION_STATE)])]
     verdict = int(states[-1].verdict) if states else int(Verdict.NONE)
     if verdict != Verdict.VALID:

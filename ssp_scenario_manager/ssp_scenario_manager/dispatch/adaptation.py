@@ -109,9 +109,10 @@ class AdaptedManoeuvre:
         self._conflict_m = zone.start_m if wish.anchor is None else path.project(*wish.anchor)[0]
 
     def judge(self, vut: ObjectState, now_ns: int) -> Decision:
-        """Judges a state of the VUT that hasn't been judged yet.
+        """Judge a state of the VUT that hasn't been judged yet.
 
         Args:
+            vut: the state.
             now_ns: session time, that of a dispatch.
         """
         self._track = track = follow_vut(self._track, vut, self._path)
@@ -127,13 +128,14 @@ class AdaptedManoeuvre:
         return self._aim(track, vut.size, now_ns)
 
     def answered(self, pace: Pace, *, accepted: bool) -> None:
-        """Takes an object's answer into account.
+        """Take an object's answer into account.
 
-        A refused one was not taken, so that what was taken last is driven on; the next one is given
-        twice the time to arrive.
+        After a refusal the object drives on what it took last; the next reference is given twice
+        the time to arrive.
 
         Args:
             pace: of the reference that was answered.
+            accepted: the object took it.
         """
         if accepted:
             self.refused = 0
@@ -146,9 +148,7 @@ class AdaptedManoeuvre:
             self.pace = self.taken
 
     def _wrong_order(self, track: VutTrack) -> str:
-        """Name the participant that will wrongly arrive first whatever is done, once this isn't
-        just noise.
-        """
+        """Name the participant that is sure to arrive first wrongly, beyond noise; empty: none."""
         if self._settled:
             return ""
         object_ns = self.pace.reached_ns(self.planned_motion.arrival_s)
@@ -178,7 +178,7 @@ class AdaptedManoeuvre:
         return ""
 
     def _may_respond(self, track: VutTrack, now_ns: int) -> bool:
-        """The VUT has begun to brake in a way that may become a response."""
+        """Tell whether the VUT has begun to brake in a way that may become a response."""
         response_mps2 = self._wish.response_mps2
         mild = response_mps2 is None or self.pace.at(now_ns)[0] <= 0.0
         if mild or -track.acceleration_mps2 <= SUSPICIOUS_SHARE * (response_mps2 or 0.0):
@@ -197,7 +197,7 @@ class AdaptedManoeuvre:
         return arrival_ns(track, end_m + size.length_m) + gap_ns
 
     def _aim(self, track: VutTrack, size: Size, now_ns: int) -> Decision:
-        """The pace with which the decisive instant comes when it must, if it can."""
+        """Find the pace with which the decisive instant comes when it must, if there is one."""
         wish, own_s, due_ns = self._wish, self._decisive_s, self._due_ns(track, size)
         off_s = (self.pace.reached_ns(own_s) - due_ns) / NS_PER_S
         if abs(off_s) <= wish.dead_band_s:
@@ -218,7 +218,7 @@ class AdaptedManoeuvre:
         return Decision(self.pace, self._told((self.pace.reached_ns(own_s) - due_ns) / NS_PER_S))
 
     def _told(self, off_s: float) -> str:
-        """Tells once of a gap that can't be met, and once of one that can again."""
+        """Tell once of a gap that can't be met, and once of one that can again."""
         unmet = abs(off_s) > UNMET_S
         if unmet == self._unmet:
             return ""
@@ -231,10 +231,11 @@ class AdaptedManoeuvre:
     # -- limits (METHOD 2.3, the limits of safety) ----------------------------------------------
 
     def _nearest_rate(self, start_ns: int, rate: float) -> float:
-        """The pace that comes nearest to a wanted one inside the limits.
+        """Return the pace that comes nearest to a wanted one inside the limits.
 
         Args:
             start_ns: when the new pace begins.
+            rate: the wanted pace.
         """
 
         def fits(wanted: float) -> bool:
@@ -253,8 +254,11 @@ class AdaptedManoeuvre:
         return good
 
     def _fits(self, pace: Pace) -> bool:
-        """Speed and acceleration stay inside the limits, or inside what was planned if that is
-        more, and a blind stop from any of its points stays inside the fence."""
+        """Tell whether a pace stays inside the limits.
+
+        Speed and acceleration must stay inside theirs, or inside what was planned if that is more,
+        and a blind stop from any of its points inside the fence.
+        """
         columns = self.planned_motion.columns
         near = columns[:, columns[0] <= self._decisive_s + _AFTER_S]
         played = play(near, pace).columns
@@ -296,9 +300,11 @@ class Adaptations:
         self._notes: list[str] = []
 
     def fire(self, trigger: TriggerSpec, manoeuvre: Reference, before: Reference | None) -> None:
-        """A manoeuvre is dispatched; one without an adaptation is let be.
+        """Take a dispatched manoeuvre to adapt; one without an adaptation is left alone.
 
         Args:
+            trigger: that fired.
+            manoeuvre: the reference that it sent.
             before: the reference that the object drove then; None: it stood.
         """
         if trigger.adaptation is not None:
@@ -307,7 +313,7 @@ class Adaptations:
     def judge(
         self, spec: RunSpec, path: Polyline, vut: ObjectState, now_ns: int
     ) -> list[tuple[AdaptedManoeuvre, Decision]]:
-        """Judges every manoeuvre on a state of the VUT, in the order in which they fired."""
+        """Judge every manoeuvre on a state of the VUT, in the order in which they fired."""
         # What is on its way out this instant waits: nothing may hold it up.
         known = [one for one in self._dispatched if one[2].dispatched_ns != now_ns]
         self._dispatched = [one for one in self._dispatched if one[2].dispatched_ns == now_ns]
@@ -324,11 +330,11 @@ class Adaptations:
         return [(adapted, adapted.judge(vut, now_ns)) for adapted in self._adapted]
 
     def send(self, reference_id: str, adapted: AdaptedManoeuvre, pace: Pace) -> None:
-        """An adapted reference is dispatched, at the pace of a decision."""
+        """Remember an adapted reference that is dispatched at the pace of a decision."""
         self._sent[reference_id] = (adapted, pace)
 
     def answer(self, reference_id: str, *, accepted: bool, message: str) -> None:
-        """An object's answer to an adapted reference that doesn't end the run."""
+        """Take an object's answer to an adapted reference, if it doesn't end the run."""
         adapted, pace = self._sent.pop(reference_id)
         adapted.answered(pace, accepted=accepted)
         if not adapted.over and adapted.refused >= MOST_REFUSED:
@@ -336,6 +342,6 @@ class Adaptations:
             self._notes.append(f"adaptation ends: {adapted.over}")
 
     def take_notes(self) -> list[str]:
-        """Takes out what people should know."""
+        """Take out the notes for people."""
         notes, self._notes = self._notes, []
         return notes

@@ -36,10 +36,14 @@ def stale(
     event_version: str,
     now_ns: int,
 ) -> Reference:
-    """The object's own reference once more, or a walk straight ahead, expired a second ago.
+    """Return the object's own reference once more, or a walk straight ahead, expired a second ago.
 
     Args:
+        reference_id: of the new reference.
+        state: the object's newest.
         current: its newest reference from the manager, None before the first.
+        event_version: of the run.
+        now_ns: session time.
     """
     if current is not None:
         points = current.points
@@ -67,10 +71,15 @@ def out_of_fence(
     now_ns: int,
     fence: Sequence[tuple[float, float]],
 ) -> Reference:
-    """Make a reference straight ahead from the object's next place to beyond the fence, with a stop
-    there.
+    """Make a reference from the object's next place straight to beyond the fence, with a stop.
 
-    Args: as for ``stale``, and the fence, m, frame map.
+    Args:
+        reference_id: of the new reference.
+        state: the object's newest.
+        current: its newest reference from the manager, None before the first.
+        event_version: of the run.
+        now_ns: session time.
+        fence: corners, m, frame map.
     """
     execute_ns = now_ns + seconds_to_ns(LEAD_S)
     here = state if current is None else sample(current, execute_ns)

@@ -1,6 +1,4 @@
-"""An object's manoeuvre in its own time, played faster or slower, and where and when it meets the
-VUT.
-"""
+"""An object's manoeuvre in its own time, played faster or slower, and how it meets the VUT."""
 
 from __future__ import annotations
 
@@ -44,10 +42,11 @@ class PlannedMotion:
 
 
 def columns_of(current: Reference | None, manoeuvre: Reference, from_ns: int) -> FloatArray:
-    """The manoeuvre's points over own time, with the approach's before them, from a time on.
+    """Return the manoeuvre's points over own time, after those of the approach, from a time on.
 
     Args:
         current: the reference that is driven until the manoeuvre begins; None: it stands.
+        manoeuvre: its reference.
         from_ns: session time from which the points are needed.
     """
     points = manoeuvre.columns
@@ -83,11 +82,15 @@ def planned_motion_of(
     vut: ParticipantSpec,
     path: Polyline,
 ) -> PlannedMotion | None:
-    """Find where and when a manoeuvre meets the VUT's corridor, None where it doesn't come into it.
+    """Find where and when a manoeuvre meets the VUT's corridor, None where it doesn't enter it.
 
     Args:
         current: the reference that is driven until the manoeuvre begins; None: it stands.
+        manoeuvre: its reference.
         from_ns: session time from which it is followed.
+        target: the object that drives it.
+        vut: the VUT as the run has it.
+        path: the VUT's, frame map.
     """
     columns = columns_of(current, manoeuvre, from_ns)
     half = corridor_half_m(vut.size.width_m)
@@ -120,9 +123,7 @@ def planned_motion_of(
 def _until_it_left(
     columns: FloatArray, target: ParticipantSpec, half_m: float, path: Polyline
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute ``_clearance`` for no more points than it takes to see the object come in and
-    leave.
-    """
+    """Compute ``_clearance`` for no more points than show the object come in and leave."""
     clearance, heading = np.empty(0), np.empty(0)
     count = int(np.searchsorted(columns[0], _LOOKED_AT_S, side="right"))
     for i in range(0, count, _PIECE):
@@ -140,7 +141,7 @@ def _until_it_left(
 def _clearance(
     columns: FloatArray, target: ParticipantSpec, half_m: float, path: Polyline
 ) -> tuple[FloatArray, FloatArray]:
-    """Distance of the object from the VUT's corridor, < 0 inside it, and heading off the path."""
+    """Return the distance from the VUT's corridor, < 0 inside it, and the heading off the path."""
     places = list(zip(columns[1].tolist(), columns[2].tolist(), strict=True))
     projected = path.project_all_beyond(places)
     offset = np.array([d for _, d in projected])
@@ -158,14 +159,14 @@ def _clearance(
 
 
 def _crossing_s(t_s: FloatArray, value: FloatArray, i: int) -> float:
-    """Own time at which a value passes 0 between the points i - 1 and i."""
+    """Return the own time at which a value passes 0 between the points i - 1 and i."""
     a, b = float(value[i - 1]), float(value[i])
     share = a / (a - b) if a != b else 1.0
     return float(t_s[i - 1]) + min(max(share, 0.0), 1.0) * float(t_s[i] - t_s[i - 1])
 
 
 def _state_at(columns: FloatArray, i: int, own_s: float, target: ParticipantSpec) -> ObjectState:
-    """The object between the points i - 1 and i; its path counts as straight there."""
+    """Return the object between the points i - 1 and i; its path counts as straight there."""
     a, b = columns[:, i - 1], columns[:, i]
     share = (own_s - a[0]) / (b[0] - a[0])
     x, y = (a[1:3] + share * (b[1:3] - a[1:3])).tolist()
@@ -201,7 +202,7 @@ class VutTrack:
 
 
 def follow_vut(track: VutTrack | None, vut: ObjectState, path: Polyline) -> VutTrack:
-    """Takes a newer state into account: place and speed go on as reported, noise is averaged."""
+    """Take a newer state into account: place and speed as reported, noise averaged."""
     station, _ = path.project_beyond(vut.x_m, vut.y_m)
     front = station + vut.size.front_m
     if track is None:
@@ -225,7 +226,7 @@ def follow_vut(track: VutTrack | None, vut: ObjectState, path: Polyline) -> VutT
 
 
 def arrival_ns(track: VutTrack, station_m: float) -> float:
-    """Session time at which the VUT's front is at a station; inf: it doesn't get there.
+    """Return session time at which the VUT's front is at a station; inf: never.
 
     At its present speed (METHOD 1), that changes for HOLD_S as it does now.
     """
@@ -248,10 +249,13 @@ def arrival_ns(track: VutTrack, station_m: float) -> float:
 def foreseen_gap_s(
     planned_motion: PlannedMotion, track: VutTrack, size: Size, *, initiator_first: bool
 ) -> float:
-    """The gap that comes of a manoeuvre as planned and a VUT that goes on as it does (METHOD 1).
+    """Return the gap of a planned manoeuvre and a VUT that goes on as it does, s (METHOD 1).
 
     Args:
-        initiator_first: whose arrival comes first.
+        planned_motion: of the manoeuvre.
+        track: of the VUT.
+        size: the VUT's.
+        initiator_first: the initiator arrives first; else the VUT.
     """
     zone = planned_motion.zone
     if initiator_first:
@@ -282,7 +286,7 @@ class _Leg:
     omega_1ps: float = OMEGA_1PS
 
     def at(self, t_s: float) -> tuple[float, float, float]:
-        """Own time, pace and change of pace, t_s after the leg's beginning."""
+        """Return own time, pace and change of pace, t_s after the leg's beginning."""
         w = self.omega_1ps
         off = self.rate - self.wanted
         slope = self.change_1ps + w * off
@@ -307,7 +311,7 @@ class _Leg:
         return own, self.wanted + now * fade, (slope - w * now) * fade
 
     def when(self, own_s: float) -> float:
-        """The inverse of own time: s after the leg's beginning, for an own time from then on.
+        """Return the inverse of own time: s after the leg's beginning, for a later own time.
 
         The pace is positive, so that own time rises and Newton's steps converge.
         """
@@ -343,14 +347,14 @@ class Pace:
     home: _Leg | None = None
 
     def at(self, now_ns: int) -> tuple[float, float, float]:
-        """Own time in s, pace, and change of pace in 1/s at a session time."""
+        """Return the own time in s, pace, and change of pace in 1/s at a session time."""
         t = ns_to_seconds(now_ns - self.start_ns)
         if self.home is not None and t >= self.switch_s:
             return self.home.at(t - self.switch_s)
         return self.leg.at(t)
 
     def when_each(self, own_s: FloatArray) -> FloatArray:
-        """Times in s after start_ns at which own times are reached; shape (n,)."""
+        """Return times in s after start_ns at which own times are reached; shape (n,)."""
         if self.home is None:
             return self.leg.when_each(own_s)
         first = own_s <= self.home.own_s
@@ -360,7 +364,7 @@ class Pace:
         return t
 
     def rates(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Pace and its change at times in s after start_ns; shape (n,) each."""
+        """Return pace and its change at times in s after start_ns; shape (n,) each."""
         _, rate, change = self.leg.over(t_s)
         if self.home is None:
             return rate, change
@@ -369,7 +373,7 @@ class Pace:
         return np.where(later, later_rate, rate), np.where(later, later_change, change)
 
     def reached_ns(self, own_s: float) -> int:
-        """Session time at which an own time that lies ahead is reached."""
+        """Return the session time at which an own time that lies ahead is reached."""
         if self.home is not None and own_s > self.home.own_s:
             seconds = self.switch_s + self.home.when(own_s)
         else:
@@ -383,12 +387,12 @@ class Pace:
 
 
 def as_planned(execute_at_ns: int) -> Pace:
-    """The manoeuvre as it was dispatched."""
+    """Return the manoeuvre's pace as it was dispatched."""
     return Pace(execute_at_ns, _Leg(0.0, 1.0, 0.0, 1.0))
 
 
 def toward(before: Pace, start_ns: int, wanted: float, until_s: float) -> Pace:
-    """Goes on from a pace to a wanted one, until an own time, and then back to 1."""
+    """Go on from a pace to a wanted one, until an own time, and then back to 1."""
     own, rate, change = before.at(start_ns)
     leg = _Leg(own, rate, change, wanted)
     if until_s <= own:
@@ -400,7 +404,7 @@ def toward(before: Pace, start_ns: int, wanted: float, until_s: float) -> Pace:
 
 
 def wanted_rate(before: Pace, start_ns: int, own_s: float, in_s: float) -> float:
-    """The wanted pace with which an own time is reached so long after start_ns; inf: none does.
+    """Return the wanted pace that reaches an own time so long after start_ns; inf: none does.
 
     Own time is linear in the wanted pace: tau = r1 T + (r0 - r1) A + (r0' + w (r0 - r1)) B with
     A = (1 - e^(-wT)) / w and B = (1 - (1 + wT) e^(-wT)) / w^2.
@@ -419,10 +423,11 @@ def wanted_rate(before: Pace, start_ns: int, own_s: float, in_s: float) -> float
 
 
 def play(columns: FloatArray, pace: Pace) -> Points:
-    """A manoeuvre's points at a pace, from the pace's start on.
+    """Return a manoeuvre's points at a pace, from the pace's start on.
 
     Args:
         columns: of the manoeuvre over its own time, shape (7, n).
+        pace: at which it is played.
     """
     own_s, _, _ = pace.at(pace.start_ns)
     first = _point_at(columns, own_s)
@@ -441,7 +446,7 @@ def play(columns: FloatArray, pace: Pace) -> Points:
 
 
 def _point_at(columns: FloatArray, own_s: float) -> FloatArray:
-    """The manoeuvre's point at an own time, shape (7,)."""
+    """Return the manoeuvre's point at an own time, shape (7,)."""
     i = int(np.searchsorted(columns[0], own_s, side="right"))
     if i == 0 or i == columns.shape[1]:
         edge = columns[:, min(i, columns.shape[1] - 1)].copy()

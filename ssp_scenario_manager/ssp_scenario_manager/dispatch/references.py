@@ -1,6 +1,4 @@
-"""References that a session dispatches, the approach at the start and a manoeuvre at a trigger,
-and what is still to be acknowledged.
-"""
+"""References that a session dispatches, at the start and at triggers, and unanswered ones."""
 
 from __future__ import annotations
 
@@ -53,7 +51,7 @@ def reference(address: Address, points: Points) -> Reference:
 
 
 def prepare(spec: RunSpec) -> None:
-    """Plans ahead what doesn't depend on where the objects will be, so that dispatch need not."""
+    """Plan ahead what doesn't depend on where the objects will be, so that dispatch need not."""
     manoeuvres = [trigger.manoeuvre for trigger in spec.triggers]
     motions = [target.approach for target in spec.targets if target.approach is not None]
     motions += [each.motion for each in manoeuvres if isinstance(each, FollowPath)]
@@ -64,9 +62,7 @@ def prepare(spec: RunSpec) -> None:
 
 
 def approach_reference(address: Address, motion: Motion) -> Reference:
-    """Make the reference from standstill along the path to its end, where the object stands
-    again.
-    """
+    """Make the reference from standstill along the path to its end, and to standstill there."""
     return reference(address, approach_points(motion))
 
 
@@ -77,9 +73,11 @@ def manoeuvre_reference(
     current: Reference | None,
     approach: Motion | None,
 ) -> Reference:
-    """The manoeuvre from where the object's present reference will be at execute_at.
+    """Return the manoeuvre from where the object's present reference will be at execute_at.
 
     Args:
+        address: of the new reference.
+        manoeuvre: that a trigger asks for.
         state: the object's state, used where it has no reference yet; None where it has one.
         current: the reference that it tracks.
         approach: the path that it drives along, needed by all but a path of its own.
@@ -112,11 +110,13 @@ def manoeuvre_reference(
 def run_out_end_m(
     path: Polyline, station_m: float, speed_mps: float, manoeuvre: LaneChange | Brake
 ) -> float | None:
-    """Station at which an object stands after its run-out; None: at its path's end.
+    """Return the station at which an object stands after its run-out; None: at its path's end.
 
     Args:
+        path: of its approach.
         station_m: at which the manoeuvre begins.
         speed_mps: of the object then.
+        manoeuvre: with its run-out; None in it: it has none.
     """
     if manoeuvre.run_out_s is None:
         return None
@@ -178,13 +178,14 @@ ADAPTED = "adapted"
 
 
 def is_fatal(reference: Reference, code: int) -> bool:
-    """A refusal of this reference ends the run.
+    """Tell whether a refusal of this reference ends the run.
 
-    Without its approach or its manoeuvre an object doesn't do what the event needs. One that gets
-    an adapted reference too late goes on with a manoeuvre that it has accepted. Of any other
-    refusal it stops by itself.
+    Without its approach or its manoeuvre an object doesn't do what the event needs. An object that
+    gets an adapted reference too late goes on with a manoeuvre that it has accepted; after any
+    other refusal it stops by itself.
 
     Args:
+        reference: that was refused.
         code: REFUSED_* of ReferenceAck.msg.
     """
     return reference.purpose != ADAPTED or code not in (_LATE, _DISCONTINUOUS)
@@ -199,12 +200,12 @@ class PendingReferences:
         self._copied: set[str] = set()
 
     def expect(self, reference: Reference) -> None:
-        """A reference is sent for the first time."""
+        """Expect the answer to a reference that is sent for the first time."""
         self._due[reference.reference_id] = reference
         self._sent_ns[reference.reference_id] = reference.dispatched_ns
 
     def take(self, reference_id: str, *, accepted: bool) -> Reference | None:
-        """An answer has come; None when none was due, as for the answer to a copy."""
+        """Take an answer; return None when none was due, as for the answer to a copy."""
         reference = self._due.get(reference_id)
         if reference is None:
             return None
@@ -231,6 +232,7 @@ class PendingReferences:
         """List the references to send again now.
 
         Args:
+            now_ns: session time.
             step_s: of the world; an answer needs two steps.
         """
         step_ns = seconds_to_ns(step_s)

@@ -82,7 +82,7 @@ def python_version() -> Finding:
 
 
 def package(module: str, distribution: str, use: str) -> Finding:
-    """A package that is imported somewhere, with its version."""
+    """Find a package that is imported somewhere, with its version."""
     try:
         importlib.import_module(module)
     except ImportError as error:
@@ -97,7 +97,8 @@ def carla_server(address: CarlaAddress, map_sha256: str | None) -> Finding:
     """Tell whether a CARLA server would be accepted for a run now; it is asked, and left alone.
 
     Args:
-        map_sha256: that its map must have; None: any.
+        address: its host and port.
+        map_sha256: hash that its map must have; None: any.
     """
     name = f"carla {address}"
     try:
@@ -114,7 +115,7 @@ def carla_server(address: CarlaAddress, map_sha256: str | None) -> Finding:
 
 
 def interfaces() -> Finding:
-    """The generated messages and their type support libraries load."""
+    """Check that the generated messages and their type support libraries load."""
     try:
         module = importlib.import_module("ssp_msgs.msg")
         module.ObjectState.__class__.__import_type_support__()
@@ -147,7 +148,7 @@ def netconvert() -> Finding:
 
 
 def shared_memory() -> Finding:
-    """DDS sends camera frames through /dev/shm; each node may take 64 MB there."""
+    """Check /dev/shm, through which DDS sends camera frames; each node may take 64 MB there."""
     shm = Path("/dev/shm")
     if not shm.is_dir():
         return warn("shared memory", "there is no /dev/shm", "frames go over UDP, slower")
@@ -194,7 +195,7 @@ _OURS = (
 def environment(
     env: Mapping[str, str], is_dead: Callable[[str, int], bool] = nobody_listens
 ) -> list[Finding]:
-    """The variables that nodes of a live session find each other by, and whose code runs."""
+    """Check the variables by which nodes of a live session find each other and their code."""
     name = "environment"
     wrong = environment_errors(env, installed_middlewares(env), is_dead)
     if wrong:
@@ -210,7 +211,7 @@ def environment(
 
 
 def one_checkout(places: Mapping[str, Path]) -> Finding:
-    """All packages of SSP come from one checkout or one workspace.
+    """Check that all packages of SSP come from one checkout or one workspace.
 
     Args:
         places: the folder that each package was found in.
@@ -225,7 +226,7 @@ def one_checkout(places: Mapping[str, Path]) -> Finding:
 
 
 def _root_of(name: str, place: Path) -> Path:
-    """The checkout or workspace that a package's folder lies in."""
+    """Return the checkout or workspace that a package's folder lies in."""
     if (place.parent / "package.xml").is_file():  # a checkout: a folder around each package
         return place.parent.parent
     if place.parent.name not in ("site-packages", "dist-packages"):
@@ -250,7 +251,7 @@ _TAI_AHEAD_OF_GPS_S = 19
 
 
 def leap_seconds_table(utc_ns: int, listed: Path = _LISTED) -> Finding:
-    """GPS time, by which ISO 22133 objects are timed; an old table is held against the host's."""
+    """Check GPS time minus UTC, for ISO 22133; an old table is compared with the host's."""
     name, ours = "leap seconds", leap_seconds(utc_ns)
     if not leap_seconds_may_be_old(utc_ns):
         return ok(name, f"{ours} s, a table good until {TABLE_GOOD_UNTIL}")
@@ -268,7 +269,7 @@ def leap_seconds_table(utc_ns: int, listed: Path = _LISTED) -> Finding:
 
 
 def _listed_seconds(listed: Path, utc_ns: int) -> int | None:
-    """GPS time minus UTC by the host's list; None where it is missing, strange or too old."""
+    """Return GPS time minus UTC by the host's list, None if missing, strange or too old."""
     now_s, found = utc_ns // NS_PER_S + _NTP_S, None
     try:
         lines = [line.split() for line in listed.read_text().splitlines() if line.strip()]
@@ -294,7 +295,7 @@ class LinkMeasurement:
 
 
 def talk(measure_link: Callable[[], LinkMeasurement]) -> list[Finding]:
-    """Two processes find each other over DDS and exchange messages."""
+    """Check that two processes find each other over DDS and exchange messages."""
     try:
         link = measure_link()
     except HostError as error:
@@ -308,7 +309,7 @@ def talk(measure_link: Callable[[], LinkMeasurement]) -> list[Finding]:
 
 
 def all_checks(measure_link: Callable[[], LinkMeasurement]) -> list[Finding]:
-    """Every check, in the order in which one depends on the other.
+    """Do every check, in the order in which one depends on the other.
 
     Args:
         measure_link: lets two processes measure the link between them; raises HostError. It is

@@ -55,7 +55,7 @@ class Stream:
     strange_frames: set[str] = field(default_factory=set)
 
     def hear(self, arrival_ns: int, stamp_ns: int, frame_id: str) -> None:
-        """One more message."""
+        """Take one more message."""
         self.arrivals_ns.append(arrival_ns)
         self.stamps_ns.append(stamp_ns)
         if self.frame_id is not None and frame_id != self.frame_id:
@@ -81,9 +81,7 @@ class Stream:
 
     @property
     def longest_pause_s(self) -> float:
-        """Measure the longest pause between two news, or after the last one while messages still
-        came.
-        """
+        """Measure the longest pause between two news, and after the last while messages came, s."""
         ends = [*self.news_ns, *self.arrivals_ns[-1:]]
         pairs = pairwise(ends)
         return max((ns_to_seconds(b - a) for a, b in pairs), default=0.0)
@@ -144,7 +142,7 @@ class SessionHeard:
 
 
 def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
-    """One finding per thing that is connected, and what keeps the session from arming."""
+    """Return one finding per thing that is connected, and what keeps the session from arming."""
     ids = spec.object_ids
     known = {names.CAMERA_IMAGE, names.CAMERA_INFO, *ids}
     rate_hz, oldest_s = 1.0 / spec.step_s, spec.limits.state_age_s
@@ -190,7 +188,7 @@ def _stream(
 
 
 def _motion(object_id: str, watch: ConsistencyWatch, by_course: bool) -> Finding:
-    """Stated motion against places; near misses are for tuning before a day on the track."""
+    """Compare stated motion with places; near misses are for tuning before a day on the track."""
     known_later = f"; {UNKNOWN_AT_REST}" if by_course else ""
     name = f"motion of {object_id}"
     if watch.doubt is not None:
@@ -210,7 +208,7 @@ def _motion(object_id: str, watch: ConsistencyWatch, by_course: bool) -> Finding
 
 
 def _frames(spec: RunSpec, object_id: str, stream: Stream) -> Finding:
-    """The rate of an ISO 22133 object's reports; their age is that of its states."""
+    """Judge the rate of an ISO 22133 object's reports; their age is that of its states."""
     name, rate_hz, wanted_hz = f"frames of {object_id}", stream.rate_hz, 1.0 / spec.step_s
     pause_s, oldest_s = stream.longest_pause_s, spec.limits.state_age_s
     text = f"{rate_hz:.1f} Hz from the object, longest pause {pause_s:.3f} s"
@@ -360,5 +358,5 @@ def _age_s(stream: Stream | None, now_ns: int) -> float:
 
 
 def failed(findings: Sequence[Finding]) -> bool:
-    """True when one of them fails."""
+    """Tell whether one of the findings failed."""
     return any(finding.status is Status.FAIL for finding in findings)

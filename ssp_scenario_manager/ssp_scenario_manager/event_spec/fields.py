@@ -50,7 +50,7 @@ UNITS: dict[str, Unit] = {
 
 
 def units_of(dimension: Dimension) -> list[str]:
-    """Names of the units that measure a dimension, the SI unit first."""
+    """Return names of the units that measure a dimension, the SI unit first."""
     return [name for name, unit in UNITS.items() if unit.dimension == dimension]
 
 
@@ -78,7 +78,7 @@ class Span:
         return self.low <= other.high + _EPS and other.low <= self.high + _EPS
 
     def nearest(self, value: float) -> float:
-        """The value, moved inside."""
+        """Return the value moved inside."""
         return min(max(value, self.low), self.high)
 
 
@@ -99,7 +99,7 @@ _WHOLE = (
 
 @lru_cache(maxsize=1 << 13)
 def split(path: str) -> tuple[Part, ...]:
-    """Parts of a path; list indices are ints. A path that isn't one gives ()."""
+    """Split a path into its parts; list indices are ints. A path that isn't one gives ()."""
     parts: list[Part] = []
     at = 0
     while at < len(path):
@@ -113,7 +113,7 @@ def split(path: str) -> tuple[Part, ...]:
 
 
 def join(parts: tuple[Part, ...]) -> str:
-    """The path of its parts."""
+    """Join the parts of a path."""
     text = ""
     for part in parts:
         text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else part)
@@ -121,7 +121,7 @@ def join(parts: tuple[Part, ...]) -> str:
 
 
 def get(value: Any, path: str) -> Any:
-    """The value at a path.
+    """Return the value at a path.
 
     Raises:
         LookupError: there is nothing.
@@ -138,7 +138,7 @@ def get(value: Any, path: str) -> Any:
 
 
 def put(value: Any, path: str, new: Any) -> None:
-    """Sets what stands at a path whose parents are there."""
+    """Set the value at a path whose parents are there."""
     *parents, last = split(path)
     for part in parents:
         value = value[part]
@@ -155,7 +155,7 @@ def has(value: Any, path: str) -> bool:
 
 
 def leaves(value: Any, at: tuple[Part, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """Every (path, value) that isn't made of others; an empty list or mapping is one too."""
+    """Yield every (path, value) without parts; an empty list or mapping is one too."""
     if isinstance(value, dict) and value:
         for key, item in value.items():
             yield from leaves(item, (*at, key))
@@ -167,7 +167,7 @@ def leaves(value: Any, at: tuple[Part, ...] = ()) -> Iterator[tuple[str, Any]]:
 
 
 def granules(value: Any, at: tuple[Part, ...] = ()) -> Iterator[str]:
-    """Paths of the smallest things that a person judges: a word, a quantity, a list, a cell."""
+    """Yield paths of the smallest things that are judged: a word, a quantity, a list, a cell."""
     if isinstance(value, dict) and value and frozenset(value) not in _WHOLE:
         for key, item in value.items():
             yield from granules(item, (*at, key))
@@ -176,7 +176,7 @@ def granules(value: Any, at: tuple[Part, ...] = ()) -> Iterator[str]:
 
 
 def owner(path: str, entries: Mapping[str, Any]) -> str | None:
-    """The entry of a path: its own or its nearest ancestor's; None without one."""
+    """Return the entry of a path: its own or its nearest ancestor's; None without one."""
     while path:
         if path in entries:
             return path
@@ -198,7 +198,7 @@ def matches(path: str, pattern: str) -> bool:
 
 
 def show(value: Any) -> str:
-    """A field's value as people write it."""
+    """Return a field's value as people write it."""
     if isinstance(value, dict) and set(value) == {"min", "max", "unit"}:
         low, high = value["min"], value["max"]
         unit = "" if value["unit"] == "1" else f" {value['unit']}"

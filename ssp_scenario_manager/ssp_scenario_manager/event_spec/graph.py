@@ -1,6 +1,4 @@
-"""``ssp.graph/1``, the typed interaction graph of a K* (METHOD 1), and what differs between two
-K*.
-"""
+"""``ssp.graph/1``, the typed interaction graph of a K* (METHOD 1), and differences of two K*."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ EdgeKind = Literal["spatial", "temporal", "interaction"]
 
 
 def interaction_graph(event: Event) -> dict[str, Any]:
-    """The graph of a K* as JSON-like data.
+    """Return the graph of a K* as JSON-like data.
 
     Returns:
         ``nodes`` and ``edges``, each with the ``fields`` that say it; ``determined`` (P): values
@@ -62,23 +60,23 @@ class _Edge:
 
 
 def _said(value: dict[str, Any], paths: Iterable[str]) -> dict[str, Any]:
-    """Fields of the K* by path, a list or a mapping as it stands."""
+    """Return fields of the K* by path, a list or a mapping as it stands."""
     return {path: get(value, path) for path in paths}
 
 
 def _below(value: dict[str, Any], path: str) -> list[str]:
-    """Paths of everything that the K* says below a path."""
+    """Return paths of everything that the K* says below a path."""
     return [f"{path}.{name}" for name in granules(get(value, path))]
 
 
 def _places(event: Event) -> list[str]:
-    """Places that the participants start in, the VUT's lane first."""
+    """Return places that the participants start in, the VUT's lane first."""
     found = (who.region.place for who in event.participants.values())
     return list(dict.fromkeys(("vut_lane", *found)))
 
 
 def _nodes(event: Event, value: dict[str, Any]) -> Iterator[tuple[str, NodeType, list[str]]]:
-    """Id and type of each node, and the paths of what the K* says of it."""
+    """Yield id and type of each node, and the paths of what the K* says of it."""
     yield "road", "road", _below(value, "topology")
     for place in _places(event):
         named = [
@@ -170,7 +168,7 @@ def _is_road(value: Any) -> bool:
 
 
 def _determined(value: dict[str, Any]) -> dict[str, Any]:
-    """P: exact quantities with their units, and every word, number and list that is known."""
+    """Return P: exact quantities with their units, and all known words, numbers and lists."""
     found: dict[str, Any] = {}
     for path in granules(value):
         item = get(value, path)
@@ -185,7 +183,7 @@ def _determined(value: dict[str, Any]) -> dict[str, Any]:
 
 
 def _uncertain(event: Event, value: dict[str, Any]) -> dict[str, Any]:
-    """U: intervals and unresolved marks as they stand, and how each field is known."""
+    """Return U: intervals and unresolved marks as they stand, and how each field is known."""
     found: dict[str, Any] = {}
     for path in granules(value):
         item, entry = get(value, path), owner(path, event.uncertainty)
@@ -218,7 +216,7 @@ class Difference:
 
 
 def differences(first: Event, second: Event) -> list[Difference]:
-    """Every field that differs, in the order of the files; [] for the same version."""
+    """Return every field that differs, in the order of the files; [] for the same version."""
     old, new = canonical(first), canonical(second)
     # Entries of part U have dots in their keys, so that they are compared apart.
     known = old.pop("uncertainty"), new.pop("uncertainty")
@@ -235,7 +233,7 @@ _NOTHING = object()
 
 
 def _split(path: str, before: Any, after: Any) -> list[Difference]:
-    """One difference, or one for each field of a cell or an entry that both sides have."""
+    """Return one difference, or one for each field of a cell or entry that both sides have."""
     if before == after:
         return []
     both = isinstance(before, dict) and isinstance(after, dict)

@@ -38,7 +38,7 @@ _SETS = (
 
 
 def read_event_file(name_or_path: str) -> tuple[dict[str, Any], Path]:
-    """The mapping in a K* file, unchecked, and the file.
+    """Read the mapping in a K* file, unchecked; return it and the file.
 
     Raises:
         InputError: there is no such event, or the file is too large or no mapping.
@@ -56,7 +56,7 @@ def read_event_file(name_or_path: str) -> tuple[dict[str, Any], Path]:
 
 
 def load_event(name_or_path: str) -> tuple[Event, str]:
-    """A K* by the name of a shipped one or by file, and its version.
+    """Load a K* by the name of a shipped one or by file; return it and its version.
 
     Only the form is checked here; `spec.checks.check_event` holds all checks (METHOD 1).
 
@@ -70,7 +70,7 @@ def load_event(name_or_path: str) -> tuple[Event, str]:
 
 
 def canonical(event: Event) -> dict[str, Any]:
-    """The one mapping of everything that says the same: defaults filled in, sets in order."""
+    """Return the one mapping of all equal events: defaults filled in, sets in order."""
     value: dict[str, Any] = _plain(event.model_dump(mode="json", by_alias=True))
     for part, name in _SETS:
         value[part][name] = sorted(value[part][name])
@@ -85,7 +85,7 @@ def canonical(event: Event) -> dict[str, Any]:
 
 
 def event_version(event: Event) -> str:
-    """Content hash of a K* over its canonical form (METHOD 1)."""
+    """Return the content hash of a K* over its canonical form (METHOD 1)."""
     return sha256_json(canonical(event))
 
 
@@ -125,14 +125,15 @@ _RESERVED = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "
 
 
 def write_event(path: str | Path, event: Event) -> None:
-    """Writes a K* file."""
+    """Write a K* file."""
     write_text(path, event_text(event))
 
 
 def event_text(event: Event, marks: Mapping[str, str] | None = None) -> str:
-    """The event in YAML. Reading it gives the same event; comments of an older text are gone.
+    """Return the event in YAML, which reads back equal; comments of an older text are gone.
 
     Args:
+        event: to be written.
         marks: comments to put above fields, by path.
     """
     value = event.model_dump(mode="json", by_alias=True)
@@ -165,7 +166,7 @@ def _block(at: tuple[str, ...], value: Any, marks: Mapping[str, str]) -> Iterato
 
 
 def _wrapped(items: list[str], pad: str) -> Iterator[str]:
-    """A flow mapping over as few lines as fit."""
+    """Yield a flow mapping over as few lines as fit."""
     line = pad + "{"
     for i, item in enumerate(items):
         text = item + ("}" if i == len(items) - 1 else ",")
@@ -191,7 +192,7 @@ def _spoken(value: dict[str, Any]) -> list[tuple[str, Any]]:
 
 
 def flow(value: Any) -> str:
-    """A value as it stands in one line of the file."""
+    """Return a value as it stands in one line of the file."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_key(k)}: {flow(v)}" for k, v in _spoken(value)) + "}"
     if isinstance(value, list):
@@ -209,7 +210,7 @@ def _key(text: str) -> str:
 
 @lru_cache(maxsize=1024)  # a review writes the same event again after each decision
 def _word(text: str) -> str:
-    """A string as it stands where YAML takes it for one, else quoted."""
+    """Return a string plain where YAML reads it as one, else quoted."""
     plain = _PLAIN.match(text) and text.lower() not in _RESERVED
     if plain and not re.search(r":(\s|\Z)|\s\Z", text):
         return text
@@ -244,18 +245,19 @@ SAFETY_CRITICAL = (
 
 
 def body(event: Event) -> dict[str, Any]:
-    """The canonical mapping of what part U must cover: all but the schema and U itself."""
+    """Return the canonical mapping of what part U must cover: all but the schema and U itself."""
     value = canonical(event)
     return {key: item for key, item in value.items() if key not in _APART}
 
 
 def safety_critical_fields(event: Event, value: Mapping[str, Any] | None = None) -> list[str]:
-    """Paths of the fields that a person has to decide, in the file's order.
+    """List the paths of the fields that a person has to decide, in the file's order.
 
     The identity fields of T are among them: they decide which recordings are admitted (METHOD 4.2).
 
     Args:
-        value: its body, where it is at hand.
+        event: a K*.
+        value: the event's body, where it is at hand.
     """
     identity = {f"topology.{name}" for name in event.topology.identity_fields}
     return [
@@ -266,7 +268,7 @@ def safety_critical_fields(event: Event, value: Mapping[str, Any] | None = None)
 
 
 def uncovered(event: Event, value: Mapping[str, Any] | None = None) -> list[str]:
-    """Paths of the fields that no entry of part U, or not all of them, speaks about; args as above.
+    """Return paths of the fields that part U doesn't cover, or not wholly; args as above.
 
     A field is what a person judges as one (`granules`).
     """
@@ -291,11 +293,12 @@ def seals(event: Event, value: Mapping[str, Any] | None = None) -> dict[str, str
 
 
 def seal_event(event: Event, paths: Iterable[str] | None = None) -> Event:
-    """The event with the seals of reviewed entries set to what they must be.
+    """Return the event with the seals of reviewed entries set to what they must be.
 
-    Whoever calls this says that a person has seen these fields as they are now.
+    The caller asserts that a person has seen these fields as they are now.
 
     Args:
+        event: a K*.
         paths: entries to seal; None: all. An unreviewed entry loses its seal.
 
     Raises:
@@ -311,7 +314,7 @@ def seal_event(event: Event, paths: Iterable[str] | None = None) -> Event:
 
 
 def _below(entries: Mapping[str, Doubt]) -> dict[str, list[str]]:
-    """Entries below an entry, with none between, by their holder."""
+    """Return entries below an entry, with none between, by their holder."""
     found: dict[str, list[str]] = {}
     for path in entries:
         holder = owner(join(split(path)[:-1]), entries)
@@ -330,7 +333,7 @@ def _seal(
 
 
 def _without(value: Any, path: str, others: frozenset[str]) -> Any:
-    """The value without what has an entry of its own. Lists keep a null in its place."""
+    """Return the value without what has an entry of its own. Lists keep a null in its place."""
     if not others:
         return value
     if isinstance(value, dict):

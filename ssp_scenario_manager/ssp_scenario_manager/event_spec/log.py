@@ -87,12 +87,12 @@ def log_path(subject: str | Path) -> Path:
 
 
 def utc_now() -> str:
-    """The wall clock, as records write it; for command lines, which hand it to the cores."""
+    """Return the wall clock as records write it; command lines hand it to the cores."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def check_not_ahead(when: str, now: str) -> str:
-    """A time that somebody typed for an entry; it must not lie more than a minute ahead.
+    """Check that a time that was typed for an entry lies at most a minute ahead.
 
     Args:
         when: ISO 8601, UTC.
@@ -116,7 +116,7 @@ def check_not_ahead(when: str, now: str) -> str:
 
 
 def record_line(record: Record) -> str:
-    """One line of L, without its newline: keys in the model's order.
+    """Write one line of L, without its newline: keys in the model's order.
 
     Raises:
         ValueError: a value holds a NaN or an infinity, which pydantic's JSON mode would turn into
@@ -127,7 +127,7 @@ def record_line(record: Record) -> str:
 
 
 def append_record(path: str | Path, record: Record) -> None:
-    """Appends one record; it is on the disk when this returns.
+    """Append one record; it is on the disk when this returns.
 
     Raises:
         InputError: the file can't be written, or its last line is not whole (a machine that died
@@ -161,7 +161,7 @@ def append_records(path: str | Path, records: Iterable[Record]) -> None:
 
 
 def read_log(path: str | Path) -> list[Record]:
-    """All records of a log, in the order in which they were appended; empty where there is none.
+    """Read all records of a log, in the order in which they were appended; empty if it is missing.
 
     Raises:
         InputError: the file can't be read, or a line is no record; with the line's number.
@@ -172,7 +172,7 @@ def read_log(path: str | Path) -> list[Record]:
 
 
 def parse_log(text: str, file: str | Path) -> list[Record]:
-    """The records of a log's text, as read_log; for one that lies in a bag.
+    """Read the records of a log's text, as read_log does; for one that lies in a bag.
 
     Raises:
         InputError: a line is no record; with the line's number.
@@ -196,7 +196,7 @@ def parse_log(text: str, file: str | Path) -> list[Record]:
 
 
 def refusal(records: Iterable[Record], name: str) -> Record | None:
-    """The gate's refusal of the clip that an event was taken from; None where it stands.
+    """Return the gate's refusal of the clip that an event was taken from, None where it stands.
 
     A refusal is about the clip, so it holds for every version of the event, until a later
     ``source`` record says that the event is taken from another clip or crop.
@@ -217,10 +217,12 @@ def refusal(records: Iterable[Record], name: str) -> Record | None:
 
 
 def check_not_refused(event_path: str | Path, name: str, log: str | Path | None = None) -> None:
-    """Raises InputError with the gate's reason where the event's source clip was refused.
+    """Refuse, with an InputError, an event whose source clip the gate refused.
 
     Args:
-        log: its log, None: the one beside it.
+        event_path: file of the event.
+        name: of the event.
+        log: the event's log; None: the one beside it.
     """
     record = refusal(read_log(log_path(event_path) if log is None else log), name)
     if record is not None:

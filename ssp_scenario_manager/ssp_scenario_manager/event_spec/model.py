@@ -196,9 +196,7 @@ class Topology(Strict):
 
 
 class Region(Strict):
-    """A participant's region at the begin of the clip, in words and intervals relative to the
-    VUT.
-    """
+    """A participant's region at the clip's begin, in words and intervals relative to the VUT."""
 
     place: Literal[
         "vut_lane", "left_lane", "right_lane", "right_kerb", "left_kerb", "oncoming_lane"

@@ -13,6 +13,7 @@ def topology_with_lanes(road: Topology, same: int, opposite: int) -> dict[str, A
     """Give part T with other numbers of lanes; a range that doesn't hold them is given up.
 
     Args:
+        road: part T.
         same: lanes in the VUT's direction.
         opposite: oncoming lanes.
     """

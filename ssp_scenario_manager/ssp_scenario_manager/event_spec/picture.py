@@ -38,7 +38,7 @@ _GROUPS = {
 
 
 def picture(event: Event) -> str:
-    """An SVG file that shows what a K* says, and nothing else."""
+    """Draw an SVG file that shows what a K* says, and nothing else."""
     value, c = body(event), event.constraints
     groups = {title: _values(get(value, path)) for title, path in _GROUPS.items()}
     states = [entry.review for entry in event.uncertainty.values()]
@@ -85,7 +85,7 @@ class _Strip:
 
 
 def _road(event: Event, value: dict[str, Any]) -> dict[str, Any]:
-    """The sketch: the VUT drives to the right, so that its left is up. Distances are written."""
+    """Sketch the road: the VUT drives to the right, so its left is up. Distances are written."""
     strips = _strips(event)
     by_place = {strip.place: strip for strip in strips}
     own, start = by_place["vut_lane"], event.participants.get(event.interaction.initiator)
@@ -148,7 +148,7 @@ def _station(event: Event, who: str) -> float:
 
 
 def _part(event: Event, who: str) -> str:
-    """Key of a participant's colour."""
+    """Return the key of a participant's colour."""
     if event.participants[who].role == "VUT":
         return "vut"
     return "initiator" if who == event.interaction.initiator else "other"
@@ -157,7 +157,7 @@ def _part(event: Event, who: str) -> str:
 def _actor(
     event: Event, value: dict[str, Any], who: str, strips: dict[str, _Strip]
 ) -> dict[str, Any]:
-    """Body and label of a participant in the sketch."""
+    """Return body and label of a participant in the sketch."""
     participant, part = event.participants[who], _part(event, who)
     strip = strips.get(participant.region.place, strips["vut_lane"])
     x, walks = _station(event, who), participant.class_ in _WALKERS
@@ -188,7 +188,7 @@ def _actor(
 
 
 def _in_rows(event: Event) -> list[str]:
-    """The VUT first; who conflicts stands next to the zone, who hides it between."""
+    """Order the rows: the VUT, the conflicting one next to the zone, an occluder between."""
     others = [who for who in event.participants if who != event.vut_id]
     return [event.vut_id, *sorted(others, key=lambda who: who == event.interaction.initiator)]
 
@@ -210,7 +210,7 @@ def _row(event: Event, who: str) -> dict[str, Any]:
 
 
 def _cell(event: Event, who: str, column: int, cell: MotionCell) -> dict[str, Any]:
-    """Motion, position and side, gap and speed of one participant in one phase."""
+    """Return motion, position and side, gap and speed of one participant in one phase."""
     speed = event.constraints.speeds.get(who, {}).get(PHASES[column], UNRESOLVED)
     seen = [cell.position.replace("_", " ")] if cell.position else []
     if cell.speed_trend != "standing":
@@ -227,12 +227,12 @@ def _cell(event: Event, who: str, column: int, cell: MotionCell) -> dict[str, An
 
 
 def _plain(value: Any) -> str:
-    """A value as it is written in a picture."""
+    """Return a value as it is written in a picture."""
     return show(value).replace("^2", "²").replace("at least", "≥").replace("at most", "≤")
 
 
 def _values(part: dict[str, Any]) -> list[tuple[str, str]]:
-    """Quantities and words of a part that no lane shows."""
+    """Return quantities and words of a part that no lane shows."""
     found = []
     for name in granules(part):
         item = get(part, name)
@@ -244,7 +244,7 @@ def _values(part: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _of_road(field: dict[str, Any]) -> Any:
-    """A field of T in a few words: what the source shows, and whether it may vary."""
+    """Describe a field of T in a few words: what the source shows, and whether it may vary."""
     value, varies = field["value"], field["varies"]
     if isinstance(varies, dict):  # a range says what a place may have, and holds the value
         return varies

@@ -44,7 +44,7 @@ MANAGER = "scenario_manager"
 
 
 def run_for_evidence(spec: RunSpec) -> Evidence:
-    """Runs a session in this process.
+    """Run a session in this process.
 
     Args:
         spec: in lockstep, with faults that need no process.
@@ -122,7 +122,7 @@ def _faults(spec: RunSpec, happened: Happened) -> tuple[FaultNote, ...]:
 
 
 def left_behind(folder: Path) -> list[str]:
-    """Sentences about processes that still write into a run's logs and memory nobody owns.
+    """Describe processes that still write into a run's logs, and memory without an owner.
 
     The memory is removed, so that the next run is judged by its own. While other participants of
     DDS run on this host nobody can tell whose it was, and it counts for nothing.
@@ -202,10 +202,15 @@ def prepare_scene(
     out: Path,
     way: Way = "sessions",
 ) -> FaultScenario:
-    """Compiles a scenario and finds its times with a run without faults.
+    """Compile a scenario and find its times with a run without faults.
 
     Args:
         scenario: name or K* file.
+        site: name or file of the site.
+        seed: of the run.
+        mode: of the run.
+        out: the campaign's folder.
+        way: sessions over DDS, or ``in_process``.
 
     Raises:
         InputError: it can't be compiled, or isn't valid even without faults.
@@ -225,7 +230,7 @@ def prepare_scene(
 
 
 def run_cells(scene: FaultScenario, cells: list[tuple[Row, Stage]]) -> Iterator[CellResult]:
-    """Runs and judges cells; one that was run before, with the same run file, is judged again."""
+    """Run and judge cells; one that was run before, with the same run file, is judged again."""
     for row, stage in cells:
         cell = row.cell(stage, scene.nominal.moves[stage])
         if isinstance(cell, Expected) and scene.way == "in_process" and row.kind in NEED_PROCESSES:
@@ -247,7 +252,7 @@ def run_cells(scene: FaultScenario, cells: list[tuple[Row, Stage]]) -> Iterator[
 
 
 def _evidence(run: RunSpec, folder: Path) -> tuple[Evidence, list[str]]:
-    """Runs a session, unless the folder holds the same one already.
+    """Run a session, unless the folder holds the same one already.
 
     Raises:
         KeyboardInterrupt: a person ended it; the campaign goes on from here the next time.

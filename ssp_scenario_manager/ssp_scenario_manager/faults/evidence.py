@@ -1,6 +1,4 @@
-"""The evidence of a run that a judgement of a fault needs: bag, result, notes, stopping
-distances.
-"""
+"""The evidence of a run by which a fault is judged: bag, result, notes, stopping distances."""
 
 from __future__ import annotations
 
@@ -49,7 +47,7 @@ class Track:
     speed_mps: FloatArray
 
     def speed_at(self, t_s: float) -> float:
-        """Speed at the last state that is not later, 0 before the first, m/s."""
+        """Return the speed at the last state that is not later, 0 before the first, m/s."""
         i = int(np.searchsorted(self.t_s, t_s, side="right")) - 1
         return float(self.speed_mps[i]) if i >= 0 else 0.0
 
@@ -106,12 +104,13 @@ class Stop:
 
 
 def stop_of(track: Track, fault_s: float, timeout_s: float, stopping: Stopping) -> Stop:
-    """The stop after a fault.
+    """Return the stop after a fault.
 
     Args:
+        track: of the object.
         fault_s: session time of the fault.
         timeout_s: how long it may go unnoticed.
-        stopping: how the object is said to stop.
+        stopping: the object's declared reaction and deceleration.
     """
     if len(track.t_s) == 0:
         return Stop(0.0, 0.0, stopping.distance_m(0.0, timeout_s), fault_s)
@@ -220,7 +219,7 @@ _OURS = (Role.VUT, Role.OT)
 
 
 def read_evidence(folder: Path) -> Evidence:
-    """Reads a run's folder.
+    """Read a run's folder.
 
     Raises:
         InputError: run.yaml or result.json is missing or broken; a bag that can't be read is a
@@ -331,7 +330,7 @@ def _fault_note(message: Any) -> FaultNote:
 
 
 def own_states(states: Iterable[ObjectState]) -> tuple[tuple[float, str, ControlState], ...]:
-    """(time, object, control state) whenever a target's published state changed it.
+    """Return (time, object, control state) of each change of a target's published state.
 
     Args:
         states: of each object in order.
@@ -347,7 +346,7 @@ def own_states(states: Iterable[ObjectState]) -> tuple[tuple[float, str, Control
 
 
 def track_of(rows: list[tuple[float, ObjectState]]) -> Track:
-    """(session time, true state) of one object, in the order of time."""
+    """Return (session time, true state) of one object, in the order of time."""
     values = np.array([(t, s.x_m, s.y_m, s.yaw_rad, s.speed_mps) for t, s in rows])
     t, x, y, yaw, speed = values.reshape(-1, 5).T
     return Track(t, x, y, yaw, speed)

@@ -71,9 +71,11 @@ def judge(
     index: int,
     leftovers: Sequence[str] = (),
 ) -> Judged:
-    """Judges one run.
+    """Judge one run.
 
     Args:
+        expected: of the matrix's row.
+        evidence: that the run left.
         index: of the cell's fault in the run file.
         leftovers: processes and shared memory that outlived the run.
     """
@@ -121,7 +123,7 @@ def _of_verdict(expected: Expected, evidence: Evidence) -> list[str]:
 
 
 def _of_names(expected: Expected, evidence: Evidence) -> list[str]:
-    """Reasons and safety events that nobody expected."""
+    """Return reasons and safety events that aren't expected."""
     explained = (*expected.primary, *expected.also)
     if not expected.starts:
         # Nor does a session that couldn't start end in order.
@@ -203,7 +205,7 @@ def _aborting_s(evidence: Evidence) -> float | None:
 
 
 def _signs(evidence: Evidence, since_s: float, limits: Sequence[str]) -> list[tuple[float, str]]:
-    """(session time, what) of everything that answers a fault."""
+    """Return (session time, what) of everything that answers a fault."""
     signs = [
         (note.t_s, f"{note.limit_name} seen by {note.source}")
         for note in evidence.safety
@@ -249,7 +251,7 @@ def _reaction(expected: Expected, evidence: Evidence, instant: _Instant) -> Reac
 
 
 def _ended(evidence: Evidence) -> bool:
-    """The run was complete, whoever tells it."""
+    """Tell whether the run was complete, by any of its records."""
     word = SessionPhase.FINISHED.name
     told = any(h.kind == "session" and h.name == word for h in evidence.heard)
     return told or evidence.reached(SessionPhase.FINISHED) is not None
@@ -317,7 +319,7 @@ class Nominal:
 
 
 def nominal_of(evidence: Evidence) -> Nominal:
-    """Times of a run without faults.
+    """Return times of a run without faults.
 
     Raises:
         InputError: it wasn't valid, so that its times mean nothing.
@@ -343,7 +345,7 @@ def nominal_of(evidence: Evidence) -> Nominal:
 
 
 def at_s(stage: Stage, nominal: Nominal, step_s: float) -> float | None:
-    """Session time at which a fault of a stage strikes, on a step; None: armed."""
+    """Return session time at which a fault of a stage strikes, on a step; None: armed."""
     if stage is Stage.ARMED:
         return None
     if stage is Stage.BEFORE:
@@ -357,7 +359,7 @@ def at_s(stage: Stage, nominal: Nominal, step_s: float) -> float | None:
 
 
 def fault_of(row: Row, stage: Stage, nominal: Nominal, run: RunSpec) -> Fault:
-    """The fault of one cell."""
+    """Return the fault of one cell."""
     when = at_s(stage, nominal, run.step_s)
     return Fault(
         kind=row.kind,

@@ -54,7 +54,7 @@ class Within:
     clock: Clock = "session"
 
     def seconds(self, run: RunSpec) -> float:
-        """The bound in a run, s."""
+        """Return the bound in a run, s."""
         if self.limit is None:
             return self.extra_s
         holder = run.limits if hasattr(run.limits, self.limit) else run.end
@@ -114,7 +114,7 @@ class Expected:
     may_end_first: bool = False
 
     def bound(self, mode: str) -> Within | None:
-        """The bound on the reaction time in a mode."""
+        """Return the bound on the reaction time in a mode."""
         return self.lockstep if mode == "lockstep" and self.lockstep is not None else self.within
 
 
@@ -167,7 +167,7 @@ class Row:
 
 
 def read_rows(path: Path = _FILE) -> tuple[Row, ...]:
-    """The rows of a matrix file, in its order."""
+    """Return the rows of a matrix file, in its order."""
     given = yaml.safe_load(path.read_text())
     times: dict[str, float] = given["times"]
 

@@ -21,7 +21,7 @@ _TEMPLATES = Path(__file__).parent.parent / "library" / "templates"
 
 
 def as_json(results: Sequence[CellResult]) -> dict[str, Any]:
-    """Everything that is known of the cells."""
+    """Return everything that is known of the cells."""
     return {
         "schema": SCHEMA,
         "as_expected": all(result.ok for result in results),
@@ -74,7 +74,7 @@ def _cell_json(result: CellResult) -> dict[str, Any]:
 
 
 def measured_parts(judged: Judged) -> list[str]:
-    """Verdict, reaction time and stopping distances, each with its bound."""
+    """Return verdict, reaction time and stopping distances, each with its bound."""
     parts = [judged.verdict]
     if judged.reaction is not None:
         reaction = judged.reaction
@@ -136,9 +136,10 @@ def _expected(cell: Cell, run: RunSpec) -> list[str]:
 
 
 def page(results: Sequence[CellResult], run: RunSpec) -> str:
-    """The measured table of each scenario, and what is expected of each row, as HTML.
+    """Render the measured table of each scenario, and what each row expects, as HTML.
 
     Args:
+        results: of all cells, those that don't apply included.
         run: gives the limits that the bounds are made of.
     """
     templates = jinja2.Environment(
@@ -163,7 +164,7 @@ def page(results: Sequence[CellResult], run: RunSpec) -> str:
 
 
 def junit_cases(results: Sequence[CellResult]) -> list[Case]:
-    """A test case per cell; one that isn't as expected is a failure with its findings."""
+    """Return a test case per cell; an unexpected one is a failure with its findings."""
     return [
         Case(
             f"faults.{result.scene.name}.{result.scene.mode}",

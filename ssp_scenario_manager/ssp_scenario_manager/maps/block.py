@@ -1,6 +1,4 @@
-"""A block, one stretch of road in one direction of travel: its conflict areas, and how much it
-bends.
-"""
+"""A block, a stretch of road in one direction of travel: its conflict areas, and its bends."""
 
 from __future__ import annotations
 
@@ -167,7 +165,7 @@ def conflict_areas(
     permitted: Collection[str],
     crossings_s_m: Collection[float] = (),
 ) -> tuple[ConflictArea, ...]:
-    """The candidates of one block, in order of kind and place.
+    """Return the candidates of one block, in order of kind and place.
 
     Following: all of it, as there is a lane in the direction of travel. Merging: all of it, where
     there are two such lanes and one may be changed for the other. Crossing: at a marked crossing,
@@ -199,7 +197,7 @@ _STEP_M = 1.0
 
 
 def headings(line: ReferenceLine, s_m: FloatArray) -> FloatArray:
-    """Heading at arc lengths, relative to the line's start, unwrapped; constant beyond the ends."""
+    """Return headings at arc lengths, relative to the line's start, unwrapped, then constant."""
     lengths = np.array([p.length_m for p in line.pieces])
     starts = np.array([p.start_curvature_1pm for p in line.pieces])
     ends = np.array([p.end_curvature_1pm for p in line.pieces])
@@ -213,7 +211,7 @@ def headings(line: ReferenceLine, s_m: FloatArray) -> FloatArray:
 
 
 def _mean_curvatures(line: ReferenceLine) -> tuple[FloatArray, FloatArray]:
-    """Arc lengths, and the mean curvature over the window around each, 1/m."""
+    """Return arc lengths, and the mean curvature over the window around each, 1/m."""
     length = line.length_m
     s = np.linspace(0.0, length, max(2, int(np.ceil(length / _STEP_M)) + 1))
     low = np.clip(s - WINDOW_M / 2, 0.0, max(0.0, length - WINDOW_M))
@@ -222,19 +220,19 @@ def _mean_curvatures(line: ReferenceLine) -> tuple[FloatArray, FloatArray]:
 
 
 def bend_1pm(line: ReferenceLine) -> float:
-    """Largest mean curvature over any 10 m of a line, 1/m."""
+    """Return the largest mean curvature over any 10 m of a line, 1/m."""
     if line.is_straight:
         return 0.0
     return float(_mean_curvatures(line)[1].max())
 
 
 def segment_of(line: ReferenceLine) -> Segment:
-    """``straight`` where the radius over any 10 m is more than 1000 m, else ``curve``."""
+    """Return ``straight`` where the radius over any 10 m is more than 1000 m, else ``curve``."""
     return "straight" if bend_1pm(line) < STRAIGHT_BELOW_1PM else "curve"
 
 
 def straight_parts(line: ReferenceLine) -> list[tuple[float, float]]:
-    """Straight stretches of at least 50 m of a line that bends elsewhere, as arc lengths."""
+    """Return straight stretches of at least 50 m of a line that bends elsewhere, as arc lengths."""
     s, curvature = _mean_curvatures(line)
     flat = np.concatenate(([False], curvature < STRAIGHT_BELOW_1PM, [False]))
     starts = np.flatnonzero(flat[1:] & ~flat[:-1])

@@ -46,11 +46,11 @@ class Crossing:
         return max(CROSSING_HALF_M, self.half_m + CROSSING_HALF_M - ZEBRA_HALF_M)
 
     def at(self, s_m: float) -> Crossing:
-        """The same zebra with its middle elsewhere."""
+        """Return the same zebra with its middle elsewhere."""
         return replace(self, s_m=s_m)
 
     def reversed(self, length_m: float) -> Crossing:
-        """The same zebra along a road of that length in the other direction."""
+        """Return the same zebra along a road of that length in the other direction."""
         return replace(self, s_m=length_m - self.s_m, right_m=-self.left_m, left_m=-self.right_m)
 
 
@@ -99,7 +99,7 @@ def _turn(angle_rad: float) -> FloatArray:
 
 
 def read_crosswalks(road: Element) -> Iterator[Crosswalk]:
-    """The crosswalks among a road's objects.
+    """Yield the crosswalks among a road's objects.
 
     Raises:
         BadElement: something in one is no number where one belongs.
@@ -136,14 +136,16 @@ def _length(element: Element, attribute: str) -> float:
 def crossings_of(
     crosswalks: Sequence[Crosswalk], line: ReferenceLine, lanes_m: Collection[float]
 ) -> Iterator[Crossing]:
-    """The zebras on a road's driving lanes, in order along the road.
+    """Yield the zebras on a road's driving lanes, in order along the road.
 
     Outlines that lie beside one another are one crossing. It leads over the whole road if the
     middle of each driving lane lies under one of them; where it lies under none, as on a sidewalk,
     there is no zebra on the road.
 
     Args:
-        lanes_m: offsets of the middles of the driving lanes.
+        crosswalks: of the road.
+        line: of the road.
+        lanes_m: offsets of the middles of the driving lanes, m.
     """
     extents = sorted(crosswalk.extent(line) for crosswalk in crosswalks)
     groups: list[list[tuple[float, float, float, float]]] = []

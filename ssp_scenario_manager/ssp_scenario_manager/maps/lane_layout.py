@@ -78,7 +78,7 @@ class _Track:
 
 
 def _values(cubics: Sequence[Cubic], s: FloatArray, middle_m: float) -> FloatArray:
-    """A piecewise cubic at samples of an interval without breaks; 0 before its first record."""
+    """Evaluate a piecewise cubic at samples between breaks; 0 before its first record."""
     index = bisect_right(cubics, middle_m, key=_start) - 1
     if index < 0:
         return np.zeros_like(s)
@@ -89,7 +89,7 @@ def _values(cubics: Sequence[Cubic], s: FloatArray, middle_m: float) -> FloatArr
 
 
 def _active(cubics: Sequence[Cubic], start_m: float, end_m: float) -> list[Cubic]:
-    """The records that hold somewhere between two arc lengths."""
+    """Return the records that hold somewhere between two arc lengths."""
     first = max(0, bisect_right(cubics, start_m, key=_start) - 1)
     return list(cubics[first : bisect_left(cubics, end_m, key=_start)])
 
@@ -149,7 +149,7 @@ def _sampled(road: RoadRecord, section: Section, start_m: float, end_m: float) -
 
 
 def _intervals(road: RoadRecord, section: Section) -> list[tuple[float, float, list[_Track]]]:
-    """Parts of a section in which no record ends, and where the lanes lie in each."""
+    """Return parts of a section in which no record ends, and where the lanes lie in each."""
     start, end = section.start_m, section.end_m
     offsets = _active(road.offsets, start, end)
     cubics = [*offsets, *(c for lane in section.lanes for c in (*lane.widths, *lane.borders))]
@@ -164,9 +164,7 @@ def _both_ways(lane: LaneRecord) -> bool:
 
 
 def _along(road: RoadRecord, lane: LaneRecord) -> bool:
-    """Tell whether traffic on a lane runs in the road's direction, by its side and its
-    attribute.
-    """
+    """Tell whether a lane's traffic runs in the road's direction, by its side and attribute."""
     return ((lane.id < 0) != road.left_hand) != (lane.direction == "reversed")
 
 
@@ -204,7 +202,7 @@ def _usable(track: _Track) -> bool:
 
 
 def _merged(a: list[_Track], b: list[_Track]) -> list[_Track] | None:
-    """Two neighbouring intervals as one; None where the driving lanes aren't the same."""
+    """Merge two neighbouring intervals; None where the driving lanes aren't the same."""
     both = []
     for one, other in zip(a, b, strict=True):
         joint = _Track(
@@ -236,7 +234,7 @@ def _slots(road: RoadRecord, tracks: list[_Track]) -> tuple[Slot, ...]:
 
 
 def stretches(road: RoadRecord) -> tuple[list[Stretch], list[tuple[float, float, str]]]:
-    """The stretches of a road with steady driving lanes.
+    """Return the stretches of a road with steady driving lanes.
 
     Returns:
         Them, in order, and what is no such stretch: (from, to, reason).

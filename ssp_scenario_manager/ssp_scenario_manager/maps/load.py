@@ -16,7 +16,7 @@ _SITES = (".yaml", ".yml", ".json")
 
 
 def load_library(path: str | Path, loading: Loading = untold) -> Library:
-    """The blocks of a map or site, by what the file holds.
+    """Load the blocks of a map or site, by what the file holds.
 
     Args:
         path: an OpenDRIVE map, a SUMO network, or a site file.

@@ -93,7 +93,7 @@ class _Map:
 
 
 def _edge_marks(section: Section, slot: Slot, leftwards: bool) -> tuple[Mark, ...]:
-    """The marking on a lane's left or right border, which belongs to the inner lane of the two."""
+    """Return the marking on a lane's left or right border, which the inner lane of the two has."""
     inner = slot.id if leftwards == (slot.id > 0) else slot.id + (1 if leftwards else -1)
     if inner == 0:
         return section.centre_marks
@@ -101,9 +101,7 @@ def _edge_marks(section: Section, slot: Slot, leftwards: bool) -> tuple[Mark, ..
 
 
 def _side(outward: list[Slot], stretch: Stretch, edge: tuple[Mark, ...]) -> Side:
-    """Describe the roadside beyond a driving lane, from the lanes outside of it and its own
-    edge.
-    """
+    """Describe the roadside beyond a driving lane by the lanes outside of it and its own edge."""
     shoulder = walkable = 0.0
     sidewalk = False
     kerb = any(mark.type == "curb" for mark in edge)
@@ -131,7 +129,7 @@ def _side(outward: list[Slot], stretch: Stretch, edge: tuple[Mark, ...]) -> Side
 
 
 def _rules(road: RoadRecord, stretch: Stretch, along: bool) -> Rules:
-    """Speed limit and lane changes for one direction of travel."""
+    """Return speed limit and lane changes for one direction of travel."""
     own = [slot for slot in stretch.slots if slot.driving and slot.along == along]
     limits = []
     for i, (s, _, speed) in enumerate(road.types):
@@ -243,7 +241,7 @@ def _add_road(found: _Map, road: RoadRecord) -> None:
 
 
 def _way_end(found: _Map, road_id: str, end: End) -> WayEnd | None:
-    """The way that lies at a road's end, None where it is no way."""
+    """Return the way that lies at a road's end, None where it is no way."""
     spans = found.spans[road_id]
     if not spans:
         return None
@@ -255,9 +253,7 @@ def _way_end(found: _Map, road_id: str, end: End) -> WayEnd | None:
 
 
 def _contacts(found: _Map) -> list[tuple[WayEnd, WayEnd]]:
-    """List the ends of ways that meet: within a road, by links, and by the connections of
-    junctions.
-    """
+    """List the ends of ways that meet: within a road, by links, and by junctions' connections."""
     pairs: list[tuple[WayEnd | None, WayEnd | None]] = []
     for spans in found.spans.values():
         for (i, _, high), (j, low, _) in pairwise(spans):
@@ -309,7 +305,7 @@ _MEET_RAD = 0.1
 
 
 def _in_degrees(found: _Map) -> tuple[str, float] | None:
-    """The first road with a heading beyond one turn that nothing shows to be in radians.
+    """Find the first road with a heading beyond one turn that nothing shows to be in radians.
 
     Headings that are summed up along roads are sound: the next part of the road, or a road that it
     is linked to, then begins where and as the heading says. None: there is no such road.
@@ -330,7 +326,7 @@ def _in_degrees(found: _Map) -> tuple[str, float] | None:
 
 
 def _goes_on(found: _Map, road: RoadRecord) -> bool:
-    """A road of several parts that follow one another by their headings in radians."""
+    """Tell whether a road's parts follow one another by their headings in radians."""
     long = [shape for shape in road.geometry if shape.length_m >= _SHORTEST_M]
     return len(long) > 1 and _line_of(found, road.id) is not None
 
@@ -357,7 +353,7 @@ def _line_of(found: _Map, road_id: str) -> ReferenceLine | None:
 
 
 def load_opendrive(path: Path, loading: Loading = untold) -> Library:
-    """The blocks of an OpenDRIVE map.
+    """Load the blocks of an OpenDRIVE map.
 
     Raises:
         InputError: the file can't be read, is no OpenDRIVE, or an element in it is malformed.

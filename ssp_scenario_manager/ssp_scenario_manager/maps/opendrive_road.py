@@ -229,7 +229,7 @@ def _cubic(element: Element, base_m: float, attribute: str) -> Cubic:
 
 
 def elevations(road: Element) -> list[Cubic]:
-    """Heights along a road, in order.
+    """Return heights along a road, in order.
 
     Raises:
         BadElement: something in it is no number where one belongs.
@@ -319,7 +319,7 @@ def _closed(lane: Element, base_m: float) -> tuple[tuple[float, bool], ...]:
 
 
 def _travel(lane: Element) -> str:
-    """Vendor data about a lane's direction of travel, empty where there is none."""
+    """Return vendor data about a lane's direction of travel, empty without any."""
     for data in lane.findall("userData"):
         if data.get("code") == "travelDir":
             return data.get("value", "")
@@ -351,7 +351,7 @@ def _lane(element: Element, base_m: float) -> LaneRecord:
 
 
 def _section(element: Element, start_m: float, end_m: float, before: Section | None) -> Section:
-    """A lane section; one of a single side goes on with the other side of the one before it."""
+    """Read a lane section; one of a single side takes the other side from the one before it."""
     lanes = []
     centre: tuple[Mark, ...] = ()
     for side in ("left", "center", "right"):
@@ -415,7 +415,7 @@ def _links(road: Element) -> dict[End, Link]:
 
 
 def read_road(road: Element) -> RoadRecord:
-    """A road from its element.
+    """Read a road from its element.
 
     Raises:
         BadElement: something in it is missing, or no number where one belongs.
@@ -457,7 +457,7 @@ def read_road(road: Element) -> RoadRecord:
 
 
 def read_junction(junction: Element) -> list[Connection]:
-    """The connections of a junction.
+    """Read the connections of a junction.
 
     Raises:
         BadElement: one names no roads.

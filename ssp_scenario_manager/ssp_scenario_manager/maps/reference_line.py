@@ -1,6 +1,4 @@
-"""Reference lines of roads: exact from OpenDRIVE where they can be, else fitted; smooth along a
-polyline.
-"""
+"""Reference lines of roads: exact from OpenDRIVE if possible, else fitted; smooth on a polyline."""
 
 from __future__ import annotations
 
@@ -35,7 +33,7 @@ class Unusable(Exception):
 
 
 def piece(length_m: float, start_1pm: float = 0.0, end_1pm: float | None = None) -> CurvePiece:
-    """A piece from numbers that are known to be fit for one."""
+    """Make a piece from numbers that are known to be fit for one."""
     return CurvePiece(
         length_m=length_m,
         start_curvature_1pm=start_1pm,
@@ -51,7 +49,7 @@ def _advance(pose: Pose2, pieces: Sequence[CurvePiece]) -> Pose2:
 
 
 def _clothoid(start: Pose2, end: Pose2) -> CurvePiece:
-    """The clothoid from one pose to another (the G1 problem)."""
+    """Return the clothoid from one pose to another (the G1 problem)."""
     distance = math.hypot(end.x_m - start.x_m, end.y_m - start.y_m)
     if not 1e-9 < distance < 1e6:
         raise Unusable(f"two places {distance:g} m apart can't be joined by a curve")
@@ -79,7 +77,7 @@ def _poly3_end_m(b: float, c: float, d: float, length_m: float) -> float:
 
 
 def _cubic_places(shape: Geometry, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places (n, 2) and headings (n,) of a cubic at shares of its parameter, frame map."""
+    """Return places (n, 2) and headings (n,) of a cubic at shares of its parameter, frame map."""
     if shape.kind == "poly3":
         a, b, c, d = shape.numbers
         u = share * _poly3_end_m(b, c, d, shape.length_m)
@@ -98,7 +96,7 @@ def _cubic_places(shape: Geometry, share: FloatArray) -> tuple[FloatArray, Float
 
 
 def fit_cubic(shape: Geometry, start: Pose2) -> list[CurvePiece]:
-    """A chain of clothoids that leaves a cubic by at most 1 cm.
+    """Fit a chain of clothoids that leaves a cubic by at most 1 cm.
 
     Args:
         shape: poly3 or paramPoly3.
@@ -167,7 +165,7 @@ def _lead_over(pose: Pose2, shape: Geometry, turn_rad: float) -> list[CurvePiece
 
 
 def road_line(road: RoadRecord) -> ReferenceLine:
-    """The reference line of a road.
+    """Return the reference line of a road.
 
     Raises:
         Unusable: its parts don't continue one another, or a cubic can't be fitted within 1 cm.
@@ -222,7 +220,7 @@ def _distinct(points: Sequence[Point]) -> list[Point]:
 
 
 def smooth_line(points: Sequence[Point]) -> ReferenceLine:
-    """Straights with an arc at each corner, tangent to both sides of it.
+    """Join straights with an arc at each corner, tangent to both sides of it.
 
     An arc begins and ends at the same distance from its corner, which is half of the shorter side,
     or less where the corner would be cut by more than 25 cm. Points that sample a bend thus give

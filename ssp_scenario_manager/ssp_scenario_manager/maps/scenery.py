@@ -39,7 +39,7 @@ class _Unusable(Exception):
 
 
 def read_scenery(road: Element, *, left_hand: bool) -> tuple[tuple[SceneryItem, ...], int]:
-    """Scenery of a road, along its reference line, and how much more can't be drawn.
+    """Read a road's scenery, along its reference line, and count what can't be drawn.
 
     Raises:
         BadElement: something in it is no number where one belongs, or there is too much of it.
@@ -65,7 +65,7 @@ def _too_many(element: Element) -> BadElement:
 
 
 def _length(element: Element, attribute: str) -> float:
-    """A length, 0 where there is none."""
+    """Return a length, 0 where there is none."""
     return number(element, attribute, 0.0, low=-_LONGEST_M, high=_LONGEST_M)
 
 
@@ -106,7 +106,7 @@ def _objects(element: Element) -> list[SceneryItem]:
 
 
 def _height(height_m: float) -> dict[str, float]:
-    """Many maps leave it at zero: then it is the usual one."""
+    """Return the height's key, none for zero, as many maps leave it: then it is the usual one."""
     return {"height_m": height_m} if height_m > 0.0 else {}
 
 
@@ -131,7 +131,7 @@ def _buildings(element: Element, heading_rad: float, height_m: float) -> list[Sc
 def _outlined(
     element: Element, places: list[Place], heading_rad: float
 ) -> tuple[list[Place], float, Place, float]:
-    """Middles, heading, extents and height of a building that is drawn by its corners."""
+    """Return middles, heading, extents and height of a building that is drawn by its corners."""
     local = [
         (_length(c, "u"), _length(c, "v"), _length(c, "height"))
         for c in element.iter("cornerLocal")
@@ -223,7 +223,7 @@ def _faces_along(element: Element, t_m: float, left_hand: bool) -> bool:
 
 
 def _limit(element: Element) -> int | None:
-    """The number on a speed limit: its value, or else what its subtype stands for."""
+    """Return the number on a speed limit: its value, or else what its subtype stands for."""
     value = element.get("value")
     if value is not None:
         speed = number(element, "value", low=-_LONGEST_M, high=_LONGEST_M)

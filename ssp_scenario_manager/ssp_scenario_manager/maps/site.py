@@ -127,7 +127,7 @@ class Site(Strict):
 
 
 def load_site(name_or_path: str) -> tuple[Site, str]:
-    """A site by name or file, and its version: the hash of its content, not of its text.
+    """Load a site by name or file; return it and its version, the hash of content, not of text.
 
     Raises:
         InputError: there is no such site, or the file is not valid; all that is wrong with it.
@@ -138,12 +138,12 @@ def load_site(name_or_path: str) -> tuple[Site, str]:
 
 
 def site_version(site: Site) -> str:
-    """Content hash of a site."""
+    """Return the content hash of a site."""
     return sha256_json(site.model_dump(mode="json", by_alias=True))
 
 
 def find_shipped(name_or_path: str, kind: Literal["site", "event"]) -> Path:
-    """The file itself, or the one of that name that comes with the project.
+    """Return the file itself, or the one of that name that comes with the project.
 
     Raises:
         InputError: it is neither.
@@ -167,7 +167,7 @@ _INSIDE_M = 0.001
 
 
 def site_line(block: SiteBlock, field: str) -> ReferenceLine:
-    """The reference line of a site's block.
+    """Return the reference line of a site's block.
 
     Raises:
         InputError: the pieces make no line.
@@ -199,7 +199,7 @@ def _check_lanes(block: SiteBlock, field: str) -> Iterator[InputError]:
 
 
 def _check_sides(block: SiteBlock, field: str) -> Iterator[InputError]:
-    """A side is called what SUMO and the camera make of it: with a sidewalk, or without one."""
+    """Check that a side is called what SUMO and the camera make of it, by its sidewalk."""
     for side in ("left", "right"):
         boundary = getattr(block, f"{side}_boundary")
         name, width_m = f"sidewalk_{side}_m", getattr(block, f"sidewalk_{side}_m")
@@ -273,7 +273,7 @@ def _check_traffic(
 
 
 def _overlap_m(block: SiteBlock, one: TrafficSpec, other: TrafficSpec) -> float:
-    """Length that two vehicles of one lane share at the start, m; 0 in different lanes."""
+    """Return the length that two vehicles of one lane share at the start, m; 0 in two lanes."""
     if one.lane != other.lane:
         return 0.0
     spans = []
@@ -360,7 +360,7 @@ def _block(site: Site, index: int) -> Block:
 
 
 def site_library(site: Site, file: str | Path | None = None) -> Library:
-    """The blocks of a site, each in the direction that its file gives it.
+    """Return the blocks of a site, each in the direction that its file gives it.
 
     Raises:
         InputError: blocks or regions of the site contradict each other; every place where they do.
@@ -397,7 +397,7 @@ def _contradictions(site: Site) -> Iterator[InputError]:
 
 
 def region_polygon(site: Site, region: Region, field: str = "region") -> list[Point]:
-    """Corners of a region in frame map, in order; a strip's start at its right entry.
+    """Return corners of a region in frame map, in order; a strip's start at its right entry.
 
     A strip along a bend gets as many points as keep its outline within 2 cm.
 
@@ -441,7 +441,7 @@ def _legal(points: list[Point], field: str) -> list[Point]:
 
 
 def _outside_fence(polygons: dict[str, list[Point]], fence: list[Point]) -> Iterator[InputError]:
-    """Regions that leave the fence by more than 1 mm, or that the fence cuts into."""
+    """Yield regions that leave the fence by more than 1 mm, or that the fence cuts into."""
     import shapely  # type: ignore[import-untyped]  # slow to import, no types
 
     inside = shapely.Polygon(fence)

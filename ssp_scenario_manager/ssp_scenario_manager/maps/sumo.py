@@ -47,8 +47,9 @@ _MOST_POINTS = 10_000
 
 @dataclass(frozen=True, slots=True)
 class EdgeLane:
-    """A lane; the one with index 0 is the outermost: the rightmost, or in left-hand traffic the
-    leftmost.
+    """A lane of an edge.
+
+    The one with index 0 is the outermost: the rightmost, or in left-hand traffic the leftmost.
 
     Args:
         index: from that side.
@@ -125,10 +126,11 @@ def _lane(lane: Element, left_hand: bool) -> EdgeLane:
 
 
 def read_edge(edge: Element, *, left_hand: bool = False) -> Edge:
-    """An edge from its element.
+    """Read an edge from its element.
 
     Args:
-        left_hand: of the network: it numbers lanes from the left.
+        edge: the element.
+        left_hand: the network has left-hand traffic, so that it numbers lanes from the left.
 
     Raises:
         BadElement: something in it is missing, or no number where one belongs.
@@ -197,9 +199,11 @@ def _usable(edge: Edge) -> list[EdgeLane]:
 def _beside(
     line: ReferenceLine, edge: Edge, along: bool, middle: EdgeLane | None = None
 ) -> list[WayLane] | None:
-    """The driving lanes of an edge along a line; None where one isn't parallel to it.
+    """Return the driving lanes of an edge along a line, None where one isn't parallel to it.
 
     Args:
+        line: of a way.
+        edge: its own or the opposite one.
         along: they lead along the line.
         middle: the lane of the edge that the line was made from, if one.
     """
@@ -243,7 +247,7 @@ def _sides(edge: Edge) -> tuple[Side, Side]:
 def _oncoming(
     line: ReferenceLine, own: list[WayLane], back: list[Edge]
 ) -> tuple[list[WayLane], Side | None]:
-    """Lanes of the edge back that lie closest beside the own ones, and what is beyond them."""
+    """Return the lanes of the edge back closest beside the own ones, and what is beyond them."""
     left = max(lane.y_m + lane.width_m / 2 for lane in own)
     right = min(lane.y_m - lane.width_m / 2 for lane in own)
     best: tuple[float, list[WayLane], Side] | None = None
@@ -265,7 +269,7 @@ def _length_m(lane: EdgeLane) -> float:
 
 
 def _way(edge: Edge, back: list[Edge], left_hand: bool) -> Way:
-    """The way of an edge.
+    """Return the way of an edge.
 
     Raises:
         Unusable: its lanes make no road.
@@ -312,7 +316,7 @@ def _way(edge: Edge, back: list[Edge], left_hand: bool) -> Way:
 
 
 def load_sumo_net(path: Path, loading: Loading = untold) -> Library:
-    """The blocks of a SUMO network.
+    """Load the blocks of a SUMO network.
 
     Raises:
         InputError: the file can't be read, is no network, or an element in it is malformed.

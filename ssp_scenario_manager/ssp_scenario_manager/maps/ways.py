@@ -1,6 +1,4 @@
-"""Ways, stretches of road of any map format, and the blocks and junction areas that are made of
-them.
-"""
+"""Ways, stretches of road of any map format, and the blocks and junction areas made of them."""
 
 from __future__ import annotations
 
@@ -120,7 +118,7 @@ class Way:
         return f"{self.noun}s {self.roads[0]}+...+{self.roads[-1]}"
 
     def reversed(self) -> Way:
-        """The same way in the other direction."""
+        """Return the same way in the other direction."""
         length = self.line.length_m
         return replace(
             self,
@@ -163,7 +161,7 @@ def _narrower(a: Side, b: Side) -> Side:
 
 
 def joined(a: Way, b: Way) -> Way | None:
-    """Two ways as one, b after a; None where they differ, don't meet, or it would get too long."""
+    """Join two ways, b after a; None if they differ, don't meet, or it would get too long."""
     length = a.line.length_m + b.line.length_m
     if not (_lanes_agree(a, b) and _rules_agree(a, b)) or length > _LONGEST_M:
         return None
@@ -215,7 +213,7 @@ Meets = Mapping[WayEnd, tuple[WayEnd, ...]]
 def _joined_ways(
     ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]
 ) -> tuple[list[Way], Meets]:
-    """Ways that simply continue one another as one, and which ends of which meet.
+    """Join ways that simply continue one another, and tell which ends of which meet.
 
     Two ways do where each is all that the other's end meets, and `joined` finds nothing against it.
     The first of those that are joined gives the direction.
@@ -272,14 +270,14 @@ def _half_width_m(block: Block) -> float:
 
 
 def _samples(block: Block) -> tuple[FloatArray, FloatArray]:
-    """Arc lengths and places along the middle of its forward lanes."""
+    """Return arc lengths and places along the middle of a way's forward lanes."""
     s = np.linspace(0.0, block.line.length_m, _SAMPLES)
     lanes = block.forward_lanes
     return s, block.line.to_map_many(s, sum(lane.y_m for lane in lanes) / len(lanes))
 
 
 def _stretches(s: FloatArray, hit: FloatArray) -> list[tuple[float, float]]:
-    """Runs of samples that are hit, over gaps of up to two, each widened by half a step."""
+    """Return runs of samples that are hit, over gaps of up to two, widened by half a step."""
     if not hit.any():
         return []
     half = 0.5 * float(s[1] - s[0])
@@ -297,7 +295,7 @@ def _stretches(s: FloatArray, hit: FloatArray) -> list[tuple[float, float]]:
 
 
 def _junction_areas(through: Sequence[Block]) -> dict[str, tuple[ConflictArea, ...]]:
-    """Areas per block of one junction, by kind and place.
+    """Return areas per block of one junction, by kind and place.
 
     Two ways that come from different blocks conflict where their corridors overlap: as ``merge``
     where both go on to the same block, else as ``crossing``. Ways from the same block only part.
@@ -329,7 +327,7 @@ _REACH = 0.95
 
 
 def block_id(way: Way, forward: bool) -> str:
-    """Id of a way's block in one direction."""
+    """Return the id of a way's block in one direction."""
     return f"{way.name} {'forward' if forward else 'backward'}"
 
 
@@ -344,7 +342,7 @@ def _room_m(way: Way) -> tuple[float, float]:
 
 
 def _cut_side(side: Side, room_m: float) -> Side:
-    """A side no wider than there is room for it."""
+    """Return a side no wider than there is room for it."""
     shoulder = min(side.shoulder_m, max(0.0, room_m))
     return Side(side.boundary, shoulder, min(side.sidewalk_m, max(0.0, room_m - shoulder)))
 
@@ -361,7 +359,7 @@ def _permitted(way: Way) -> frozenset[str]:
 
 
 def _block(way: Way, name: str, entrances: tuple[str, ...], exits: tuple[str, ...]) -> Block:
-    """The block of a way for traffic along it."""
+    """Return the block of a way for traffic along it."""
     lanes = tuple(BlockLane(lane.y_m, lane.width_m, lane.along, lane.name) for lane in way.lanes)
     right_room, left_room = _room_m(way)
     right = _cut_side(way.right, min(x.y_m - x.width_m / 2 for x in lanes) - right_room)
@@ -404,9 +402,7 @@ def _block(way: Way, name: str, entrances: tuple[str, ...], exits: tuple[str, ..
 
 
 def _beside(way: Way) -> tuple[tuple[SceneryItem, ...], tuple[str, ...]]:
-    """Return the part of a way's scenery that can stand beside its block, and a note about the
-    rest.
-    """
+    """Return the part of a way's scenery that can stand beside its block, and notes on the rest."""
     clearance = Clearance(way.line, [(lane.y_m, lane.width_m) for lane in way.lanes])
     kept = [item for item in way.scenery if clearance.problem(item) is None]
     fewer = kept[:MOST_SCENERY]
@@ -431,7 +427,7 @@ def _part(way: Way, from_m: float, to_m: float) -> Way:
 
 
 def _straights(way: Way, whole: Block) -> list[Block]:
-    """The straight parts of a bent block, as blocks of their own."""
+    """Return the straight parts of a bent block, as blocks of their own."""
     found = []
     for low, high in straight_parts(way.line):
         entrances = whole.entrances if low == 0.0 else (whole.block_id,)
@@ -460,7 +456,7 @@ def _tight(way: Way) -> str | None:
 def network_blocks(
     ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]
 ) -> tuple[list[Block], list[tuple[str, str]]]:
-    """All blocks of a map's ways, and what can't be one, with the reason.
+    """Return all blocks of a map's ways, and what can't be one, with the reason.
 
     A way gives a block per direction in which it has lanes. Straight parts of 50 m or more of bent
     ways outside of junctions are blocks beside the whole, which they overlap.
@@ -474,7 +470,7 @@ def network_blocks(
     rejected = [(joined_ways[i].name, why) for i, why in tight.items()]
 
     def neighbours(end: WayEnd, *, entering: bool) -> tuple[str, ...]:
-        """Ids of the blocks that enter, or leave, their way at the ends that an end meets."""
+        """Return ids of the blocks that enter, or leave, their way at ends that meet this one."""
         beside = ((joined_ways[i], (at == "start") == entering, i) for i, at in meets.get(end, ()))
         return tuple(
             sorted(

@@ -32,7 +32,7 @@ Loading = Callable[[int, int | None], None]
 
 
 def untold(read: int, total: int | None) -> None:
-    """Tell nobody how far the reading of a map is."""
+    """Ignore how far the reading of a map is."""
 
 
 class BadElement(Exception):
@@ -54,13 +54,13 @@ class BadElement(Exception):
 
 
 def name_of(element: Element) -> str:
-    """``road 12``: an element by its tag and id."""
+    """Name an element by its tag and id: ``road 12``."""
     identity = element.get("id")
     return element.tag if identity is None else f"{element.tag} {identity[:40]}"
 
 
 def _path(top: Element, wanted: Element) -> str:
-    """``road 12 / planView / geometry[3]``: where an element stands under another."""
+    """Return where an element stands: ``road 12 / planView / geometry[3]``."""
     stack = [(top, name_of(top))]
     while stack:
         element, path = stack.pop()
@@ -76,7 +76,7 @@ def _path(top: Element, wanted: Element) -> str:
 
 
 def input_error(path: Path, top: Element, bad: BadElement) -> InputError:
-    """The error for people: file, element, attribute and its text."""
+    """Return the error for people: file, element, attribute and its text."""
     field = _path(top, bad.element)
     value = None
     if bad.attribute is not None:
@@ -86,7 +86,7 @@ def input_error(path: Path, top: Element, bad: BadElement) -> InputError:
 
 
 def outermost(path: Path) -> Element:
-    """A file's outermost element, with its attributes and nothing in it.
+    """Return a file's outermost element, with its attributes and nothing in it.
 
     Raises:
         InputError: the file can't be read, or isn't XML.
@@ -95,11 +95,13 @@ def outermost(path: Path) -> Element:
 
 
 def parts(path: Path, root: str, counted: str = "", loading: Loading = untold) -> Iterator[Element]:
-    """The elements right under the root, one after the other; each is gone when the next is read.
+    """Yield the elements right under the root one by one; each is gone when the next is read.
 
     Args:
+        path: the file.
         root: tag that the outermost element must have.
         counted: tag of the parts that ``loading`` is told of.
+        loading: told how many of the counted parts were read, and of how many.
 
     Raises:
         InputError: the file can't be read, is too large, isn't XML, holds entities, or has another
@@ -163,7 +165,7 @@ class _Chunks:
         self._stream = stream
 
     def read(self, _size: int = -1) -> bytes:
-        """The next piece, whatever size is asked for."""
+        """Return the next piece, regardless of the wanted size."""
         return self._stream.read(_CHUNK_BYTES)
 
 
@@ -235,7 +237,7 @@ def _in_own_namespace(
 
 
 def document(data: bytes) -> Element:
-    """The outermost element of an XML text, in its own namespace.
+    """Return the outermost element of an XML text, in its own namespace.
 
     Raises:
         InputError: it isn't XML, or declares entities.
@@ -251,7 +253,7 @@ def document(data: bytes) -> Element:
 
 
 def text(element: Element, attribute: str, default: str | None = None) -> str:
-    """An attribute.
+    """Return an attribute.
 
     Raises:
         BadElement: it is missing, and there is no default.
@@ -272,7 +274,7 @@ def number(
     low: float = -FARTHEST_M,
     high: float = FARTHEST_M,
 ) -> float:
-    """A finite number from an attribute, within bounds.
+    """Return a finite number from an attribute, within bounds.
 
     Raises:
         BadElement: it is missing without a default, no number, or out of bounds.
@@ -298,7 +300,7 @@ def number(
 
 
 def whole(element: Element, attribute: str, *, most: int = 1000) -> int:
-    """A whole number from an attribute, at most that large either way.
+    """Return a whole number from an attribute, at most that large either way.
 
     Raises:
         BadElement: it is missing, no whole number, or larger.

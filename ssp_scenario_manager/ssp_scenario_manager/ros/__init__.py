@@ -1,3 +1,1 @@
-"""Nodes, endpoints and clients of the scenario manager: the only folder that imports rclpy and
-messages.
-"""
+"""Nodes, endpoints and clients of the manager: the only folder that imports rclpy and messages."""

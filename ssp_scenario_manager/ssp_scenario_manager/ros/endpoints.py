@@ -87,13 +87,13 @@ class PublisherWatch:
         self._rules = PublisherRules()
 
     def follow(self, run: RunSpec, steady_ns: int) -> None:
-        """Looks at the topics of this run from now on."""
+        """Look at the topics of this run from now on."""
         self._rules = PublisherRules(run)
         self._liveness.foreign.clear()
         self.look(steady_ns)
 
     def look(self, steady_ns: int) -> None:
-        """Looks at all topics of the session."""
+        """Look at all topics of the session."""
         for topic in self._rules.expected:
             found = self._publishers(topic) if self._is_asked(topic) else []
             strangers = self._rules.strangers(topic, found)
@@ -131,7 +131,7 @@ class PublisherWatch:
         return b""
 
     def _is_named(self, topic: str, found: Iterable[Publisher], steady_ns: int) -> bool:
-        """All have names, or it has been waited for long enough that one hasn't."""
+        """Tell whether all have names, or it was waited long enough for one that hasn't."""
         if all(one.node for one in found):
             return True
         since_ns = self._unnamed_since_ns.setdefault(topic, steady_ns)
@@ -153,7 +153,7 @@ class DeclarationWatch:
         self._declared: dict[str, list[str]] = {}
 
     def follow(self, run: RunSpec) -> None:
-        """Hears the participants of this run from now on; what is latched is heard anew."""
+        """Hear the participants of this run from now on; latched messages are heard anew."""
         for one in self._subscriptions:
             self._node.destroy_subscription(one)
         participants = declaring(run) if run.mode == "live" else ()
@@ -175,8 +175,9 @@ def full_name(endpoint: Any) -> str:
 
 
 def reply_of(message: HeartbeatReply) -> tuple[Sequence[str], int, Exchange]:
-    """Read the sender of an answer, the heartbeat that it answers, and four stamps; now is its
-    arrival.
+    """Read the sender of an answer, the heartbeat that it answers, and four stamps.
+
+    The last stamp is now, the answer's arrival.
     """
     sent_ns, received_ns = map(ros.session_ns, (message.heartbeat_sent, message.heartbeat_received))
     replied_ns = ros.session_ns(message.header.stamp)
@@ -245,9 +246,10 @@ class ObjectEndpoints:
         self.session_token = ""
 
     def connect(self, object_ids: Iterable[str], states_in_one: bool) -> None:
-        """Makes the endpoints of objects that are new; the others keep theirs.
+        """Make the endpoints of objects that are new; the others keep theirs.
 
         Args:
+            object_ids: of a run.
             states_in_one: their processes send one message for all their states.
         """
         raw = partial(ros.subscribe_raw, self._node)
@@ -275,7 +277,7 @@ class ObjectEndpoints:
             self.references_sent[object_id] = 0
 
     def send(self, reference: Reference) -> None:
-        """Publishes a reference and counts it."""
+        """Publish a reference and count it."""
         self._publishers[reference.object_id].publish(encode_reference(reference))
         self.references_sent[reference.object_id] += 1
 
@@ -286,10 +288,11 @@ class ObjectEndpoints:
         rules: Mapping[str, RulesCheck],
         abort_id: str,
     ) -> None:
-        """Gives each object of a run a command; only what comes to nothing is reported back.
-
+        """Give each object of a run a command; only commands that come to nothing are reported.
 
         Args:
+            spec: the run.
+            command: for all its objects.
             rules: of each object, as they were found to agree with the run's.
             abort_id: of the session's newest abort, for an all-clear.
         """
@@ -299,7 +302,7 @@ class ObjectEndpoints:
         self.send_commands()
 
     def send_commands(self) -> None:
-        """Sends commands that wait for a service or an answer, and gives up what is overdue."""
+        """Send commands that wait for a service or an answer, and give up overdue ones."""
         steady_ns = time.monotonic_ns()
         for one in self._commands.overdue(steady_ns):
             self._on_given_up(one.object_id, one.command, one.outcome)
@@ -315,11 +318,11 @@ class ObjectEndpoints:
             future.add_done_callback(partial(self._on_answer, one))
 
     def forget_all_clear(self) -> None:
-        """A new abort: the one before is not cleared any more."""
+        """Forget the all-clear of the abort before, since there is a new one."""
         self._commands.forget_all_clear()
 
     def all_were_told_to_arm(self) -> bool:
-        """True once no object's command service is waited for to arm it."""
+        """Tell whether no object's command service is awaited any more to arm it."""
         return self._commands.all_sent(outbox.ObjectCommand.ARM)
 
     def _is_there(self, object_id: str) -> bool:
@@ -361,14 +364,14 @@ class Publications:
         self.session_token = ""
 
     def state_changed(self, change: outbox.StateChanged, spec: RunSpec | None) -> None:
-        """A transition, on its topic and in the log."""
+        """Publish a transition on its topic and in the log."""
         self._state.publish(encode_session_state(change, spec))
         self._log.info(
             f"{change.previous.name} -> {change.state.name} ({change.event}): {change.reason}"
         )
 
     def await_readers(self, most_s: float) -> None:
-        """Waits until states, decisions and events have reached their readers, or so long."""
+        """Wait until states, decisions and events have reached their readers, or so long."""
         deadline = time.monotonic() + most_s
         for publisher in (self._state, self._trigger, self._phase, self._safety):
             left_s = max(0.0, deadline - time.monotonic())
@@ -379,9 +382,10 @@ class Publications:
         fact: outbox.Triggered | PhaseBegan | Violation | outbox.Note,
         arrival_ns: int,
     ) -> None:
-        """A decision record, a phase, an event, or a word for people.
+        """Publish a decision record, a phase or an event, or log a word for people.
 
         Args:
+            fact: any of these.
             arrival_ns: when the deciding state arrived, on the steady clock.
         """
         if isinstance(fact, outbox.Triggered):
@@ -397,11 +401,13 @@ class Publications:
     def report_links(
         self, session: Session, links: LinkClocks, losses: LossCounters, now_ns: int
     ) -> None:
-        """Report the state of the links, for operators and for the record; losses go to the log
-        too.
+        """Report the state of the links to operators and the record; losses go to the log too.
 
         Args:
             session: gives the newest states; nothing is published before a run is loaded.
+            links: clock offset and delay of each object.
+            losses: received and lost states of each object.
+            now_ns: session time.
         """
         if session.spec is not None:
             message, steady_ns = LinkStatus(), time.monotonic_ns()
@@ -423,28 +429,30 @@ class Publications:
             self._log.warning(line)
 
     def loaded(self, spec: RunSpec) -> None:
-        """A run's camera to tf2; poses begin anew, since another run may have another clock."""
+        """Send a run's camera to tf2; poses begin anew, since runs may differ in their clock."""
         self._poses = TransformFilter()
         if spec.camera is not None:
             self._tf_static.publish(encode_transforms(of_camera(spec.camera)))
 
     def poses(self, states: Iterable[State]) -> None:
-        """Everybody's base_link to tf2, in one message, at the stamps of the states."""
+        """Send all base_link frames to tf2, in one message, at the stamps of the states."""
         if news := self._poses.news(states):
             self._tf.publish(encode_transforms(news))
 
     def abort_id(self, aborts: int) -> str:
-        """Names the newest of so many aborts among those of all managers; empty: there was none."""
+        """Name the newest of so many aborts among those of all managers; empty without any."""
         return f"{self._sender}/{aborts}" if aborts else ""
 
     def heartbeat(
         self, session: SessionPhase, aborts: int, sent: dict[str, int], now_ns: int
     ) -> tuple[int, int]:
-        """A sign of life with what an object must have heard by now.
+        """Publish a sign of life with what an object must have heard by now.
 
         Args:
+            session: its state.
             aborts: that the session has had.
             sent: references, by object id.
+            now_ns: session time.
 
         Returns:
             Its sequence number and when it was sent, ns on the system clock.
@@ -459,6 +467,6 @@ class Publications:
         return self._count, sent_ns
 
     def step_done(self, step: int, session: SessionPhase) -> None:
-        """Tells the world that this step was judged, and which heartbeat belongs to it."""
+        """Tell the world that this step was judged, and which heartbeat belongs to it."""
         done = steps.StepDone(names.SCENARIO_MANAGER, step, self._count, session)
         self._done.publish(steps.encode_done(done))

@@ -1,6 +1,4 @@
-"""The runner's view of a session and its means to disturb it: truth, time, fault events, odd
-references.
-"""
+"""The runner's view of a session and its means to disturb it: truth, time, events, references."""
 
 from __future__ import annotations
 
@@ -69,7 +67,7 @@ class FaultEndpoints:
             ros.subscribe_raw(node, ReferenceMsg, topic, decode_reference, take, ros.COMMAND)
 
     def ready(self) -> bool:
-        """Everything that a fault may need is connected; what isn't yet would strike too late."""
+        """Tell whether all that a fault may need is connected; the rest would strike too late."""
         heard = bool(self._ticks) or self._run.mode == "live"
         listened = all(p.get_subscription_count() >= _LISTENERS for p in self._strange.values())
         return heard and listened and bool(self._abort.service_is_ready())
@@ -89,7 +87,7 @@ class FaultEndpoints:
         return time.monotonic() - self._started
 
     def all_stand(self) -> bool:
-        """True when the newest truth says that VUT and object targets stand."""
+        """Tell whether the newest truth says that VUT and object targets stand."""
         if not self._ticks:
             return False
         objects = decode_tick(self._ticks[-1][1]).objects
@@ -97,15 +95,15 @@ class FaultEndpoints:
 
     @property
     def is_over(self) -> bool:
-        """The session said that it is finished or aborted."""
+        """Tell whether the session said that it is finished or aborted."""
         return self._session in (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
     def heard_at(self) -> float | None:
-        """Wall time of the newest truth, s; None before the first."""
+        """Return the wall time of the newest truth, s; None before the first."""
         return self._ticks[-1][0] if self._ticks else None
 
     def witness(self) -> dict[str, Any]:
-        """Truth of VUT and object targets as it was heard, for a run that left no full bag."""
+        """Return the truth of VUT and objects as it was heard, for a run without a full bag."""
         times, walls = [], []
         objects: dict[str, dict[str, list[float]]] = {}
         for wall_s, raw in self._ticks:

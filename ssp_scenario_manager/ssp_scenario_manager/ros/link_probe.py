@@ -34,7 +34,7 @@ class Echo(Node):
 
 
 def measure_link() -> LinkMeasurement:
-    """Starts an echo process in a free domain and measures discovery and round trips.
+    """Start an echo process in a free domain and measure discovery and round trips.
 
     Raises:
         HostError: the processes don't find each other, or no domain is free.
@@ -100,7 +100,7 @@ def _measure(context: rclpy.Context, group: ProcessGroup) -> LinkMeasurement:
 
 
 def main() -> None:
-    """Entry point of the echo process."""
+    """Run the echo process."""
     sys.exit(ros.run_node(Echo, lambda _node: None))
 
 

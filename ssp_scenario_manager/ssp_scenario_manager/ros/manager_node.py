@@ -134,13 +134,13 @@ class ScenarioManager(Node):
 
     @property
     def _live(self) -> bool:
-        """No simulated world: session time is the system clock's."""
+        """Tell whether there is no simulated world: session time is the system clock's."""
         spec = self._session.spec
         return spec is not None and spec.mode == "live"
 
     @property
     def _in_lockstep(self) -> bool:
-        """The world waits for our answer to each of its steps."""
+        """Tell whether the world waits for our answer to each of its steps."""
         return self._lockstep and self._running_world and not self._live
 
     def _take_time(self) -> None:
@@ -150,7 +150,7 @@ class ScenarioManager(Node):
     # -- what arrives --------------------------------------------------------------------------
 
     def on_tick(self, tick: steps.WorldTick) -> None:
-        """The world has stepped, or holds. A live session has no world, and follows none."""
+        """Take a step or a hold of the world. A live session has no world, and follows none."""
         if self._live:
             self._input.tell_stranger("a simulated world", "a live session has its own time")
             return
@@ -169,7 +169,7 @@ class ScenarioManager(Node):
         self._step_when_complete()
 
     def on_step_done(self, done: steps.StepDone) -> None:
-        """A participant has answered a step."""
+        """Take a participant's answer to a step."""
         if done.participant == names.SCENARIO_MANAGER:
             return
         self._liveness.hear_answer(done.participant)
@@ -179,7 +179,7 @@ class ScenarioManager(Node):
         self._step_when_complete()
 
     def on_vut_state(self, state: State) -> None:
-        """A state of the VUT: outside lockstep the instant at which everything is judged."""
+        """Take a state of the VUT: outside lockstep the instant at which everything is judged."""
         self._arrival_ns = time.monotonic_ns()
         self._supervisor.wake(self._arrival_ns)
         self._take_time()
@@ -205,7 +205,7 @@ class ScenarioManager(Node):
         self._step_when_complete()
 
     def _on_array(self, data: bytes) -> None:
-        """States of many: where the world doesn't wait for them, neither does the VUT's state."""
+        """Take states of many: if the world doesn't wait for them, neither does the VUT's."""
         self._input.arrivals.put(data, time.monotonic_ns())
         if self._in_lockstep:
             self._input.waiting()
@@ -232,7 +232,7 @@ class ScenarioManager(Node):
         self._liveness.hear_localisation(message.reason[:MOST_TEXT], time.monotonic_ns())
 
     def _on_recorder(self, message: RecorderStatus) -> None:
-        """The recorder says how it is; the supervisor would see it a moment later."""
+        """Take the recorder's report; the supervisor would see it a moment later."""
         steady_ns = time.monotonic_ns()
         missing = recorder_lacks(message.missing_topics, message.failure, message.warnings)
         self._liveness.hear_recorder(message.ready, missing, message.lost, steady_ns)
@@ -242,7 +242,7 @@ class ScenarioManager(Node):
         self._flush()
 
     def on_event(self, event: tuple[limits.Violation, str]) -> None:
-        """A node saw a limit passed: what, and which."""
+        """Take a limit that a node saw passed, and the node's name."""
         violation, source = event
         if source == self.get_name():
             return
@@ -267,7 +267,7 @@ class ScenarioManager(Node):
             self._do_step()
 
     def _do_step(self) -> None:
-        """Judges the newest states; in lockstep also answers the world."""
+        """Judge the newest states; in lockstep also answer the world."""
         for violation in sorted(self._reported, key=lambda v: (v.stamp_ns, v.code, v.object_id)):
             self._session.fail(violation, announced=True)
         self._reported.clear()
@@ -284,7 +284,7 @@ class ScenarioManager(Node):
             self._answer_world()
 
     def _judge(self) -> None:
-        """Judges the newest states. A verdict isn't given before a last look at who publishes."""
+        """Judge the newest states; before a verdict, look at the publishers a last time."""
         session = self._session
         if session.state is SessionPhase.STOPPING and session.stands(self._now_ns):
             steady_ns = time.monotonic_ns()
@@ -309,9 +309,7 @@ class ScenarioManager(Node):
         )
 
     def _on_watchdog(self) -> None:
-        """Watch heartbeats outside lockstep, silence, arming and the run's script, on the steady
-        clock.
-        """
+        """Watch heartbeats (outside lockstep), silence, arming and script on the steady clock."""
         self._take_time()
         self._input.waiting()
         self._tell_incomplete_step()
@@ -332,7 +330,7 @@ class ScenarioManager(Node):
         self._flush()
 
     def _tell_incomplete_step(self) -> None:
-        """Says once a step, when the world has waited for long, what the answer to it lacks."""
+        """Say once a step, when the world has waited for long, what the answer to it lacks."""
         step, waited_ns = self._inputs.step or 0, time.monotonic_ns() - self._arrival_ns
         if (
             self._in_lockstep
@@ -364,13 +362,13 @@ class ScenarioManager(Node):
             self._publications.send(fact, self._arrival_ns)
 
     def _look_at_arming(self) -> None:
-        """The time in which objects must be armed counts from when they could hear of it."""
+        """Count the time in which objects must be armed from when they could hear of it."""
         if self._arming and self._links.all_were_told_to_arm():
             self._arming = False
             self._supervisor.objects_were_told_to_arm(time.monotonic_ns())
 
     def _flush(self) -> None:
-        """Sends what the session decided, in its order."""
+        """Send what the session decided, in its order."""
         while self._session.outbox:
             self._send(self._session.outbox.pop(0))
         if self._start_world:
@@ -380,7 +378,7 @@ class ScenarioManager(Node):
             self._answer_world()
 
     def _lead(self, token: str, mode: str) -> None:
-        """Leads the session of this token from here on, and says so to who may lead it by hand."""
+        """Lead the session of this token from here on, and say so to those who lead by hand."""
         if token != self._own.token:
             self.get_logger().info(f"session_token {token}: goals and commands must carry it")
         self._own.token, self._own.mode = token, mode
@@ -456,7 +454,7 @@ class ScenarioManager(Node):
         return answer
 
     def close(self) -> None:
-        """An orderly end: whatever runs is aborted and announced before the node goes."""
+        """End in order: abort and announce what runs before the node goes."""
         if self._session.state in WATCHED:
             self._take_time()
             why = "the manager shuts down"
@@ -469,7 +467,7 @@ class ScenarioManager(Node):
 
 
 def main() -> None:
-    """Entry point of the node."""
+    """Run the node."""
     sys.exit(ros.run_node(lambda _: ScenarioManager(), ScenarioManager.close))
 
 

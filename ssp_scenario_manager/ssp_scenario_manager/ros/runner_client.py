@@ -177,11 +177,11 @@ class RunClient:
         sub(LinkStatus, names.LINK_STATUS, lambda _: self.hear_manager(), ros.STATE)
 
     def hear_manager(self) -> None:
-        """A sign of the manager: its silence counts from here."""
+        """Take a sign of the manager: its silence counts from here."""
         self.silent_s = 0.0
 
     def ready(self) -> bool:
-        """This session's manager is heard, and the action is offered.
+        """Tell whether this session's manager is heard, and the action is offered.
 
         A manager of another session offers the same action and services.
         """
@@ -193,7 +193,7 @@ class RunClient:
         )
 
     def camera_is_there(self) -> bool:
-        """Tell whether somebody publishes pictures; the simulated camera does once it can draw."""
+        """Tell whether a node publishes pictures; the simulated camera does once it can draw."""
         topic = self.node.resolve_topic_name(names.CAMERA_IMAGE)
         return bool(self.node.count_publishers(topic))
 
@@ -203,20 +203,21 @@ class RunClient:
         return bool(self.node.count_publishers(topic))
 
     def load(self, run_file: str) -> None:
-        """Asks the manager to load a run without beginning it; ``loaded`` has its answer."""
+        """Ask the manager to load a run without beginning it; ``loaded`` has its answer."""
         request = LoadScenario.Request(run_file=run_file, session_token=self._token)
         future = self._load.call_async(request)
         future.add_done_callback(self._on_loaded)
 
     @property
     def under_way(self) -> bool:
-        """The session left the states before a run, and it wasn't this client that began it."""
+        """Tell whether the session left the states before a run, not begun by this client."""
         return not self._begun and self._last_state in _UNDER_WAY
 
     def begin(self, run_file: str, not_after_ns: int = 0) -> None:
-        """Sends the goal; the answer is awaited by spinning.
+        """Send the goal; the answer is awaited by spinning.
 
         Args:
+            run_file: that the manager loads.
             not_after_ns: a person's word holds until then, on the system clock; 0: no word.
         """
         self._begun, self._not_after_ns = True, not_after_ns
@@ -228,8 +229,7 @@ class RunClient:
 
     @property
     def not_in_time(self) -> tuple[str, ...] | None:
-        """Return what kept the run from starting while the word for it held; None while it may
-        start.
+        """Return what kept the run from starting while its word held; None while it may start.
 
         A result that DDS loses is not waited for: nothing starts after the word has run out.
         """
@@ -246,14 +246,14 @@ class RunClient:
         return None
 
     def ask_again(self) -> None:
-        """Forgets a goal whose word ran out; the run may still be begun from elsewhere."""
+        """Forget a goal whose word ran out; the run may still be begun from elsewhere."""
         self._begun, self._goal, self._result = False, None, None
         if self._end is None:
             # The refusal ended nothing: what follows isn't late because of it.
             self._ended_at = None
 
     def other_managers(self) -> tuple[str, ...]:
-        """Nodes beside our manager that publish heartbeats, by the graph and by what they sent.
+        """Name nodes beside our manager that publish heartbeats, by the graph and by messages.
 
         A publisher of a process that has ended may stay there for some seconds.
         """
@@ -267,7 +267,7 @@ class RunClient:
         return tuple(found) if len(found) > 1 else ()
 
     def cancel(self) -> None:
-        """Asks the manager to abort; again while it doesn't."""
+        """Ask the manager to abort, and again while it doesn't."""
         self._abort_asked_at = 0.0
         if self._goal is not None:
             self._goal.cancel_goal_async()
@@ -275,7 +275,7 @@ class RunClient:
         self._ask_to_abort()
 
     def _ask_to_abort(self) -> None:
-        """A request may be lost with the goal, or while two ends find each other."""
+        """Ask for the abort again, which may be lost with the goal, or before two ends meet."""
         asked_at = self._abort_asked_at
         if asked_at is None or time.monotonic() - asked_at < ANSWER_S:
             return
@@ -495,7 +495,7 @@ class StepwiseClient:
 
     @property
     def is_armed(self) -> bool:
-        """The session and every object say that they are armed."""
+        """Tell whether the session and every object say that they are armed."""
         return self._session is SessionPhase.ARMED and self._armed.all
 
     @property
@@ -508,11 +508,11 @@ class StepwiseClient:
         return self._script.problems
 
     def ready(self) -> bool:
-        """The manager offers its services."""
+        """Tell whether the manager offers its services."""
         return all(c.service_is_ready() for c in (self._load, *self._commands.values()))
 
     def drive(self, may_start: bool) -> None:
-        """Asks for the next step, unless an answer is still due.
+        """Ask for the next step, unless an answer is still due.
 
         Args:
             may_start: False: an armed session is left as it is.
@@ -536,7 +536,7 @@ class StepwiseClient:
         self._waiting.add_done_callback(partial(self._on_answer, self._waiting))
 
     def give_up(self) -> None:
-        """Disarms what can't be started."""
+        """Disarm what can't be started."""
         if self._session is SessionPhase.ARMED:
             why = "the run can't start"
             request = SessionCommand.Request(

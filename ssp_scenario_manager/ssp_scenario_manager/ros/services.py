@@ -115,7 +115,7 @@ class SessionServices:
         )
 
     def drive(self, now_ns: int) -> None:
-        """Moves the goal on: load, connect, arm, start, wait for the end."""
+        """Move the goal on: load, connect, arm, start, wait for the end."""
         if self._goal is None or self._script is None:
             return
         wish = self._script.next(self._session.state, time.monotonic_ns())
@@ -136,23 +136,23 @@ class SessionServices:
             goal.execute()
 
     def give_up(self, reason: str) -> None:
-        """No waiting lets the session go on."""
+        """Give up a goal that no waiting can help any more."""
         if self._script is not None:
             self._script.give_up((reason,))
 
     def on_setback(self, reason: str) -> None:
-        """The session lost ground (an object didn't arm); why, if the goal has to give up."""
+        """Take the reason of a setback (an object didn't arm), for a goal that gives up."""
         if self._script is not None:
             self._script.on_setback(reason)
 
     def on_standstill_unconfirmed(self, now_ns: int) -> None:
-        """The session aborts and nobody is left to report a standstill: ends whoever led it."""
+        """End an abort whose standstill no participant can report, and the goal with it."""
         self._session.give_up_on_standstill(now_ns)
         if self._script is not None:
             self._script.standstill_unconfirmed()
 
     def _on_goal(self, request: RunScenario.Goal) -> GoalResponse:
-        """Another session's goal is taken too, for a rejection has no room for the reason."""
+        """Take another session's goal too, for a rejection has no room for the reason."""
         busy = self._goal is not None and not self._own.problem(request.session_token)
         return GoalResponse.REJECT if busy else GoalResponse.ACCEPT
 
@@ -234,7 +234,7 @@ class SessionServices:
         return response
 
     def _answer(self, event: SessionEvent, request: SessionCommand.Request) -> Answer:
-        """An abort counts whoever asks for it, and whatever state he saw."""
+        """Answer a command; an abort counts from any sender, and in any state that it saw."""
         if event is not SessionEvent.ABORT:
             if problem := self._own.problem(request.session_token):
                 return Answer(False, REFUSED_SESSION, problem)

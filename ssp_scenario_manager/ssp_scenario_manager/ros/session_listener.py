@@ -92,7 +92,7 @@ class SessionListener(Node):
         sub(BodyStatusMsg, names.BODY_STATUS, self._on_body, ros.STATE)
 
     def forget(self) -> None:
-        """Starts counting anew."""
+        """Start counting anew."""
         self._streams = {object_id: Stream(names.MAP_FRAME) for object_id in self._ids}
         self._streams |= {names.CAMERA_IMAGE: Stream(), names.CAMERA_INFO: Stream()}
         if self._odometry is not None:
@@ -106,7 +106,7 @@ class SessionListener(Node):
         }
 
     def heard(self) -> SessionHeard:
-        """All of it until now."""
+        """Return all that was heard until now."""
         recorder = self._recorder
         return SessionHeard(
             streams=self._streams,
@@ -186,7 +186,7 @@ def listen(
     remappings: Sequence[str] = (),
     navsat: str | None = None,
 ) -> SessionHeard:
-    """Listens in the ROS domain of the environment.
+    """Listen in the ROS domain of the environment.
 
     Args:
         spec: the run; says who should be there.

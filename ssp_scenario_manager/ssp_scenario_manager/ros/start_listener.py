@@ -61,7 +61,7 @@ class StartListener:
         return Facts(ages_s=ages_s, recorder_ready=self._recorder_ready)
 
     def close(self) -> None:
-        """Hears nothing any more."""
+        """Stop hearing."""
         for one in self._subscriptions:
             self._node.destroy_subscription(one)
         self._subscriptions.clear()

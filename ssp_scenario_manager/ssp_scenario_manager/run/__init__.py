@@ -1,3 +1,1 @@
-"""Runs one session: over DDS with processes of its own, or in one process; its faults, result and
-report.
-"""
+"""Runs of one session, over DDS or in one process; their faults, results and reports."""

@@ -29,7 +29,7 @@ _URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
 
 
 def given_token(env: Mapping[str, str]) -> str:
-    """The token that the environment has for the page; empty: one is to be made.
+    """Return the page's token from the environment; empty: one is to be made.
 
     Raises:
         InputError: it can't be one.
@@ -59,9 +59,11 @@ class Companion:
 
 
 def page_companion(env: Mapping[str, str], run_file: Path, port: int) -> Companion:
-    """The operators' page.
+    """Return the operators' page.
 
     Args:
+        env: of the process, which may hold the token.
+        run_file: of the run that it shows.
         port: to listen on; 0: any.
 
     Raises:
@@ -88,13 +90,14 @@ def beside(
     say: Callable[[str], None],
     remappings: Sequence[str] = (),
 ) -> Iterator[Callable[[EndWord], None]]:
-    """Has nodes run as long as the block does; their processes are none of the session's own.
+    """Run nodes as long as the block lasts; their processes aren't the session's own.
 
-    One that hears the end of the run, and has heard its final word, may stay to show it.
+    A node that hears the end of the run, and has heard its final word, may stay to show it.
 
     Args:
         session: whose domain and log folder they share.
         companions: which; none starts nothing.
+        say: tells the user a sentence.
         remappings: ``from:=to``, as the session's own nodes have them.
 
     Yields:
@@ -139,7 +142,7 @@ class _Listener:
     has_final_word: bool = False
 
     def tell(self, word: EndWord) -> None:
-        """Sends the word; a process that has ended hears none."""
+        """Send the word; a process that has ended hears none."""
         self.node.expected_to_stop = self.has_final_word = word.final
         pipe = self.node.process.stdin
         if pipe is not None:
@@ -148,7 +151,7 @@ class _Listener:
                 pipe.flush()
 
     def leave(self) -> None:
-        """Ends the process, unless it stays by itself to show the end."""
+        """End the process, unless it stays by itself to show the end."""
         deadline = time.monotonic() + (LEFT_S if self.has_final_word else 0.0)
         while self.node.returncode is None and time.monotonic() < deadline:
             if _STAYS.search(self.node.log.read_text(errors="replace")):
@@ -161,7 +164,7 @@ class _Listener:
 
 
 def _watch(companion: Companion, node: NodeProcess, say: Callable[[str], None]) -> None:
-    """Says where a page is, once it is, and that a companion has ended, should it."""
+    """Say where a page is, once it is there, and that a companion has ended, should it."""
     deadline = time.monotonic() + START_S if companion.module == PAGE_MODULE else 0.0
     while node.returncode is None and time.monotonic() < deadline:
         found = _URL.search(node.log.read_text(errors="replace"))
@@ -187,7 +190,7 @@ _OWN = ("backend", "interface", "timeout_s", "hz")
 
 
 def shadow_model(text: str) -> Companion:
-    """The model of ``NAME`` or ``NAME={"backend": …, "hz": …, further options}``.
+    """Read the model of ``NAME`` or ``NAME={"backend": …, "hz": …, further options}``.
 
     Raises:
         InputError: it is no such text.

@@ -72,7 +72,7 @@ class _Timed:
     ended: bool = False
 
     def is_over(self, wall_s: float) -> bool:
-        """A paused world stops its own clock: what lasts, lasts on the wall's."""
+        """Tell whether it is over, by the wall clock, since a paused world stops its own."""
         duration_s = self.fault.duration_s
         if self.begun_s is None or self.ended or duration_s is None:
             return False
@@ -80,17 +80,17 @@ class _Timed:
 
 
 def of_runner(spec: RunSpec) -> list[tuple[int, Fault]]:
-    """The faults of a run that are injected here, with their index in the run file."""
+    """Return the faults of a run that are injected here, with their index in the run file."""
     return [(i, fault) for i, fault in enumerate(spec.faults) if fault.kind in RUNNER_KINDS]
 
 
 def strikes_armed(spec: RunSpec) -> bool:
-    """True when a fault, anybody's, strikes the armed session before its start."""
+    """Tell whether any fault strikes the armed session before its start."""
     return any(fault.at_s is None for fault in spec.faults)
 
 
 def check(spec: RunSpec, nodes: Iterable[str]) -> None:
-    """Refuses faults of the runner that strike nothing.
+    """Refuse faults of the runner that strike nothing.
 
     Raises:
         InputError: a target that is no node or object of this run, an end where there is none.
@@ -128,7 +128,7 @@ def check(spec: RunSpec, nodes: Iterable[str]) -> None:
 
 
 def with_conditions_never_met(spec: RunSpec) -> RunSpec:
-    """The run with triggers whose conditions would have to hold for most of its time.
+    """Return the run with triggers whose conditions would have to hold for most of its time.
 
     It stands for a condition that doesn't come true on the day; such a run may start, and must end
     by itself. A run without a ``trigger_never`` fault is returned as it is.
@@ -155,13 +155,13 @@ class FaultInjector:
         self._timed = [_Timed(index, fault) for index, fault in of_runner(self.spec)]
 
     def strike_armed(self, wall_s: float) -> None:
-        """Begins the faults that strike before the start; the session is armed and holds."""
+        """Begin the faults that strike before the start; the session is armed and holds."""
         for timed in self._timed:
             if timed.fault.at_s is None and timed.begun_s is None:
                 self._begin(timed, 0.0, wall_s)
 
     def poll(self, session_s: float, wall_s: float) -> None:
-        """Begins and ends what is due.
+        """Begin and end what is due.
 
         Args:
             session_s: session time of the run, 0 before it starts.
@@ -179,7 +179,7 @@ class FaultInjector:
                 self._end(timed, session_s, wall_s)
 
     def release(self, session_s: float, wall_s: float) -> bool:
-        """Ends whatever still lasts and can be ended, so that the processes can stop in order.
+        """End all lasting faults that can be ended, so that the processes can stop in order.
 
         Returns:
             True when a node goes on now that stood still, and that nobody ended meanwhile.
@@ -214,12 +214,12 @@ class FaultInjector:
             self.hands.send_strange_reference(fault.target, fault.kind)
 
     def _stops_the_world(self, fault: Fault) -> bool:
-        """The world's clock comes to stand by it at once: it waits for every participant."""
+        """Tell whether a fault stops the world's clock at once, since it waits for participants."""
         struck = fault.kind in ("kill", "pause") and fault.target != names.MONITOR
         return struck and self.spec.mode == "lockstep"
 
     def _settle(self, timed: _Timed, session_s: float, wall_s: float) -> None:
-        """Notes the beginning once the session's time stands."""
+        """Note the beginning once the session's time stands."""
         newest_s, heard_s = timed.heard or (session_s, wall_s)
         begun_s = heard_s if timed.begun_s is None else timed.begun_s
         waited_s, timed.looked_s = wall_s - timed.looked_s, wall_s
@@ -248,7 +248,7 @@ class FaultInjector:
             self._note(timed, False, session_s, wall_s)
 
     def _date_anew(self, timed: _Timed, session_s: float) -> None:
-        """Date the beginning of a pause by the newest time that was heard while it lasted.
+        """Set a pause's beginning to the newest time that was heard while it lasted.
 
         A clock that stands doesn't go on: what came after the beginning was noted came late.
         """
@@ -271,7 +271,7 @@ class FaultInjector:
             os.kill(self._process(node).process.pid, number)
 
     def _limit_files(self, node: str) -> None:
-        """No file of the process may grow beyond the bag's present size: writing it now fails.
+        """Limit the process's files to the bag's present size: writing it now fails.
 
         It stands for a full disk or a used-up quota: the recorder's next write raises OSError, as
         it would with ENOSPC; only the number differs (EFBIG).

@@ -21,7 +21,7 @@ _OF_NO_RESPONSE = frozenset(
 
 
 def why_not(run: RunSpec) -> list[str]:
-    """Reasons for which a run's event wouldn't happen, each with the quantity that misses.
+    """Return reasons why a run's event wouldn't happen, each with the quantity that misses.
 
     It is run without a response of the VUT, then with the SIL's driver and the surroundings.
 
@@ -43,7 +43,7 @@ def why_not(run: RunSpec) -> list[str]:
 
 
 def _not_valid(run: RunSpec) -> Sequence[str]:
-    """Reasons for which a run isn't valid; none of them: it is."""
+    """Return reasons why a run isn't valid; none if it is."""
     try:
         result, _ = run_in_process(run)
     except InputError as error:
@@ -52,7 +52,7 @@ def _not_valid(run: RunSpec) -> Sequence[str]:
 
 
 def driven(run: RunSpec) -> tuple[InProcessResult, Record]:
-    """The second of the two runs: with the SIL's driver, without camera, traffic and faults."""
+    """Do the second of the two runs: with the SIL's driver, without camera, traffic and faults."""
     return run_in_process(_plain(run))
 
 

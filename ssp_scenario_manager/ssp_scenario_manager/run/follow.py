@@ -68,7 +68,7 @@ class Interrupt:
     first: str = ""
 
     def on_signal(self, number: signal.Signals) -> None:
-        """A handler for on_stop_signals."""
+        """Take a signal, as a handler for on_stop_signals."""
         self.count += 1
         self.first = self.first or number.name
 
@@ -100,11 +100,17 @@ def follow(
     interrupt: Interrupt,
     live: LiveSetup | None = None,
 ) -> Followed:
-    """Waits for the manager, has the run done, and watches processes and signals meanwhile.
+    """Wait for the manager, have the run done, and watch processes and signals meanwhile.
 
     Args:
+        spec: the run.
+        group: the session's processes.
+        run_file: that the manager loads.
+        bag: that the recorder writes.
+        say: tells the user a sentence.
         interrupt: counts what the user asks for.
-        live: of a live session, which begins on a person's word unless it says otherwise.
+        live: options of a live session, which begins on a person's word by default; None:
+            simulated.
     """
     remappings = live.remappings if live is not None else ()
     client = RunClient(group.env, say, spec, remappings)
@@ -279,7 +285,7 @@ class _Following:
                 return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
 
     def _wait_for_word(self, run_file: Path, live: LiveSetup) -> RunOutcome | int:
-        """Loads the run and asks for the word.
+        """Load the run and ask for the word.
 
         Returns:
             When the word runs out, ns on the system clock; 0: the run was begun from elsewhere; or
@@ -324,7 +330,7 @@ class _Following:
         return time.time_ns() + seconds_to_ns(HOLDS_S)
 
     def _ask(self, listener: StartListener, live: LiveSetup, words: TypedWords) -> dict[str, bool]:
-        """Shows what is connected, and the prompt; only what is typed from here on counts.
+        """Show what is connected, and the prompt; only what is typed from here on counts.
 
         Returns:
             Those that were connected.
@@ -346,7 +352,7 @@ class _Following:
         self._waits.look(waits_ns, time.monotonic_ns())
 
     def _wait(self) -> RunOutcome | None:
-        """The outcome of the run; None where it didn't start while the word for it held."""
+        """Return the outcome of the run, None where it didn't start while its word held."""
         cancelled, typed = 0, False
         deadline: float | None = None
         outcome: RunOutcome | None = None
@@ -395,8 +401,9 @@ class _Following:
         """Add to an outcome what the runner knows of it.
 
         Args:
+            outcome: by the manager.
             typed: the word that aborts was typed.
-            cancelled: signals that came.
+            cancelled: number of signals that came.
         """
         if self._client.first_event is not None and not self._told:
             busy = self._waits.too_busy(*self._client.first_event)
@@ -418,7 +425,7 @@ class _Following:
     # -- faults ----------------------------------------------------------------------------------
 
     def _inject(self) -> None:
-        """Drives a run that waits for faults, and begins and ends what is due."""
+        """Drive a run that waits for faults, and begin and end what is due."""
         if self._hands is None or self._injector is None:
             return
         self._injector.poll(self._hands.session_s, self._hands.wall_s)
@@ -443,7 +450,7 @@ class _Following:
         return RunOutcome(Verdict.INVALID_HARNESS, problems)
 
     def _hear_the_end(self, hands: FaultEndpoints, *, session: bool) -> None:
-        """Takes what is still on its way: ticks until all stand, and the session's last word."""
+        """Take messages still on their way: ticks until all stand, and the session's last word."""
         deadline = time.monotonic() + LAST_WORDS_S
         while time.monotonic() < deadline:
             if hands.all_stand() and (hands.is_over or not session):
@@ -451,7 +458,7 @@ class _Following:
             self._client.spin(0.05)
 
     def _let_objects_stop(self) -> None:
-        """Gives objects that nobody leads any more the time to notice, and to come to stand."""
+        """Give objects without a leader the time to notice it, and to come to a standstill."""
         hands = self._hands or FaultEndpoints(self._client.node, self._spec, time.monotonic())
         began_s = hands.wall_s
         until_s = self._spec.limits.heartbeat_s + NOTICED_S

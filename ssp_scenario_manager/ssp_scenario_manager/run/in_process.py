@@ -1,6 +1,4 @@
-"""A run in one process, as fast as it goes, and its result: for sweeps, and for machines without
-ROS.
-"""
+"""A run in one process, as fast as it goes, and its result: for sweeps, and without ROS."""
 
 from __future__ import annotations
 
@@ -41,11 +39,11 @@ class Record:
     reports: list[StepReport] = field(default_factory=list)
 
     def truths(self, object_id: str) -> list[ObjectState]:
-        """True states of one object, in time order."""
+        """Return the true states of one object, in time order."""
         return [s for r in self.reports for s in r.truths if s.object_id == object_id]
 
     def arrived(self, object_id: str) -> list[ObjectState]:
-        """States of one object as they arrived at the manager, in that order."""
+        """Return states of one object as they arrived at the manager, in that order."""
         return [
             s
             for r in self.reports
@@ -102,14 +100,14 @@ class InProcessResult:
         return self.verdict is Verdict.VALID
 
     def phase_s(self, phase: Phase) -> float | None:
-        """Session time at which a phase began, None: never."""
+        """Return session time at which a phase began, None if it didn't."""
         return next((ns_to_seconds(p.stamp_ns) for p in self.phases if p.phase is phase), None)
 
 
 def run_in_process(
     spec: RunSpec, work_dir: Path | None = None, recording: SessionRecording | None = None
 ) -> tuple[InProcessResult, Record]:
-    """Runs a session in this process, as fast as it goes.
+    """Run a session in this process, as fast as it goes.
 
     Args:
         spec: the run, in mode lockstep.
@@ -145,7 +143,7 @@ def run_in_process(
 def run_recorded(
     spec: RunSpec, run_file: Path, bag: Path, say: Callable[[str], None]
 ) -> tuple[InProcessResult, Record, dict[str, Any]]:
-    """Runs a session in this process and leaves its bag, with the verdict in it.
+    """Run a session in this process and leave its bag, with the verdict in it.
 
     Args:
         spec: the run, in mode lockstep; its camera, if it has one, is drawn.
@@ -185,7 +183,7 @@ def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[Ru
 
 
 def save_states(path: Path, spec: RunSpec, record: Record) -> None:
-    """``states.npz``: per object ``<id>_true`` and ``<id>_arrived``, rows of ``columns``."""
+    """Write ``states.npz``: per object ``<id>_true`` and ``<id>_arrived``, rows of ``columns``."""
     arrays: dict[str, Any] = {"columns": np.array(_COLUMNS)}
     for object_id in spec.object_ids:
         for name, states in (
@@ -202,7 +200,7 @@ def save_states(path: Path, spec: RunSpec, record: Record) -> None:
 
 
 def result_json(spec: RunSpec, result: InProcessResult) -> dict[str, Any]:
-    """``result.json`` of a run in one process: that of any run, and what was measured."""
+    """Return ``result.json`` of a run in one process: that of any run, and what was measured."""
     return {
         **result_keys(spec, result.happened, Participation(spec.mode, {})),
         "in_process": True,

@@ -82,7 +82,7 @@ class InProcessSession:
         self._aborts = [fault for fault in spec.faults if fault.kind == "operator_abort"]
 
     def run(self) -> None:
-        """Loads, connects, arms, starts, and steps until everything is over."""
+        """Load, connect, arm, start, and step until everything is over."""
         self._prepare()
         if self.session.state is SessionPhase.RUNNING:
             self._play()
@@ -118,7 +118,7 @@ class InProcessSession:
         self.problems = script.problems
 
     def _holds_armed(self) -> bool:
-        """A session with a fault in it before the start is held, for the limits that apply to it.
+        """Tell whether a session with a fault before its start is held, so that limits apply.
 
         It counts from when every object says that it is armed, which is when the faults begin.
         """
@@ -133,7 +133,7 @@ class InProcessSession:
         return waited_ns < seconds_to_ns(ARMED_HOLD_S)
 
     def _facts(self) -> Facts:
-        """Ages as the node measures them, counted in holds."""
+        """Return ages as the node measures them, counted in holds."""
         heard = self._liveness.facts(self._spec, self._steady_ns)
         return replace(
             Facts.of_one_process(self._spec),
@@ -166,7 +166,7 @@ class InProcessSession:
                     return
 
     def _waits_in_vain(self) -> bool:
-        """An abort whose end nobody reports: of what is not heard no standstill is known."""
+        """Tell whether an abort's end can't be reported, as a silent object's standstill can't."""
         in_vain = self._abort.unconfirmed(
             self.session, self._liveness, self._steady_ns, self._now_ns
         )
@@ -224,7 +224,7 @@ class InProcessSession:
             self._flush()
 
     def _abort_by_operator(self, now_ns: int | None) -> None:
-        """Those aborts that are due: with None, the ones of the armed session."""
+        """Do the aborts that are due: with None, the ones of the armed session."""
         for fault in list(self._aborts):
             at_s = fault.at_s
             if at_s is None or (now_ns is not None and now_ns >= seconds_to_ns(at_s)):

@@ -49,7 +49,7 @@ class Case:
 
 
 def junit_xml(suite: str, cases: Sequence[Case]) -> str:
-    """One test suite with a test case per run."""
+    """Write one test suite with a test case per run."""
     counts = {
         "tests": str(len(cases)),
         "failures": str(sum(case.result == "failure" for case in cases)),
@@ -65,7 +65,7 @@ def junit_xml(suite: str, cases: Sequence[Case]) -> str:
 
 
 def write_junit(file: Path, suite: str, cases: Sequence[Case]) -> None:
-    """Writes the file; arguments as for junit_xml.
+    """Write the file; arguments as for junit_xml.
 
     Raises:
         InputError: it can't be written.

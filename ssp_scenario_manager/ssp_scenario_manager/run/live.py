@@ -103,7 +103,7 @@ def _is_address(text: str) -> bool:
 
 
 def live_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Adds the options of a live session; they come as one more argument each."""
+    """Add the options of a live session; each comes as one more argument."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
@@ -132,7 +132,7 @@ class LiveSetup:
 
     @classmethod
     def of_options(cls, mode: str, options: dict[str, Any]) -> LiveSetup | None:
-        """The setup that was asked for, None for a simulated run.
+        """Return the setup that was asked for, None for a simulated run.
 
         Raises:
             click.UsageError: an option without the one that it belongs to, or not of its form.
@@ -178,8 +178,10 @@ class LiveSetup:
         )
 
     def check(self, spec: RunSpec) -> None:
-        """Raises InputError for a body of an object that the run doesn't have, for places on the
-        Earth of a site that lies nowhere, or for a person's word that doesn't fit.
+        """Refuse, with an InputError, a setup that doesn't fit the run.
+
+        That is a body of an object that the run doesn't have, places on the Earth of a site that
+        lies nowhere, or a person's word that doesn't fit.
         """
         if "navsat" in self.receiver and spec.datum is None:
             raise InputError(
@@ -210,7 +212,7 @@ class LiveSetup:
                 )
 
     def parameters(self, run_file: Path, bag: Path) -> dict[str, dict[str, object]]:
-        """The nodes of this host by name, in the order of their start, each with its parameters."""
+        """Return the nodes of this host by name, in starting order, each with its parameters."""
         found: dict[str, dict[str, object]] = {
             names.MONITOR: {"run_file": run_file, "bag_dir": bag},
         }
@@ -264,7 +266,7 @@ _GRAPH = ("ROS_DOMAIN_ID", "ROS_DISCOVERY_SERVER")
 
 
 def doctor_command(setup: LiveSetup, run_file: Path, env: dict[str, str]) -> str:
-    """The doctor's command for a session, to be pasted into any shell of this host."""
+    """Return the doctor's command for a session, to be pasted into any shell of this host."""
     words = [f"{name}={shlex.quote(env[name])}" for name in _GRAPH if env.get(name)]
     given = ["doctor", "--session", str(run_file)]
     for name in ("odometry", "navsat"):
@@ -276,7 +278,7 @@ def doctor_command(setup: LiveSetup, run_file: Path, env: dict[str, str]) -> str
 
 
 def _receiver(options: dict[str, Any]) -> dict[str, str]:
-    """Topics of the VUT's GNSS/INS; UsageError for some that don't go together."""
+    """Return topics of the VUT's GNSS/INS; UsageError for some that don't go together."""
     gnss = ("navsat", "heading", "velocity", "least_fix")
     found = {name: options[name] for name in ("odometry", *gnss) if options[name] is not None}
     if "odometry" in found and len(found) > 1:

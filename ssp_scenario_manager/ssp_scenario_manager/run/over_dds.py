@@ -91,13 +91,15 @@ def run_session(
     shadows: Sequence[Companion] = (),
     carla: Mapping[str, Mapping[str, object]] = MappingProxyType({}),
 ) -> RunResult:
-    """Runs one session in processes of its own and leaves run.yaml, bag, logs and result.json.
+    """Run one session in processes of its own and leave run.yaml, bag, log and result.json.
 
     A simulated one is alone in a ROS domain on loopback; a live one takes domain, discovery and DDS
     profile from the environment.
 
     Args:
+        spec: the run.
         folder: new or empty; receives everything.
+        say: tells the user a sentence.
         live: what runs on this host of a live session; None for a simulated one.
         page_port: of the operators' page beside it, 0: any; None: no page.
         video: codec that the recorder encodes the camera's frames with; None: frames as they come.
@@ -192,7 +194,7 @@ def _conclude(
     word: Declaration | None,
     say: Callable[[str], None],
 ) -> RunResult:
-    """Checks the bag, gives the verdict, and writes what a run leaves, as far as the disk lets."""
+    """Check the bag, give the verdict, and write a run's files, as far as the disk lets."""
     bag, unwritten, sealed = folder / "bag", list[str](), list[str]()
 
     def write(make: Callable[[], None]) -> None:
@@ -257,7 +259,7 @@ def _conclude(
 
 
 def _simulated(spec: RunSpec, run_file: Path, bag: Path) -> dict[str, dict[str, object]]:
-    """The nodes of a simulated session by name, each with its parameters."""
+    """Return the nodes of a simulated session by name, each with its parameters."""
     found: dict[str, dict[str, object]] = {
         names.MONITOR: {"run_file": run_file, "bag_dir": bag},
         names.SIL_WORLD: {"run_file": run_file},
@@ -283,7 +285,7 @@ def _process_group(logs: Path, live: bool) -> Iterator[ProcessGroup]:
 
 
 def _shut_down(group: ProcessGroup, outcome: RunOutcome) -> RunOutcome:
-    """Ends all but the recorder first, so that their last words are recorded."""
+    """End all but the recorder first, so that their last words are recorded."""
     monitor = group.processes.pop(names.MONITOR)
     killed = group.stop()
     group.processes[names.MONITOR] = monitor
@@ -298,7 +300,7 @@ def _shut_down(group: ProcessGroup, outcome: RunOutcome) -> RunOutcome:
 
 
 def _check_bag(bag: Path, outcome: RunOutcome, say: Callable[[str], None]) -> RunOutcome:
-    """A recorder that was killed left an unfinished file; it is closed here.
+    """Close the file that a recorder left unfinished when it was killed.
 
     Raises:
         HostError: the disk doesn't take the closed one; the other lies beside it.

@@ -97,7 +97,7 @@ class ProcessorWaits:
 
 
 def _nodes_of(who: str) -> tuple[str, ...]:
-    """The nodes whose waits let an object or node seem silent, the nearest one first."""
+    """Return the nodes whose waits let an object or node seem silent, the nearest one first."""
     if who == names.VUT_ID:
         return names.SIL_WORLD, names.VUT_ADAPTER, names.SCENARIO_MANAGER
     if who in (names.SIL_WORLD, names.MONITOR, names.FRONT_CAMERA, names.SCENARIO_MANAGER):

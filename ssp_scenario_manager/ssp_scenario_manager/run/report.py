@@ -39,9 +39,10 @@ FLOORS = (0.02, 0.05, 0.05)
 
 
 def differences(states: Sequence[ObjectState], previous: Reference | None) -> FloatArray:
-    """States minus reference, by quantity, shape (n, 3).
+    """Return states minus reference, by quantity, shape (n, 3).
 
     Args:
+        states: of the object, in order.
         previous: reference that it tracked; None: it stood, and was to stand.
     """
     rows = []
@@ -63,11 +64,14 @@ def differences(states: Sequence[ObjectState], previous: Reference | None) -> Fl
 def bands(
     states: Sequence[ObjectState], previous: Reference | None, until_ns: int
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Middles and half widths of the noise before an instant, by quantity; None: too few states.
+    """Return middles and half widths of the noise before an instant; None: too few states.
+
+    Both are by quantity, shape (3,).
 
     Args:
         states: of the object, in order.
         previous: as in ``differences``.
+        until_ns: the instant, session time.
     """
     name = previous.reference_id if previous is not None else ""
     begin_ns = until_ns - seconds_to_ns(BEFORE_S)
@@ -91,7 +95,7 @@ def onset(
     dispatched_ns: int,
     execute_at_ns: int,
 ) -> tuple[ObjectState, int] | None:
-    """The first of two states in a row outside the noise band, and the quantity that is furthest.
+    """Find the first of two states in a row outside the noise band, and the furthest quantity.
 
     Args:
         states: of the object, in order of their stamps.
@@ -113,7 +117,7 @@ def onset(
 
 
 def tracking(states: Iterable[ObjectState], purposes: Mapping[str, str]) -> dict[str, Any] | None:
-    """Tracking errors that an object reports of itself, over the run and by reference, m.
+    """Return tracking errors that an object reports of itself, over the run and by reference, m.
 
     Args:
         states: of one object in order; counted are those in state RUNNING with a reference. An
@@ -141,7 +145,7 @@ def tracking(states: Iterable[ObjectState], purposes: Mapping[str, str]) -> dict
 
 
 def _errors(states: Sequence[ObjectState]) -> dict[str, Any]:
-    """Root mean squares, and the largest in size; an error that is no number is left out."""
+    """Return root mean squares, and the largest in size, without errors that are no number."""
     errors = np.array([(s.error_lateral_m, s.error_longitudinal_m) for s in states])
     finite = errors[np.isfinite(errors).all(axis=1)]
     rms = np.sqrt((finite**2).mean(axis=0)) if len(finite) else np.zeros(2)
@@ -157,8 +161,11 @@ def _errors(states: Sequence[ObjectState]) -> dict[str, Any]:
 
 
 def receipt(states: Sequence[ObjectState]) -> dict[str, int]:
-    """Counts the states of one object, in the order in which they were recorded: all of them,
-    missing sequence numbers, and those that came after one with a later stamp."""
+    """Count the states of one object, in the order in which they were recorded.
+
+    These are all of them, missing sequence numbers, and those that came after one with a later
+    stamp.
+    """
     counter, latest_ns, late = LossCounter(), -1, 0
     for state in states:
         counter.see(state.sequence)
@@ -187,7 +194,7 @@ class ReportInput:
 
     @classmethod
     def of(cls, bag: BagReader, spec: RunSpec) -> ReportInput:
-        """Reads all of it. Raises InputError for a damaged bag."""
+        """Read all of it. Raise InputError for a damaged bag."""
         targets = [target.id for target in spec.targets]
         starts = [
             stamp_ns(message.header.stamp)
@@ -212,7 +219,7 @@ class ReportInput:
         )
 
     def s(self, time_ns: int) -> float:
-        """Seconds since the start of the run, rounded to µs."""
+        """Return seconds since the start of the run, rounded to µs."""
         return round(ns_to_seconds(time_ns - self.started_ns), 6)
 
 
@@ -221,10 +228,12 @@ def _decoded(bag: BagReader, topic: str) -> Iterable[Any]:
 
 
 def measured(bag: Path, spec: RunSpec, say: Callable[[str], None]) -> dict[str, Any]:
-    """The report of a run.
+    """Return the report of a run.
 
     Args:
         bag: of the run; it may be missing or damaged.
+        spec: the run.
+        say: tells the user a line of the report.
 
     Returns:
         For result.json. ``problem`` says what kept it from being measured, null: nothing.
@@ -291,7 +300,7 @@ def _reference(
 def _onset(
     heard: ReportInput, object_id: str, sent: Reference | None, dispatched_ns: int
 ) -> dict[str, Any] | str:
-    """The motion onset, or why there is none."""
+    """Return the motion onset, or why there is none."""
     if sent is None:
         return "the bag doesn't hold the reference"
     states = sorted(heard.states.get(object_id, ()), key=lambda state: state.stamp_ns)
@@ -318,7 +327,7 @@ def _onset(
 
 
 def lines(report: dict[str, Any]) -> list[str]:
-    """The report for people: one line per trigger, and per object that tracked something."""
+    """Return the report for people: one line per trigger, and per object that had a reference."""
     found = [
         f"trigger {fired['trigger_id']}: crossed at {fired['crossing_s']:.3f} s, judged on the "
         f"state of {fired['judged_s']:.3f} s, sent at {fired['dispatched_s']:.3f} s "

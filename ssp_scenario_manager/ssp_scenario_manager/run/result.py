@@ -75,7 +75,7 @@ class Happened:
 
     @property
     def is_measured(self) -> bool:
-        """States of everybody are known, so that order, gap and distance could be measured."""
+        """Tell whether all states are known, so that order, gap and distance could be measured."""
         return math.isfinite(self.min_distance_m)
 
     @classmethod
@@ -88,11 +88,16 @@ class Happened:
         faults: Iterable[FaultFact],
         truths: Mapping[str, Sequence[ObjectState]],
     ) -> Happened:
-        """Measures a run on its states.
+        """Measure a run on its states.
 
         Args:
+            spec: the run.
+            began_ns: session time of its start, None where it did not start.
+            phases: in the order in which they began.
+            triggers: that fired, in order.
+            faults: that were injected, in any order.
             truths: by id of the VUT and of every target, at the same instants, in time order: the
-                world's own, or in a live session those that everybody reported.
+                world's own, or in a live session those that every participant reported.
         """
         phases, triggers = tuple(phases), tuple(triggers)
         vut = truths[spec.vut.id]
@@ -121,9 +126,7 @@ class Happened:
 
     @classmethod
     def recorded(cls, bag: BagReader, spec: RunSpec) -> Happened:
-        """Read the events from a session's bag. Raises InputError or ValueError for a damaged
-        bag.
-        """
+        """Read the events from a session's bag; InputError or ValueError for a damaged one."""
 
         def decoded(topic: str) -> list[Any]:
             return [bag.decode(message) for message in bag.messages([absolute(topic)])]
@@ -213,11 +216,12 @@ def participation_by(bag: Path, spec: RunSpec) -> Participation | None:
 def result_keys(
     spec: RunSpec, happened: Happened | None, took_part: Participation | None = None
 ) -> dict[str, Any]:
-    """Keys of result.json that every run has, besides its verdict and reasons.
+    """Return the keys of result.json that every run has besides its verdict and reasons.
 
     Args:
+        spec: the run.
         happened: None where nothing is known of it; all that would be told is null then.
-        took_part: None: it isn't known.
+        took_part: who took part; None: it isn't known.
 
     Returns:
         Times in s since the start of the run.
@@ -249,7 +253,7 @@ def result_keys(
 
 
 def shown_gap(gap_s: float | None) -> str:
-    """A time gap for people."""
+    """Write a time gap for people."""
     return "no time gap" if gap_s is None else f"time gap {gap_s:.3f} s"
 
 
@@ -368,12 +372,12 @@ def _ids(spec: RunSpec) -> list[str]:
 
 
 def instants(vut: Sequence[ObjectState], other: Sequence[ObjectState]) -> list[Instant]:
-    """Two objects' states at the same stamps."""
+    """Pair two objects' states at the same stamps."""
     return [Instant(ns_to_seconds(a.stamp_ns), a, b) for a, b in zip(vut, other, strict=True)]
 
 
 def _closest_m(vut: Sequence[ObjectState], other: Sequence[ObjectState]) -> float:
-    """Smallest distance of two boxes over a run; boxes that are far apart are not looked at."""
+    """Return the smallest distance of two boxes over a run, without looking at far ones."""
     best = math.inf
     for a, b in zip(vut, other, strict=True):
         reach = a.size.length_m + a.size.width_m + b.size.length_m + b.size.width_m

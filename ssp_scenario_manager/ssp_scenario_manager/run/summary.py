@@ -30,6 +30,8 @@ def summary(
     """List who is connected and real, mode, distances to the starts, limits, and blind distance.
 
     Args:
+        spec: the run.
+        setup: which objects and localisation are of this host.
         facts: what is heard beside the states, and their ages.
         states: the newest one of the VUT and of each object, by id.
     """
@@ -62,6 +64,8 @@ def connected(
     """Tell of the VUT, each object, the recorder and the camera whether they are heard.
 
     Args:
+        spec: the run.
+        facts: what is heard, with ages.
         before: the last answer; those that were heard then are until they are silent for LOST_S.
     """
     limits_s = dict.fromkeys((spec.vut.id, *(t.id for t in spec.targets)), spec.limits.state_age_s)
@@ -75,7 +79,7 @@ def connected(
 
 
 def changes(before: Mapping[str, bool], now: Mapping[str, bool]) -> list[str]:
-    """A line for each of them that came or went since the summary was shown."""
+    """List each of them that came or went since the summary was shown, a line each."""
     return [
         f"{who}: {'connected now' if here else 'NOT CONNECTED any more'}"
         for who, here in now.items()

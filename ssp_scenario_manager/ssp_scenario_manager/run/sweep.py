@@ -64,14 +64,14 @@ class Variation:
     drawn: bool = False
 
     def draw(self, seed: int, run: int) -> float:
-        """The value of one run: a function of seed, field and run alone."""
+        """Draw the value of one run, a function of seed, field and run alone."""
         random = np.random.default_rng([seed, zlib.crc32(self.field.encode()), run])
         low, high = self.values
         return float(low + (high - low) * float(random.random()))
 
 
 def parse_variation(text: str) -> Variation:
-    """``driver.cruise_mps=11:15`` (drawn from between), or ``disturbance.reorder=0,0.1`` (in turn).
+    """Parse ``driver.cruise_mps=11:15`` (drawn), or ``disturbance.reorder=0,0.1`` (in turn).
 
     Raises:
         InputError: no such form, or bounds that are no rising numbers.
@@ -97,7 +97,7 @@ def parse_variation(text: str) -> Variation:
 
 
 def _scalar(part: str, text: str) -> Any:
-    """A number, true, false, null, or a word."""
+    """Read a number, true, false, null, or a word."""
     word = part.strip()
     if word in _WORDS:
         return _WORDS[word]
@@ -112,17 +112,18 @@ def _scalar(part: str, text: str) -> Any:
 
 
 def combinations(variations: Sequence[Variation]) -> int:
-    """Number of combinations of the values that are taken in turn."""
+    """Count the combinations of the values that are taken in turn."""
     return math.prod(len(v.values) for v in variations if not v.drawn)
 
 
 def values_of(variations: Sequence[Variation], seed: int, run: int) -> dict[str, Any]:
-    """Return the value that one run has for each varied field, in the order in which they were
-    given.
+    """Return the value that one run has for each varied field, in their given order.
 
     Of values that are taken in turn the last field's change fastest.
 
     Args:
+        variations: in the order in which they were given.
+        seed: of the sweep.
         run: number of the run, from 0.
     """
     cell, at = dict[str, Any](), run
@@ -134,7 +135,7 @@ def values_of(variations: Sequence[Variation], seed: int, run: int) -> dict[str,
 
 
 def with_values(spec: RunSpec, values: dict[str, Any], seed: int) -> RunSpec:
-    """The run with other values of single fields, by their dotted paths.
+    """Return the run with other values of single fields, by their dotted paths.
 
     Raises:
         InputError: no such field, naming those that are there; or no valid value of it.
@@ -154,7 +155,7 @@ def with_values(spec: RunSpec, values: dict[str, Any], seed: int) -> RunSpec:
 
 
 def _value(spec: RunSpec, field: str) -> Any:
-    """The JSON value of a field of the run."""
+    """Return the JSON value of a field of the run."""
     found: Any = spec.model_dump(mode="json", by_alias=True)
     for key in field.split("."):
         found = found[_key(found, key, field)]
@@ -162,7 +163,7 @@ def _value(spec: RunSpec, field: str) -> Any:
 
 
 def _key(holder: Any, key: str, field: str) -> Any:
-    """The key or index of a part of a value that was read from a file."""
+    """Return the key or index of a part of a value that was read from a file."""
     if isinstance(holder, dict) and key in holder:
         return key
     if isinstance(holder, list) and key.isdecimal() and int(key) < len(holder):
@@ -249,15 +250,17 @@ class Sweep:
 
 
 def is_sweep(folder: Path) -> bool:
-    """True for a folder that a sweep has begun to fill."""
+    """Tell whether a sweep has begun to fill this folder."""
     return (folder / ROWS_FILE).is_file()
 
 
 def run_sweep(sweep: Sweep, folder: Path, jobs: int, on_row: Callable[[Row], None]) -> list[Row]:
-    """Leaves ``run.yaml`` and ``runs.csv`` with one row per run, written as soon as those before
-    it are. The file's bytes don't depend on ``jobs``. Runs whose rows are there aren't run again.
+    """Write ``run.yaml`` and ``runs.csv`` with one row per run, as soon as the rows before are.
+
+    The file's bytes don't depend on ``jobs``. Runs whose rows are there aren't run again.
 
     Args:
+        sweep: run, variations and their number.
         folder: empty, or of the same sweep, of which no row is taken out.
         jobs: processes that share the work.
         on_row: is called for each row, those that were there included.
@@ -288,7 +291,7 @@ def run_sweep(sweep: Sweep, folder: Path, jobs: int, on_row: Callable[[Row], Non
 
 
 def _rows_there(sweep: Sweep, folder: Path) -> list[Row]:
-    """The rows that an earlier call left, without one that was cut off by whatever ended it."""
+    """Return the rows that an earlier call left, without one that was cut off."""
     other = partial(InputError, "holds another sweep", remedy="name a new folder with --out")
     if load_run(folder / "run.yaml").model_copy(update={"run_id": sweep.spec.run_id}) != sweep.spec:
         raise other(file=folder / "run.yaml")
@@ -345,7 +348,7 @@ def _shown(value: float | None) -> str:
 
 @contextmanager
 def _mapper(jobs: int) -> Iterator[Callable[..., Iterator[Row]]]:
-    """A map that keeps the order."""
+    """Yield a map that keeps the order."""
     if jobs <= 1:
         yield map
         return
@@ -363,10 +366,11 @@ def _mapper(jobs: int) -> Iterator[Callable[..., Iterator[Row]]]:
 
 
 def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
-    """The run as it is done in one process: without token, and with triggers that fail.
+    """Return the run as it is done in one process: no token, and with triggers that fail.
 
     Args:
-        camera: it is recorded, and keeps its camera.
+        spec: the run.
+        camera: the run is recorded, and keeps its camera.
 
     Raises:
         InputError: a fault needs processes of their own, or the run a CARLA server.
@@ -396,7 +400,7 @@ def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
 def run_one(
     spec: RunSpec, folder: Path, as_json: bool, *, recorded: bool = False
 ) -> dict[str, Any]:
-    """One run; leaves run.yaml, states.npz and result.json. Gives what stands in the last.
+    """Do one run, which leaves run.yaml, states.npz and result.json; return the last's content.
 
     Args:
         spec: as ``for_one_process`` gives it.
@@ -458,7 +462,7 @@ def _told(spec: RunSpec, result: InProcessResult) -> list[str]:
 def run_many(
     spec: RunSpec, folder: Path, vary: tuple[str, ...], runs: int | None, jobs: int, as_json: bool
 ) -> int:
-    """A sweep; leaves run.yaml and runs.csv. Exit status 0 when all runs are valid."""
+    """Do a sweep, which leaves run.yaml and runs.csv; exit status 0 when all runs are valid."""
     spec = for_one_process(spec)
     variations = tuple(parse_variation(text) for text in vary)
     if runs is None and any(v.drawn for v in variations):

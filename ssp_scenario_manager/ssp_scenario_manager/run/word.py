@@ -67,7 +67,7 @@ class TypedWords:
         self._asked = False
 
     def ask(self) -> None:
-        """Begins a question: what was typed before it doesn't count, but for ``abort``."""
+        """Begin a question: only ``abort`` counts of what was typed before it."""
         self._read()
         self._text = b"abort\n" if word_of(self._text) is Word.ABORT else b""
         if self._is_terminal():
@@ -76,7 +76,7 @@ class TypedWords:
         self._asked = True
 
     def poll(self, now_ns: int) -> Word | None:
-        """The answer to the question, once it is there; without a question, ``abort`` alone.
+        """Return the answer to the question, once it is there; without a question, ``abort`` only.
 
         Args:
             now_ns: on the steady clock.
@@ -101,9 +101,7 @@ class TypedWords:
         return word
 
     def _is_terminal(self) -> bool:
-        """Tell whether this is a terminal that may be read: one in the background would be
-        stopped.
-        """
+        """Tell whether this is a terminal that may be read; a background one would stop us."""
         if self._fd is None or not os.isatty(self._fd):
             return False
         try:
@@ -112,7 +110,7 @@ class TypedWords:
             return True
 
     def _read(self) -> bool:
-        """Takes what is there; True if it was something."""
+        """Take what is there; return True if it was something."""
         if self._ended or self._fd is None or (os.isatty(self._fd) and not self._is_terminal()):
             return False
         found = b""

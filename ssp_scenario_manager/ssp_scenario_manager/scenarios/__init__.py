@@ -1,3 +1,1 @@
-"""The kinds of interaction: cut-in, lead braking, crossings; plans of them on a block, predicted
-before they are run.
-"""
+"""The kinds of interaction: cut-in, lead braking, crossings; their plans on a block, predicted."""

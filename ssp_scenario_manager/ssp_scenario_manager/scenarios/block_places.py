@@ -20,7 +20,7 @@ END_MARGIN_M = 2.0
 
 
 def vut_lane_indices(event: Event, block: Block) -> list[int]:
-    """Indices into the block's forward lanes in which the VUT may drive, preferred first.
+    """Return indices of the block's forward lanes that the VUT may drive in, preferred first.
 
     Raises:
         CannotPlace: there is no such lane.
@@ -34,7 +34,7 @@ def vut_lane_indices(event: Event, block: Block) -> list[int]:
 
 
 def lanes_of_words(words: tuple[str, ...], count: int) -> list[int]:
-    """Indices of lanes, counted from the right, by part T's words, as preferred; no word: all."""
+    """Return lane indices, from the right, by part T's words in preferred order; no word: all."""
     lanes = range(count)
     found = {"rightmost": lanes[:1], "leftmost": lanes[-1:], "middle": lanes[1:-1]}
     chosen = [index for word in words for index in found[word]] if words else list(lanes)
@@ -42,7 +42,7 @@ def lanes_of_words(words: tuple[str, ...], count: int) -> list[int]:
 
 
 def neighbour(block: Block, index: int, to_left: bool) -> BlockLane:
-    """The lane beside a forward lane.
+    """Return the lane beside a forward lane.
 
     Raises:
         CannotPlace: there is none in the same direction, or it isn't adjacent.
@@ -63,17 +63,17 @@ def neighbour(block: Block, index: int, to_left: bool) -> BlockLane:
 
 
 def right_kerb_m(block: Block) -> float:
-    """Offset of the right kerb, where the sidewalk or verge begins."""
+    """Return the offset of the right kerb, where the sidewalk or verge begins."""
     return block.right_edge_m - block.shoulder_right_m
 
 
 def left_kerb_m(block: Block) -> float:
-    """Offset of the left kerb."""
+    """Return the offset of the left kerb."""
     return block.left_edge_m + block.shoulder_left_m
 
 
 def station_of(block: Block, from_s_m: float, to_s_m: float, l_m: float) -> float:
-    """Distance along an offset line from one arc length to another, m; negative backwards."""
+    """Return the distance along an offset line between arc lengths, m; negative backwards."""
     if block.line.is_straight or to_s_m == from_s_m:
         return to_s_m - from_s_m
     low, high = sorted((from_s_m, to_s_m))
@@ -82,7 +82,7 @@ def station_of(block: Block, from_s_m: float, to_s_m: float, l_m: float) -> floa
 
 
 def ahead_of(block: Block, from_s_m: float, distance_m: float, l_m: float) -> float:
-    """Arc length of the place that lies a distance further along an offset line."""
+    """Return the arc length of the place that lies a distance further along an offset line."""
     s = from_s_m + distance_m
     for _ in range(20):
         off = distance_m - station_of(block, from_s_m, s, l_m)
@@ -99,7 +99,7 @@ def entry_m(block: Block) -> float:
 
 
 def within_block(block: Block, size: Size, s_m: float, who: str) -> float:
-    """An arc length at which somebody who faces along the block fits on it.
+    """Return an arc length at which a participant that faces along the block fits on it.
 
     Raises:
         CannotPlace: it leaves the block.
@@ -113,14 +113,14 @@ def within_block(block: Block, size: Size, s_m: float, who: str) -> float:
 
 
 def end_of(block: Block, size: Size) -> float:
-    """Arc length at which a path along the block ends."""
+    """Return the arc length at which a path along the block ends."""
     return block.length_m - size.front_m - END_MARGIN_M
 
 
 def rectangle(
     from_s_m: float, to_s_m: float, from_l_m: float, to_l_m: float
 ) -> tuple[BlockPoint, ...]:
-    """Corners of a stretch of the block, counter-clockwise."""
+    """Return corners of a stretch of the block, counter-clockwise."""
     low, high = round(from_s_m, 3), round(to_s_m, 3)
     right, left = round(from_l_m, 3), round(to_l_m, 3)
     return (

@@ -58,10 +58,13 @@ from ssp_scenario_manager.scenarios.values import (
 
 
 def is_hidden(vut: ObjectState, subject: ObjectState, occluder: ObjectState, eye_m: float) -> bool:
-    """No corner of an object can be seen past an occluder from a place on the VUT's centre line.
+    """Tell whether an occluder hides an object from a place on the VUT's centre line, wholly.
 
     Args:
-        eye_m: the camera's place ahead of the VUT's reference point.
+        vut: that looks.
+        subject: the object.
+        occluder: what may hide it.
+        eye_m: the camera's place ahead of the VUT's reference point, m.
     """
     eye = vut.pose.to_parent(eye_m, 0.0)
     corners = occluder.box.corners()
@@ -75,7 +78,7 @@ def _cross(
     a: tuple[float, float],
     b: tuple[float, float],
 ) -> bool:
-    """Two segments cross."""
+    """Tell whether two segments cross."""
 
     def side(u: tuple[float, float], v: tuple[float, float], w: tuple[float, float]) -> float:
         return (v[0] - u[0]) * (w[1] - u[1]) - (v[1] - u[1]) * (w[0] - u[0])
@@ -111,7 +114,7 @@ def _from_right(event: Event) -> bool:
 
 
 def _across(event: Event, block: Block, kerb_m: float) -> tuple[float, float]:
-    """Offsets of start and goal."""
+    """Return offsets of start and goal."""
     right, left = right_kerb_m(block), left_kerb_m(block)
     beyond_right = min(_BEYOND_M, max(block.sidewalk_right_m, _LEAST_BEYOND_M))
     beyond_left = min(_BEYOND_M, max(block.sidewalk_left_m, _LEAST_BEYOND_M))
@@ -127,6 +130,12 @@ def _along(
     """Choose a marked crossing if there is one and the VUT has the room, else the earliest place.
 
     Args:
+        block: in which the VUT drives.
+        vut: its size.
+        lane_m: offset of its lane.
+        speed_mps: its cruising speed.
+        rate: its acceleration, m/s².
+        below_s: time to arrival at which the trigger fires.
         hidden_m: None: the place may be marked; else it lies away from every marking, and so does
             what hides it, which stands on so much of the road before it.
     """
@@ -156,10 +165,12 @@ def _along(
 
 
 def _clear_of(crossings: Sequence[Crossing], s_m: float, behind_m: float) -> float:
-    """The first arc length from one on that is out of reach of every zebra.
+    """Return the first arc length from one on that is out of reach of every zebra, m.
 
     Args:
-        behind_m: a stretch of so much before it has no zebra on it.
+        crossings: the zebras.
+        s_m: where the search begins.
+        behind_m: length of a stretch before it that has no zebra on it either.
     """
     for zebra in sorted(crossings, key=lambda zebra: zebra.s_m - zebra.reach_m):
         before = zebra.s_m - zebra.reach_m - _OFF_MARKING_M
@@ -170,7 +181,7 @@ def _clear_of(crossings: Sequence[Crossing], s_m: float, behind_m: float) -> flo
 
 
 def _gap(block: Block, start_s_m: float, front_m: float, near_s_m: float, lane_m: float) -> float:
-    """Bumper gap along the VUT's path, m."""
+    """Return the bumper gap along the VUT's path, m."""
     return station_of(block, start_s_m, near_s_m, lane_m) - front_m
 
 
@@ -290,7 +301,7 @@ def crossing_manoeuvres(_event: Event) -> frozenset[str]:
 
 
 def plans_crossing(setting: Setting) -> Iterator[Plan]:
-    """Crossings on a block, behind an occluder where K* names one.
+    """Yield plans of crossings on a block, behind an occluder where K* names one.
 
     Raises:
         CannotPlace: it doesn't fit.

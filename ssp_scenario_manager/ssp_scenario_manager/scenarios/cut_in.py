@@ -56,7 +56,7 @@ def _manoeuvres(event: Event) -> frozenset[str]:
 
 
 def _lanes(event: Event, block: Block) -> tuple[BlockLane, BlockLane]:
-    """The VUT's lane and the initiator's."""
+    """Return the VUT's lane and the initiator's."""
     from_left = event.interaction.dominant_motion == "cutting_in_from_left"
     refused: CannotPlace | None = None
     for index in vut_lane_indices(event, block):
@@ -68,7 +68,7 @@ def _lanes(event: Event, block: Block) -> tuple[BlockLane, BlockLane]:
 
 
 def _start_gap(event: Event, closing_mps: float, wanted_m: float) -> float:
-    """The gap at standstill: as wanted, or as near to it as K* allows.
+    """Return the gap at standstill: as wanted, or as near to it as K* allows.
 
     Raises:
         CannotPlace: then VUT and initiator aren't both at cruise speed before the trigger.

@@ -43,7 +43,7 @@ _HEADWAYS_S = (0.8, 1.1, 1.4)
 
 
 def _headway(preferred: Mapping[str, float]) -> Choice:
-    """K* says nothing about the VUT's driver, so that this is the compiler's choice."""
+    """Choose the driver's headway, about which K* says nothing."""
     if _HEADWAY_FIELD in preferred:
         first = preferred[_HEADWAY_FIELD]
         rest = tuple(value for value in _HEADWAYS_S if value != first)

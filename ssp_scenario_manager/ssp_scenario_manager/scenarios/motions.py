@@ -48,7 +48,7 @@ class Motions:
     trigger: TriggerSpec
 
     def target(self, object_id: str) -> ParticipantSpec:
-        """The target of that id; KeyError without one."""
+        """Return the target of that id; KeyError without one."""
         return {target.id: target for target in self.targets}[object_id]
 
 
@@ -60,10 +60,15 @@ def motions(
     targets: Mapping[str, Drive | Wait],
     trigger: Trigger,
 ) -> Motions:
-    """A plan's motions on a reference line.
+    """Return a plan's motions on a reference line.
 
     Args:
+        line: of the block.
+        classes: of all participants, by id.
         vut_id: the VUT's id in K*; sessions know it as ``vut``.
+        vut: its drive.
+        targets: a drive or a wait of each, by id.
+        trigger: of the initiator's manoeuvre.
 
     Raises:
         CannotPlace: a place lies where the block's frame has none (METHOD 2.4).
@@ -87,7 +92,7 @@ def motions(
 
 
 def start_pose(line: ReferenceLine, place: BlockPoint, heading_rad: float = 0.0) -> Start:
-    """Pose of a participant that stands at a place, its heading relative to the block's."""
+    """Return the pose of a participant at a place; its heading is relative to the block's."""
     x, y = line.to_map(place.s_m, place.l_m)
     return Start(x_m=x, y_m=y, yaw_rad=wrap_angle(line.pose(place.s_m).yaw_rad + heading_rad))
 
@@ -157,7 +162,7 @@ LEAST_HOLD_S = 1.0
 
 
 def driver_travel(cruise_mps: float, acceleration_mps2: float, t_s: float) -> tuple[float, float]:
-    """Distance in m and speed in m/s of a free driver (a (1 - (v/v0)^4)) t_s after standstill."""
+    """Return a free driver's distance, m, and speed, m/s, at t_s: acceleration a (1 - (v/v0)^4)."""
     driver = Driver(cruise_mps=cruise_mps, acceleration_mps2=acceleration_mps2)
     distance, speed, left = 0.0, 0.0, t_s
     while left > 0.0:
@@ -169,7 +174,7 @@ def driver_travel(cruise_mps: float, acceleration_mps2: float, t_s: float) -> tu
 
 
 def cruise_reached_s(cruise_mps: float, acceleration_mps2: float) -> float:
-    """Time from standstill in s until a free driver has CRUISE_SHARE of its cruise speed.
+    """Return the time from standstill until a free driver has CRUISE_SHARE of its cruise speed, s.
 
     With x = v/v0: t = v0/a times the integral of 1 / (1 - x^4).
     """
@@ -178,11 +183,11 @@ def cruise_reached_s(cruise_mps: float, acceleration_mps2: float) -> float:
 
 
 def reference_travel(cruise_mps: float, acceleration_mps2: float, t_s: float) -> float:
-    """Distance in m that an OT's approach has covered at session time t_s, once at cruise speed."""
+    """Return the distance of an OT's approach at session time t_s, once at cruise speed, m."""
     moving = t_s - APPROACH_LEAD_S - cruise_mps / acceleration_mps2 - 0.2
     return 0.5 * cruise_mps**2 / acceleration_mps2 + cruise_mps * max(moving, 0.0)
 
 
 def stopping_m(speed_mps: float, deceleration_mps2: float, reaction_s: float = 0.3) -> float:
-    """Distance to a standstill, m."""
+    """Return the distance to a standstill, m."""
     return speed_mps * reaction_s + speed_mps**2 / (2.0 * deceleration_mps2)

@@ -1,6 +1,4 @@
-"""The search for plans: drafts from the preferred values on, each predicted, judged and fitted
-with its adaptation.
-"""
+"""The search for plans: drafts from the preferred values on, predicted, judged and adapted."""
 
 from __future__ import annotations
 
@@ -136,7 +134,7 @@ _SHARE_OF_LIMIT = 0.9
 
 
 def _routine(told: Motions, seen: Prediction) -> PlannedMotion | None:
-    """The initiator's manoeuvre from where it is when the trigger fires."""
+    """Return the initiator's manoeuvre from where it is when the trigger fires."""
     trigger, path = told.trigger, told.vut.approach
     target = told.target(trigger.object_id)
     if path is None:
@@ -160,7 +158,7 @@ def _routine(told: Motions, seen: Prediction) -> PlannedMotion | None:
 def gap_before_response_s(
     told: Motions, seen: Prediction, *, initiator_first: bool
 ) -> float | None:
-    """Second arrival minus first departure (METHOD 1), with a VUT that keeps its speed.
+    """Return second arrival minus first departure (METHOD 1), with a VUT that keeps its speed.
 
     Returns:
         s, rounded to 1 ms; None where the initiator's manoeuvre doesn't lead it into the VUT's
@@ -186,7 +184,9 @@ def adaptation_of(
     """Make the adaptation that lets a run's trigger keep the gap; None where there is none to keep.
 
     Args:
+        told: the motions, with the trigger.
         gap_s: as ``gap_before_response_s`` gives it.
+        initiator_first: the initiator is to pass first.
         anchor: the conflict point, where it doesn't move with the place of the trigger.
         most_mps2: acceleration that the place allows.
     """
@@ -233,9 +233,12 @@ def plans_on(
     draft: Callable[[Mapping[str, float]], Draft],
     zone: Callable[[Draft, Prediction, BlockPoint], tuple[BlockPoint, ...]],
 ) -> Iterator[Plan]:
-    """Plans that go as K* says, as far as can be foreseen, from the preferred values on.
+    """Yield plans that go as K* says, as far as can be foreseen, from the preferred values on.
 
     Args:
+        setting: event, block and limits.
+        observable: how the initiator's manoeuvre shows.
+        choices: the values of each quantity.
         draft: makes a plan of values; raises CannotPlace where they don't fit the block.
         zone: corners of the conflict zone, from plan, foresight and conflict point.
 
@@ -283,7 +286,7 @@ def plans_on(
 
 
 def _ending(trigger: Trigger, seen: Prediction) -> Trigger:
-    """The trigger, after whose act the initiator drives on until the event is over, and stops."""
+    """Return the trigger, with an act after which the initiator drives on to the event's end."""
     act = trigger.act
     if isinstance(act, Cross) or seen.resolution_s is None:
         return trigger
@@ -304,7 +307,11 @@ def plans_in_lane(
     VUT's way, and ends where its front is when it has done what it does.
 
     Args:
-        reach: how far it drives meanwhile, m; the others as for ``plans_on``.
+        setting: event, block and limits.
+        observable: how the initiator's manoeuvre shows.
+        choices: the values of each quantity.
+        draft: makes a plan of values; raises CannotPlace where they don't fit the block.
+        reach: how far it drives meanwhile, m.
     """
     event, block = setting.event, setting.block
     half = corridor_half_m(size_of(event, event.vut_id).width_m)

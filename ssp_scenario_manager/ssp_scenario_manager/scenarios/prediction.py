@@ -54,13 +54,13 @@ class Players:
                     raise CannotPlace(f"{target.id}: {error}") from error
 
     def vut(self, t_s: float) -> ObjectState:
-        """The VUT's state now, which is at a session time."""
+        """Return the VUT's state now, which is at a session time."""
         pose = self.path.pose(self.station_m)
         return _state(self.plan.vut, Role.VUT, t_s, (pose.x_m, pose.y_m, pose.yaw_rad),
                       self.speed_mps, 0.0)  # fmt: skip
 
     def target(self, spec: ParticipantSpec, t_s: float) -> ObjectState:
-        """A target's state at a session time."""
+        """Return a target's state at a session time."""
         reference = self.references.get(spec.id)
         act = self.act
         if act is not None and act.object_id == spec.id and seconds_to_ns(t_s) >= act.execute_at_ns:
@@ -73,7 +73,7 @@ class Players:
         return _state(spec, Role.OT, t_s, pose, p.speed_mps, p.acceleration_mps2)
 
     def fire(self, t_s: float) -> None:
-        """Dispatches the manoeuvre, as the session does."""
+        """Dispatch the manoeuvre, as the session does."""
         trigger = self.plan.trigger
         spec = self.plan.target(trigger.object_id)
         current = self.references.get(spec.id)
@@ -86,7 +86,7 @@ class Players:
             raise CannotPlace(f"{spec.id}: {error}") from error
 
     def advance(self, meetings: list[tuple[ObjectState, Encounter]], dt_s: float) -> None:
-        """Moves the VUT on, by its driver's law and, if the driver reacts, for what it meets."""
+        """Move the VUT on by its driver's law and, if the driver reacts, for what it meets."""
         driver, v = self.plan.driver, self.speed_mps
         wanted = free_acceleration(v, driver)
         for other, meeting in meetings if driver.reacts else ():
@@ -182,7 +182,7 @@ class Prediction:
 
     @property
     def initiator_first(self) -> bool:
-        """The initiator reaches the conflict point before the VUT."""
+        """Tell whether the initiator reaches the conflict point before the VUT."""
         return self.overlap_s < self.vut_arrival_s
 
 
@@ -198,7 +198,7 @@ class _Instant:
 
 
 def predict(plan: Motions, observable: Observable, thresholds: ConflictThresholds) -> Prediction:
-    """Follows a plan from standstill to the end of its run.
+    """Follow a plan from standstill to the end of its run.
 
     Raises:
         CannotPlace: the trigger never fires, or a manoeuvre can't be driven from where it does.
@@ -248,7 +248,7 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
 
 
 def _is_far(watch: TriggerWatch) -> bool:
-    """Every distance or time that the trigger asks about is well above its threshold."""
+    """Tell whether all distances and times of the trigger are well above their thresholds."""
     return bool(watch.values) and all(
         what.relation == "<" and value > _NEAR * what.threshold + 2.0
         for what, value in watch.values
@@ -256,7 +256,7 @@ def _is_far(watch: TriggerWatch) -> bool:
 
 
 def _is_over(instants: list[_Instant], t_s: float) -> bool:
-    """No conflict for AFTER_S seconds after one, and the VUT has passed the conflict point."""
+    """Tell whether AFTER_S passed without a conflict, and the VUT its conflict point."""
     last = next((i for i in reversed(instants) if i.conflict), None)
     if last is None:
         return t_s - instants[0].t_s > NO_CONFLICT_S
@@ -319,5 +319,5 @@ def _summary(
 
 
 def _has_left(instant: _Instant, point_m: float) -> bool:
-    """It is out of the corridor, or has moved on along it, and its zone with it."""
+    """Tell whether it is out of the corridor, or has moved on along it, and its zone with it."""
     return instant.zone_m > point_m + _MOVED_ON_M or not instant.meeting.in_corridor

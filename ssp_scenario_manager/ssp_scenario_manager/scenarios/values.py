@@ -1,6 +1,4 @@
-"""Values inside part C and in which order they are tried, and what K* and the place want of
-participants.
-"""
+"""Values inside part C in the order in which they are tried, and limits of K* and the place."""
 
 from __future__ import annotations
 
@@ -37,7 +35,7 @@ class Choice:
 
 
 def quantity_at(event: Event, field: str) -> Quantity | None:
-    """The quantity at a field's path; None where K* has none."""
+    """Return the quantity at a field's path, None where K* has none."""
     at: Any = event
     for part in field.split("."):
         at = at.get(part) if isinstance(at, dict) else getattr(at, part, None)
@@ -53,12 +51,16 @@ def choose(
     at_most: float = float("inf"),
     at_least: float = 0.0,
 ) -> Choice:
-    """The values that a quantity may have: inside its interval and inside the place's limits.
+    """Return the values of a quantity inside its interval and inside the place's limits.
 
     Args:
+        event: the K*.
+        field: path of the quantity.
+        unit: that its interval is given in.
         preferred: values that are tried first, by field; a value outside the interval is moved to
             its end.
         at_most: the place's upper limit.
+        at_least: the place's lower limit.
 
     Raises:
         CannotPlace: it is unresolved or missing, has no side, or lies outside of what the place
@@ -98,7 +100,7 @@ def choose(
 
 
 def fixed(event: Event, field: str, unit: str, value: float, why: str) -> Choice:
-    """A quantity whose value follows from others: it must lie inside its interval, if it has one.
+    """Return a quantity whose value follows from others; it must lie inside any interval it has.
 
     Raises:
         CannotPlace: it doesn't.
@@ -117,7 +119,7 @@ def _ends(span: Span) -> str:
 
 
 def combinations(choices: Mapping[str, Choice]) -> Iterator[dict[str, float]]:
-    """Every combination of values by name, the preferred ones first, then ever further away."""
+    """Yield every combination of values by name, the preferred ones first, then further away."""
     names = list(choices)
     sizes = [len(choices[name].values) for name in names]
     for total in range(sum(sizes) - len(sizes) + 1):
@@ -126,7 +128,7 @@ def combinations(choices: Mapping[str, Choice]) -> Iterator[dict[str, float]]:
 
 
 def _ranks(sizes: list[int], total: int) -> Iterator[tuple[int, ...]]:
-    """Indices into lists of these sizes that sum up to a total, in order."""
+    """Yield indices into lists of these sizes that sum up to a total, in order."""
     if not sizes:
         if total == 0:
             yield ()
@@ -155,12 +157,12 @@ _USUAL_MPS2 = 2.0
 
 
 def size_of(event: Event, name: str) -> Size:
-    """Extent of a participant."""
+    """Return the extent of a participant."""
     return DEFAULT_SIZES[ObjectClass.from_word(event.participants[name].class_)]
 
 
 def classes_of(event: Event) -> dict[str, ObjectWord]:
-    """Object classes by participants' ids."""
+    """Return object classes by participants' ids."""
     return {name: who.class_ for name, who in event.participants.items()}
 
 
@@ -182,25 +184,25 @@ def approach_acceleration(event: Event, name: str, limits: Limits) -> float:
 
 
 def acceleration_limit(event: Event, limits: Limits) -> float:
-    """The least of what place and K* allow, m/s^2."""
+    """Return the least of what place and K* allow, m/s²."""
     return min(limits.acceleration_mps2, event.constraints.safety.acceleration.si.high)
 
 
 def vehicle_speed_limit(event: Event, limits: Limits, block: Block) -> float:
-    """The least of what place, road and K* allow, m/s."""
+    """Return the least of what place, road and K* allow, m/s."""
     fastest = event.constraints.safety.speed.si.high
     return min(limits.speed_mps, block.speed_limit_mps or limits.speed_mps, fastest)
 
 
 def speed_bounds(event: Event, name: str, phases: tuple[str, ...]) -> tuple[float, float]:
-    """Largest minimum and smallest maximum of a participant's speed over some phases, m/s."""
+    """Return a participant's largest minimum and smallest maximum speed over phases, m/s."""
     known = event.constraints.speeds.get(name, {})
     found = [q.si for phase, q in known.items() if phase in phases and isinstance(q, Interval)]
     return max([0.0, *(q.low for q in found)]), min([math.inf, *(q.high for q in found)])
 
 
 def initiator_first(event: Event) -> bool:
-    """The passing order of K*."""
+    """Tell whether the initiator passes first by K*."""
     return event.interaction.passing_order[0] == event.interaction.initiator
 
 
@@ -216,5 +218,5 @@ def wanted_passing(event: Event) -> WantedPassing:
 
 
 def finite(value: float) -> float | None:
-    """An end of a span as files have it: None where it is open."""
+    """Return an end of a span as files have it, None where it is open."""
     return None if math.isinf(value) else value

@@ -1,6 +1,4 @@
-"""States as they arrive: into the session, counted, and in lockstep held against what each step
-announced.
-"""
+"""States as they arrive: into the session, counted, and in lockstep checked against each step."""
 
 from __future__ import annotations
 
@@ -38,7 +36,7 @@ class StepInputs:
         self.vut_states_sent = vut_states_sent
 
     def is_overtaken_by(self, step: int) -> bool:
-        """True when the world takes a step although the last one isn't dealt with."""
+        """Tell whether the world takes a step although the last one isn't dealt with."""
         return self.step is not None and self.done_step < self.step < step
 
     def on_answer(
@@ -48,18 +46,16 @@ class StepInputs:
             self.answers[participant] = (step, states_sent, acks_sent, events_sent)
 
     def forget(self, participant: str) -> None:
-        """The world has dropped this one; its answers are not waited for any more."""
+        """Forget a participant that the world has dropped; its answers are not awaited any more."""
         self.participants = tuple(p for p in self.participants if p != participant)
         self.answers.pop(participant, None)
 
     def complete(self) -> bool:
-        """True when everything that belongs to the present step has arrived."""
+        """Tell whether everything that belongs to the present step has arrived."""
         return self.step is not None and self.step > self.done_step and not self.missing()
 
     def missing(self) -> list[str]:
-        """List what the others have sent, or must send, for the present step, and has not
-        arrived.
-        """
+        """List messages of the present step that were sent, or must be, and haven't arrived."""
         step = self.step or 0
         silent = [name for name in self.participants if self.answers.get(name, (-1,))[0] < step]
         sent = [sum(answer[k] for answer in self.answers.values()) for k in (1, 2, 3)]
@@ -80,16 +76,16 @@ class PendingStates:
         self._waiting: list[tuple[bytes, int]] = []
 
     def put(self, data: bytes, steady_ns: int) -> None:
-        """Takes a message, and when it arrived on the steady clock."""
+        """Take a message, and when it arrived on the steady clock."""
         self._waiting.append((data, steady_ns))
 
     def take(self) -> list[tuple[bytes, int]]:
-        """Gives the messages with their arrivals, and forgets them."""
+        """Return the messages with their arrivals, and forget them."""
         taken, self._waiting = self._waiting, []
         return taken
 
     def newest(self, object_id: str) -> ObjectState | None:
-        """The state of an object that arrived last; None: none waits, or none that can be read."""
+        """Return an object's state that arrived last; None: none waits, or none can be read."""
         for data, _ in reversed(self._waiting):
             try:
                 state = find_state(data, object_id)
@@ -100,7 +96,7 @@ class PendingStates:
         return None
 
     def over(self, known: Mapping[str, ObjectState]) -> Mapping[str, ObjectState]:
-        """The newest states by id, of those that wait and those that were taken in."""
+        """Return the newest states by id, of those that wait and those that were taken in."""
         return _Over(known, self) if self._waiting else known
 
 
@@ -155,7 +151,7 @@ class StateInput:
         self._strangers: set[str] = set()
 
     def vut(self, state: ObjectState, steady_ns: int) -> bool:
-        """Takes a state of the VUT; False for one that isn't the VUT's."""
+        """Take a state of the VUT; return False for one that isn't the VUT's."""
         if not self._session.on_vut_state(state):
             self.tell_stranger(state.object_id, "sends states as the vehicle under test")
             return False
@@ -166,7 +162,7 @@ class StateInput:
         return True
 
     def target(self, state: ObjectState, steady_ns: int) -> None:
-        """Takes a state of an object target; a stranger's only counts for its process."""
+        """Take a state of an object target; a stranger's only counts for its process."""
         if self._session.on_target_state(state):
             self._liveness.hear(state.object_id, steady_ns)
             self.losses.see(state.object_id, state.sequence)
@@ -175,14 +171,14 @@ class StateInput:
         self._inputs.states += state.sequence > 1
 
     def waiting(self) -> None:
-        """Takes the states of many that have waited in ``arrivals``."""
+        """Take the states of many that have waited in ``arrivals``."""
         for data, arrived_ns in self.arrivals.take():
             array = self._decode(data)
             for state in array.states if array is not None else ():
                 self.target(state, arrived_ns)
 
     def tell_stranger(self, who: str, what: str) -> None:
-        """Says once that somebody is heard who has no part in this session."""
+        """Say once that a sender is heard which has no part in this session."""
         if who not in self._strangers:
             self._strangers.add(who)
             self._tell(f"{who} is not listened to: {what}")

@@ -67,7 +67,7 @@ _OF_TIME = _OF_OBJECTS | {
 
 
 def verdict_for(code: SafetyCode) -> Verdict:
-    """The verdict of a run whose first reason has this code."""
+    """Return the verdict of a run whose first reason has this code."""
     return _VERDICTS.get(code, Verdict.FAILED_SAFETY)
 
 
@@ -116,7 +116,7 @@ class Violation:
 def of_object(
     passed: LimitViolation | None, object_id: str, stamp_ns: int, detail: str = ""
 ) -> Violation | None:
-    """A shared predicate's answer as this session's violation."""
+    """Return a shared predicate's answer as this session's violation."""
     if passed is None:
         return None
     return Violation(
@@ -127,23 +127,26 @@ def of_object(
 def silent(
     code: SafetyCode, who: str, age_s: float, limit_s: float, stamp_ns: int
 ) -> Violation | None:
-    """Nothing was heard for longer than allowed; an age that is no number is too long."""
+    """Find a silence longer than allowed; an age that is no number is too long."""
     return None if age_s <= limit_s else Violation(code, who, age_s, limit_s, stamp_ns)
 
 
 def too_many(code: SafetyCode, count: int, stamp_ns: int, detail: str) -> Violation | None:
-    """There is something of which there may be none."""
+    """Find a count above 0 of what may not be there at all."""
     return None if count <= 0 else Violation(code, "", float(count), 0.0, stamp_ns, detail)
 
 
 def stamp_ahead(
     state: ObjectState, now_ns: int, allowance_s: float, limits: Limits
 ) -> Violation | None:
-    """A state's stamp lies in the future: the clock that made it is ahead of the session's.
+    """Find a stamp in the future: the clock that made it is ahead of the session's.
 
     Args:
+        state: of any participant.
+        now_ns: session time.
         allowance_s: how far session time itself may lag behind, > 0 where it is only taken from
             messages.
+        limits: the run's.
     """
     passed = judge.stamp_ahead(ns_to_seconds(now_ns - state.stamp_ns), limits, allowance_s)
     return of_object(passed, state.object_id, now_ns, "its states are stamped ahead of time")
@@ -153,10 +156,11 @@ def stamp_ahead(
 
 
 def too_near(everyone: Sequence[ObjectState], limits: Limits) -> list[Violation]:
-    """Pairs whose boxes are closer than the separation limit, or touch.
+    """List pairs whose boxes are closer than the separation limit, or touch.
 
     Args:
         everyone: finite states at one stamp.
+        limits: the run's.
     """
     found = []
     for i, k in judge.near_pairs(everyone, limits.separation_m):
@@ -167,7 +171,7 @@ def too_near(everyone: Sequence[ObjectState], limits: Limits) -> list[Violation]
 
 
 def violations(everyone: Sequence[ObjectState], spec: RunSpec) -> list[Violation]:
-    """All limits that the states of one instant pass, the gravest first.
+    """List all limits that the states of one instant pass, the gravest first.
 
     Args:
         everyone: states at one stamp, that of the VUT first where there is one.

@@ -8,9 +8,10 @@ from ssp_scenario_manager.session.outbox import StateChanged, Triggered
 
 
 def encode_session_state(change: StateChanged, spec: RunSpec | None) -> bytes:
-    """SessionState.msg, in frame map.
+    """Encode SessionState.msg, in frame map.
 
     Args:
+        change: the transition.
         spec: the run that is loaded, if any.
 
     Raises:
@@ -23,10 +24,11 @@ def encode_session_state(change: StateChanged, spec: RunSpec | None) -> bytes:
 
 
 def encode_trigger(fired: Triggered, processing_s: float) -> bytes:
-    """TriggerEvent.msg, in frame map.
+    """Encode TriggerEvent.msg, in frame map.
 
     Args:
-        processing_s: from the arrival of the deciding state to the dispatch.
+        fired: the decision record.
+        processing_s: time from the arrival of the deciding state to the dispatch.
 
     Raises:
         ValueError: what its fields can't hold.

@@ -49,14 +49,14 @@ class Pending:
         return f"did not answer {self.command.name.lower()}"
 
     def is_due(self, steady_ns: int) -> bool:
-        """It was not sent yet, or may be sent again."""
+        """Tell whether it was not sent yet, or may be sent again."""
         if self.sent_ns is None:
             return True
         again = steady_ns - self.sent_ns >= seconds_to_ns(REPEAT_S)
         return again and self.command is not ObjectCommand.ARM
 
     def is_overdue(self, steady_ns: int) -> bool:
-        """Its time is over. Of an object that was told to arm the session knows by itself."""
+        """Tell whether its time is over; arming is watched by the session itself."""
         told = self.command is ObjectCommand.ARM and self.sent_ns is not None
         wait_s = _WAIT_S.get(self.command)
         if told or wait_s is None:
@@ -82,22 +82,23 @@ class ObjectCommands:
         abort_id: str,
         steady_ns: int,
     ) -> None:
-        """Takes a command for some objects, given with the digests of what they judge by."""
+        """Take a command for some objects, given with the digests of their rules."""
         for object_id, digest in rules_digests.items():
             one = Pending(object_id, command, event_version, digest, abort_id, steady_ns)
             self._pending[object_id] = one
 
     def forget_all_clear(self) -> None:
-        """A new abort: what cleared the one before is not sent any more."""
+        """Forget commands that cleared an earlier abort, since there is a new one."""
         for object_id, one in list(self._pending.items()):
             if one.command is ObjectCommand.ALL_CLEAR:
                 del self._pending[object_id]
 
     def due(self, is_there: Callable[[str], bool], steady_ns: int) -> list[Pending]:
-        """Commands to send now; they count as sent.
+        """Return the commands to send now; they count as sent.
 
         Args:
-            is_there: whether an object's command service is.
+            is_there: tells whether an object's command service is there.
+            steady_ns: now, on the steady clock.
         """
         found = []
         for one in self._pending.values():
@@ -107,14 +108,14 @@ class ObjectCommands:
         return found
 
     def overdue(self, steady_ns: int) -> list[Pending]:
-        """Commands that are given up now, each once."""
+        """Return commands that are given up now, each once."""
         found = [one for one in self._pending.values() if one.is_overdue(steady_ns)]
         for one in found:
             del self._pending[one.object_id]
         return found
 
     def on_answer(self, asked: Pending, accepted: bool, error_msg: str) -> bool:
-        """Takes an answer; False for one to a command that isn't waited for any more.
+        """Take an answer; return False for one to a command that isn't awaited any more.
 
         A refused all-clear is asked again: the object may not have heard of the abort yet.
         """
@@ -127,7 +128,7 @@ class ObjectCommands:
         return True
 
     def all_sent(self, command: ObjectCommand) -> bool:
-        """No command of this kind waits for a service."""
+        """Tell whether no command of this kind waits for a service."""
         return all(
             one.sent_ns is not None for one in self._pending.values() if one.command is command
         )

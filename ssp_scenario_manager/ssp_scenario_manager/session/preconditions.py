@@ -30,14 +30,16 @@ def stands(
     aborting: bool = False,
     least_s: float = 0.0,
 ) -> bool:
-    """True when a fresh state and the places say that the object stands and is not on the move.
+    """Tell whether an object stands by its fresh state and its places, and isn't on the move.
 
     A stamp far ahead of the session's time is no fresh one either.
 
     Args:
+        state: the object's newest.
         watch: knows the object's places.
+        now_ns: session time.
         aborting: the session aborts, and the object must have heard it.
-        least_s: that its places must cover.
+        least_s: time that its places must cover.
     """
     return (
         judge.has_stood(state, watch)
@@ -61,11 +63,15 @@ def moving(
     """List the objects that aren't known to stand, by id.
 
     Args:
+        spec: the run.
+        vut: newest state of the VUT; None: it was never heard.
+        targets: newest states, by id.
         motion: the places of each, by id.
+        now_ns: session time.
         armed: the session has armed its objects. Before that, what was never heard need not prove
             that it stands.
         aborting: the session aborts; every object must have heard it.
-        without: objects that are not asked, because nothing can be heard of them.
+        without: objects that are not looked at, because they can't be heard.
     """
     # The time of a simulated world stands still while it holds: nothing moves, and places that
     # cover a second may never come.

@@ -30,7 +30,7 @@ from ssp_scenario_manager.triggers.evaluator import Firing, TriggerWatch
 
 
 def begin(run: Run, now_ns: int) -> list[outbox.Outgoing]:
-    """Starts the run's clock and sends everybody on their approach; who has none stands."""
+    """Start the run's clock and send all objects on their approach; one without it stands."""
     run.started_ns = now_ns
     run.watches = [TriggerWatch(t, run.path, now_ns) for t in run.spec.triggers]
     facts: list[outbox.Outgoing] = [PhaseBegan(now_ns, Phase.APPROACH, "start of the run")]
@@ -52,7 +52,7 @@ def fire(
     targets: Mapping[str, ObjectState],
     now_ns: int,
 ) -> tuple[Reference, outbox.Triggered]:
-    """The reference that a trigger sends, and its decision record.
+    """Return the reference that a trigger sends, and its decision record.
 
     Raises:
         CannotFire: the object was never heard, or can't drive the manoeuvre from where it is.
@@ -89,7 +89,7 @@ def fire(
 def judge_phases(
     run: Run, vut: ObjectState, targets: Mapping[str, ObjectState]
 ) -> list[outbox.Outgoing]:
-    """Judges the phases on the states of the VUT and of the OT whose manoeuvre is the event."""
+    """Judge the phases on the states of the VUT and of the OT whose manoeuvre is the event."""
     state = targets.get(run.spec.initiator_id)
     if state is None:
         return []
@@ -110,13 +110,13 @@ def judge_phases(
 
 
 def is_complete(run: Run, now_ns: int) -> bool:
-    """The event was resolved long enough ago."""
+    """Tell whether the event was resolved long enough ago."""
     wait_ns = seconds_to_ns(run.spec.end.after_resolution_s)
     return run.resolved_ns is not None and now_ns - run.resolved_ns >= wait_ns
 
 
 def overdue(run: Run, now_ns: int) -> Violation | None:
-    """The event should have been resolved by now."""
+    """Find an event that should have been resolved by now."""
     if run.started_ns is None or run.resolved_ns is not None:
         return None
     if ns_to_seconds(now_ns - run.started_ns) < run.spec.end.at_latest_s:
@@ -129,7 +129,7 @@ def overdue(run: Run, now_ns: int) -> Violation | None:
 
 
 def missing(run: Run, object_id: str, now_ns: int, why: str) -> Violation:
-    """The event doesn't happen any more."""
+    """Return the violation that the event doesn't happen any more."""
     elapsed_s = ns_to_seconds(now_ns - run.started_ns) if run.started_ns is not None else 0.0
     limit_s = run.spec.end.at_latest_s
     return Violation(SafetyCode.EVENT_MISSING, object_id, elapsed_s, limit_s, now_ns, why)
@@ -146,10 +146,13 @@ def limits_passed(
     *,
     running: bool,
 ) -> list[Violation]:
-    """Everything that is wrong at this instant, in the order in which it is announced.
+    """List all passed limits of this instant, in the order in which they are announced.
 
     Args:
+        run: the run.
         vut: newest state of the VUT; None when there was none.
+        targets: newest states, by id.
+        now_ns: session time.
         running: the session is RUNNING, and so must be its objects.
     """
     spec, limits = run.spec, run.spec.limits
@@ -195,7 +198,7 @@ def limits_passed(
 def collisions(
     run: Run, vut: ObjectState | None, targets: Mapping[str, ObjectState]
 ) -> list[Violation]:
-    """While everything brakes there is one thing left to see: that two of us touch."""
+    """Find the one thing left to see while everything brakes: that two of us touch."""
     known = [targets[target.id] for target in run.spec.targets if target.id in targets]
     if vut is not None:
         known = [vut, *(_at(state, vut.stamp_ns) for state in known)]
@@ -208,7 +211,7 @@ def _at(state: ObjectState, stamp_ns: int) -> ObjectState:
 
 
 def _own_abort(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
-    """An object that stopped by itself; in a run it has time to say why, with a safety event."""
+    """Find an object that stopped by itself; in a run it may first say why, by a safety event."""
     if state.control_state is not ControlState.ABORTING:
         return None
     since = run.own_abort_ns.setdefault(state.object_id, now_ns)
@@ -220,7 +223,7 @@ def _own_abort(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
 
 
 def _unexplained(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
-    """A refusal of an object that isn't running and, in its time to say why, has not said it."""
+    """Find an unexplained refusal of an object that isn't running, after its time to explain it."""
     refused = run.unexplained.get(state.object_id)
     if refused is None or state.control_state is ControlState.ABORTING:
         return None
@@ -229,7 +232,7 @@ def _unexplained(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
 
 
 def _left_the_run(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
-    """An object that doesn't take part any more: started anew, or stopped by somebody else.
+    """Find an object that left the run: started anew, or stopped from elsewhere.
 
     It stands or will, but nobody knows why, and it takes no reference. ARMED is one that hasn't
     heard of the start yet, as long as it may have heard nothing and its states may be on their way;
@@ -248,12 +251,13 @@ def _left_the_run(run: Run, state: ObjectState, now_ns: int) -> Violation | None
 
 
 def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Outgoing]:
-    """Judges the dispatched manoeuvres on the VUT's newest state, and adapts them.
+    """Judge the dispatched manoeuvres on the VUT's newest state, and adapt them.
 
     A passing order that can't be kept ends the run: nothing that happens afterwards would be the
     event.
 
     Args:
+        run: the run.
         vut: state of the VUT that hasn't been judged yet.
         now_ns: session time, that of a dispatch.
     """

@@ -83,7 +83,7 @@ class Run:
                 self.headings[one.id] = heading
 
     def elapsed_s(self, now_ns: int) -> float:
-        """Session time since the start, 0 before it."""
+        """Return the session time since the start, 0 before it."""
         return 0.0 if self.started_ns is None else ns_to_seconds(now_ns - self.started_ns)
 
     @property
@@ -94,7 +94,7 @@ class Run:
     # -- verdict -------------------------------------------------------------------------------
 
     def blame(self, violation: Violation) -> bool:
-        """Takes a limit that was passed as a reason of the verdict; the first one gives it.
+        """Take a limit that was passed as a reason of the verdict; the first one gives it.
 
         Returns:
             False when this limit of this object is a reason already.
@@ -106,7 +106,7 @@ class Run:
         return True
 
     def reason(self, verdict: Verdict, text: str, now_ns: int) -> None:
-        """Adds a reason with its time in the run; the verdict is that of the first.
+        """Add a reason with its time in the run; the verdict is that of the first.
 
         A person who aborts twice gives one reason, and what comes after the end gives none.
         """
@@ -120,13 +120,13 @@ class Run:
         self.reasons.append(text)
 
     def close(self) -> None:
-        """The run is over; it was valid if nothing spoke against it, and nothing will any more."""
+        """Close the run; it was valid if nothing spoke against it, and nothing will any more."""
         if self.verdict is Verdict.NONE:
             self.verdict = Verdict.VALID
         self.closed = True
 
     def end_early(self, requested_by: str, now_ns: int) -> None:
-        """A run that is ended before its event is resolved is no valid one."""
+        """Note that a run that ends before its event is resolved isn't valid."""
         if self.resolved_ns is None:
             reached = self.phase_watch.phase.name.lower()
             text = f"stopped by {requested_by} before resolution, in {reached}"
@@ -135,7 +135,7 @@ class Run:
     # -- states --------------------------------------------------------------------------------
 
     def see(self, state: ObjectState) -> None:
-        """Judges a state that arrived by those before it."""
+        """Judge a state that arrived by those before it."""
         memory = self.continuity.get(state.object_id, Continuity())
         self.continuity[state.object_id], passed = follow(memory, state, self.spec.limits)
         if memory.before is not None and self.continuity[state.object_id].before is state:
@@ -165,11 +165,11 @@ class Run:
 
     @property
     def has_breaks(self) -> bool:
-        """A state came that doesn't follow from those before it; the next step ends the run."""
+        """Tell whether a state doesn't follow from earlier ones; the next step ends the run."""
         return bool(self._breaks)
 
     def take_breaks(self) -> list[Violation]:
-        """Takes out what ``see`` has found since the last call, in an order of its own.
+        """Take out what ``see`` has found since the last call, in an order of its own.
 
         States of one step arrive in any order; what is decided must not depend on it.
         """
@@ -179,7 +179,7 @@ class Run:
     # -- references ----------------------------------------------------------------------------
 
     def address(self, object_id: str, purpose: str, now_ns: int, lead_s: float) -> Address:
-        """The address of the next reference."""
+        """Return the address of the next reference."""
         self.sent += 1
         return Address(
             reference_id=f"{object_id}-{self.sent}",
@@ -191,18 +191,18 @@ class Run:
         )
 
     def send(self, reference: Reference) -> Reference:
-        """Remembers that an answer is due."""
+        """Remember that an answer is due."""
         self.answers.expect(reference)
         return reference
 
     def send_again(self, now_ns: int) -> list[Reference]:
-        """References whose answer may have been lost."""
+        """Return the references whose answer may have been lost, to be sent again."""
         return self.answers.again(now_ns, self.spec.step_s)
 
     def answer(
         self, reference_id: str, accepted: bool, code: int, message: str, now_ns: int
     ) -> Violation | None:
-        """An object's answer to a reference: a refusal is a violation, a second answer nothing.
+        """Take an object's answer to a reference: a refusal is a violation, a repeat is none.
 
         A refused adapted reference is none where the object can go on without it.
         """

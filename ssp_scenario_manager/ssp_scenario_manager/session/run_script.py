@@ -51,7 +51,7 @@ class RunScript:
         self._unconfirmed = False
 
     def next(self, state: SessionPhase, now_ns: int) -> SessionEvent | None:
-        """The command to try now, None to wait."""
+        """Return the command to try now, None to wait."""
         if self.finished:
             return None
         if self._is_late(state, now_ns):
@@ -81,12 +81,12 @@ class RunScript:
         return event
 
     def give_up(self, problems: tuple[str, ...]) -> None:
-        """No waiting lets the run begin."""
+        """Give up a goal whose run no waiting lets begin."""
         if self.begun and not self.finished:
             self._end(problems)
 
     def _is_late(self, state: SessionPhase, now_ns: int) -> bool:
-        """Ends the goal when the word for it has run out before the start."""
+        """Tell whether the word for the goal ran out before the start, which ends the goal."""
         waits = not self.begun or state in _NEXT
         if self._start_by_ns is None or not waits or now_ns <= self._start_by_ns:
             return False
@@ -96,7 +96,7 @@ class RunScript:
         return True
 
     def on_answer(self, answer: Answer) -> None:
-        """The answer to the command that next() named; one that is final ends the goal."""
+        """Take the answer to the command that next() named; a final one ends the goal."""
         if not self.begun:
             self.begun = answer.accepted
             if not answer.accepted:
@@ -112,15 +112,15 @@ class RunScript:
         return "" if self.finished else "; ".join(self._refusal)
 
     def on_setback(self, reason: str) -> None:
-        """An accepted command came to nothing."""
+        """Take the reason why an accepted command came to nothing."""
         self._refusal = (reason,)
 
     def standstill_unconfirmed(self) -> None:
-        """The session aborts and nobody is left to report a standstill."""
+        """Take that the session aborts and no participant can report a standstill."""
         self._unconfirmed = True
 
     def refuse(self, problem: str) -> None:
-        """Ends a goal that isn't for this session."""
+        """End a goal that isn't for this session."""
         self._end((problem,))
 
     def _end(self, problems: tuple[str, ...]) -> None:
@@ -140,18 +140,18 @@ class RunOutcome:
         return self.verdict is Verdict.VALID
 
     def with_reason(self, verdict: Verdict, reason: str) -> RunOutcome:
-        """The same with one more reason; the verdict only if there was none that says more."""
+        """Add a reason, and its verdict only if there was none that says more."""
         if reason in self.reasons:
             return self
         kept = self.verdict if self.verdict not in (Verdict.NONE, Verdict.VALID) else verdict
         return RunOutcome(kept, (*self.reasons, reason))
 
     def with_misses(self, misses: Sequence[str]) -> RunOutcome:
-        """A sound run whose event didn't become that of K* is ``off_spec`` (METHOD 4.4)."""
+        """Return a sound run whose event didn't become that of K* as ``off_spec`` (METHOD 4.4)."""
         return RunOutcome(Verdict.OFF_SPEC, tuple(misses)) if self.ok and misses else self
 
     def with_word_of_recorder(self, told: RecordedVerdict | None) -> RunOutcome:
-        """The same with what the recorder alone knows, which it left when it closed the bag.
+        """Return the same with what only the recorder knows, which it wrote when it closed the bag.
 
         Args:
             told: its verdict; None where it left none.

@@ -81,13 +81,13 @@ class Session:
         return self._run.phase_watch.phase if self._run else Phase.UNKNOWN
 
     def elapsed_s(self, now_ns: int) -> float:
-        """Session time since the start of the run, 0 before it."""
+        """Return the session time since the start of the run, 0 before it."""
         return self._run.elapsed_s(now_ns) if self._run else 0.0
 
     # -- commands ------------------------------------------------------------------------------
 
     def load(self, spec: RunSpec, now_ns: int) -> Answer:
-        """Takes a run that was read and validated."""
+        """Take a run that was read and validated."""
         problems = fireability.cannot_fire(spec)
         if problems:
             return Answer(False, REFUSED_CONDITION, "; ".join(problems), tuple(problems))
@@ -105,7 +105,7 @@ class Session:
         return Answer(True)
 
     def command(self, event: SessionEvent, now_ns: int, requested_by: str, reason: str) -> Answer:
-        """connect, arm, disarm, start, stop, abort, all_clear or reset.
+        """Take connect, arm, disarm, start, stop, abort, all_clear or reset.
 
         Raises:
             ValueError: the event is no command.
@@ -147,7 +147,7 @@ class Session:
         return Answer(True)
 
     def arming_failed(self, now_ns: int, reason: str) -> None:
-        """An object refused to arm or didn't answer."""
+        """Take an object's refusal to arm, or its missing answer."""
         if self.state is SessionPhase.ARMED:
             self._move(SessionEvent.ARM_FAILED, now_ns, reason)
             self.outbox.append(outbox.ObjectCommand.DISARM)
@@ -155,7 +155,7 @@ class Session:
     # -- what arrives --------------------------------------------------------------------------
 
     def is_ahead(self, state: ObjectState, now_ns: int) -> bool:
-        """True for a VUT's state from the future: a run that lasts ends, and it isn't taken.
+        """Tell whether a VUT's state is from the future: it isn't taken, and ends a run that lasts.
 
         Session time would follow it, and all that is right would be too old after it.
 
@@ -173,7 +173,7 @@ class Session:
         return ahead is not None
 
     def on_vut_state(self, state: ObjectState) -> bool:
-        """Takes a state of the VUT; False for one of another object, which has no effect."""
+        """Take a state of the VUT; return False for one of another object, which has no effect."""
         if self._run is not None and state.object_id != self._run.spec.vut.id:
             return False
         if self._is_news(state, self.vut):
@@ -182,7 +182,7 @@ class Session:
         return True
 
     def on_target_state(self, state: ObjectState) -> bool:
-        """Takes a state of a target; False for one that the run doesn't know: no effect."""
+        """Take a state of a target; return False for an unknown object's, which has no effect."""
         who, run = state.object_id, self._run
         if run is not None and who not in [target.id for target in run.spec.targets]:
             return False
@@ -192,7 +192,7 @@ class Session:
         return True
 
     def _is_news(self, state: ObjectState, known: ObjectState | None) -> bool:
-        """While a run lasts a state that is older than what is known is dropped.
+        """Tell whether a state counts: while a run lasts, one older than what is known doesn't.
 
         Otherwise what came last is the truth: a clock that was wrong must not outlast its
         correction.
@@ -211,7 +211,7 @@ class Session:
     def on_ack(
         self, reference_id: str, accepted: bool, code: int, message: str, now_ns: int
     ) -> None:
-        """An object's answer to a reference; a refusal aborts the session.
+        """Take an object's answer to a reference; a refusal aborts the session.
 
         An object that has stopped refuses whatever was on its way to it. The reason is that of its
         stop, which its event or state gives; the refusal is one where they don't come.
@@ -233,9 +233,10 @@ class Session:
         self.fail(refused)
 
     def fail(self, violation: limits.Violation, announced: bool = False) -> None:
-        """A limit was passed: announces it and aborts. The first one gives the verdict.
+        """Take a limit that was passed: announce it and abort. The first one gives the verdict.
 
         Args:
+            violation: the limit.
             announced: another node saw it and has published its event already.
         """
         if self.state in (SessionPhase.IDLE, SessionPhase.FINISHED, SessionPhase.ABORTED):
@@ -253,7 +254,7 @@ class Session:
             self._move(SessionEvent.ABORT, violation.stamp_ns, violation.text)
 
     def name_strangers(self, texts: Iterable[str], now_ns: int) -> None:
-        """Adds who it was that ended the session, where its reason has no name for it yet."""
+        """Name what ended the session, where its reason has no name for it yet."""
         run = self._run
         if run is None or self.state is not SessionPhase.ABORTING:
             return
@@ -265,7 +266,7 @@ class Session:
 
     @property
     def _waited_for(self) -> bool:
-        """A simulated world waits for our answer to each step."""
+        """Tell whether a simulated world waits for our answer to each step."""
         in_steps = self.state in WATCHED and self.state is not SessionPhase.ARMED
         return in_steps and self._run is not None and self._run.spec.mode == "lockstep"
 
@@ -336,7 +337,7 @@ class Session:
         return decided
 
     def step(self, now_ns: int) -> None:
-        """Judges the states of one instant: triggers, limits, phases, the end of the run.
+        """Judge the states of one instant: triggers, limits, phases, the end of the run.
 
         Args:
             now_ns: session time; the stamp of the VUT's newest state is at most that.
@@ -376,7 +377,7 @@ class Session:
             self._take(progress.collisions(run, vut, self.targets))
 
     def _forget_ahead(self, latest_ns: int) -> None:
-        """Forgets states with a later stamp: a clock that was wrong must not outlast that."""
+        """Forget states with a later stamp: a clock that was wrong must not outlast that."""
         if self.vut is not None and self.vut.stamp_ns > latest_ns:
             self.vut = None
         self.targets = {i: s for i, s in self.targets.items() if s.stamp_ns <= latest_ns}
@@ -390,7 +391,7 @@ class Session:
             self.fail(missing)
 
     def _move(self, event: SessionEvent, now_ns: int, reason: str) -> None:
-        """Makes a transition and announces it. Raises IllegalTransition without effect."""
+        """Make a transition and announce it. Raise IllegalTransition without effect."""
         previous = self.state
         self.state = next_state(previous, event)
         if event is SessionEvent.ABORT:
@@ -405,7 +406,7 @@ class Session:
         self.outbox.append(outbox.StateChanged(*said))
 
     def _missing_for(self, event: SessionEvent, now_ns: int) -> list[str]:
-        """Everything that a command lacks."""
+        """List everything that a command lacks."""
         run, vut, targets = self._run, self.vut, self.targets
         if run is None:
             return []
@@ -431,7 +432,7 @@ class Session:
         self._move(SessionEvent.ABORT, now_ns, text)
 
     def _take(self, facts: Iterable[outbox.Outgoing]) -> None:
-        """Sends what was found, or ends the run for it; what was found beside that is not sent."""
+        """Send what was found, or end the run for it without sending the rest."""
         for fact in facts:
             if isinstance(fact, limits.Violation):
                 self.fail(fact)
@@ -439,10 +440,11 @@ class Session:
                 self.outbox.append(fact)
 
     def stands(self, now_ns: int, without: Sequence[str] = ()) -> bool:
-        """True when a fresh state of everything says that it stands.
+        """Tell whether fresh states say that everything stands.
 
         Args:
-            without: objects that are not asked, because nothing can be heard of them.
+            now_ns: session time.
+            without: objects that are not looked at, because they can't be heard.
         """
         run = self._run
         return run is None or not preconditions.moving(

@@ -1,6 +1,4 @@
-"""The session's state machine, a table and the one function that moves along it, and the answer to
-a command.
-"""
+"""The session's state machine: its table, the function that moves along it, answers to commands."""
 
 from __future__ import annotations
 
@@ -61,7 +59,7 @@ class IllegalTransition(ValueError):
 
 
 def next_state(state: SessionPhase, event: SessionEvent) -> SessionPhase:
-    """The state after an event.
+    """Return the state after an event.
 
     Raises:
         IllegalTransition: the table has no such entry.

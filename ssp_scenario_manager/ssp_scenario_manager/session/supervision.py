@@ -1,6 +1,4 @@
-"""Supervision on the steady clock: who is silent, what has waited for too long, how late the
-manager is.
-"""
+"""Supervision on the steady clock: silent participants, overdue waits, the manager's lateness."""
 
 from __future__ import annotations
 
@@ -58,7 +56,7 @@ class LivenessMonitor:
         self._heard_ns[who] = steady_ns
 
     def excuse(self, pause_ns: int, steady_ns: int) -> None:
-        """Doesn't count a pause in which the manager itself heard nothing as silence of others."""
+        """Excuse others' silence in a pause in which the manager itself heard nothing."""
         for who, heard_ns in self._heard_ns.items():
             self._heard_ns[who] = min(heard_ns + pause_ns, steady_ns)
 
@@ -70,11 +68,11 @@ class LivenessMonitor:
         self.recorder_ready, self.recorder_missing, self.recorder_lost = ready, missing, lost
 
     def hear_answer(self, participant: str) -> None:
-        """A participant has answered a step of the simulated world (StepDone.msg)."""
+        """Take a participant's answer to a step of the simulated world (StepDone.msg)."""
         self._answered.add(participant)
 
     def hear_strangers(self, texts: Sequence[str]) -> None:
-        """Topics with more publishers than they should have, by the numbers of their messages."""
+        """Take topics with more publishers than they should have, by their messages' numbers."""
         self.foreign.pop(names.MONITOR, None)
         if texts:
             self.foreign[names.MONITOR] = len(texts), "; ".join(texts)
@@ -89,14 +87,17 @@ class LivenessMonitor:
         self._bodies[status.object_id] = status, steady_ns
 
     def told_to_arm(self) -> None:
-        """All objects are asked anew."""
+        """Forget refusals, since all objects are asked anew."""
         self._refusals, self._refusal_lasts = {}, False
 
     def hear_refusal(self, object_id: str, text: str, lasting: bool, steady_ns: int) -> None:
-        """An object refused to arm.
+        """Take an object's refusal to arm.
 
         Args:
-            lasting: it will, as long as its process runs as it was started.
+            object_id: of the object.
+            text: its reason.
+            lasting: it will refuse as long as its process runs as it was started.
+            steady_ns: now, on the steady clock.
         """
         self._refusals[object_id] = text
         self._refusal_lasts |= lasting
@@ -111,7 +112,7 @@ class LivenessMonitor:
         return "; ".join(text for _, text in self.foreign.values())
 
     def age_s(self, who: str, steady_ns: int) -> float:
-        """Seconds since the last sign of life, inf before the first."""
+        """Return seconds since the last sign of life, inf before the first."""
         heard = self._heard_ns.get(who)
         return math.inf if heard is None else ns_to_seconds(steady_ns - heard)
 
@@ -143,7 +144,7 @@ class LivenessMonitor:
     def violations(
         self, spec: RunSpec, phase: SessionPhase, steady_ns: int, stamp_ns: int
     ) -> list[Violation]:
-        """Everybody whose silence has lasted too long, whose link is too bad, or who is too many.
+        """Find participants that are silent for too long, have too bad a link, or are too many.
 
         In lockstep, what a run is judged by counts simulated time, so that here are only those
         whose death stops that time, and before the run everybody.
@@ -180,7 +181,7 @@ class LivenessMonitor:
         return self._table[2]
 
     def _silence_s(self, sign: SignOfLife, steady_ns: int) -> float:
-        """Seconds since a sign that is counted by arrival, inf before the first."""
+        """Return seconds since a sign that is counted by arrival, inf before the first."""
         if sign.code is SafetyCode.REPLY_MISSING:
             return self.links.link(sign.who, steady_ns).age_s
         return self.age_s(sign.who, steady_ns)
@@ -208,9 +209,7 @@ _REMEMBERED_S = WINDOW_S + 0.5
 
 
 class AbortWatch:
-    """The watch that finds, after an abort, that no participant can report the standstill any
-    more.
-    """
+    """The watch that finds, after an abort, that no participant can report the standstill."""
 
     def __init__(self) -> None:
         self._since_ns: tuple[int, int] | None = None
@@ -218,7 +217,7 @@ class AbortWatch:
     def unconfirmed(
         self, session: Session, liveness: LivenessMonitor, steady_ns: int, now_ns: int
     ) -> bool:
-        """A dead world can't report a standstill; the result must still be given."""
+        """Tell whether a dead world can't report a standstill; the result must still be given."""
         if session.state is not SessionPhase.ABORTING:
             self._since_ns = None
             return False
@@ -268,7 +267,7 @@ class Supervisor:
         self._session.late_s = self._late[1]
 
     def look(self, steady_ns: int, now_ns: int) -> bool:
-        """Tells the session what is known now, and ends what has waited for too long.
+        """Tell the session what is known now, and end what has waited for too long.
 
         A session stays armed only if every object says in time that it is.
 
@@ -285,11 +284,11 @@ class Supervisor:
         return self._abort.unconfirmed(session, self._liveness, steady_ns, now_ns)
 
     def inform(self, steady_ns: int) -> None:
-        """Gives the session the facts that a command is judged by, as they are now."""
+        """Give the session the facts that a command is judged by, as they are now."""
         self._session.facts = self._liveness.facts(self._session.spec, steady_ns)
 
     def watch_silence(self, steady_ns: int, now_ns: int) -> None:
-        """Ends a session in which somebody is silent for too long."""
+        """End a session in which a participant is silent for too long."""
         spec, state = self._session.spec, self._session.state
         if spec is not None and state in WATCHED:
             for violation in self._liveness.violations(spec, state, steady_ns, now_ns):

@@ -1,6 +1,4 @@
-"""Single conditions of a trigger (METHOD 2.3): what they are asked about, what is measured, and
-when they hold.
-"""
+"""Single conditions of a trigger (METHOD 2.3): their objects, measures, and when they hold."""
 
 from __future__ import annotations
 
@@ -75,7 +73,7 @@ class Snapshot:
         return self.vut.stamp_ns
 
     def state(self, object_id: str) -> ObjectState | None:
-        """State of the VUT or an object at the snapshot's stamp; None: unknown."""
+        """Return the state of the VUT or an object at the snapshot's stamp; None: unknown."""
         if object_id not in self._known:
             self._known[object_id] = self._extrapolated(object_id)
         return self._known[object_id]
@@ -103,14 +101,14 @@ class Snapshot:
     # Values of conditions (METHOD 2.3): NaN where a state is unknown, +inf where there is none.
 
     def gap_m(self, object_id: str) -> float:
-        """Bumper gap to an object ahead of the VUT."""
+        """Return the bumper gap to an object ahead of the VUT."""
         meeting = self.meeting(object_id)
         if meeting is None:
             return math.nan
         return meeting.gap_m if meeting.gap_m >= 0.0 else math.inf
 
     def headway_s(self, object_id: str) -> float:
-        """The gap over the VUT's speed."""
+        """Return the gap over the VUT's speed."""
         gap_m, speed_mps = self.gap_m(object_id), self.vut.speed_mps
         if math.isnan(gap_m):
             return math.nan
@@ -121,9 +119,7 @@ class Snapshot:
         return math.nan if meeting is None else meeting.ttc_s
 
     def arrival_s(self, station_m: float) -> float:
-        """Compute the time until the VUT's front is at a station of its path, at its present
-        speed.
-        """
+        """Compute the time until the VUT's front, at its present speed, is at a station."""
         vut = self.state(VUT_ID)
         if vut is None:
             return math.nan
@@ -215,7 +211,7 @@ def quantity(condition: Leaf) -> Quantity:
 
 
 def condition_text(condition: Condition) -> str:
-    """The condition for people."""
+    """Write the condition for people."""
     if isinstance(condition, AllOf | AnyOf):
         parts = "; ".join(condition_text(part) for part in condition.of)
         return f"{condition.type} of ({parts})"
@@ -229,16 +225,14 @@ class Question(Protocol):
     def quantity(self) -> Quantity: ...
 
     def read(self, snapshot: Snapshot) -> Reading:
-        """Value and truth at a snapshot's stamp."""
+        """Read value and truth at a snapshot's stamp."""
 
     def changed_ns(self, before: Reading, now: Reading) -> int:
-        """Return the time at which the truth changed that differs between two successive
-        readings.
-        """
+        """Return the time of the truth's change between two successive, different readings."""
 
 
 def _nearest(numerator: int, denominator: int) -> int:
-    """The quotient rounded to the nearest whole number, half to even."""
+    """Round the quotient to the nearest whole number, half to even."""
     if denominator < 0:
         numerator, denominator = -numerator, -denominator
     quotient, rest = divmod(numerator, denominator)
@@ -302,9 +296,10 @@ class Timed:
 
 
 def question(condition: Leaf, path: Polyline, started_ns: int) -> Question:
-    """Makes a single condition ready to be asked.
+    """Make a single condition ready to be asked.
 
     Args:
+        condition: the single condition.
         path: the VUT's planned path, frame map.
         started_ns: session time at which the run started.
     """
@@ -331,7 +326,7 @@ def question(condition: Leaf, path: Polyline, started_ns: int) -> Question:
 
 
 def leaves(condition: Condition) -> list[Leaf]:
-    """The single conditions of a condition, in the order of the file."""
+    """Return the single conditions of a condition, in the order of the file."""
     if isinstance(condition, AllOf | AnyOf):
         return [leaf for part in condition.of for leaf in leaves(part)]
     return [condition]

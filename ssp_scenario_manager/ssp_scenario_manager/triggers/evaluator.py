@@ -79,10 +79,11 @@ class _Change:
 
 
 def truth(condition: Condition, holds: Sequence[bool | None]) -> bool | None:
-    """Truth of a condition from that of its single conditions, in the order of the file.
+    """Return the truth of a condition from that of its single ones; None: unknown.
 
     Args:
-        holds: None: unknown.
+        condition: any condition.
+        holds: truth of each single condition, in the order of the file; None: unknown.
     """
     return _truth(condition, iter(holds))
 
@@ -112,7 +113,7 @@ class _Tracker:
         self.opposite_seen = False
 
     def take(self, changes: Sequence[_Change]) -> None:
-        """Takes changes that belong to one instant, not before any that was taken."""
+        """Take changes of one instant, which isn't before any that was taken."""
         for change in changes:
             self.parts[change.index] = change
         holds = truth(self._condition, [part.holds if part else None for part in self.parts])
@@ -152,16 +153,14 @@ class TriggerWatch:
 
     @property
     def values(self) -> list[tuple[Quantity, float]]:
-        """Return the comparison of each single condition, and its value at the last judged
-        state.
-        """
+        """Return each single condition's comparison, and its value at the last judged state."""
         return [
             (asked.quantity, reading.sample.value)
             for asked, reading in zip(self._questions, self._readings, strict=False)
         ]
 
     def observe(self, snapshot: Snapshot) -> Firing | None:
-        """Judges the states of one instant; None: it doesn't fire there."""
+        """Judge the states of one instant; return None if it doesn't fire there."""
         stamp_ns = snapshot.stamp_ns
         if self.fired or stamp_ns < self.begin_ns:
             return None
@@ -225,7 +224,7 @@ class TriggerWatch:
         )
 
     def _explained(self) -> str:
-        """The condition; of nested ones with every value and from when it has been as it is."""
+        """Describe the condition; a nested one with every value and when each became what it is."""
         spec = self.spec
         text = self._text
         if isinstance(spec.condition, AllOf | AnyOf):

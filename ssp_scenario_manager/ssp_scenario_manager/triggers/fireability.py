@@ -124,8 +124,9 @@ def _always(condition: Condition, from_s: float, speed_limit_mps: float) -> bool
     """Tell whether a condition holds from the first state that counts to the end.
 
     Args:
+        condition: any condition.
         from_s: time of that state, s after the start.
-        speed_limit_mps: a session in which anybody is faster is aborted.
+        speed_limit_mps: a session in which a participant is faster is aborted.
     """
     if isinstance(condition, AllOf):
         return all(_always(part, from_s, speed_limit_mps) for part in condition.of)

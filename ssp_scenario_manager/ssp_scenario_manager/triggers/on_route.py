@@ -48,7 +48,7 @@ def off_route(spec: RunSpec) -> list[str]:
 
 
 def _paths(spec: RunSpec) -> Iterator[tuple[str, ParticipantSpec, Path2]]:
-    """Every path with its field and whose it is, a participant's approach first."""
+    """Yield every path with its field and its participant, the participant's approach first."""
     named = [("vut", spec.vut), *((f"targets[{i}]", who) for i, who in enumerate(spec.targets))]
     for field, who in named:
         if who.approach is not None:
@@ -62,7 +62,7 @@ def _paths(spec: RunSpec) -> Iterator[tuple[str, ParticipantSpec, Path2]]:
 
 
 def _off_start(spec: RunSpec, who: ParticipantSpec, path: Path2) -> list[str]:
-    """A start that arming would refuse an object for whose path begins where it does."""
+    """Find a start at which arming would refuse an object whose path begins where it does."""
     limits, start = spec.limits, who.start
     name = "vut" if who is spec.vut else f"targets[{spec.targets.index(who)}]"
     first = Polyline(path).pose(0.0)
@@ -83,7 +83,7 @@ def _off_start(spec: RunSpec, who: ParticipantSpec, path: Path2) -> list[str]:
 
 
 def _strips(spec: RunSpec, who: ParticipantSpec) -> list[tuple[float, float]]:
-    """Offsets (right, left) from the road's line between which somebody's path may lie."""
+    """Return offsets (right, left) from the road's line between which a path may lie."""
     road = spec.road
     if who is spec.vut:
         halves = [
@@ -100,7 +100,7 @@ def _strips(spec: RunSpec, who: ParticipantSpec) -> list[tuple[float, float]]:
 def _first_outside(
     line: ReferenceLine, path: Path2, strips: Sequence[tuple[float, float]], beyond_m: float
 ) -> FloatArray | None:
-    """The first point of a path that lies in no strip along the road."""
+    """Return the first point of a path that lies in no strip along the road, or None."""
     points = np.array(path, dtype=np.float64)
     s, offset = line.to_local_many(points).T
     inside = np.zeros(len(points), dtype=bool)

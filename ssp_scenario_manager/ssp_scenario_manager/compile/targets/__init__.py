@@ -1,3 +1,1 @@
-"""The parts that each target adds (METHOD 2.5): SUMO, track sheet, OpenSCENARIO, OpenDRIVE,
-CARLA.
-"""
+"""Each target's own parts (METHOD 2.5): SUMO, track sheet, OpenSCENARIO, OpenDRIVE, CARLA."""

@@ -77,7 +77,7 @@ _WORLD = {
 def export_carla(
     task: Task, block: Block, plan: Plan, map_text: str | None, folder: Path
 ) -> list[Path]:
-    """Writes ``carla_config.json`` and the map.
+    """Write ``carla_config.json`` and the map.
 
     Args:
         task: sealed.
@@ -108,7 +108,7 @@ def export_carla(
 
 
 def carla_config(task: Task, block: Block, plan: Plan, chart: MapFile) -> dict[str, Any]:
-    """The configuration of a task, as JSON-like data."""
+    """Return the configuration of a task, as JSON-like data."""
     run, facts, heights = task.run, provenance(task), chart.heights
     sources = "event", "event_version", "task_version", "compiler"
     return {
@@ -129,17 +129,17 @@ def carla_config(task: Task, block: Block, plan: Plan, chart: MapFile) -> dict[s
 
 
 def _number(value: float) -> float:
-    """Rounded, without a negative zero."""
+    """Round, without a negative zero."""
     return round(value, _DIGITS) + 0.0
 
 
 def _location(x_m: float, y_m: float, z_m: float) -> dict[str, float]:
-    """A place of frame map: y changes its sign."""
+    """Return a place of frame map for CARLA: y changes its sign."""
     return {"x": _number(x_m), "y": _number(-y_m), "z": _number(z_m)}
 
 
 def transform(pose: Pose2, z_m: float = 0.0) -> dict[str, dict[str, float]]:
-    """A pose of frame map: y and yaw change their signs, yaw is in (-180, 180]."""
+    """Return a pose of frame map for CARLA: y and yaw change sign, yaw is in (-180, 180]."""
     yaw = _number(math.remainder(-math.degrees(pose.yaw_rad), 360.0))
     return {
         "location": _location(pose.x_m, pose.y_m, z_m),
@@ -152,7 +152,7 @@ def _place(point: Point, heights: Heights) -> dict[str, float]:
 
 
 def _map_link(chart: MapFile) -> dict[str, Any]:
-    """One of CARLA's towns, or a world that is generated from the file beside."""
+    """Name one of CARLA's towns, or a world that is generated from the file beside."""
     name = PurePath(chart.name).stem
     town = not chart.own and _TOWN.fullmatch(name) is not None
     return {
@@ -176,7 +176,7 @@ def _drive(motion: Motion, start_s: float, heights: Heights) -> dict[str, Any]:
 
 
 def _actor(who: ParticipantSpec, heights: Heights) -> dict[str, Any]:
-    """One participant.
+    """Return one participant.
 
     ``reference`` is the task's pose on the ground: below the rear axle, or below a pedestrian.
     ``spawn`` is the same for CARLA: a vehicle's origin lies below its body, ``box_forward`` behind
@@ -208,8 +208,9 @@ def _actor(who: ParticipantSpec, heights: Heights) -> dict[str, Any]:
 
 
 def _origin_ahead_m(size: Size, blueprint: str) -> float:
-    """Give the distance from the reference point forward to CARLA's origin, which puts the middle
-    of CARLA's box over that of ours.
+    """Return the distance from the reference point forward to CARLA's origin, m.
+
+    It puts the middle of CARLA's box over that of ours.
     """
     return 0.5 * (size.front_m - size.rear_m) - _BOX_FORWARD_M.get(blueprint, 0.0)
 
@@ -231,7 +232,7 @@ def _act(manoeuvre: LaneChange | FollowPath | Brake, heights: Heights) -> dict[s
 
 
 def _trigger(spec: TriggerSpec, heights: Heights) -> dict[str, Any]:
-    """Fires once; the actor acts ``lead_time_s`` later.
+    """Return a trigger, which fires once; the actor acts ``lead_time_s`` later.
 
     relative_distance: the bumper gap from the VUT's front to the object along the VUT's route is
     below ``below`` m. time_to_arrival: the VUT's front reaches ``anchor`` in less than ``below`` s
@@ -260,7 +261,7 @@ def _trigger(spec: TriggerSpec, heights: Heights) -> dict[str, Any]:
 
 
 def _camera(camera: Camera, vut: ParticipantSpec) -> dict[str, Any]:
-    """The forward camera; its mounting is relative to the VUT's origin in CARLA.
+    """Return the forward camera; its mounting is relative to the VUT's origin in CARLA.
 
     There y is to the right, pitch is positive upwards, yaw to the right and roll to the right.
     """

@@ -21,7 +21,7 @@ _REACH_M = 1.0
 
 
 def is_installed() -> bool:
-    """The package ``carla`` is there."""
+    """Tell whether the package ``carla`` is there."""
     return importlib.util.find_spec("carla") is not None
 
 
@@ -59,7 +59,7 @@ def _text(place: Place) -> str:
 
 
 def _under(carla: Any, chart: Any, place: Place, lane_type: Any) -> Any:
-    """The waypoint of the lane that a place lies in, or None."""
+    """Return the waypoint of the lane that a place lies in, or None."""
     return chart.get_waypoint(
         carla.Location(**place),
         project_to_road=False,
@@ -68,7 +68,7 @@ def _under(carla: Any, chart: Any, place: Place, lane_type: Any) -> Any:
 
 
 def _ground(carla: Any, chart: Any, place: Place) -> Any:
-    """The waypoint of the strip of any kind that a place lies in, or None.
+    """Return the waypoint of the strip of any kind that a place lies in, or None.
 
     CARLA makes ground of strips of type ``none`` too, but finds them only as neighbours.
     """
@@ -127,7 +127,7 @@ def _starts(carla: Any, chart: Any, actor: dict[str, Any]) -> list[str]:
 
 
 def _every(route: Sequence[Place]) -> Iterator[Place]:
-    """A route's points, and more between those that are far from each other."""
+    """Yield a route's points, and more between those that are far from each other."""
     yield route[0]
     for a, b in itertools.pairwise(route):
         parts = max(1, math.ceil(math.hypot(b["x"] - a["x"], b["y"] - a["y"]) / _STEP_M))
@@ -137,7 +137,7 @@ def _every(route: Sequence[Place]) -> Iterator[Place]:
 
 
 def _is_connected(carla: Any, chart: Any, name: str, route: Sequence[Place]) -> list[str]:
-    """Each point of the route is on a driving lane, and is reached from the one before."""
+    """Check that each point of a route is on a driving lane, reached from the one before."""
     before: Any = None
     last: Place | None = None
     for place in _every(route):

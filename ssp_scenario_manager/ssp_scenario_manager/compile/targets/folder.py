@@ -1,6 +1,4 @@
-"""A compiled folder: written whole or not at all, and read again as the run that a session starts
-with.
-"""
+"""A compiled folder: written whole or not at all, and read again as the run of a session."""
 
 from __future__ import annotations
 
@@ -34,7 +32,7 @@ from ssp_scenario_manager.maps.site import load_site
 
 
 def _map_text(compiled: Compiled) -> str | None:
-    """The user's map, where it is OpenDRIVE."""
+    """Return the user's map, where it is OpenDRIVE."""
     data, area = compiled.area.map_data, compiled.area
     if data is None or area.link.kind != "opendrive":
         return None
@@ -49,7 +47,7 @@ def _map_text(compiled: Compiled) -> str | None:
 
 
 def write_target(compiled: Compiled, folder: Path) -> None:
-    """Writes the target's own files and the task sheet into a compiled folder.
+    """Write the target's own files and the task sheet into a compiled folder.
 
     A track task is task.json; the sheet that every target has is its reading for people.
 
@@ -89,7 +87,7 @@ _NAMES = frozenset(
 
 
 def run_text(run: RunSpec) -> str:
-    """A run file's text: JSON, which is YAML too."""
+    """Return a run file's text: JSON, which is YAML too."""
     return run.model_dump_json(by_alias=True, indent=1) + "\n"
 
 
@@ -114,9 +112,11 @@ def write_task_files(compiled: Compiled, folder: Path) -> list[Path]:
 
 
 def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> list[Path]:
-    """Writes a compiled folder with its target's own files.
+    """Write a compiled folder with its target's own files.
 
     Args:
+        compiled: the task and its place.
+        out: the folder; its parents are made.
         replace: an earlier compiled folder there is replaced.
 
     Returns:
@@ -152,7 +152,7 @@ def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> lis
 
 
 def check_out(out: Path, *, replace: bool) -> None:
-    """Raises InputError where a folder can't be written to without losing something."""
+    """Refuse, with an InputError, a folder that can't be written to without losing something."""
     if not os.path.lexists(out):
         return
     if not out.is_dir():
@@ -181,12 +181,12 @@ def check_out(out: Path, *, replace: bool) -> None:
 
 
 def _ours(name: str) -> bool:
-    """A file that a compilation may have made; maps and scenarios by their endings."""
+    """Tell whether a compilation may have made a file; maps and scenarios go by their endings."""
     return name in _NAMES or name.endswith((".xosc", ".xodr", ".xml", ".sumocfg"))
 
 
 def _put_in_place(work: Path, out: Path) -> None:
-    """Renames the finished folder; an earlier one is gone only when the new one stands."""
+    """Rename the finished folder; an earlier one is removed only when the new one stands."""
     if not out.is_dir():
         work.rename(out)
         return
@@ -205,17 +205,17 @@ Mode = Literal["lockstep", "realtime", "live"]
 
 
 def is_compiled(what: str) -> bool:
-    """True for a folder that `ssp compile` wrote."""
+    """Tell whether `ssp compile` wrote this folder."""
     return (Path(what) / TASK_FILE).is_file()
 
 
 def is_session(what: str) -> bool:
-    """True for a folder that `ssp run` filled: it holds the task and the run as it was executed."""
+    """Tell whether `ssp run` filled this folder: it holds the task and the run as executed."""
     return is_compiled(str(Path(what) / TASK_FOLDER)) and (Path(what) / RUN_FILE).is_file()
 
 
 def mode_of(what: str) -> Mode:
-    """The mode that a run has where nobody names one: a session's own, or lockstep.
+    """Return the mode that a run has by default: a session's own, or lockstep.
 
     Raises:
         InputError: the session's run file is not valid.
@@ -231,13 +231,14 @@ def prepare_run(
     seed: int | None,
     mode: Mode,
 ) -> RunSpec:
-    """Compiles an event into ``folder/task``, or takes a compiled task over into it.
+    """Compile an event into ``folder/task``, or take a compiled task over into it.
 
     Args:
         what: name or file of a K*, or a folder that `ssp compile` or `ssp run` wrote.
         site: name or file of a site; not looked at with a folder, which has its own.
         folder: of the run; its name becomes the run's id.
         seed: of the run; None: the compiled task's, or 1.
+        mode: of the run.
 
     Returns:
         The run as it will be executed: with a folder that of its ``run.yaml``, changes on site and
@@ -279,7 +280,7 @@ def _compile(what: str, site: str | None, folder: Path, seed: int) -> RunSpec:
 
 
 def _take_over(source: Path, run_file: Path, folder: Path) -> RunSpec:
-    """Copies what a recording carries of a task, and reads the run that was made of it."""
+    """Copy what a recording carries of a task, and read the run that was made of it."""
     task = load_task(source)
     run = load_run(run_file)
     _check_folder(source, run_file, task, run)

@@ -151,19 +151,20 @@ def _track(states: Sequence[ObjectState]) -> FloatArray:
 
 
 def _course(states: Sequence[ObjectState]) -> tuple[tuple[float, float], ...]:
-    """(t in s, distance driven in m) since the start."""
+    """Return (t in s, distance driven in m) since the start."""
     steps = [math.dist((a.x_m, a.y_m), (b.x_m, b.y_m)) for a, b in pairwise(states)]
     driven_m = [0.0, *itertools.accumulate(steps)]
     return tuple((ns_to_seconds(s.stamp_ns), d) for s, d in zip(states, driven_m, strict=True))
 
 
 def gaps_m(run: RunSpec, tracks: Mapping[str, FloatArray], times: FloatArray) -> FloatArray:
-    """Measure the gap between VUT and initiator at times.
+    """Measure the gap between VUT and initiator at times, m.
 
-    To somebody who drives it is the bumper gap along the VUT's path, negative behind; to somebody
-    who stands until the trigger fires, the distance between both bodies.
+    To an initiator that drives it is the bumper gap along the VUT's path, negative behind; to one
+    that stands until the trigger fires, the distance between both bodies.
 
     Args:
+        run: the compiled run.
         tracks: per object rows of (t, x, y, yaw), as in ``Foreseen``.
         times: s, shape (n,).
     """
@@ -209,9 +210,11 @@ def shorter_m(run: RunSpec, seen: Foreseen, other: ParticipantSpec) -> float:
 
 
 def straight_share(run: RunSpec, seen: Foreseen, anchor: tuple[float, float]) -> float:
-    """A player's straight distance to an anchor over a session's distance along the VUT's path.
+    """Return a player's distance to an anchor, straight, over a session's, along the VUT's path.
 
     Args:
+        run: the compiled run.
+        seen: the session that is foreseen.
         anchor: that the VUT's front reaches, frame map.
     """
     if run.vut.approach is None:

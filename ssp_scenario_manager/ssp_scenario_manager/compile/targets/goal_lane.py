@@ -99,6 +99,8 @@ def lane_beside(map_data: bytes, start: Pose2, ids: int) -> Beside:
     """Find the middle of the lane so many lane ids beside a place, as a player does.
 
     Args:
+        map_data: OpenDRIVE.
+        start: on a lane, frame map.
         ids: as in a relative goal, + left of the direction of travel.
 
     Raises:
@@ -131,7 +133,7 @@ def _place(map_data: bytes, pose: Pose2) -> _Place | None:
 
 
 def _may_hold(road: Element, pose: Pose2) -> bool:
-    """True unless a road is too short to come near a place from where it starts."""
+    """Tell whether a road can be near a place; a short one that starts far away can't."""
     start = road.find("planView/geometry")
     if start is None:
         return False
@@ -157,6 +159,6 @@ def _on_road(road: RoadRecord, pose: Pose2) -> _Place | None:
 
 
 def _lane_of(lanes: list[LaneHere], t_m: float) -> LaneHere | None:
-    """The lane that holds an offset."""
+    """Return the lane that holds an offset, or None."""
     holding = [lane for lane in lanes if abs(t_m - lane.centre_m) < 0.5 * lane.width_m]
     return min(holding, key=lambda lane: abs(t_m - lane.centre_m), default=None)

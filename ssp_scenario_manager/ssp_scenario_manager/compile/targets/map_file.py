@@ -67,11 +67,11 @@ class Heights:
 
     @property
     def is_flat(self) -> bool:
-        """No road rises or lies above or below 0."""
+        """Tell whether no road rises or lies above or below 0."""
         return not any(c.a or not c.is_constant for profile in self._profiles for c in profile)
 
     def at(self, place: Point) -> float:
-        """Height of the ground, m.
+        """Return the height of the ground, m.
 
         Raises:
             InputError: the place is far from all roads of a map that isn't flat.
@@ -92,7 +92,7 @@ class Heights:
         return reached[-1].at(s) if reached else 0.0
 
     def _own_sample(self, place: Point) -> FloatArray | None:
-        """The sample of the block's roads that a place lies beside; None: it lies beyond them."""
+        """Return the sample of the block's roads beside a place, None if it lies beyond them."""
         own = self._own
         if self._block is None or not len(own):
             return None
@@ -115,7 +115,7 @@ def _nearest(samples: FloatArray, place: Point) -> FloatArray:
 
 
 def _samples(index: int, road: RoadRecord) -> FloatArray:
-    """(x, y, index, s, heading, end) along a road; none of one that is no block either.
+    """Sample a road as (x, y, index, s, heading, end), none if it isn't any block's.
 
     ``end`` is -1 at the road's start, 1 at its end, and 0 between them.
     """
@@ -156,9 +156,7 @@ def provenance(task: Task) -> dict[str, str]:
 
 
 def asked_of(spec: TriggerSpec) -> RelativeDistance | TimeToArrival:
-    """Return the condition of a compiled task's trigger: a distance or an arrival, without an
-    edge.
-    """
+    """Return a compiled task's trigger condition: a distance or an arrival, without an edge."""
     plain = spec.edge == "none" and spec.held_for_s == 0.0
     if not (plain and isinstance(spec.condition, RelativeDistance | TimeToArrival)):
         raise ValueError(f"{spec.id} asks what no compiled trigger does: {spec.condition.type}")
@@ -166,7 +164,7 @@ def asked_of(spec: TriggerSpec) -> RelativeDistance | TimeToArrival:
 
 
 def map_file(task: Task, block: Block, map_text: str | None) -> MapFile:
-    """The user's OpenDRIVE map, or one of the block where it was placed on a site or a SUMO net.
+    """Return the user's OpenDRIVE map, or else one of the block (of a site or a SUMO network).
 
     Raises:
         InputError: the block can't be put into OpenDRIVE, or the map's text is missing.

@@ -20,7 +20,7 @@ FIXED_DATE = "2000-01-01T00:00:00"
 
 
 def to_bytes(root: ET.Element) -> bytes:
-    """UTF-8 with a declaration, indented by two spaces, and a final newline."""
+    """Encode as UTF-8 with a declaration, indented by two spaces, and a final newline."""
     ET.indent(root, "  ")
     text = ET.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
@@ -88,7 +88,7 @@ class _Strip:
 
 
 def _strips(lanes: Sequence[BlockLane], middle_m: float, sign: int, block: Block) -> list[_Strip]:
-    """The lanes of one side from the middle outwards.
+    """Return the lanes of one side from the middle outwards.
 
     A narrow gap widens the lanes beside it, half each. A wider one is a strip that nobody drives
     on.
@@ -157,8 +157,9 @@ def _mark(kind: xodr.RoadMarkType, change: xodr.LaneChange | None = None) -> xod
 
 
 def _lane_mark(block: Block, strip: _Strip) -> xodr.RoadMark:
-    """Choose the mark between two lanes: solid where changing is forbidden. Lane ids rise to the
-    left.
+    """Choose the mark between two lanes: solid where changing is forbidden.
+
+    Lane ids rise to the left.
     """
     left, right = (f"lane_change_{side}" in block.permitted for side in ("left", "right"))
     if strip.lane is None or (strip.lane.forward and not (left or right)):
@@ -179,7 +180,7 @@ def _geometry(piece: CurvePiece) -> xodr.Line | xodr.Arc | xodr.Spiral:
 
 
 def _crossing(number: int, s_m: float, right: float, left: float) -> ET.Element:
-    """A zebra from its right to its left border.
+    """Make a zebra from its right to its left border.
 
     Made here: scenariogeneration numbers objects over the life of the process.
     """
@@ -239,10 +240,11 @@ def _road(block: Block) -> xodr.Road:
 
 
 def opendrive_map(block: Block, name: str, provenance: Mapping[str, str]) -> bytes:
-    """An OpenDRIVE 1.5 map with one road, id 1.
+    """Make an OpenDRIVE 1.5 map with one road, id 1.
 
     Args:
         block: in frame map.
+        name: of the map.
         provenance: what it was made from and by what, as user data of the map.
 
     Raises:

@@ -80,7 +80,7 @@ _Action: TypeAlias = (
 
 
 def export_openscenario(task: Task, block: Block, map_text: str | None, folder: Path) -> list[Path]:
-    """Writes the scenario twice, with its map: the VUT as foreseen, and left to the user.
+    """Write the scenario twice, with its map: the VUT as foreseen, and left to the user.
 
     Args:
         task: sealed.
@@ -135,9 +135,11 @@ def _check_gap(run: RunSpec, scenario: bytes, chart: MapFile, block: Block, seen
 
 
 def scenario_xml(task: Task, chart: MapFile, seen: Foreseen, *, external: bool) -> bytes:
-    """The scenario.
+    """Return the scenario as XML.
 
     Args:
+        task: with its run.
+        chart: the map beside it, with heights.
         seen: the session that is foreseen.
         external: the VUT stands until the user's controller drives it; else it drives in its lane
             at the speeds of a session, whatever it meets.
@@ -242,7 +244,7 @@ def _event(name: str, start: _Start, *actions: _Action) -> xosc.Event:
 
 
 def _vut_drive(seen: Foreseen) -> xosc.ManeuverGroup:
-    """The VUT's speeds as the SIL's driver drives, leg by leg."""
+    """Return the VUT's speeds as the SIL's driver drives, leg by leg."""
     found = matched(legs(seen.speeds), seen.speeds, seen.driven_m)
     events = [
         _event(f"vut_{i}", _at(f"vut_{i}_starts", leg.start_s), _speed(leg.change))
@@ -252,7 +254,7 @@ def _vut_drive(seen: Foreseen) -> xosc.ManeuverGroup:
 
 
 def _at(name: str, time_s: float) -> xosc.ValueTrigger:
-    """True in the step of a time."""
+    """Return a condition that is true in the step of a time."""
     return after(name, round(max(0.0, time_s - PLAYER_LAG_S), 3))
 
 
@@ -288,7 +290,7 @@ def _manoeuvre(
 def _lane_change(
     who: ParticipantSpec, chart: MapFile, seen: Foreseen, manoeuvre: LaneChange, slower: Ramp
 ) -> xosc.RelativeLaneChangeAction:
-    """Sideways to the goal lane over the distance that is driven in the planned time.
+    """Lead sideways to the goal lane over the distance that is driven in the planned time.
 
     ScenarioRunner knows a lane change's distance and relative goals only. The sine is the player's
     shape nearest to a session's quintic.
@@ -310,10 +312,15 @@ def _walk(
     later_s: float,
     heights: Heights,
 ) -> list[xosc.Event]:
-    """A path of its own, its speed up from standstill, and the stop at its end.
+    """Make the events of a path of its own: speed up from standstill, and stop at its end.
 
     Args:
-        later_s: by which it begins later than in a session.
+        who: whose path it is.
+        name: that the events' names begin with.
+        motion: along its path.
+        start: the condition that starts it.
+        later_s: delay of its beginning against that of a session.
+        heights: of the map.
     """
     points = times_along(motion)
     trajectory = xosc.Trajectory(f"{name}_path", False)
@@ -334,7 +341,7 @@ def _walk(
 
 
 def _environment(look: Look) -> xosc.Environment:
-    """Sun, fog and a dry road; OpenSCENARIO's azimuth is clockwise from north."""
+    """Return sun, fog and a dry road; OpenSCENARIO's azimuth is clockwise from north."""
     far = -math.log(_FOG_CONTRAST) / look.fog_per_m if look.fog_per_m > 0.0 else _CLEAR_M
     weather = xosc.Weather(
         xosc.CloudState.free,
@@ -367,7 +374,7 @@ def _box(size: Size) -> xosc.BoundingBox:
 
 
 def entity(who: ParticipantSpec) -> xosc.Vehicle | xosc.Pedestrian:
-    """A participant as OpenSCENARIO 1.0 has it, named by its CARLA blueprint."""
+    """Return a participant as OpenSCENARIO 1.0 has it, named by its CARLA blueprint."""
     facts, box = CLASSES[who.object_class], _box(who.size)
     made: xosc.Vehicle | xosc.Pedestrian
     if facts.category is None:
@@ -390,13 +397,13 @@ def entity(who: ParticipantSpec) -> xosc.Vehicle | xosc.Pedestrian:
 
 
 def position(place: Point, heights: Heights, yaw_rad: float | None = None) -> xosc.WorldPosition:
-    """A place of frame map. On a flat map its height is left to the player."""
+    """Return a place of frame map. On a flat map its height is left to the player."""
     z = None if heights.is_flat else heights.at(place)
     return xosc.WorldPosition(place[0], place[1], z, yaw_rad)
 
 
 def outside_control() -> xosc.ControllerAction:
-    """Leaves an entity to the user, in the words of ScenarioRunner and of esmini."""
+    """Leave an entity to the user, in the words of ScenarioRunner and of esmini."""
     properties = xosc.Properties()
     properties.add_property("module", "external_control")
     properties.add_property("esminiController", "ExternalController")
@@ -412,7 +419,7 @@ def outside_control() -> xosc.ControllerAction:
 
 
 def after(name: str, time_s: float, point: str = "start") -> xosc.ValueTrigger:
-    """True from a time after the scenario's start, s."""
+    """Return a condition that is true from a time after the scenario's start, s."""
     condition = xosc.SimulationTimeCondition(time_s, xosc.Rule.greaterThan)
     return xosc.ValueTrigger(name, 0, xosc.ConditionEdge.none, condition, point)
 
@@ -420,7 +427,7 @@ def after(name: str, time_s: float, point: str = "start") -> xosc.ValueTrigger:
 def driven(
     name: str, entity_id: str, distance_m: float, point: str = "start"
 ) -> xosc.EntityTrigger:
-    """True once an entity has driven a distance since the scenario's start, m."""
+    """Return a condition that is true once an entity has driven a distance since the start, m."""
     far, none = xosc.TraveledDistanceCondition(distance_m), xosc.ConditionEdge.none
     return xosc.EntityTrigger(name, 0, none, far, entity_id, triggeringpoint=point)
 
@@ -428,7 +435,7 @@ def driven(
 def stop_at(
     name: str, vut_driven_m: float, at_latest_s: float, over_s: float | None
 ) -> xosc.Trigger:
-    """Ends where a session does, by whichever comes first.
+    """End where a session does, by the first of these conditions.
 
     Args:
         name: of the act or storyboard that ends; conditions' names begin with it, since
@@ -458,7 +465,7 @@ _SAME = 0.02
 def firing(
     run: RunSpec, trigger: TriggerSpec, delay_s: float, seen: Foreseen, heights: Heights
 ) -> _Start:
-    """The condition that starts a trigger's act, asked of the VUT.
+    """Return the condition that starts a trigger's act, asked of the VUT.
 
     A session measures along the VUT's path and a player straight ahead. On a bend the condition has
     the value that a player measures when the session's trigger fires.

@@ -52,7 +52,7 @@ class Journey:
 
 
 def journey(motion: Motion) -> Journey:
-    """A motion's ramps and where the last one begins."""
+    """Return a motion's ramps and where the last one begins."""
     a, d = motion.acceleration_mps2, motion.deceleration_mps2
     length = Polyline(motion.path).length_m
     peak = min(motion.cruise_mps, math.sqrt(2.0 * a * d * length / (a + d)))
@@ -68,7 +68,7 @@ class Leg:
 
 
 def legs(speeds: Sequence[tuple[float, float]], error_mps: float = 0.05) -> list[Leg]:
-    """Straight ramps that leave a course of speeds by at most an error.
+    """Return straight ramps that leave a course of speeds by at most an error.
 
     Args:
         speeds: (t in s, speed in m/s), t rising strictly, at least one.
@@ -114,7 +114,7 @@ def matched(
 
 
 def _knots(speeds: Sequence[tuple[float, float]], a: int, b: int, error_mps: float) -> list[int]:
-    """Indices after ``a``, up to ``b``, between which straight lines are near enough."""
+    """Return indices after ``a``, up to ``b``, between which straight lines are near enough."""
     if b <= a:
         return []
     (t0, v0), (t1, v1) = speeds[a], speeds[b]
@@ -130,7 +130,7 @@ def _knots(speeds: Sequence[tuple[float, float]], a: int, b: int, error_mps: flo
 
 
 def times_along(motion: Motion) -> list[tuple[float, float, float]]:
-    """(t in s from the start, x, y) at the points of a motion's path, at its planned speed."""
+    """Return (t in s from the start, x, y) at the points of a motion's path, as planned."""
     path = Polyline(motion.path)
     trip = journey(motion)
     a, d, peak = motion.acceleration_mps2, motion.deceleration_mps2, trip.start.to_mps
@@ -151,7 +151,7 @@ def times_along(motion: Motion) -> list[tuple[float, float, float]]:
 
 
 def distance_during(from_mps: float, change: Ramp, duration_s: float) -> float:
-    """Distance driven in a time that begins with a ramp, m."""
+    """Return the distance driven in a time that begins with a ramp, m."""
     within = min(duration_s, change.duration_s)
     rate = (change.to_mps - from_mps) / change.duration_s
     ramped = from_mps * within + 0.5 * rate * within * within

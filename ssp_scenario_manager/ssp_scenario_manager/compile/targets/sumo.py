@@ -30,7 +30,7 @@ _STAYS = {"lcStrategic": "-1", "lcCooperative": "-1", "lcSpeedGain": "0", "lcKee
 
 
 def write_sumo(task: Task, folder: Path) -> list[Path]:
-    """Writes road.net.xml, run.rou.xml, run.add.xml and run.sumocfg.
+    """Write road.net.xml, run.rou.xml, run.add.xml and run.sumocfg.
 
     Raises:
         HostError: netconvert isn't installed or fails.
@@ -95,7 +95,7 @@ def _routes(run: RunSpec, lanes: Sequence[LanePlace]) -> ElementTree.Element:
 
 
 def _type(name: str, object_class: ObjectClass, cruise_mps: float | None) -> ElementTree.Element:
-    """Everybody has a type of his own, which holds his cruise speed."""
+    """Return the participant's own type, which holds its cruising speed."""
     size = DEFAULT_SIZES[object_class]
     given = {
         "id": f"{name}_type",
@@ -142,7 +142,7 @@ def _participant(
 def _stands(
     spec: ParticipantSpec, run: RunSpec, lanes: Sequence[LanePlace], s: float, y: float
 ) -> Iterator[ElementTree.Element]:
-    """A pedestrian on the sidewalk, if the road has one there."""
+    """Yield a pedestrian on the sidewalk, if the road has one there."""
     side = "left" if y > run.road.left_edge_m else "right"
     width = run.road.sidewalk_left_m if side == "left" else run.road.sidewalk_right_m
     if width <= 0.0:
@@ -162,7 +162,7 @@ def _stands(
 
 
 def _lane_at(run: RunSpec, lanes: Sequence[LanePlace], y_m: float) -> LanePlace:
-    """The lane that an offset is in or nearest to."""
+    """Return the lane that an offset is in or nearest to."""
     index = min(range(len(lanes)), key=lambda i: abs(run.road.lanes[i].y_m - y_m))
     return lanes[index]
 

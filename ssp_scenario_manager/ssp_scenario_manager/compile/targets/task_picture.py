@@ -77,7 +77,7 @@ class TopView:
 
 
 def top_view(task: Task) -> TopView:
-    """Draws a task from above."""
+    """Draw a task from above."""
     areas, lines = _areas(task), _lines(task)
     shown = [place for kind, outline in areas if kind != "fence" for place in outline]
     shown += [place for _, line in lines for place in line]
@@ -115,7 +115,7 @@ def _at(place: Place) -> Point:
 
 
 def _beside(label: Label, lines: Shapes, others: Sequence[Label]) -> Label | None:
-    """The label beside its mark, where it lies on no route and no other; None: nowhere."""
+    """Place the label beside its mark, on no route and no other label; None: there is no room."""
     x, y = label.mark
     width = CHARACTER_PX * len(label.text)
     for at in (
@@ -166,7 +166,7 @@ def lies_on(box: tuple[float, float, float, float], lines: Shapes) -> bool:
 
 
 def _labelled(marks: Sequence[tuple[str, str, Point]]) -> tuple[list[Label], float]:
-    """The labels in rows from the view upwards, none over another, and the height of the band."""
+    """Return the labels in rows from the view upwards, none over another, and the band's height."""
     labels: list[Label] = []
     ends: list[float] = []
     for kind, text, mark in sorted(marks, key=lambda one: one[2]):
@@ -197,7 +197,7 @@ def _scale(task: Task, view: RoadView) -> tuple[float, float, float, float]:
 
 
 def _north(task: Task, view: RoadView) -> tuple[Point, Point]:
-    """An arrow in the base of the picture, in the direction that north has there."""
+    """Return an arrow in the base of the picture that points to the north."""
     start = task.run.road.origin
     here, there = view.points([(start.x_m, start.y_m), (start.x_m, start.y_m + 1.0)])
     dx, dy = np.subtract(there, here) / math.dist(here, there) * _ARROW_PX
@@ -206,7 +206,7 @@ def _north(task: Task, view: RoadView) -> tuple[Point, Point]:
 
 
 def _areas(task: Task) -> Shapes:
-    """Outlines by what they are: carriageway, regions, conflict zone and bodies at the start."""
+    """Return outlines by kind: carriageway, regions, conflict zone and bodies at the start."""
     edges = [line.points for line in drawing_of(task.run).road_lines if line.kind == "edge"]
     areas: Shapes = []
     if len(edges) == 2:  # beyond the centre of a tight bend an edge has no place of its own
@@ -220,7 +220,7 @@ def _areas(task: Task) -> Shapes:
 
 
 def _lines(task: Task) -> Shapes:
-    """Lane borders, and what everybody drives: before the trigger, and what it sets off."""
+    """Return lane borders, and all routes: before the trigger, and what it sets off."""
     borders = [line for line in drawing_of(task.run).road_lines if line.kind == "divider"]
     lines: Shapes = [("lane", list(line.points)) for line in borders]
     lines.append(("vut", task.vut_route))
@@ -250,7 +250,7 @@ def _act(task: Task, trigger: TriggerSpec) -> tuple[list[Point], list[Point]] | 
 
 
 def _acts_at_m(task: Task, trigger: TriggerSpec) -> float:
-    """Station of an object's approach at which its gap to the VUT is the trigger's."""
+    """Return the station of an object's approach at which its gap to the VUT is the trigger's."""
     target = next(spec for spec in task.run.targets if spec.id == trigger.object_id)
     if target.approach is None:
         return 0.0
@@ -260,7 +260,7 @@ def _acts_at_m(task: Task, trigger: TriggerSpec) -> float:
 
 
 def _changed_lane(task: Task, trigger: TriggerSpec) -> Points | None:
-    """The planned lane change of an object; None for one that does something else."""
+    """Return the planned lane change of an object; None for one with another manoeuvre."""
     manoeuvre = trigger.manoeuvre
     target = next(spec for spec in task.run.targets if spec.id == trigger.object_id)
     if not isinstance(manoeuvre, LaneChange) or target.approach is None:
@@ -318,7 +318,7 @@ class SpeedChart:
 
 
 def speed_lines(task: Task) -> tuple[list[SpeedLine], float]:
-    """Planned speeds of VUT and objects, and the time at which the trigger is expected, s.
+    """Return planned speeds of VUT and objects, and the trigger's expected time, s.
 
     The VUT's driver and the adaptation may deviate from them within the limits.
     """
@@ -357,7 +357,7 @@ def _driven(motion: Motion) -> Points:
 
 
 def _after(task: Task, trigger: TriggerSpec, speed_mps: float) -> Points:
-    """Points of what a trigger sets off, from its own beginning."""
+    """Return points of what a trigger sets off, from its own beginning."""
     manoeuvre = trigger.manoeuvre
     if isinstance(manoeuvre, FollowPath):
         return _driven(manoeuvre.motion)
@@ -372,7 +372,7 @@ def _after(task: Task, trigger: TriggerSpec, speed_mps: float) -> Points:
 
 
 def _sampled(points: Points) -> list[Point]:
-    """Speeds at even times, and at the end."""
+    """Return speeds at even times, and at the end."""
     times, speeds = points.columns[0], points.columns[4]
     if len(times) == 0:
         return []
@@ -382,7 +382,7 @@ def _sampled(points: Points) -> list[Point]:
 
 
 def speed_chart(task: Task) -> SpeedChart:
-    """Draws the speeds."""
+    """Draw the speeds."""
     lines, fires_s = speed_lines(task)
     last_s = max((t for line in lines for t, _ in line.points), default=1.0)
     top_mps = max(task.limits.speed_mps, *(v for line in lines for _, v in line.points)) * 1.05

@@ -60,14 +60,14 @@ class StartRow:
 
 
 def write_sheet(compiled: Compiled, folder: Path) -> Path:
-    """Writes task.html into a compiled folder."""
+    """Write task.html into a compiled folder."""
     path = folder / SHEET_FILE
     write_text(path, sheet(compiled.task))
     return path
 
 
 def sheet(task: Task) -> str:
-    """The page of a task."""
+    """Return the page of a task."""
     rows = [
         (name, kind, place)
         for name, anchors in sorted(task.anchors.items())
@@ -92,7 +92,7 @@ def sheet(task: Task) -> str:
 
 
 def limit_rows(limits: Limits) -> list[LimitRow]:
-    """Every field of the limits, with words, value and unit; none can be missing."""
+    """Return every field of the limits, with words, value and unit; none can be missing."""
     return [
         LimitRow(name, _words(name), _value(name, getattr(limits, name)))
         for name in type(limits).model_fields
@@ -100,7 +100,7 @@ def limit_rows(limits: Limits) -> list[LimitRow]:
 
 
 def _parts(name: str) -> tuple[str, str]:
-    """A field's name in words, and its unit."""
+    """Return a field's name in words, and its unit."""
     words, _, suffix = name.rpartition("_")
     if suffix not in _UNITS:
         return name.replace("_", " "), ""

@@ -1,6 +1,4 @@
-"""A failed check with everything that a person needs to mend it, and what the predicates of C1–C5
-share.
-"""
+"""A failed check with all that a person needs to mend it; what the predicates of C1–C5 share."""
 
 from __future__ import annotations
 
@@ -75,7 +73,7 @@ _FEW = 2
 
 
 def summed_up(failures: Iterable[Failure]) -> list[list[Failure]]:
-    """Failures in groups of what one action mends, in the order of the first of each.
+    """Group failures by the one action that mends them, in the order of the first of each.
 
     Open decisions are one group; so are more than two failures of a check with the same reason,
     origin and remedy.
@@ -144,14 +142,14 @@ class View:
         return rule_of(path, self.event.constraints.trigger.quantity, units)
 
     def measured(self, path: str) -> Span | None:
-        """A quantity in SI units; None where it is missing, null or in a wrong unit."""
+        """Return a quantity in SI units, None where it is missing, null or in a wrong unit."""
         found, rule = self.quantities.get(path), self.rule(path)
         unit = UNITS.get(found.unit) if found else None
         right = unit is not None and rule is not None and unit.dimension == rule.dimension
         return found.si if found and right else None
 
     def span(self, path: str) -> Span | None:
-        """A quantity in SI units, to hold others against; None where C5 refuses it by itself."""
+        """Return a quantity in SI units for comparisons, None where C5 refuses it by itself."""
         if path not in self._spans:
             span, rule = self.measured(path), self.rule(path)
             sound = span is not None and rule is not None and _is_sound(span, rule)
@@ -159,22 +157,22 @@ class View:
         return self._spans[path]
 
     def spans(self, *paths: str) -> tuple[Span, ...] | None:
-        """Several quantities as ``span``; None where one of them is None."""
+        """Return several quantities as ``span``, None where one of them is None."""
         found = tuple(span for path in paths if (span := self.span(path)) is not None)
         return found if len(found) == len(paths) else None
 
     def road(self, name: str) -> str:
-        """Path of the interval that a place's value of a measured field of T may lie in."""
+        """Return the path of the interval in which a place may have a measured field of T."""
         field = self.event.topology.by_name[name]
         varies = isinstance(field, QuantityField) and field.varies is not None
         return f"topology.{name}.{'varies' if varies else 'value'}"
 
     def cell(self, who: str, phase: PhaseWord) -> MotionCell | None:
-        """Motion of one participant in one phase, None where part M lacks it."""
+        """Return the motion of one participant in one phase, None where part M lacks it."""
         return self.event.motion.get(who, {}).get(phase)
 
     def cells(self) -> Iterator[tuple[str, Participant, PhaseWord, MotionCell]]:
-        """Every cell of part M with its participant."""
+        """Yield every cell of part M with its participant."""
         for who, participant in self.event.participants.items():
             for phase in PHASES:
                 cell = self.cell(who, phase)
@@ -182,7 +180,7 @@ class View:
                     yield who, participant, phase, cell
 
     def said(self, *paths: str) -> str:
-        """``path = value`` of each, as the evidence of a failure."""
+        """Return ``path = value`` of each, as the evidence of a failure."""
         return "; ".join(f"{path} = {self._shown(path)}" for path in paths)
 
     def origin(self, path: str) -> Origin:
@@ -224,10 +222,13 @@ class Fail:
         evidence: str = "",
         origin: Origin | None = None,
     ) -> Failure:
-        """A failure of the field at the first path.
+        """Return a failure of the field at the first path.
 
         Args:
-            paths: of the field, and of what it was held against.
+            view: of the event.
+            reason: why it fails, for people.
+            remedy: what a person may do about it.
+            paths: of the field, and of what it was compared with.
             evidence: where it isn't simply the values at these paths.
             origin: where it isn't the usual one.
         """
@@ -237,7 +238,7 @@ class Fail:
     def unless(
         self, view: View, found: str | None, wanted: Iterable[str], reason: str, *paths: str
     ) -> Iterator[Failure]:
-        """The failure of a word that isn't one of those that are wanted."""
+        """Yield the failure of a word that isn't one of the wanted ones."""
         words = list(wanted)
         if found not in words:
             yield self(view, reason, one_of(words), *paths)
@@ -249,5 +250,5 @@ def known(word: str | None) -> bool:
 
 
 def one_of(words: Iterable[str]) -> str:
-    """A vocabulary for a remedy, in a fixed order."""
+    """List a vocabulary for a remedy, in a fixed order."""
     return ", ".join(sorted(words))

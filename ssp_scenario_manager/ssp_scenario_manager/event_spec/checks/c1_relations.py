@@ -24,7 +24,7 @@ _VUT_CLASSES = frozenset({"car", "truck", "bus"})
 
 
 def one_vut(view: View) -> Iterator[Failure]:
-    """Exactly one participant is the VUT."""
+    """Check that exactly one participant is the VUT."""
     vuts = [who for who, p in view.event.participants.items() if p.role == "VUT"]
     if len(vuts) == 1:
         return
@@ -40,7 +40,7 @@ def one_vut(view: View) -> Iterator[Failure]:
 
 
 def same_ids_everywhere(view: View) -> Iterator[Failure]:
-    """Parts A, M and C speak of the same ids."""
+    """Check that parts A, M and C speak of the same ids."""
     ids, event = set(view.event.participants), view.event
     for part, by_id in (
         ("motion", set(event.motion)),
@@ -59,7 +59,7 @@ def same_ids_everywhere(view: View) -> Iterator[Failure]:
 
 
 def every_phase(view: View) -> Iterator[Failure]:
-    """Parts M and C have each participant in all four phases."""
+    """Check that parts M and C have each participant in all four phases."""
     motion, speeds = view.event.motion, view.event.constraints.speeds
     given = {
         "motion": {who: set(cells) for who, cells in motion.items()},
@@ -79,7 +79,7 @@ def every_phase(view: View) -> Iterator[Failure]:
 
 
 def interaction_names_participants(view: View) -> Iterator[Failure]:
-    """The initiator is an OT, the affected one the VUT, and they alone pass the conflict point."""
+    """Check that the initiator, an OT, and the VUT, affected, alone pass the conflict point."""
     interaction = view.event.interaction
     roles = {who: p.role for who, p in view.event.participants.items()}
     for name, role in (("initiator", "OT"), ("affected", "VUT")):
@@ -113,7 +113,7 @@ def interaction_names_participants(view: View) -> Iterator[Failure]:
 
 
 def classes_fit_roles(view: View) -> Iterator[Failure]:
-    """VUT and initiator are of classes that can do what they do."""
+    """Check that VUT and initiator are of classes that can do what they do."""
     event, kind = view.event, view.kind
     for who, participant in event.participants.items():
         if participant.role == "VUT":
@@ -132,7 +132,7 @@ def classes_fit_roles(view: View) -> Iterator[Failure]:
 
 
 def only_the_vut_has_an_intent(view: View) -> Iterator[Failure]:
-    """The VUT says where it means to go, and nobody else does."""
+    """Check that the VUT states where it means to go, and no other participant does."""
     for who, participant in view.event.participants.items():
         paths = f"participants.{who}.intent", f"participants.{who}.role"
         if participant.role == "VUT" and participant.intent is None:
@@ -175,7 +175,7 @@ _SEEN = {("vut_lane", "ahead"): "front", ("vut_lane", "behind"): "rear"} | {
 
 
 def vut_drives_along_the_road(view: View) -> Iterator[Failure]:
-    """The VUT starts in its own lane and is not seen from itself; OTs are seen from it."""
+    """Check that the VUT starts in its own lane, not seen from itself; OTs are seen from it."""
     for who, participant in view.event.participants.items():
         region, at = participant.region, f"participants.{who}.region"
         is_vut, role = participant.role == "VUT", f"participants.{who}.role"
@@ -207,7 +207,7 @@ def vut_drives_along_the_road(view: View) -> Iterator[Failure]:
 
 
 def places_exist(view: View) -> Iterator[Failure]:
-    """The road of part T has the lanes and boundaries that part A puts participants in."""
+    """Check that part T's road has the lanes and boundaries that part A puts participants in."""
     topology = view.event.topology
     lanes, opposite = topology.lanes_same_direction.range, topology.lanes_opposite.range
     fewest = math.inf if lanes is None else lanes.min
@@ -266,7 +266,7 @@ def first_seen_where_they_start(view: View) -> Iterator[Failure]:
 
 
 def occluder_hides(view: View) -> Iterator[Failure]:
-    """An occluder is there exactly if the kind needs one: large, standing, before the initiator."""
+    """Check that an occluder is there exactly if needed: large, standing, before the initiator."""
     event, kind, path = view.event, view.kind, "interaction.occluder"
     who = event.interaction.occluder
     if kind and kind.needs_occluder != (who is not None):
@@ -355,7 +355,7 @@ _MEANING = {
 
 
 def motion_fits_words(view: View) -> Iterator[Failure]:
-    """Heading, lateral change, speed trend and position are those of the cell's motion class."""
+    """Check that heading, lateral change, speed trend and position fit the motion class."""
     for who, participant, phase, cell in view.cells():
         meaning, at = _MEANING.get(cell.motion or ""), f"motion.{who}.{phase}"
         if meaning is None or participant.role != "OT":
@@ -376,7 +376,7 @@ def motion_fits_words(view: View) -> Iterator[Failure]:
 
 
 def vut_keeps_its_lane(view: View) -> Iterator[Failure]:
-    """The VUT is the frame: it heads along the road and has no gap to itself."""
+    """Check that the VUT is the frame: it heads along the road and has no gap to itself."""
     for who, participant, phase, cell in view.cells():
         if participant.role != "VUT":
             continue
@@ -445,7 +445,7 @@ def who_stands_is_passed(view: View) -> Iterator[Failure]:
 
 
 def nobody_turns_round(view: View) -> Iterator[Failure]:
-    """Heading stays the same from phase to phase."""
+    """Check that the heading stays the same from phase to phase."""
     before: tuple[str, str, str] = ("", "", "")
     for who, _, phase, cell in view.cells():
         if not known(cell.heading):

@@ -42,7 +42,7 @@ _FROM = {
 
 
 def fields_say_whether_they_vary(view: View) -> Iterator[Failure]:
-    """Each field of the road is identity or varies inside a range that holds the source's value."""
+    """Check that a field of the road is identity or has a range that holds the source's value."""
     for name, field in view.event.topology.by_name.items():
         path, varies = f"topology.{name}", get(view.value, f"topology.{name}.varies")
         if field.identity == (varies is not None):
@@ -81,7 +81,7 @@ def _holds(view: View, name: str) -> bool:
 
 
 def identity_is_known(view: View) -> Iterator[Failure]:
-    """An identity field has the value that the source shows (METHOD 4.2)."""
+    """Check that an identity field has the value that the source shows (METHOD 4.2)."""
     for name in view.event.topology.identity_fields:
         path = f"topology.{name}"
         if get(view.value, f"{path}.value") == UNRESOLVED:
@@ -95,7 +95,7 @@ def identity_is_known(view: View) -> Iterator[Failure]:
 
 
 def what_varies_is_justified(view: View) -> Iterator[Failure]:
-    """Segment, lane counts and the VUT's lane vary only with a reason that a person reviewed."""
+    """Check that segment, lane counts and the VUT's lane vary only for a reviewed reason."""
     for name in IDENTITY_BY_DEFAULT:
         path, field = f"topology.{name}", view.event.topology.by_name[name]
         if get(view.value, f"{path}.varies") is None:
@@ -116,7 +116,7 @@ def what_varies_is_justified(view: View) -> Iterator[Failure]:
 
 
 def road_has_the_lanes(view: View) -> Iterator[Failure]:
-    """The road has the lanes in the VUT's direction that the kind needs."""
+    """Check that the road has the lanes in the VUT's direction that the kind needs."""
     kind, lanes = view.kind, view.event.topology.lanes_same_direction.range
     if kind and lanes and lanes.min < kind.same_direction_lanes:
         reason = f"{kind.name} needs {kind.same_direction_lanes} lanes in the VUT's direction"
@@ -125,7 +125,7 @@ def road_has_the_lanes(view: View) -> Iterator[Failure]:
 
 
 def road_permits_it(view: View) -> Iterator[Failure]:
-    """The road permits the manoeuvres that the kind needs."""
+    """Check that the road permits the manoeuvres that the kind needs."""
     kind, path = view.kind, "topology.permitted_manoeuvres"
     permitted = view.event.topology.permitted_manoeuvres
     missing = kind.manoeuvres(view.event) - permitted.needed if kind else frozenset()
@@ -147,7 +147,7 @@ def road_permits_it(view: View) -> Iterator[Failure]:
 
 
 def initiator_comes_from_there(view: View) -> Iterator[Failure]:
-    """The initiator starts in the lane or at the kerb that its dominant motion comes from."""
+    """Check that the initiator starts in the lane or at the kerb that its motion comes from."""
     kind, motion = view.kind, view.event.interaction.dominant_motion
     found = view.event.participants.get(view.initiator)
     if kind is None or found is None or motion not in kind.initiator_places:
@@ -162,7 +162,7 @@ def initiator_comes_from_there(view: View) -> Iterator[Failure]:
 
 
 def path_meets_the_corridor(view: View) -> Iterator[Failure]:
-    """Coming from a side, the initiator is seen there at the trigger and in front in conflict."""
+    """Check that an initiator from a side is seen there at the trigger, and ahead in conflict."""
     motion, who = view.event.interaction.dominant_motion, view.initiator
     side = _FROM.get(motion)
     crossed = _BESIDE[side[1]] if side and motion.startswith("crossing") else frozenset()
@@ -184,7 +184,7 @@ def path_meets_the_corridor(view: View) -> Iterator[Failure]:
 
 
 def segment_fits_curvature(view: View) -> Iterator[Failure]:
-    """Curvature and segment say the same: a straight has a radius of 1000 m or more."""
+    """Check that curvature and segment agree: a straight has a radius of 1000 m or more."""
     segments, path = set(view.event.topology.segment.words), view.road("curvature")
     span, limit = view.span(path), f"{STRAIGHT_BELOW_1PM:g} 1/m, or another segment"
     bent = span is not None and span.high > STRAIGHT_BELOW_1PM + 1e-9
@@ -197,7 +197,7 @@ def segment_fits_curvature(view: View) -> Iterator[Failure]:
 
 
 def lanes_are_changed_on_open_road(view: View) -> Iterator[Failure]:
-    """Cutting in and following take place outside junctions."""
+    """Check that cutting in and following take place outside junctions."""
     relation, segments = view.event.interaction.relation, view.event.topology.segment.words
     if "junction" in segments and relation in ("merge", "following"):
         paths = "topology.segment", "interaction.relation"

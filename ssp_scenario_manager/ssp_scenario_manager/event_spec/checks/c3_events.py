@@ -1,6 +1,4 @@
-"""C3: phases in order and evident, an observable trigger before any conflict, speeds that follow
-their trends.
-"""
+"""C3: phases in order and evident, a trigger observable before any conflict, speeds by trends."""
 
 from __future__ import annotations
 
@@ -23,7 +21,7 @@ _ROUNDING_S = 0.001
 
 
 def phases_in_order(view: View) -> Iterator[Failure]:
-    """Each phase starts after the one before it."""
+    """Check that each phase starts after the one before it."""
     for before, after in pairwise(PHASES):
         paths = [f"events.{phase}.start" for phase in (before, after)]
         found = view.spans(*paths)
@@ -36,7 +34,7 @@ def phases_in_order(view: View) -> Iterator[Failure]:
 
 
 def phases_inside_the_clip(view: View) -> Iterator[Failure]:
-    """The approach starts with the clip, and the resolution before its end."""
+    """Check that the approach starts with the clip, and the resolution before its end."""
     start, end = view.span("events.clip.start"), view.span("events.clip.end")
     first, last = view.span("events.approach.start"), view.span("events.resolution.start")
     if start and end and not start.high < end.low:
@@ -56,7 +54,7 @@ def phases_inside_the_clip(view: View) -> Iterator[Failure]:
 
 
 def enough_before_and_after(view: View) -> Iterator[Failure]:
-    """The crop holds at least 0.5 s of approach and of resolution (METHOD 4.1)."""
+    """Check that the crop holds at least 0.5 s of approach and of resolution (METHOD 4.1)."""
     for phase, first, last in (
         ("approach", "events.clip.start", "events.trigger.start"),
         ("resolution", "events.resolution.start", "events.clip.end"),
@@ -75,7 +73,7 @@ def enough_before_and_after(view: View) -> Iterator[Failure]:
 
 
 def evidence_is_readable(view: View) -> Iterator[Failure]:
-    """Evidence names frames or a span, in order, and both say the same at the source's rate."""
+    """Check that evidence names frames or a span, in order, which agree at the source's rate."""
     rate = _rate(view)
     for phase, path, evidence in _evidence(view):
         listed = getattr(view.event.events, phase).evidence
@@ -107,7 +105,7 @@ def evidence_is_readable(view: View) -> Iterator[Failure]:
 
 
 def evidence_shows_its_phase(view: View) -> Iterator[Failure]:
-    """A phase has started when it is first seen, and lasts while it is seen."""
+    """Check that a phase has started when it is first seen, and lasts while it is seen."""
     rate = _rate(view)
     slack = (0.5 / rate.low if rate else 0.0) + _ROUNDING_S
     ends = [*(f"events.{phase}.start" for phase in PHASES), "events.clip.end"]
@@ -143,13 +141,13 @@ def evidence_shows_its_phase(view: View) -> Iterator[Failure]:
 
 
 def _rate(view: View) -> Span | None:
-    """Frames a second of the source, if they are known."""
+    """Return the source's frames a second, if they are known."""
     rate = view.span("source.rate")
     return rate if rate and rate.low == rate.high else None
 
 
 def _evidence(view: View) -> Iterator[tuple[str, str, Evidence]]:
-    """Phase and path of each piece of evidence."""
+    """Yield phase and path of each piece of evidence."""
     for phase in PHASES:
         for i, evidence in enumerate(getattr(view.event.events, phase).evidence):
             yield phase, f"events.{phase}.evidence[{i}]", evidence
@@ -174,7 +172,7 @@ TIME_PREDICATES: tuple[Predicate, ...] = (
 
 
 def trigger_is_observable(view: View) -> Iterator[Failure]:
-    """The initiator's manoeuvre is absent in the approach and visible from the trigger on."""
+    """Check that the initiator's manoeuvre is visible from the trigger on, and not before."""
     kind, at = view.kind, f"motion.{view.initiator}"
     if kind is None:
         return
@@ -209,7 +207,7 @@ def trigger_is_observable(view: View) -> Iterator[Failure]:
 
 
 def _lateral_speed(view: View) -> tuple[str, float]:
-    """Slowest lateral speed of the manoeuvre: walking, or a lane's width in its duration."""
+    """Return the manoeuvre's slowest lateral speed: walking, or a lane's width in its duration."""
     both = view.spans(view.road("lane_width"), "constraints.manoeuvre.duration")
     if both and both[1].high > 0.0:
         return "constraints.manoeuvre.duration", both[0].low / both[1].high
@@ -246,7 +244,7 @@ def conflict_follows_the_trigger(view: View) -> Iterator[Failure]:
 
 
 def trigger_can_fire(view: View) -> Iterator[Failure]:
-    """The initiator starts farther away than the trigger's distance, and the gap closes."""
+    """Check that the initiator starts beyond the trigger's distance, and that the gap closes."""
     who = view.initiator
     cell, path = view.cell(who, "approach"), f"motion.{who}.approach.longitudinal"
     if cell:
@@ -287,7 +285,7 @@ def vut_comes_steadily(view: View) -> Iterator[Failure]:
 
 
 def speeds_follow_trends(view: View) -> Iterator[Failure]:
-    """A participant's ranges of speed follow from phase to phase as its speed trends say."""
+    """Check that a participant's speeds follow from phase to phase as its speed trends say."""
     for who in view.event.participants:
         previous: tuple[str, Span, str] | None = None
         for phase in PHASES:

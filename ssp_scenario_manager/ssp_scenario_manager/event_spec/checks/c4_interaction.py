@@ -30,7 +30,7 @@ _EXTREME = {"left": "leftmost", "right": "rightmost"}
 
 
 def kind_is_known(view: View) -> Iterator[Failure]:
-    """The type is a kind of interaction that the project knows."""
+    """Check that the type is a kind of interaction that the project knows."""
     path = "interaction.type"
     if view.kind is None:
         reason = "nobody has said what this kind of interaction needs"
@@ -38,7 +38,7 @@ def kind_is_known(view: View) -> Iterator[Failure]:
 
 
 def words_fit_the_kind(view: View) -> Iterator[Failure]:
-    """Relation, conflict zone, dominant motion and trigger are those of the kind."""
+    """Check that relation, conflict zone, dominant motion and trigger are those of the kind."""
     kind, interaction = view.kind, view.event.interaction
     if kind is None:
         return
@@ -83,7 +83,7 @@ def intent_fits_the_kind_and_the_motion(view: View) -> Iterator[Failure]:
 
 
 def dominant_motion_is_seen(view: View) -> Iterator[Failure]:
-    """The dominant motion is the initiator's in the trigger and conflict phases."""
+    """Check that the dominant motion is the initiator's in the trigger and conflict phases."""
     dominant = view.event.interaction.dominant_motion
     for phase in ("trigger", "conflict"):
         cell = view.cell(view.initiator, phase)
@@ -122,7 +122,7 @@ def passing_order_fits(view: View) -> Iterator[Failure]:
 
 
 def responses_agree(view: View) -> Iterator[Failure]:
-    """The admissible responses let the first one pass, and stand once each."""
+    """Check that the admissible responses let the first one pass, and stand once each."""
     interaction = view.event.interaction
     for name in ("longitudinal_responses", "lateral_responses"):
         words = getattr(interaction, name)
@@ -140,7 +140,7 @@ def responses_agree(view: View) -> Iterator[Failure]:
 
 
 def responses_have_room(view: View) -> Iterator[Failure]:
-    """A lateral response has a lane to go to, and a lane change that the road permits."""
+    """Check that a lateral response has a lane to go to, with a lane change that is permitted."""
     topology = view.event.topology
     lanes = topology.lanes_same_direction.range
     for side in ("left", "right"):
@@ -205,7 +205,7 @@ def vut_gives_way_in_the_conflict(view: View) -> Iterator[Failure]:
 
 
 def separation_fits_the_time_gap(view: View) -> Iterator[Failure]:
-    """The smallest time gap at the conflict point, driven fast, keeps the safe separation."""
+    """Check that the smallest time gap at the conflict point, driven fast, keeps the separation."""
     names = (
         "constraints.safety.separation",
         "constraints.time_gap",
@@ -222,7 +222,7 @@ def separation_fits_the_time_gap(view: View) -> Iterator[Failure]:
 
 
 def thresholds_fit_the_kind(view: View) -> Iterator[Failure]:
-    """The conflict is judged by what the kind compares: TTC, arrivals or both."""
+    """Check that the conflict is judged by what the kind compares: TTC, arrivals or both."""
     kind, thresholds = view.kind, view.event.constraints.thresholds
     if kind is None:
         return

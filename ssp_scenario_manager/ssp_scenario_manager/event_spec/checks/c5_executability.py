@@ -1,6 +1,4 @@
-"""C5: every quantity has its unit, and speeds, manoeuvre and place lie inside the limits of event
-and platform.
-"""
+"""C5: quantities with their units; speeds, manoeuvre and place within event and platform limits."""
 
 from __future__ import annotations
 
@@ -18,7 +16,7 @@ _EPS = 1e-9
 
 
 def units_are_right(view: View) -> Iterator[Failure]:
-    """Every quantity has a unit of what its field measures."""
+    """Check that every quantity has a unit of what its field measures."""
     for path, found in view.quantities.items():
         rule = view.rule(path)
         if rule is not None and view.measured(path) is None:
@@ -33,7 +31,7 @@ def units_are_right(view: View) -> Iterator[Failure]:
 
 
 def one_unit_each(view: View) -> Iterator[Failure]:
-    """One file writes one dimension in one unit: nobody reads 30 km/h as 30 m/s."""
+    """Check that a file writes a dimension in one unit, lest 30 km/h be read as 30 m/s."""
     right = {p: q.unit for p, q in view.quantities.items() if view.measured(p) is not None}
     for dimension in dict.fromkeys(UNITS[unit].dimension for unit in right.values()):
         used = Counter(unit for unit in right.values() if UNITS[unit].dimension == dimension)
@@ -50,7 +48,7 @@ def one_unit_each(view: View) -> Iterator[Failure]:
 
 
 def intervals_are_shaped(view: View) -> Iterator[Failure]:
-    """Intervals are in order and closed where they must be; what has to be exact is."""
+    """Check that intervals are in order, closed where they must be, and exact where needed."""
     for path, found in view.quantities.items():
         rule, low, high = view.rule(path), found.min, found.max
         wrong: list[tuple[str, str, str]] = []
@@ -75,7 +73,7 @@ def intervals_are_shaped(view: View) -> Iterator[Failure]:
 
 
 def inside_the_platform(view: View) -> Iterator[Failure]:
-    """No quantity goes beyond what vehicles, dummies, cameras and tracks can do."""
+    """Check that no quantity exceeds what vehicles, dummies, cameras and tracks can do."""
     for path, found in view.quantities.items():
         span, rule = view.measured(path), view.rule(path)
         if span is None or rule is None:
@@ -102,7 +100,7 @@ UNIT_PREDICATES: tuple[Predicate, ...] = (
 
 
 def manoeuvre_is_complete(view: View) -> Iterator[Failure]:
-    """Part C gives the manoeuvre's quantities by the names of its kind, and no others."""
+    """Check that part C gives exactly the manoeuvre's quantities, by the names of its kind."""
     kind, given = view.kind, view.event.constraints.manoeuvre
     if kind is None:
         return
@@ -118,7 +116,7 @@ def manoeuvre_is_complete(view: View) -> Iterator[Failure]:
 
 
 def critical_fields_are_known(view: View) -> Iterator[Failure]:
-    """No safety-critical field is unresolved: nobody can execute what nobody knows."""
+    """Check that no safety-critical field is unresolved, which could not be executed."""
     for path in view.critical:
         if path.startswith("topology."):
             continue  # C2 speaks of identity fields
@@ -130,7 +128,7 @@ def critical_fields_are_known(view: View) -> Iterator[Failure]:
 
 
 def inside_the_safety_limits(view: View) -> Iterator[Failure]:
-    """Speeds and accelerations stay inside the event's own safety limits."""
+    """Check that speeds and accelerations stay inside the event's own safety limits."""
     for path in view.quantities:
         span, rule = view.span(path), view.rule(path)
         if span is None or rule is None or path.startswith("constraints.safety."):
@@ -148,7 +146,7 @@ def inside_the_safety_limits(view: View) -> Iterator[Failure]:
 
 
 def speeds_hold_the_manoeuvre(view: View) -> Iterator[Failure]:
-    """The initiator's speeds run between its approach and the manoeuvre's target speed."""
+    """Check that the initiator's speeds lead from its approach to the manoeuvre's target."""
     kind, speeds = view.kind, f"constraints.speeds.{view.initiator}"
     for name in [n for n, unit in kind.manoeuvre.items() if unit == "m/s"] if kind else ():
         at, approach = f"constraints.manoeuvre.{name}", f"{speeds}.approach"
@@ -181,7 +179,7 @@ def speeds_hold_the_manoeuvre(view: View) -> Iterator[Failure]:
 
 
 def vut_only_brakes(view: View) -> Iterator[Failure]:
-    """The VUT never goes faster than in the approach, and may stand if it may stop."""
+    """Check that the VUT never exceeds its approach speed, and may stand if it may stop."""
     speeds, responses = f"constraints.speeds.{view.event.vut_id}", "longitudinal_responses"
     admissible = view.event.interaction.longitudinal_responses
     for phase in ("trigger", "conflict", "resolution"):
@@ -199,7 +197,7 @@ def vut_only_brakes(view: View) -> Iterator[Failure]:
 
 
 def lane_change_is_drivable(view: View) -> Iterator[Failure]:
-    """A lane change over the widest lane in the shortest time keeps to the safety limit."""
+    """Check that the widest lane change in the shortest time keeps to the safety limit."""
     names = (
         "constraints.manoeuvre.duration",
         view.road("lane_width"),
@@ -218,7 +216,7 @@ def lane_change_is_drivable(view: View) -> Iterator[Failure]:
 
 
 def site_is_large_enough(view: View) -> Iterator[Failure]:
-    """The site is long enough for approach and braking, and wide enough beyond the kerb."""
+    """Check that the site is long enough for approach and braking, and wide enough at the kerb."""
     vut, who, c = view.event.vut_id, view.initiator, "constraints"
     names = [f"{c}.site.lateral_clearance", f"{c}.manoeuvre.kerb_distance"]
     found = view.spans(*names)
@@ -251,7 +249,7 @@ def site_is_large_enough(view: View) -> Iterator[Failure]:
 
 
 def weights_count_something(view: View) -> Iterator[Failure]:
-    """Not every weight of KPR is 0."""
+    """Check that not every weight of KPR is 0."""
     weights = view.event.constraints.weights
     if len(weights) == 5 and not any(weights.values()):
         reason, remedy = "KPR would divide by 0 (METHOD 4)", "at least one weight above 0"

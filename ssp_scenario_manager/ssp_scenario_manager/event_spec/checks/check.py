@@ -1,6 +1,4 @@
-"""All checks of a K* (METHOD 1), all failures together; and what a person still has to decide
-about an event.
-"""
+"""All checks of a K* (METHOD 1), all failures together, and what a person still has to decide."""
 
 from __future__ import annotations
 
@@ -33,7 +31,7 @@ _REVIEW = "`ssp spec review FILE --who NAME`"
 
 
 def every_field_is_covered(view: View) -> Iterator[Failure]:
-    """Every field has an entry in part U, of its own or of what holds it."""
+    """Check that every field has an entry in part U, of its own or of what holds it."""
     nothing = "" if view.event.uncertainty else "part U is missing: "
     remedy = "one entry in part U for each field, by `ssp spec review FILE --who NAME --all`"
     for path in uncovered(view.event, view.value):
@@ -43,7 +41,7 @@ def every_field_is_covered(view: View) -> Iterator[Failure]:
 
 
 def entries_name_fields(view: View) -> Iterator[Failure]:
-    """Every entry of part U names a field that is there."""
+    """Check that every entry of part U names a field that is there."""
     for path in view.event.uncertainty:
         if not has(view.value, path):
             yield _fail(
@@ -56,7 +54,7 @@ def entries_name_fields(view: View) -> Iterator[Failure]:
 
 
 def seals_hold(view: View) -> Iterator[Failure]:
-    """A reviewed entry has a seal, and its field is as it was when it was reviewed."""
+    """Check that a reviewed entry has a seal, and its field is as it was when it was reviewed."""
     expected = seals(view.event, view.value)
     for path, entry in view.event.uncertainty.items():
         if path not in expected:
@@ -83,7 +81,7 @@ def seals_hold(view: View) -> Iterator[Failure]:
 
 
 def critical_fields_are_decided(view: View) -> Iterator[Failure]:
-    """A person has decided every safety-critical field."""
+    """Check that a person has decided every safety-critical field."""
     entries = view.event.uncertainty
     for path in view.critical:
         entry = owner(path, entries)
@@ -110,7 +108,7 @@ PREDICATES: dict[Check, tuple[Predicate, ...]] = {
 
 
 def check_event(event: Event | Mapping[str, Any], *, reviewed: bool = True) -> list[Failure]:
-    """Every check that doesn't hold, in a fixed order; [] for a K* that may be compiled.
+    """Return every failed check, in a fixed order; [] for a K* that may be compiled.
 
     A file whose form is wrong has failures of its form alone.
 
@@ -165,7 +163,7 @@ class Undecided:
 
 
 def undecided(event: Event) -> list[Undecided]:
-    """Every field that waits for a decision, in the file's order.
+    """Return every field that waits for a decision, in the file's order.
 
     A field is what a person judges as one: a word, a quantity, a list, one participant in one
     phase. A field that isn't safety-critical may be left unresolved by a person.
@@ -196,7 +194,7 @@ def undecided(event: Event) -> list[Undecided]:
 
 
 def contradictions(event: Event) -> list[Failure]:
-    """Checks C1-C5 that don't hold, but for those that say that a field is unresolved."""
+    """Return failures of checks C1-C5, without those that say that a field is unresolved."""
     value = body(event)
     return [
         failure
@@ -206,7 +204,7 @@ def contradictions(event: Event) -> list[Failure]:
 
 
 def frames_of(event: Event, path: str) -> tuple[int, ...]:
-    """Evidence frames of a field on the clip's own count, as part U and part E name them."""
+    """Return the evidence frames of a field on the clip's own count, as parts U and E name them."""
     entry = owner(path, event.uncertainty)
     named = _FRAMES.search(event.uncertainty[entry].source) if entry else None
     if named:

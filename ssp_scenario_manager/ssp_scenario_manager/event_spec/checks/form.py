@@ -16,7 +16,7 @@ from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 
 
 def read(value: Mapping[str, Any]) -> tuple[Event | None, list[Failure]]:
-    """The event, or every failure of its form."""
+    """Return the event, or every failure of its form."""
     try:
         return Event.model_validate(value), []
     except ValidationError as error:
@@ -33,7 +33,7 @@ def read(value: Mapping[str, Any]) -> tuple[Event | None, list[Failure]]:
 
 
 def vocabulary(path: str) -> tuple[str, ...]:
-    """The words that a field may hold, () where it holds something else."""
+    """List the words that a field may hold, () where it holds something else."""
     return tuple(word for word in _words(_annotation(split(path))) if isinstance(word, str))
 
 
@@ -74,7 +74,7 @@ def _shown(value: Any) -> str:
 
 
 def _annotation(parts: tuple[Part, ...]) -> Any:
-    """The type of what stands at a place, None where the form knows no such place."""
+    """Return the type of what stands at a place, None where the form knows no such place."""
     at: Any = Event
     for part in parts:
         at = _inside(_members(at), part)
@@ -100,7 +100,7 @@ def _inside(members: tuple[Any, ...], part: Part) -> Any:
 
 
 def _members(annotation: Any) -> tuple[Any, ...]:
-    """The types that a union allows, without what is annotated to them."""
+    """Return the types that a union allows, without what is annotated to them."""
     origin = get_origin(annotation)
     if origin is Annotated:
         return _members(get_args(annotation)[0])
@@ -110,7 +110,7 @@ def _members(annotation: Any) -> tuple[Any, ...]:
 
 
 def _words(annotation: Any) -> tuple[Any, ...]:
-    """Words of the literals that a type allows, if these are all that it allows."""
+    """Return words of the literals that a type allows, if these are all that it allows."""
     members = [member for member in _members(annotation) if member is not NoneType]
     if any(get_origin(member) is not Literal for member in members):
         return ()

@@ -69,7 +69,7 @@ class BadAnswer(Exception):
 
 
 def words_of(ask: Ask, scope: Scope) -> tuple[str, ...]:
-    """The vocabulary of a field, live words first."""
+    """Return the vocabulary of a field, live words first."""
     live: dict[str | None, tuple[str, ...]] = {
         None: (),
         "kinds": tuple(KINDS),
@@ -105,7 +105,7 @@ def answer_model(question: Question, scope: Scope) -> type[BaseModel]:
 
 
 def answer_schema(question: Question, scope: Scope) -> dict[str, Any]:
-    """The same as JSON schema: self-contained, without titles, every key required."""
+    """Return the answer's model as JSON schema: self-contained, no titles, every key required."""
     schema = answer_model(question, scope).model_json_schema()
     shared = schema.pop("$defs", {})
     plain: dict[str, Any] = _plain(schema, shared)
@@ -125,7 +125,7 @@ def _plain(value: Any, shared: Mapping[str, Any]) -> Any:
 
 
 def read_answer(question: Question, scope: Scope, text: str) -> BaseModel:
-    """The answer in a model's text.
+    """Return the answer in a model's text.
 
     One fence of three backticks around it is taken off, as chat models like to put one there, and
     so is a block of thoughts before it; nothing else is.
@@ -153,18 +153,18 @@ def read_answer(question: Question, scope: Scope, text: str) -> BaseModel:
 
 
 def findings(answer: BaseModel) -> dict[str, Finding]:
-    """The fields of an answer of layout ``fields`` or ``cells``."""
+    """Return the fields of an answer of layout ``fields`` or ``cells``."""
     return {key: _finding(item) for key, item in answer.model_dump().items()}
 
 
 def listed(answer: BaseModel) -> list[tuple[Finding, str]]:
-    """The items of an answer of layout ``list``, each with its description."""
+    """Return the items of an answer of layout ``list``, each with its description."""
     items = answer.model_dump()["items"]
     return [(_finding(item), printable(item["description"])) for item in items]
 
 
 def printable(text: str) -> str:
-    """A model's words on one line, without characters that could steer a terminal."""
+    """Put a model's words on one line, without characters that could steer a terminal."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
@@ -232,6 +232,7 @@ def reply_text(body: bytes, where: str) -> str:
     """Return the text that the model wrote.
 
     Args:
+        body: of the server's reply.
         where: file in which the body stands, for messages.
 
     Raises:

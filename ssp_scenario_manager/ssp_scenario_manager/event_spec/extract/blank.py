@@ -50,7 +50,7 @@ class Blank:
 
 
 def blank_event(kind: str, name: str) -> Blank:
-    """A K* of a kind, with all that the kind settles and nothing that a source clip must show.
+    """Return a K* of a kind, with all that the kind settles and nothing that a clip must show.
 
     Part A, M, I and C are those of the shipped event of this kind, as defaults to confirm.
 
@@ -100,7 +100,7 @@ class ByHand:
 
 
 def changed_by_hand(event: Event) -> list[ByHand]:
-    """Fields that were changed in the file and still name the template as their source.
+    """Return fields that were changed in the file and still name the template as their source.
 
     What a person reviewed as it is now is left out.
     """
@@ -122,7 +122,7 @@ def changed_by_hand(event: Event) -> list[ByHand]:
 
 
 def with_author(event: Event, fields: Iterable[ByHand], who: str) -> Event:
-    """The event with a person as the source of these fields, which nobody has reviewed."""
+    """Return the event with a person as the source of these fields, which are unreviewed."""
     doubt = Doubt(
         confidence=1.0, provenance="person", source=f"{who}, in an editor", review="unreviewed"
     )

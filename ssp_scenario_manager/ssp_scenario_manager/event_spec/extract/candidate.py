@@ -1,6 +1,4 @@
-"""The candidate K* from a model's answers: intervals, ``unresolved`` where it can't know, and
-documented defaults for part C.
-"""
+"""The candidate K* from a model's answers: intervals, ``unresolved``, and defaults for part C."""
 
 from __future__ import annotations
 
@@ -86,9 +84,7 @@ SAFETY = SafetyNeed(
 
 
 def thresholds(kind: Kind) -> Thresholds:
-    """Give the start of a conflict: METHOD 1's defaults, the arrival gap where the kind compares
-    one.
-    """
+    """Return METHOD 1's default start of a conflict, with an arrival gap if the kind has one."""
     default = Thresholds()
     return default if kind.uses_arrival_gap else default.model_copy(update={"arrival_gap": None})
 
@@ -120,7 +116,7 @@ class _Draft:
         self.doubts: dict[str, Doubt] = {}
 
     def said(self, path: str, finding: Finding, value: Any = None) -> Any:
-        """A value of the model's, with the frames that it named."""
+        """Return a value of the model's, with the frames that it named."""
         numbers = ", ".join(str(self._clip.shots[i - 1].number) for i in finding.frames)
         self._doubt(path, finding.confidence, "model", f"{self._model}; frames {numbers}")
         return finding.value if value is None else value
@@ -144,7 +140,7 @@ class _Draft:
 
 
 def make_candidate(found: Interview, clip: Clip, origin: Origin, model: str) -> Event:
-    """The candidate.
+    """Make the candidate.
 
     Raises:
         InputError: there is nothing to make an event of: no OT, or no conflict and no kind stated.
@@ -204,7 +200,7 @@ def _exact(value: float, unit: str) -> dict[str, Any]:
 
 
 def _topology(draft: _Draft, found: Interview) -> dict[str, Any]:
-    """Part T: segment, lane counts and the VUT's lane are identity, the rest varies by default."""
+    """Return part T: segment, lane counts and VUT lane are identity, the rest varies by default."""
     answers = {**found.road, "vut_lane": found.vut["vut_lane"]}
     part: dict[str, Any] = {}
     for name, finding in answers.items():
@@ -219,7 +215,7 @@ def _topology(draft: _Draft, found: Interview) -> dict[str, Any]:
 
 
 def _counted(value: Any) -> Any:
-    """A word as it is; of a count the number, `unresolved` where the model gave a range."""
+    """Return a word as it is, a count as its number, or `unresolved` for a range."""
     if not isinstance(value, Mapping):
         return value
     return value["min"] if value["min"] == value["max"] else UNRESOLVED
@@ -294,7 +290,7 @@ def _interaction(draft: _Draft, found: Interview, kind: Kind, origin: Origin) ->
 
 
 def _events(draft: _Draft, found: Interview, clip: Clip) -> dict[str, Any]:
-    """Phases between frames; evidence from a phase's first frame to the last before the next."""
+    """Place phases between frames; evidence runs from a phase's first frame to its last."""
     end = round(clip.duration_s, 6)
     draft.derived("events.clip", None, "the crop")
     draft.derived("events.approach.start", None, "the approach starts with the clip")
@@ -324,7 +320,7 @@ def _events(draft: _Draft, found: Interview, clip: Clip) -> dict[str, Any]:
 
 
 def _between(clip: Clip, first: int | None) -> Any:
-    """The interval in which a phase starts whose first frame is known, on the clip's clock."""
+    """Return the interval of a phase's start by its known first frame, on the clip's clock."""
     if first is None:
         return UNRESOLVED
     latest_s = clip.shots[first - 1].t_s

@@ -82,9 +82,11 @@ class Clip:
 
 
 def sample(video: Path, crop: Crop, advance: Callable[[], None] = lambda: None) -> Clip:
-    """Decodes the crop and keeps the frames that are to be shown.
+    """Decode the crop and keep the frames that are to be shown.
 
     Args:
+        video: the source clip.
+        crop: which part of it, and how many frames of which width.
         advance: called for each frame that is kept.
 
     Raises:
@@ -194,14 +196,12 @@ class Annotation(Strict):
 
     @property
     def text(self) -> str:
-        """Return the text that a model may be shown: descriptions of what is to be seen, nothing
-        else.
-        """
+        """Return the text that a model may be shown: descriptions of what is visible only."""
         return "\n".join(f"- {event.description}" for event in self.events)
 
 
 def load_annotation(path: Path) -> tuple[Annotation, str]:
-    """An annotation and the hash of its file.
+    """Read an annotation and the hash of its file.
 
     Raises:
         InputError: it can't be read, or is no such annotation.

@@ -89,9 +89,12 @@ def extract(
     now: Callable[[], str],
     advance: Callable[[int, int], None] = lambda *_: None,
 ) -> Extracted:
-    """Asks the model about the clip and writes candidate, log and decisions.
+    """Ask the model about the clip and write candidate, log and decisions.
 
     Args:
+        order: clip, annotation, model and output.
+        chat: sends a request to the model.
+        now: gives the time of each entry, ISO 8601.
         advance: called with (questions answered, questions in all).
 
     Raises:

@@ -1,6 +1,4 @@
-"""Asks the questions in their order, each with what was found before, and keeps every answer in a
-folder.
-"""
+"""The interview: questions in order, each with earlier findings; answers are kept in a folder."""
 
 from __future__ import annotations
 
@@ -50,7 +48,7 @@ DECODING: Mapping[str, Any] = {"temperature": 0.0, "seed": 0, "max_completion_to
 
 
 def with_pictures(message: Mapping[str, Any], clip: Clip) -> dict[str, Any]:
-    """A message of a request as it is sent: pictures as data URLs."""
+    """Return a message of a request as it is sent: pictures as data URLs."""
     if isinstance(message["content"], str):
         return dict(message)
     jpegs = {f"frames/{shot.number:06d}.jpg": shot.jpeg for shot in clip.shots}
@@ -75,7 +73,7 @@ def kind_texts() -> dict[str, str]:
 
 
 def question_text(question: Question, scope: Scope, filling: Mapping[str, str]) -> str:
-    """A question with its fields, and for each the words that may be answered."""
+    """Return a question with its fields, and for each the words that may be answered."""
     lines = [question.text.format(**filling)]
     for ask in question.asks:
         if ask.shape == "count":
@@ -132,7 +130,7 @@ class Store:
             self._questions = dict(load_model(Index, index).questions)
 
     def keep_frame(self, number: int, jpeg: bytes) -> dict[str, str]:
-        """Writes a picture and gives its file and hash, as they stand in requests."""
+        """Write a picture and return its file and hash, as they stand in requests."""
         name = f"frames/{number:06d}.jpg"
         path = self.folder / name
         if not path.is_file() or path.read_bytes() != jpeg:
@@ -140,7 +138,7 @@ class Store:
         return {"file": name, "sha256": sha256_bytes(jpeg)}
 
     def begin(self, question: str, request: dict[str, Any]) -> str:
-        """Writes a request where it isn't there yet; gives the key of it and its answers."""
+        """Write a request where it isn't there yet; return the key of it and its answers."""
         digest = sha256_json(request)
         key = f"{question}-{digest.removeprefix('sha256:')[:8]}"
         if key not in self._questions:
@@ -151,7 +149,7 @@ class Store:
         return key
 
     def finished(self, key: str) -> bytes | None:
-        """The reply to a request that could be used; None: there is none yet.
+        """Return the usable reply to a request, None while there is none.
 
         Raises:
             InputError: the file is gone or was changed since.
@@ -162,7 +160,7 @@ class Store:
         return None
 
     def keep(self, key: str, body: bytes) -> str:
-        """Writes a reply as it came; gives its file's name."""
+        """Write a reply as it came; return its file's name."""
         names = (f"answers/{key}-{number}.body" for number in itertools.count(1))
         taken = {answer.file for answer in self._questions[key].answers}
         name = next(n for n in names if n not in taken and not (self.folder / n).exists())
@@ -170,7 +168,7 @@ class Store:
         return name
 
     def judge(self, key: str, name: str, problems: Iterable[str]) -> None:
-        """Notes whether a kept reply can be used."""
+        """Note whether a kept reply can be used."""
         digest = sha256_bytes((self.folder / name).read_bytes())
         answer = StoredAnswer(file=name, sha256=digest, problems=list(problems))
         entry = self._questions[key]
@@ -178,7 +176,7 @@ class Store:
         self._save()
 
     def describe(self, keys: Iterable[str]) -> dict[str, dict[str, str]]:
-        """Hashes of the requests and of the answers that were used, for the log."""
+        """Return hashes of the requests and of the answers that were used, for the log."""
         found = {}
         for key in keys:
             entry = self._questions[key]
@@ -261,7 +259,7 @@ class Interviewer:
     _total: int = 7
 
     def run(self) -> Interview:
-        """Asks everything.
+        """Ask all questions.
 
         Raises:
             PeerError: the server or the model gives no usable answer; what was answered is kept.
@@ -316,7 +314,7 @@ class Interviewer:
     def _request(
         self, question: Question, name: str, scope: Scope, filling: Mapping[str, Any]
     ) -> dict[str, Any]:
-        """Everything that is sent, with the pictures by file and hash; ``name`` is the schema's."""
+        """Return all that is sent, with the pictures by file and hash; ``name`` is the schema's."""
         content: list[dict[str, Any]] = []
         for index, shot in enumerate(self.clip.shots, start=1):
             text = FRAME_TEXT.format(index=index, t_s=shot.t_s)

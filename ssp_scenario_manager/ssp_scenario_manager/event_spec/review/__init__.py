@@ -1,3 +1,1 @@
-"""The way from a candidate to a K* (METHOD 1, review): a person decides each safety-critical
-field.
-"""
+"""The way from a candidate to a K* (METHOD 1): a person decides each safety-critical field."""

@@ -37,14 +37,14 @@ class NotAllowed(Exception):
 
 
 def accept(event: Event, path: str) -> Event:
-    """The event with a field accepted as it is; what is unresolved is accepted as that."""
+    """Return the event with a field accepted as it is, even if it is unresolved."""
     doubt = _doubt(event, path)
     state = "unresolved" if is_unresolved(get(body(event), path)) else "accepted"
     return _decided(event, event, path, doubt.model_copy(update={"review": state}))
 
 
 def leave_unresolved(event: Event, path: str) -> Event:
-    """The event with a field marked unresolved, and its value too where the form has that word."""
+    """Return the event with a field marked unresolved; its value too, if the form has that word."""
     doubt = _doubt(event, path).model_copy(update={"review": "unresolved"})
     changed = event
     with suppress(NotAllowed):  # then the value stays, and its mark says that nobody stands by it
@@ -53,7 +53,7 @@ def leave_unresolved(event: Event, path: str) -> Event:
 
 
 def edit(event: Event, path: str, value: Any, who: str) -> tuple[Event, list[Change]]:
-    """The event with a field as a person knows it, and what had to follow.
+    """Return the event with a field as a person knows it, and what had to follow.
 
     Raises:
         NotAllowed: the form has no such value, or its unit is of something else.
@@ -68,7 +68,7 @@ def edit(event: Event, path: str, value: Any, who: str) -> tuple[Event, list[Cha
 
 
 def with_value(event: Event, path: str, value: Any) -> Event:
-    """The event with another value of a field; part U is as it was.
+    """Return the event with another value of a field; part U is as it was.
 
     Raises:
         NotAllowed: the form has no such value, or its unit is of something else.
@@ -138,14 +138,14 @@ def _doubt(event: Event, path: str) -> Doubt:
 
 
 def _decided(before: Event, after: Event, path: str, doubt: Doubt) -> Event:
-    """The event with the decision about a field in part U, sealed."""
+    """Return the event with the decision about a field in part U, sealed."""
     entries = {**after.uncertainty, path: doubt.model_copy(update={"seal": None})}
     entered = after.model_copy(update={"uncertainty": entries})
     return seal_event(_sealed_again(before, entered, [path]), [path])
 
 
 def _sealed_again(before: Event, after: Event, touched: list[str]) -> Event:
-    """Seals of entries above the touched fields, where they held and only lost these fields."""
+    """Seal entries above the touched fields again, if they held and only lost these fields."""
     held = seals(before)
     above = [
         path
@@ -170,7 +170,7 @@ class Unreadable(Exception):
 
 
 def shown(value: Any) -> str:
-    """A value as read_value takes it back: a cell as its words, a quantity as a range."""
+    """Write a value as read_value takes it back: a cell as its words, a quantity as a range."""
     if isinstance(value, dict) and set(value) == ROAD_FIELD:
         return flow(value)
     if isinstance(value, dict) and "heading" in value:
@@ -186,14 +186,15 @@ def shown(value: Any) -> str:
 
 
 def read_value(text: str, old: Any, quantity: bool) -> Any:
-    """The value in a line, in the shape of the one that it replaces.
+    """Read the value in a line, in the shape of the one that it replaces.
 
     Quantities are ``2..3 s`` (``..3 s`` and ``2.. s`` are open, ``2 s`` is exact), counts ``2..3``,
     lists ``a, b``; of one participant in one phase, ``motion=stationary lateral=none`` changes
-    these words and leaves the others. Of a field of the road a line is what the source shows;
-    whether it is identity or varies is told in braces. Whatever is in braces or brackets is YAML.
+    these words and leaves the others. For a field of the road a line is what the source shows;
+    whether it is identity or varies is told in braces. Text in braces or brackets is YAML.
 
     Args:
+        text: as typed.
         old: the value that stands.
         quantity: whether the field is one; any other line stands for itself where a word stood.
 
@@ -231,7 +232,7 @@ def read_value(text: str, old: Any, quantity: bool) -> Any:
 
 
 def _road_field(text: str, old: dict[str, Any]) -> Any:
-    """A whole field in braces; else what the source shows, and whether it varies is as it was."""
+    """Read a whole field in braces, else what the source shows, leaving whether it varies."""
     if text[0] == "{":
         found = _yaml(text)
         nothing = {"identity": False, "varies": None, "why": None}
@@ -247,7 +248,7 @@ def _road_field(text: str, old: dict[str, Any]) -> Any:
 
 
 def _quantity(text: str) -> Any:
-    """An interval, a count where there is no unit, or None."""
+    """Read an interval, a count where there is no unit, or None."""
     found = _QUANTITY.fullmatch(text)
     if found is None:
         return None

@@ -63,7 +63,7 @@ class Evidence:
         self._frames: dict[int, tuple[float, Any]] = {}
 
     def prepare(self, wanted: Iterable[tuple[int, ...]]) -> None:
-        """Decodes all frames that sheets will need, in one pass.
+        """Decode all frames that sheets will need, in one pass.
 
         Raises:
             InputError: the video can't be read.
@@ -83,7 +83,7 @@ class Evidence:
                     break
 
     def sheet(self, frames: tuple[int, ...]) -> Path | None:
-        """The contact sheet of some frames; None without video or frames."""
+        """Return the contact sheet of some frames, None without video or frames."""
         from ssp_core.bag.images import encode
         from ssp_core.video import Tile, contact_sheet
 
@@ -103,7 +103,7 @@ class Evidence:
 
 
 def spread(frames: tuple[int, ...]) -> tuple[int, ...]:
-    """The frames to show: the evidence, with more between two ends of a span, at most nine."""
+    """Return at most nine frames to show: the evidence, with more inside a span of two."""
     if len(frames) == 2:
         first, last = frames
         count = min(6, last - first + 1)
@@ -117,7 +117,7 @@ def spread(frames: tuple[int, ...]) -> tuple[int, ...]:
 def open_evidence(
     event: Event, log: Iterable[Record], video: Path | None, folder: Path
 ) -> Evidence:
-    """Evidence of an event's clip.
+    """Open the evidence of an event's clip.
 
     Raises:
         InputError: the video is another one.
@@ -173,7 +173,7 @@ class EventUnderReview:
         new: Any = None,
         **details: Any,
     ) -> Record:
-        """An entry of L about the event as it stands."""
+        """Return an entry of L about the event as it stands."""
         return Record(
             kind=kind,
             when=self._now(),
@@ -188,11 +188,11 @@ class EventUnderReview:
         )
 
     def note(self, record: Record) -> None:
-        """Appends an entry that changes nothing in the file."""
+        """Append an entry that changes nothing in the file."""
         append_records(self.log, [record])
 
     def decide(self, after: Event, records: Iterable[Record]) -> None:
-        """Appends the entries, then writes the event as decided.
+        """Append the entries, then write the event as decided.
 
         Raises:
             InputError: the file was changed by somebody else meanwhile; nothing is written.
@@ -221,10 +221,10 @@ class Terminal(Protocol):
     """The source of answers and the place of questions; tests have their own."""
 
     def say(self, text: str) -> None:
-        """Shows a line, or several."""
+        """Show a line, or several."""
 
     def ask(self, prompt: str) -> str | None:
-        """The next line, stripped; None when there are no more."""
+        """Return the next line, stripped; None when there are no more."""
 
 
 class Stdio:
@@ -244,7 +244,7 @@ class Stdio:
 
 
 def ask_reason(terminal: Terminal, prompt: str = "  reason> ") -> str | None:
-    """A reason of at least one word; None when the person gives none twice, or input ends."""
+    """Return a reason of a word or more; None at the end of input or after two empty ones."""
     for _ in range(2):
         text = terminal.ask(prompt)
         if text is None:
@@ -273,7 +273,7 @@ class End(Enum):
 
 
 def to_decide(event: Event, everything: bool = False) -> list[Undecided]:
-    """The fields that a review goes through: those that a K* needs decided, or all."""
+    """Return the fields that a review goes through: those that a K* needs decided, or all."""
     return [item for item in undecided(event) if everything or item.critical or item.why in _BROKEN]
 
 
@@ -295,7 +295,7 @@ class Session:
     _checked: tuple[dict[str, Any], list[Failure]] | None = None
 
     def run(self, everything: bool = False) -> End:
-        """Goes through the fields once."""
+        """Go through the fields once."""
         items = to_decide(self.reviewed.event, everything)
         self.evidence.prepare(item.frames for item in items)
         version = self.reviewed.version
@@ -315,7 +315,7 @@ class Session:
         return End.THROUGH
 
     def name_authors(self) -> None:
-        """Makes the person at the terminal the source of what was changed in an editor.
+        """Make the person at the terminal the source of what was changed in an editor.
 
         A field of a new K* that isn't as its template would else keep the template as its source.
         """
@@ -333,7 +333,7 @@ class Session:
         say("  (if somebody else wrote one, name them as its source in the file)")
 
     def accept_all(self, reason: str) -> int:
-        """Accepts every field that isn't safety-critical and waits for nothing but a look."""
+        """Accept every field that isn't safety-critical and waits for nothing but a look."""
         items = [
             item
             for item in undecided(self.reviewed.event)
@@ -368,16 +368,14 @@ class Session:
                 say(_failure_line(failure))
 
     def _contradictions(self) -> list[Failure]:
-        """Checks against the event as it stands; part U doesn't change them."""
+        """Check the event as it stands; part U doesn't change the result."""
         value = body(self.reviewed.event)
         if self._checked is None or self._checked[0] != value:
             self._checked = value, contradictions(self.reviewed.event)
         return self._checked[1]
 
     def _hint(self, path: str) -> str:
-        """Describe what may be typed for a field: its words, or a range with its units and
-        limits.
-        """
+        """Describe what may be typed for a field: its words, or a range with units and limits."""
         rule = View(self.reviewed.event).rule(path)
         if rule is None:
             return ", ".join(vocabulary(path))
@@ -398,7 +396,7 @@ class Session:
         return ""
 
     def _decide(self, item: Undecided) -> End | None:
-        """Asks until there is a decision about one field; an End when the review is over."""
+        """Ask until there is a decision about one field; return an End when the review is over."""
         acts: dict[str, Callable[[Undecided], bool]] = {
             "a": self._accept,
             "e": self._edit,
