@@ -115,7 +115,7 @@ class AnswerText:
 
 
 def split_answer(output: str) -> AnswerText:
-    """Part an output into reasoning, answer and what follows the own turn (METHOD 5.4b).
+    """Split an output into reasoning, answer and what follows the own turn (METHOD 5.4b).
 
     Reasoning goes first: marks without an end take all that follows, an end mark without a
     beginning takes all before it. The answer then ends at the first end-of-turn mark, or at the

@@ -119,9 +119,10 @@ class Chat(Protocol):
         """Its name, as the server knows it."""
 
     def ask(self, messages: Sequence[Mapping[str, Any]], answer: Mapping[str, Any]) -> bytes:
-        """The body of the reply to a request; raises PeerError when there is none.
+        """Return the body of the reply to a request; raise PeerError when there is none.
 
         Args:
+            messages: of the conversation, as the API has them: ``role`` and ``content``.
             answer: further parameters of the request: response_format, limits, decoding.
         """
 
@@ -189,9 +190,11 @@ class OpenAIChat:
         answer: Mapping[str, Any],
         deadline_s: float | None = None,
     ) -> Reply:
-        """The reply to a request. It must not be called from within an event loop.
+        """Return the reply to a request; must not be called from within an event loop.
 
         Args:
+            messages: see ``Chat.ask``.
+            answer: see ``Chat.ask``.
             deadline_s: for this request, where it is shorter than the policy's.
 
         Raises:
@@ -311,7 +314,7 @@ def _said(body: bytes) -> str:
 
 
 def looks_like_html(body: bytes) -> bool:
-    """True for a page where JSON was expected."""
+    """Tell whether a page came where JSON was expected."""
     start = body[:1024].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
     return start.startswith((b"<!doctype", b"<html", b"<?xml", b"<head", b"<body", b"<!--"))
 
@@ -358,7 +361,7 @@ class Completion:
 
 
 def read_completion(body: bytes) -> Completion:
-    """Reads a reply; what it reports besides the text is taken where it has the right type.
+    """Read a reply; what it reports besides the text is taken where it has the right type.
 
     Raises:
         NoCompletion: it is no JSON, or holds not exactly one choice with a message.
@@ -509,7 +512,7 @@ def _content(message: Mapping[str, Any]) -> _Content:
 
 
 def _kind(part: Any) -> str:
-    """The kind of a part of a content; one that holds a text and says no kind is a text."""
+    """Return the kind of a part of a content; one that holds a text and says no kind is a text."""
     if not isinstance(part, dict):
         return ""
     if part.get("thought") is True:
@@ -519,7 +522,7 @@ def _kind(part: Any) -> str:
 
 
 def _text_within(part: Mapping[str, Any]) -> str:
-    """The text of a part of reasoning, plain or again in parts."""
+    """Return the text of a part of reasoning, plain or again in parts."""
     for key in (*sorted(_OF_REASONING), "text", "summary", "content"):
         value = part.get(key)
         if isinstance(value, str):
@@ -546,7 +549,7 @@ def _word(value: Any) -> str | None:
 
 
 def _sound(text: str) -> str:
-    """The text with what is no character as a question mark."""
+    """Return the text with what is no character as a question mark."""
     return text.encode("utf-8", "replace").decode()
 
 

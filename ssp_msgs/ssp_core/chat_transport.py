@@ -70,7 +70,7 @@ class Failed:
 def exchange(
     base_url: str, key: str, request: Mapping[str, Any], limit_s: float, max_bytes: int
 ) -> Received | Failed:
-    """Posts one chat completion and takes the whole reply.
+    """Post one chat completion and take the whole reply.
 
     Only a name lookup may take longer than the limit: the system's resolver can't be interrupted.
 
@@ -79,6 +79,7 @@ def exchange(
         key: sent as the bearer's.
         request: JSON values.
         limit_s: for connection, request and reply together, s.
+        max_bytes: of an answer, both as sent and uncompressed; a larger one fails.
     """
     return asyncio.run(_exchange(base_url, key, request, limit_s, max_bytes))
 
@@ -148,7 +149,7 @@ class _Undecodable(Exception):
 
 @functools.cache
 def _tls() -> ssl.SSLContext:
-    """The system's certificates, or those that SSL_CERT_FILE names; loading them takes a while."""
+    """Return the system's certificates, or those of SSL_CERT_FILE; loading them takes a while."""
     return ssl.create_default_context()
 
 
@@ -198,7 +199,7 @@ class _Bounded(openai.DefaultAsyncHttpxClient):
 
 
 def _plain(raw: bytes, coding: str, limit: int, whole: bool) -> bytes:
-    """The bytes uncompressed, one more than the limit where there are more.
+    """Return the bytes uncompressed, one more than the limit where there are more.
 
     Raises:
         _Undecodable: they aren't what the coding says, or end too early where the whole is wanted.
@@ -219,7 +220,7 @@ def _plain(raw: bytes, coding: str, limit: int, whole: bool) -> bytes:
 
 
 def retry_after_s(headers: Mapping[str, str]) -> float | None:
-    """Seconds that the server asks to wait; None: it says nothing, or a date."""
+    """Return the seconds that the server asks to wait; None: it says nothing, or a date."""
     try:
         seconds = float(headers.get("retry-after", "-1"))
     except ValueError:

@@ -124,7 +124,7 @@ class VerbGroup(click.Group):
 @click.group(cls=VerbGroup, verbs=VERBS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="ssp")
 def cli() -> None:
-    """Closed-track orchestration, and evaluation of driving VLAs across three domains.
+    """Orchestrate closed-track tests, and evaluate driving VLAs across three domains.
 
     Exit status: 0 done, 1 the check or the run failed, 2 wrong usage, 130 interrupted.
     """
@@ -140,7 +140,7 @@ _REMEDIES = {
 
 
 def main(args: list[str] | None = None) -> int:
-    """Runs the command line and returns its exit status."""
+    """Run the command line and return its exit status."""
     survive_lost_output()
     for line in (set_middleware_aside(os.environ), set_log_folder(os.environ)):
         if line:
@@ -154,12 +154,12 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _interrupt(_: Signals) -> None:
-    """A closed terminal and SIGTERM end a command as Ctrl-C does: in order."""
+    """End a command in order, as Ctrl-C does, for a closed terminal or SIGTERM."""
     raise KeyboardInterrupt
 
 
 def _check_names(args: Sequence[str]) -> None:
-    """Raises InputError for bytes that are no UTF-8: files and messages can't hold such a name."""
+    """Raise InputError for bytes that are no UTF-8: files and messages can't hold such a name."""
     for what, text in [*(("the argument", arg) for arg in args), ("the folder here", os.getcwd())]:
         if not text.isascii() and any("\ud800" <= c <= "\udfff" for c in text):
             shown = os.fsencode(text).decode("utf-8", "backslashreplace")

@@ -8,12 +8,12 @@ LATEST_S = 2**31 - 100_000
 
 
 def seconds_to_ns(seconds: float) -> int:
-    """Nearest nanosecond. Raises ValueError or OverflowError for a value that isn't finite."""
+    """Return the nearest nanosecond; raise ValueError or OverflowError where it isn't finite."""
     return round(seconds * NS_PER_S)
 
 
 def time_ns(seconds: int, nanoseconds: int) -> int:
-    """A stamp's two numbers in ns.
+    """Return a stamp's two numbers in ns.
 
     Raises:
         ValueError: no clock of a session gives these: before 0, so late that no message could go

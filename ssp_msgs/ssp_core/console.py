@@ -26,7 +26,7 @@ _UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u20
 
 
 def visible(text: object) -> str:
-    """The text with control characters as ``\\x1b``, so that no file can steer a terminal."""
+    r"""Return the text with control characters as ``\x1b``, so that it can't steer a terminal."""
     return _UNSEEN.sub(lambda found: ascii(found[0])[1:-1], str(text))
 
 
@@ -45,13 +45,13 @@ err = _Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
 def report_error(message: str) -> None:
-    """One message on standard error, without markup in it being interpreted."""
+    """Print one message on standard error, without markup in it being interpreted."""
     err.print("[bold red]error:[/] ", end="")
     err.print(message, markup=False)
 
 
 def note(message: str) -> None:
-    """A line for people on standard error, so that standard output stays for results."""
+    """Print a line for people on standard error, so that standard output stays for results."""
     err.print(message, markup=False)
 
 
@@ -64,7 +64,7 @@ class _Description(ProgressColumn):
 
 @contextmanager
 def progress(description: str, total: int | None) -> Iterator[Progress]:
-    """A progress bar on standard error; on a pipe it prints nothing but its last line."""
+    """Show a progress bar on standard error; on a pipe print nothing but its last line."""
     columns = (
         _Description(),
         BarColumn(bar_width=30),
@@ -84,7 +84,7 @@ def progress(description: str, total: int | None) -> Iterator[Progress]:
 
 
 def tracked(items: Iterable[Item], description: str, total: int | None) -> Iterator[Item]:
-    """The items, with a progress bar of those that are done."""
+    """Yield the items, with a progress bar of those that are done."""
     with progress(description, total) as bar:
         for item in items:
             yield item

@@ -17,7 +17,7 @@ _PLACEHOLDER = 8  # a shorter key is a word such as "none" or "EMPTY" and no sec
 
 
 def redact(text: str, key: str | None) -> str:
-    """The text with every occurrence of the key, and of a longer piece of it, replaced.
+    """Return the text with every occurrence of the key, and of a longer piece of it, replaced.
 
     A piece is 8 characters in a row, as a message may have been cut within the key. The key is
     also found as JSON, HTML and a URL would write it.
@@ -46,7 +46,7 @@ def redact(text: str, key: str | None) -> str:
 
 
 def gives_away(body: bytes, key: str | None) -> bool:
-    """True where a reply holds the whole key; a placeholder such as "none" is no secret."""
+    """Tell whether a reply holds the whole key; a placeholder such as "none" is no secret."""
     if not key or len(key) < _PLACEHOLDER:
         return False
     plain = _ESCAPED.sub(lambda match: bytes([int(match[1], 16)]), body)
@@ -54,7 +54,7 @@ def gives_away(body: bytes, key: str | None) -> bool:
 
 
 def is_http_address(url: str) -> bool:
-    """True for an address that a request over HTTP can go to: scheme, host and a possible port."""
+    """Tell whether a request over HTTP can go to an address: scheme, host, and a port or none."""
     try:
         parts = urlsplit(url)
         return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
@@ -63,7 +63,7 @@ def is_http_address(url: str) -> bool:
 
 
 def without_userinfo(url: str) -> str:
-    """An address without the name and password that may stand in it."""
+    """Return an address without the name and password that may stand in it."""
     try:
         parts = urlsplit(url)
         return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
@@ -72,10 +72,12 @@ def without_userinfo(url: str) -> str:
 
 
 def check_key(variable: str, key: str | None, remedy: str) -> str:
-    """The key that an environment variable holds.
+    """Return the key that an environment variable holds.
 
     Args:
+        variable: name of the environment variable, for the error.
         key: its value, None: there is no such variable.
+        remedy: what the user may do instead of exporting the key, for the error.
 
     Raises:
         InputError: there is no key, or one that no header can carry.
@@ -105,7 +107,7 @@ LEAST_TOKEN = 16
 
 
 def check_token(token: str, field: str) -> str:
-    """The token as it is, when it can be one.
+    """Return the token as it is, when it can be one.
 
     Raises:
         InputError: it is too short, or has characters that no header carries.

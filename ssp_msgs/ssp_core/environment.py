@@ -43,7 +43,7 @@ _ARP_COMPLETE = 0x2
 
 
 def finds_sessions(name: str) -> bool:
-    """True for a variable by which ROS or DDS find sessions, security or code."""
+    """Tell whether ROS or DDS find sessions, security or code by a variable."""
     return name.startswith(_PREFIXES) and name not in _KEPT
 
 
@@ -71,8 +71,7 @@ def adopted(env: Mapping[str, str]) -> Iterator[None]:
 
 
 def installed_middlewares(env: Mapping[str, str]) -> set[str]:
-    """The middlewares that the sourced or installed ROS has, by the names that RMW_IMPLEMENTATION
-    takes."""
+    """Return the middlewares of the sourced or installed ROS, named as in RMW_IMPLEMENTATION."""
     found = set()
     for prefix in filter(None, env.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folder = Path(prefix) / "share" / "ament_index" / "resource_index" / "rmw_typesupport"
@@ -133,6 +132,7 @@ def environment_errors(
     """Find the variables with which no node can start, or none would meet another.
 
     Args:
+        env: variables of the process that starts nodes.
         middlewares: those installed; empty where that isn't known.
         is_dead: says that nobody listens at a host and a UDP port; None doesn't ask.
 
@@ -189,7 +189,7 @@ def _check_security(env: Mapping[str, str], wrong: Callable[[str, str, str], Non
 
 
 def _server_problems(servers: str, is_dead: Callable[[str, int], bool] | None) -> Iterator[str]:
-    """Say what is wrong with the addresses of discovery servers, HOST:PORT with ; between them."""
+    """Yield what is wrong with the addresses of discovery servers, HOST:PORT with ; between."""
     for server in filter(None, (one.strip() for one in servers.split(";"))):
         if server.startswith(("TCP", "UDP", "[")):  # the longer spellings of Fast DDS
             continue
@@ -244,6 +244,7 @@ def require_sound(env: Mapping[str, str], *, asks_servers: bool = False) -> None
     """Refuse an environment with which nodes can't start or meet.
 
     Args:
+        env: variables of the process that starts nodes.
         asks_servers: also asks the discovery servers, which takes up to 3.5 s for one that is gone.
 
     Raises:

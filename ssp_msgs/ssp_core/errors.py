@@ -61,10 +61,11 @@ class InputError(SspError):
 
     @classmethod
     def of_all(cls, errors: Sequence[InputError], file: str | Path | None) -> InputError:
-        """One error that names all of these, each with its field, value and remedy.
+        """Make one error that names all of these, each with its field, value and remedy.
 
         Args:
             errors: at least one; each names its own file where that is another one.
+            file: that all of them are about where they name none; None: no file.
         """
         if len(errors) == 1:
             return errors[0].in_file(file)
@@ -78,7 +79,7 @@ class InputError(SspError):
         )
 
     def in_file(self, file: str | Path | None) -> InputError:
-        """The same error, which stands in that file."""
+        """Return the same error, which stands in that file."""
         return InputError(
             self.problem, file=file, line=self.line, field=self.field, value=self.value,
             remedy=self.remedy,

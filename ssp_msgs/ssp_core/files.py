@@ -26,7 +26,7 @@ from ssp_core.yaml_core import CoreLoader, number_remedy
 
 
 def parse_strict(text: str | bytes) -> Any:
-    """The value of a JSON text.
+    """Return the value of a JSON text.
 
     Unlike ``json.loads`` it takes no NaN or infinity and no key twice in an object, and nesting
     that is too deep is an error like any other.
@@ -63,7 +63,7 @@ class Closing(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Ends the use; a second call does nothing."""
+        """End the use; a second call does nothing."""
 
     def __enter__(self) -> Self:
         return self
@@ -81,7 +81,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def refuse_named_pipe(path: str | Path) -> None:
-    """Refuses a named pipe, at which nobody may ever write, and a link to one.
+    """Refuse a named pipe, which may never be written to, and a link to one.
 
     Raises:
         InputError: it is one. A shell's <(…) isn't: that pipe has no name.
@@ -94,9 +94,10 @@ def refuse_named_pipe(path: str | Path) -> None:
 
 
 def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
-    """The text of a UTF-8 file of at most 8 MiB.
+    """Return the text of a UTF-8 file of at most 8 MiB.
 
     Args:
+        path: of the file.
         most_bytes: where it may be larger.
 
     Raises:
@@ -137,7 +138,7 @@ _PARSE_ERRORS = (
 
 
 def _parse(text: str) -> Any:
-    """JSON by JSON's rules (YAML reads surrogate pairs otherwise), all else as YAML 1.2.
+    """Parse JSON by JSON's rules (YAML reads surrogate pairs otherwise), all else as YAML 1.2.
 
     What isn't JSON goes to the YAML loader, which also says in which line something is wrong.
     """
@@ -148,7 +149,7 @@ def _parse(text: str) -> Any:
 
 
 def check_characters(value: Any, text: str) -> None:
-    """Raises ValueError where a string has half of a surrogate pair, which no file can hold."""
+    """Raise ValueError where a string has half of a surrogate pair, which no file can hold."""
     if not _SURROGATE.search(text):
         return
     left = [value]
@@ -163,7 +164,7 @@ def check_characters(value: Any, text: str) -> None:
 
 
 def read_mapping(path: str | Path) -> dict[str, Any]:
-    """The mapping at the top of a YAML or JSON file.
+    """Return the mapping at the top of a YAML or JSON file.
 
     Raises:
         InputError: the file can't be read or parsed, or its top is no mapping.
@@ -176,6 +177,7 @@ def parse_mapping(data: bytes, file: str | Path) -> dict[str, Any]:
 
     Args:
         data: UTF-8, at most 8 MiB.
+        file: that an error names.
 
     Raises:
         InputError: the data can't be parsed, or its top is no mapping.
@@ -195,6 +197,7 @@ def parse_value(text: str, file: str | Path) -> Any:
 
     Args:
         text: at most 8 MiB, which the caller sees to.
+        file: that an error names.
 
     Raises:
         InputError: it can't be parsed.
@@ -219,9 +222,10 @@ _NOT_GIVEN = object()
 def field_path(
     location: Iterable[str | int], value: Any = _NOT_GIVEN, *, missing: bool = True
 ) -> str:
-    """``labels[3].position`` for the location of a pydantic error.
+    """Name the field at the location of a pydantic error, such as ``labels[3].position``.
 
     Args:
+        location: keys and indexes from the top of the value on.
         value: what was validated. Where pydantic names the chosen kind of a union, which is no
             key of the file, the part is left out.
         missing: whether the last part may be a key that isn't there. pydantic says by the
@@ -244,7 +248,7 @@ def field_path(
 
 
 def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
-    """Validates a mapping against a pydantic model.
+    """Validate a mapping against a pydantic model.
 
     Raises:
         InputError: the first failure with its field path, and how many more there are.
@@ -264,8 +268,9 @@ def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
 
 
 def parse_whole_model(model: type[Model], value: Any, file: str | Path) -> Model:
-    """Parse as parse_model and name all failures: for files that people write by hand, field by
-    field.
+    """Parse as parse_model, but name all failures.
+
+    This is for files that people write by hand, field by field.
     """
     try:
         return model.model_validate(value)
@@ -290,12 +295,12 @@ def _failures(error: ValidationError, value: Any) -> list[InputError]:
 
 
 def load_model(model: type[Model], path: str | Path) -> Model:
-    """Reads and validates a YAML or JSON file; see read_mapping and parse_model."""
+    """Read and validate a YAML or JSON file; see read_mapping and parse_model."""
     return parse_model(model, read_mapping(path), path)
 
 
 def make_folder(path: str | Path) -> Path:
-    """The folder, made with its parents where it isn't there yet, and writable.
+    """Return the folder, made with its parents where it isn't there yet, and writable.
 
     Raises:
         InputError: it or a parent is a file, or permission is missing.
@@ -320,11 +325,12 @@ TAKEN_FILE = ".ssp-taken"
 
 @contextmanager
 def taken_folder(path: str | Path, *, empty: bool = False) -> Iterator[Path]:
-    """Makes a folder and keeps it from other commands until the end of the block.
+    """Make a folder and keep it from other commands until the end of the block.
 
     A file that is created exclusively says that it is taken. One whose writer died is taken over.
 
     Args:
+        path: of the folder.
         empty: what holds anything is refused.
 
     Raises:
@@ -347,7 +353,7 @@ def taken_folder(path: str | Path, *, empty: bool = False) -> Iterator[Path]:
 
 
 def _created_alone(file: Path) -> int:
-    """Creates a file that isn't there, and locks it for as long as this process lives.
+    """Create a file that isn't there, and lock it for as long as this process lives.
 
     Raises:
         InputError: another process has, or it can't be made.
@@ -405,7 +411,7 @@ def _is_still(file: Path, handle: int) -> bool:
 
 @contextmanager
 def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[Path]:
-    """Gives a path at which a folder is made; it becomes the target, or there is none.
+    """Yield a path at which a folder is made; it becomes the target, or there is none.
 
     Raises:
         InputError: the target exists or can't be made.
@@ -431,7 +437,7 @@ def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[P
 
 @contextmanager
 def new_files(folder: Path) -> Iterator[Path]:
-    """Gives a folder for files that belong together; at the end they go into ``folder``, or none.
+    """Yield a folder for files that belong together; at the end they go to ``folder``, or none do.
 
     Files of the same names that are there are replaced.
 
@@ -459,7 +465,7 @@ def new_files(folder: Path) -> Iterator[Path]:
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
-    """Writes a file that is either the old one or wholly the new one.
+    """Write a file that is either the old one or wholly the new one.
 
     Raises:
         InputError: it can't be put there: a parent is a file, it is a folder, it is forbidden.
@@ -489,5 +495,5 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def write_json(path: str | Path, value: Any) -> None:
-    """Indented JSON with sorted keys and a final newline; refuses NaN with ValueError."""
+    """Write indented JSON with sorted keys and a final newline; refuse NaN with ValueError."""
     write_text(path, json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n")

@@ -93,7 +93,7 @@ class Datum:
         return Pose2(0.0, 0.0, self.yaw_rad)
 
     def to_site(self, place: Place) -> tuple[float, float, float]:
-        """x, y, z of a place in the site's frame, m."""
+        """Return x, y, z of a place in the site's frame, m."""
         x, y, z = self.all_to_site(
             np.array([place.latitude_deg]),
             np.array([place.longitude_deg]),
@@ -111,18 +111,18 @@ class Datum:
         return c * east + s * north, c * north - s * east, up
 
     def to_place(self, x_m: float, y_m: float, z_m: float = 0.0) -> Place:
-        """The inverse of ``to_site``."""
+        """Return the place of a point in the site's frame: the inverse of ``to_site``."""
         x, y, z = self._origin + np.array([*self._site.to_parent(x_m, y_m), z_m]) @ self._axes
         return _geodetic(float(x), float(y), float(z))
 
     def to_enu(self, pose: Pose2) -> Pose2:
-        """A pose of the site's frame in the frame that isn't turned: ENU at the datum."""
+        """Return a pose of the site's frame in the frame that isn't turned: ENU at the datum."""
         return Pose2(
             *self._site.to_parent(pose.x_m, pose.y_m), wrap_angle(pose.yaw_rad + self.yaw_rad)
         )
 
     def of_enu(self, pose: Pose2) -> Pose2:
-        """The inverse of ``to_enu``."""
+        """Return a pose of ENU at the datum in the site's frame: the inverse of ``to_enu``."""
         return Pose2(
             *self._site.to_local(pose.x_m, pose.y_m), wrap_angle(pose.yaw_rad - self.yaw_rad)
         )
@@ -133,7 +133,7 @@ def _earth_centred(
     longitude_deg: FloatArray | float,
     altitude_m: FloatArray | float,
 ) -> FloatArray:
-    """x, y, z in rows, m."""
+    """Return x, y, z of places in rows, earth-centred, m."""
     latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
     sin_b = np.sin(latitude)
     normal_m = _A_M / np.sqrt(1.0 - _E2 * sin_b * sin_b)

@@ -23,13 +23,13 @@ _MAX_TILT_RAD = 0.35
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """The same angle in (-pi, pi]."""
+    """Return the same angle in (-pi, pi]."""
     wrapped = math.remainder(angle_rad, 2.0 * math.pi)
     return math.pi if wrapped <= -math.pi else wrapped
 
 
 def yaw_of(quaternion: tuple[float, float, float, float]) -> float:
-    """Heading of an orientation (x, y, z, w), rad, counter-clockwise from +x.
+    """Return the heading of an orientation (x, y, z, w), rad, counter-clockwise from +x.
 
     Raises:
         ValueError: it is no unit quaternion, or tilts more than a road does.
@@ -60,12 +60,12 @@ class Pose2:
     yaw_rad: float
 
     def to_parent(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """A point of this pose's frame (x forward, y left) in the parent frame: R p + t."""
+        """Return a point of this pose's frame (x forward, y left) in the parent frame: R p + t."""
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         return self.x_m + c * x_m - s * y_m, self.y_m + s * x_m + c * y_m
 
     def to_local(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """A point of the parent frame in this pose's frame: R^T (p - t)."""
+        """Return a point of the parent frame in this pose's frame: R^T (p - t)."""
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         dx, dy = x_m - self.x_m, y_m - self.y_m
         return c * dx + s * dy, -s * dx + c * dy
@@ -81,7 +81,7 @@ class Box:
     width_m: float
 
     def corners(self) -> list[Point]:
-        """The four corners, counter-clockwise from the front left, in the parent frame."""
+        """Return the four corners, counter-clockwise from the front left, in the parent frame."""
         pose, half = self.pose, self.width_m / 2.0
         c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         front_x, front_y = pose.x_m + c * self.front_m, pose.y_m + s * self.front_m
@@ -96,7 +96,7 @@ class Box:
 
 
 def _overlap(a: Box, b: Box, ca: Sequence[Point], cb: Sequence[Point]) -> bool:
-    """Separating axis test of two rectangles with these corners."""
+    """Tell whether two rectangles with these corners overlap, by the separating axis theorem."""
     for yaw in (a.pose.yaw_rad, b.pose.yaw_rad):
         # Not from the corners, since a rectangle may be a point.
         c, s = math.cos(yaw), math.sin(yaw)
@@ -109,12 +109,12 @@ def _overlap(a: Box, b: Box, ca: Sequence[Point], cb: Sequence[Point]) -> bool:
 
 
 def boxes_overlap(a: Box, b: Box) -> bool:
-    """True when the two rectangles share area or touch."""
+    """Tell whether two rectangles share area or touch."""
     return _overlap(a, b, a.corners(), b.corners())
 
 
 def _to_box_m(corners: Sequence[Point], box: Box) -> float:
-    """Distance from the nearest of some points outside a rectangle to it."""
+    """Return the distance from the nearest of some points outside a rectangle to it."""
     pose, half, best = box.pose, box.width_m / 2.0, math.inf
     c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     for x, y in corners:
@@ -126,7 +126,7 @@ def _to_box_m(corners: Sequence[Point], box: Box) -> float:
 
 
 def box_distance(a: Box, b: Box) -> float:
-    """Smallest distance between two rectangles in m; 0 when they overlap."""
+    """Return the smallest distance between two rectangles in m; 0 when they overlap."""
     ca, cb = a.corners(), b.corners()
     if _overlap(a, b, ca, cb):
         return 0.0
@@ -135,7 +135,10 @@ def box_distance(a: Box, b: Box) -> float:
 
 
 def point_in_polygon(x_m: float, y_m: float, polygon: Sequence[Point]) -> bool:
-    """True inside a simple polygon (even-odd rule); points on the edge may go either way."""
+    """Tell whether a point lies inside a simple polygon, by the even-odd rule.
+
+    Points on the edge may go either way.
+    """
     return bool(_even_odd(x_m, y_m, polygon))
 
 
@@ -302,7 +305,7 @@ class Polyline:
         ]
 
     def pose(self, station_m: float, offset_m: float = 0.0) -> Pose2:
-        """Pose at an arc length, offset_m to the left of it; extended straight at both ends."""
+        """Return the pose at an arc length, offset_m to its left; extended straight at the ends."""
         i = bisect_right(self._starts_m, station_m) - 1
         start = self._pieces[min(max(i, 0), len(self._pieces) - 1)]
         along, c, s = station_m - start.station_m, start.cos, start.sin
@@ -311,7 +314,7 @@ class Polyline:
         return Pose2(x, y, start.yaw_rad)
 
     def places(self, stations_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """x and y of the path at arc lengths, shape (n,); extended straight at both ends."""
+        """Return x and y of the path at arc lengths, shape (n,); extended straight at both ends."""
         i = np.searchsorted(self.stations_m, stations_m, side="right") - 1
         i = np.clip(i, 0, len(self._yaw) - 1)
         along, yaw = stations_m - self.stations_m[i], self._yaw[i]
@@ -319,17 +322,15 @@ class Polyline:
         return x, self.points[i, 1] + np.sin(yaw) * along
 
     def curvature(self, station_m: float) -> float:
-        """Curvature in 1/m at an arc length, + turns left, interpolated between the points."""
+        """Return the curvature in 1/m at an arc length, + turns left, linear between the points."""
         return float(np.interp(station_m, self.stations_m, self._curvature))
 
     def project(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Arc length of the nearest point of the path, and the signed offset (+ is left)."""
+        """Return the arc length of the path's nearest point, and the signed offset (+ is left)."""
         return self.project_all([(x_m, y_m)])[0]
 
     def project_all(self, points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-        """Project as ``project`` for several points at once, with the same results to the last
-        bit.
-        """
+        """Project as ``project`` for several points at once; the results agree to the last bit."""
         if len(self._pieces) <= _FEW_PIECES:
             return [self._project_one(x, y) for x, y in points]
         xy = np.array(points, dtype=np.float64)
@@ -358,7 +359,7 @@ class Polyline:
         return levels
 
     def _near(self, xy: FloatArray) -> slice | NDArray[np.intp]:
-        """Pieces of which none that is left out is the nearest to any of these points.
+        """Return the pieces of which none that is left out is the nearest to any of these points.
 
         A stretch is left out where its box is farther from a point than some point of the path;
         many points are looked at by the box that holds them all.
@@ -387,7 +388,7 @@ class Polyline:
     def _project_on(
         self, xy: FloatArray, pieces: slice | NDArray[np.intp]
     ) -> list[tuple[float, float]]:
-        """Arc length and offset of the nearest points of some pieces, given in their order."""
+        """Return arc length and offset of the nearest points of some pieces, given in order."""
         a, d = self.points[:-1][pieces], self._steps[pieces]
         rx, ry = xy[:, :1] - a[:, 0], xy[:, 1:] - a[:, 1]
         t = np.clip((rx * d[:, 0] + ry * d[:, 1]) / self._squares[pieces], 0.0, 1.0)
@@ -405,8 +406,9 @@ class Polyline:
         return found
 
     def _project_one(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Project as ``project_all``, piece by piece: on a short path that is quicker than with
-        arrays.
+        """Project as ``project_all``, piece by piece.
+
+        On a short path that is quicker than with arrays.
         """
         best: float | None = None
         found, found_t, found_side = self._pieces[0], 0.0, 0.0

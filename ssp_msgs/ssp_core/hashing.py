@@ -13,12 +13,12 @@ BLOCK_BYTES = 1 << 16
 
 
 def sha256_bytes(data: bytes) -> str:
-    """``sha256:<hex>`` of the bytes."""
+    """Return the hash ``sha256:<hex>`` of the bytes."""
     return "sha256:" + hashlib.sha256(data).hexdigest()
 
 
 def canonical_json(value: Any) -> bytes:
-    """One byte string per value: sorted keys, no spaces, UTF-8, no NaN.
+    """Return the same bytes for the same value: sorted keys, no spaces, UTF-8, no NaN.
 
     Raises:
         ValueError: the value holds a NaN or an infinity.
@@ -34,9 +34,10 @@ def sha256_json(value: Any) -> str:
 
 
 def sha256_file(path: str | Path, on_block: Callable[[], None] = lambda: None) -> str:
-    """Hash of a file's bytes, read in blocks.
+    """Return the hash of a file's bytes, read in blocks.
 
     Args:
+        path: of the file.
         on_block: called for each block; what it raises ends the reading.
     """
     digest = hashlib.sha256()

@@ -31,10 +31,10 @@ _GOOD_UNTIL_NS = day_ns(TABLE_GOOD_UNTIL)
 
 
 def leap_seconds(utc_ns: int) -> int:
-    """Seconds by which GPS time is ahead of UTC."""
+    """Return the seconds by which GPS time is ahead of UTC."""
     return bisect_right(LEAPS_NS, utc_ns)
 
 
 def leap_seconds_may_be_old(utc_ns: int) -> bool:
-    """True when leap seconds may have been announced that the table doesn't have."""
+    """Tell whether leap seconds may have been announced that the table doesn't have."""
     return utc_ns >= _GOOD_UNTIL_NS

@@ -48,7 +48,7 @@ RUN_SCENARIO = "run_scenario"
 
 
 def absolute(topic: str) -> str:
-    """The topic's full name, as it stands in a bag."""
+    """Return the topic's full name, as it stands in a bag."""
     return topic if topic.startswith("/") else f"{NAMESPACE}/{topic}"
 
 

@@ -56,7 +56,7 @@ class Parameter:
         return self.text or _WORDS.get(type(self.default), "a list of texts")
 
     def check(self, value: object) -> Value:
-        """The value as the node is to have it; an integer will do where a number is wanted.
+        """Return the value as the node is to have it; an integer will do where a number is wanted.
 
         Raises:
             InputError: it is of another kind, or out of range.

@@ -15,7 +15,7 @@ from ssp_core.vocabulary import DOMAINS_READ, DomainWord, read_domain
 
 @contextmanager
 def usage_errors() -> Iterator[None]:
-    """Makes wrong usage, exit status 2, of values that have no sense whatever they are for."""
+    """Make wrong usage, exit status 2, of values that have no sense whatever they are for."""
     try:
         yield
     except InputError as error:

@@ -26,17 +26,17 @@ DOMAINS = range(20, 101)
 
 
 def domain_ports(domain_id: int) -> range:
-    """UDP ports that DDS participants of a domain may use (RTPS 2.2, 9.6.1.1)."""
+    """Return the UDP ports that DDS participants of a domain may use (RTPS 2.2, 9.6.1.1)."""
     return range(7400 + 250 * domain_id, 7400 + 250 * (domain_id + 1))
 
 
 def domain_of_port(port: int) -> int:
-    """The domain that a DDS port belongs to."""
+    """Return the domain that a DDS port belongs to."""
     return (port - 7400) // 250
 
 
 def ports_in_use(proc_net_udp: str) -> set[int]:
-    """Local UDP ports in the text of /proc/net/udp."""
+    """Return the local UDP ports in the text of /proc/net/udp."""
     ports = set()
     for line in proc_net_udp.splitlines()[1:]:
         fields = line.split()
@@ -47,7 +47,7 @@ def ports_in_use(proc_net_udp: str) -> set[int]:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """A domain id that nobody on this host uses, held by a file lock until the end of the block.
+    """Yield a domain id that is free on this host, held by a file lock to the block's end.
 
     Raises:
         HostError: all of them are in use.
@@ -98,7 +98,7 @@ _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
 
 
 def check_shared_memory() -> None:
-    """Refuses a /dev/shm in which nodes can't talk; without one they do it over UDP.
+    """Refuse a /dev/shm in which nodes can't talk; without one they do it over UDP.
 
     Raises:
         HostError: it can't be written to.
@@ -111,12 +111,13 @@ def check_shared_memory() -> None:
 
 
 def session_environment(domain_id: int, profile: Path | None = None) -> dict[str, str]:
-    """Environment for node processes: loopback only, a domain of their own, our DDS profile.
+    """Return variables for node processes: loopback only, a domain of their own, our DDS profile.
 
     What this process was given to find others by is left out: with a discovery server, say, nodes
     meet whatever their domains are, and a simulated session would reach a live one.
 
     Args:
+        domain_id: ROS domain, held by ``free_domain``.
         profile: Fast DDS profile with a large shared-memory segment, None for the shipped one; left
             out where /dev/shm is too small for it (a container's default is 64 MB), since a write
             beyond its end kills the process.
@@ -137,8 +138,10 @@ def session_environment(domain_id: int, profile: Path | None = None) -> dict[str
 
 
 def live_environment(profile: Path) -> dict[str, str]:
-    """Environment for the nodes of a live session: the ROS domain, the discovery and the DDS
-    profile that this process was started with, since others on other hosts share them.
+    """Return the variables for the nodes of a live session.
+
+    They keep the ROS domain, the discovery and the DDS profile that this process was started with,
+    since others on other hosts share them.
 
     Args:
         profile: Fast DDS profile for where the environment names none.
@@ -176,7 +179,7 @@ def die_with_parent() -> None:
 
 
 def outlive_parent() -> None:
-    """Lets this process go on after the parent that it was to die with."""
+    """Let this process go on after the parent that it was to die with."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, 0)
 
 
@@ -203,7 +206,7 @@ class NodeProcess:
         return f"exited with status {code}"
 
     def kill(self) -> None:
-        """Ends it at once; one that hangs writes its stacks into its log first (faulthandler)."""
+        """End it at once; one that hangs writes its stacks into its log first (faulthandler)."""
         self.expected_to_stop = True
         self.process.send_signal(signal.SIGABRT)
         with suppress(subprocess.TimeoutExpired):
@@ -253,12 +256,16 @@ class ProcessGroup:
         *,
         pipe: bool = False,
     ) -> NodeProcess:
-        """Starts ``python -m module`` as a ROS node with parameters and remappings ``from:=to``.
+        """Start ``python -m module`` as a ROS node with parameters and remappings ``from:=to``.
 
         It receives SIGTERM when this process dies, however that happens, and no SIGINT from the
         terminal: whoever runs the session ends it in order.
 
         Args:
+            name: of the node, and of its log.
+            module: its Python module.
+            parameters: values by name, as ``--ros-args -p`` takes them.
+            remappings: each as ``from:=to``.
             pipe: its standard input is a pipe from here; otherwise it has none.
         """
         arguments = [sys.executable, "-m", module, "--ros-args", "-r", f"__node:={name}"]
@@ -282,7 +289,7 @@ class ProcessGroup:
         return node
 
     def ended(self) -> list[NodeProcess]:
-        """Processes that have ended without having been asked to."""
+        """List the processes that have ended without having been asked to."""
         return [
             node
             for node in self.processes.values()
@@ -290,7 +297,7 @@ class ProcessGroup:
         ]
 
     def stop(self, timeout_s: float = 8.0) -> list[str]:
-        """SIGTERM to all that live, also to who was stopped, SIGKILL to those that don't react.
+        """Send SIGTERM to all that live, suspended ones too, and SIGKILL to those that don't react.
 
         Returns:
             Names of the processes that had to be killed.
@@ -312,7 +319,7 @@ class ProcessGroup:
 
 
 def remove_shared_ports(domain_id: int) -> None:
-    """Removes what killed participants of a domain leave of their ports in /dev/shm.
+    """Remove what killed participants of a domain leave of their ports in /dev/shm.
 
     Only for a domain that the caller holds and in which nothing runs any more.
     """
@@ -322,7 +329,7 @@ def remove_shared_ports(domain_id: int) -> None:
 
 
 def remove_stale_shared_memory() -> int:
-    """Removes what dead participants left of Fast DDS in /dev/shm; returns how many segments.
+    """Remove what dead participants left of Fast DDS in /dev/shm; return how many segments.
 
     Each segment has a lock file (``…_el``) that its owner holds locked while it lives, as
     ``fastdds shm clean`` knows too. So have the ports at which it listens (``…_el``, ``…_sl``), but
@@ -348,7 +355,7 @@ def remove_stale_shared_memory() -> int:
 
 
 def _remove_dead_ports(files: Sequence[Path]) -> None:
-    """Removes all ports of a domain, unless one of them is locked, new or another user's.
+    """Remove all ports of a domain, unless one of them is locked, new or another user's.
 
     The locks are held meanwhile: who comes just now and finds its lock taken or gone tries again.
     """
@@ -366,7 +373,7 @@ def _remove_dead_ports(files: Sequence[Path]) -> None:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[bool | None]:
-    """Locks a segment's file: True if it could, False if its owner lives, None if it is gone."""
+    """Lock a segment's file: True if it could, False if its owner lives, None if it is gone."""
     try:
         handle = os.open(path, os.O_RDWR)
     except OSError:
@@ -384,7 +391,7 @@ def _locked(path: Path) -> Iterator[bool | None]:
 
 
 def others_share_memory() -> bool:
-    """True while a participant of DDS on this host holds a segment in /dev/shm."""
+    """Tell whether a participant of DDS on this host holds a segment in /dev/shm."""
     for lock in _SHM.glob("fastrtps_*_el"):
         with _locked(lock) as is_stale:
             if is_stale is False:

@@ -12,7 +12,7 @@ _LIVE, _SIMULATED = "live", "sim"
 
 
 def draw_token(mode: str) -> str:
-    """A token for one session: what kind it is of, and a random part.
+    """Return a token for one session: what kind it is of, and a random part.
 
     Args:
         mode: of the run file.

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 
 def templates(folder: Path) -> jinja2.Environment:
-    """The templates of a folder, which escape and refuse a value that they aren't given.
+    """Return the templates of a folder, which escape and refuse a value that they aren't given.
 
     Filters: ``svg`` takes markup as it is, ``words`` turns a name into words, ``short`` shortens a
     hash, ``json`` writes a value as JSON, ``g`` a number with six digits at most.

@@ -26,9 +26,9 @@ _NOBODY_READS = (errno.EPIPE, errno.EIO)
 
 
 def catch_stop_signals(handler: Callable[[signal.Signals], None]) -> dict[signal.Signals, Any]:
-    """Has a handler called for each wish of somebody that this process ends.
+    r"""Have a handler called for each signal that asks this process to end.
 
-    Of a closed terminal and Ctrl-\\ a program that was started to ignore them (``nohup``, in the
+    Of a closed terminal and Ctrl-\ a program that was started to ignore them (``nohup``, in the
     background of a script) hears nothing.
 
     Args:

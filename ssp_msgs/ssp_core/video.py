@@ -107,7 +107,7 @@ class Video(Closing):
         )
 
     def _pixel_aspect(self) -> float:
-        """Width of a shown pixel over its height; 1 where the file doesn't say."""
+        """Return the width of a shown pixel over its height; 1 where the file doesn't say."""
         width = self._capture.get(cv2.CAP_PROP_SAR_NUM)
         height = self._capture.get(cv2.CAP_PROP_SAR_DEN)
         if not (width > 0 and height > 0):
@@ -118,7 +118,7 @@ class Video(Closing):
     def frames(
         self, start_s: float, end_s: float | None, keep: int | Container[int] = 1
     ) -> Iterator[VideoFrame]:
-        """Frames of a span.
+        """Yield the frames of a span.
 
         Args:
             keep: every n-th one, counted from the first; or the places of some in the span.
@@ -167,7 +167,7 @@ _STREAMED = ("mpegts", "mpeg", "rtsp", "flv")
 
 
 def _square(stored_px: tuple[int, int], aspect: float) -> tuple[int, int]:
-    """The size of a picture with square pixels, none of which is lost."""
+    """Return the size of a picture with square pixels, none of which is lost."""
     width_px, height_px = stored_px
     if abs(aspect - 1.0) < _SQUARE or not 0.1 < aspect < 10.0:
         return stored_px
@@ -184,7 +184,7 @@ def _zero_s(container: av.container.InputContainer) -> float:
 
 
 def _first_time_s(path: Path) -> float:
-    """The time of a video's first frame on the container's time line.
+    """Return the time of a video's first frame on the container's time line.
 
     Raises:
         InputError: it has several video tracks.
@@ -215,8 +215,9 @@ def _first_time_s(path: Path) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Soundness:
-    """The findings of strict decoding: times of frames, and errors of packets or frames among
-    them.
+    """The findings of strict decoding.
+
+    They are the times of frames, and errors of packets or frames among them.
     """
 
     times_s: tuple[float, ...]
@@ -228,9 +229,10 @@ class Soundness:
 
 
 def sound_video(path: Path, end_s: float | None = None) -> Soundness:
-    """Decodes a video strictly, counts the decoder's errors and checks its time axis.
+    """Decode a video strictly, count the decoder's errors and check its time axis.
 
     Args:
+        path: of the video.
         end_s: frames after this time aren't looked at, None: all are.
 
     Raises:
@@ -328,7 +330,10 @@ def _against_times(times_s: Sequence[float], rate: float, slack_s: float) -> str
 
 
 def _avi_rate(path: Path) -> float | None:
-    """Frames per second of an AVI's main header, which FFmpeg doesn't read; None: it has none."""
+    """Return the rate in an AVI's main header, which FFmpeg doesn't read, in frames per second.
+
+    None: it has none.
+    """
     with open(path, "rb") as stream:
         head = stream.read(4096)
     at = head.find(b"avih")
@@ -339,7 +344,7 @@ def _avi_rate(path: Path) -> float | None:
 
 
 def _boxes(data: bytes) -> dict[bytes, list[bytes]]:
-    """The boxes of an MP4 or of one of its boxes by name; what is cut off isn't among them."""
+    """Return the boxes of an MP4 or of one of its boxes by name, but for what is cut off."""
     found: dict[bytes, list[bytes]] = {}
     at = 0
     while at + 8 <= len(data):
@@ -352,7 +357,7 @@ def _boxes(data: bytes) -> dict[bytes, list[bytes]]:
 
 
 def _moov(path: Path) -> bytes:
-    """The box of an MP4 that describes its tracks; empty where there is none."""
+    """Return the box of an MP4 that describes its tracks; empty where there is none."""
     with open(path, "rb") as stream:
         while len(head := stream.read(16)) >= 8:
             size, name = struct.unpack_from(">I4s", head)
@@ -457,10 +462,11 @@ class Tile:
 
 
 def contact_sheet(tiles: Sequence[Tile], columns: int, tile_width_px: int) -> Image:
-    """All tiles in rows, scaled to one width with their aspect ratio kept.
+    """Draw all tiles in rows, scaled to one width with their aspect ratio kept.
 
     Args:
         tiles: at least one; a row is as high as its highest tile.
+        columns: tiles in a row.
         tile_width_px: of each frame.
 
     Raises:
@@ -498,6 +504,6 @@ def _draw(tile: Tile, width_px: int) -> Image:
 
 
 def _scale(text: str, width_px: int) -> float:
-    """The usual size, or as much smaller as the line needs to fit."""
+    """Return the usual size, or as much smaller as the line needs to fit."""
     (needed, _), _ = cv2.getTextSize(text, _FONT, 0.55, 1)
     return 0.55 if needed <= width_px - 4 else 0.55 * (width_px - 4) / needed

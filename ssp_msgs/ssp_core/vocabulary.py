@@ -45,7 +45,10 @@ DOMAINS_READ = f"{', '.join(DOMAINS)} (or Syn, Sim, Phy)"
 
 
 def read_domain(text: str) -> DomainWord | None:
-    """The domain that a person named, by its word or by Syn, Sim or Phy in any case; else None."""
+    """Return the domain that a person named, by its word or by Syn, Sim or Phy; None for another.
+
+    Case doesn't matter.
+    """
     plain = text.casefold()
     return next((word for word in DOMAINS if word == plain), _SHORT_DOMAINS.get(plain))
 
@@ -68,7 +71,7 @@ class ObjectClass(IntEnum):
 
     @classmethod
     def from_word(cls, word: str) -> ObjectClass:
-        """Raises KeyError for a word outside the vocabulary."""
+        """Return the class of a word; raise KeyError for one outside the vocabulary."""
         return cls[word.upper()]
 
 

@@ -72,7 +72,7 @@ class CoreLoader(Composer, yaml.CSafeLoader):
         return super().construct_mapping(node, deep)
 
     def construct_whole(self, node: Any) -> int:
-        """A whole number; one that is too long to be shown is refused."""
+        """Return a whole number; one that is too long to be shown is refused."""
         text = self._matching(node, _WHOLE, "whole number")
         digits = text.lower().lstrip("+-")
         base = {"0o": 8, "0x": 16}.get(digits[:2], 10)
@@ -86,16 +86,16 @@ class CoreLoader(Composer, yaml.CSafeLoader):
         )
 
     def construct_float(self, node: Any) -> float:
-        """A number with a point, an exponent or both."""
+        """Return a number with a point, an exponent or both."""
         text = self._matching(node, _FLOAT, "number").lower()
         return float(text.replace(".inf", "inf").replace(".nan", "nan"))
 
     def construct_boolean(self, node: Any) -> bool:
-        """True or false."""
+        """Return the boolean of ``true`` or ``false``, in lower case, capitals or capitalised."""
         return self._matching(node, _BOOLEAN, "boolean").lower() == "true"
 
     def _matching(self, node: Any, form: re.Pattern[str], name: str) -> str:
-        """The text of a scalar; only one that names its type itself can be of another form."""
+        """Return the text of a scalar; refuse another form, which only an explicit tag leads to."""
         text = str(self.construct_scalar(node))
         if form.match(text):
             return text

@@ -27,7 +27,9 @@ from ssp_core.errors import HostError, InputError
 
 
 def sealed_end(bag: Path) -> str:
-    """The digest that a closed bag's last seal states, without computing it; empty: it has none.
+    """Return the digest that a closed bag's last seal states; empty where it has none.
+
+    It is read from the bag, not computed.
 
     Args:
         bag: its folder.
@@ -60,6 +62,9 @@ def append_attachment(bag: Path, name: str, data: bytes, media_type: str) -> str
 
     Args:
         bag: its folder.
+        name: of the attachment; ``verdict.json``, say.
+        data: content of the file.
+        media_type: of the data, such as ``application/json``.
 
     Returns:
         The digest of the whole bag.

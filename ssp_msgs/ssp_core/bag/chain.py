@@ -104,7 +104,7 @@ class Source:
 
 
 def record_bytes(*records: McapRecord) -> bytes:
-    """Records as they stand in a file."""
+    """Return records as they stand in a file."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -113,9 +113,10 @@ def record_bytes(*records: McapRecord) -> bytes:
 
 
 def opening_record(maker: str, file: int, begins: str) -> bytes:
-    """The record behind the header.
+    """Return the record behind the header.
 
     Args:
+        maker: the kind of program that writes the bag, by a ``Maker``.
         file: number of the file in its bag, from 0 on.
         begins: digest with which the file before it ended.
     """
@@ -124,19 +125,22 @@ def opening_record(maker: str, file: int, begins: str) -> bytes:
 
 
 def chunk_record(number: int, digest: str) -> bytes:
-    """The record before a chunk; all have one length.
+    """Return the record before a chunk; all have one length.
 
     Args:
         number: of the chunk in its file, from 1 on.
+        digest: of the chain up to the end of the chunk, hexadecimal.
     """
     return record_bytes(Metadata(SEAL_NAME, {"chunk": f"{number:08d}", "digest": digest}))
 
 
 def closing_record(ending: str, summary: str, digest: str) -> bytes:
-    """The record at the end of a file's data; all of one ending have one length.
+    """Return the record at the end of a file's data; all of one ending have one length.
 
     Args:
+        ending: how the file ends, by an ``Ending``.
         summary: SHA-256 of the summary behind it.
+        digest: of the chain up to this record, hexadecimal.
     """
     values = {"ends": ending, "summary": summary, "digest": digest}
     return record_bytes(Metadata(SEAL_NAME, values))

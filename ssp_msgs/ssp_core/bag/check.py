@@ -67,9 +67,10 @@ class CheckReport:
 
 
 def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> CheckReport:
-    """Checks CRCs, indexes, counts and types of a bag directory or one .mcap file.
+    """Check CRCs, indexes, counts and types of a bag directory or one .mcap file.
 
     Args:
+        path: of the bag directory or the .mcap file.
         advance: called with the number of messages decoded since the last call.
 
     Raises:
@@ -116,7 +117,7 @@ def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> Ch
 
 
 def _check_seal(path: Path, problems: list[str], remarks: list[str]) -> str:
-    """The state of a bag's seal, also where nobody closed it; and of the verdict beside it."""
+    """Return the state of a bag's seal, even of an open bag, and of the verdict beside it."""
     try:
         is_open = path.is_dir() and not (path / FILE_NAME).is_file()
         files = mcap_files(path) if is_open else bag_files(path)
@@ -153,9 +154,10 @@ class _Pass:
         self.attachments: list[str] = []
 
     def file(self, path: Path, *, later: bool) -> None:
-        """Counts what a file holds.
+        """Count what a file holds.
 
         Args:
+            path: of one .mcap file of the bag.
             later: it is not the bag's first one.
 
         Raises:

@@ -56,7 +56,7 @@ def cut_bag(
     stop_ns: int | None = None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> CutReport:
-    """Writes a new bag with the messages of a span; the source stays as it is.
+    """Write a new bag with the messages of a span; the source stays as it is.
 
     Types, quality of service, times, sequence numbers and attachments are kept. Of latched topics
     the messages that were valid when the span begins are written too, at its beginning and with
@@ -100,7 +100,7 @@ class _Cut:
         self.report = CutReport(dict.fromkeys(topics, 0))
 
     def copy(self, start_ns: int | None, stop_ns: int | None) -> None:
-        """Attachments, topics, what leads in, then the span itself."""
+        """Copy attachments, topics and what leads in, then the span itself."""
         self._attach()
         for name in self._topics:
             info = self._bag.topics[name]
@@ -151,7 +151,7 @@ class _Cut:
                     self._write(message, self.report.led_in)
 
     def _latched(self, start_ns: int) -> Iterator[BagMessage]:
-        """The messages that a late joiner would get at that time, topic by topic."""
+        """Yield the messages that a late joiner would get at that time, topic by topic."""
         topics = self._bag.topics
         kept = {
             topic: one
@@ -170,7 +170,7 @@ class _Cut:
                 yield BagMessage(topic, start_ns, publish_time_ns, data, sequence)
 
     def _write(self, message: BagMessage, besides: dict[str, int] | None = None) -> None:
-        """Writes a message and counts it, among others where it is not of the span itself."""
+        """Write a message and count it, among others where it is not of the span itself."""
         self._writer.write_all([message])
         topic, report = message.topic, self.report
         report.messages[topic] += 1

@@ -139,6 +139,7 @@ def read_declaration(folder: Path, bag_sha256: str) -> Declaration | None:
     """Read the sealed declaration in a bag's folder; None where there is none.
 
     Args:
+        folder: of the bag.
         bag_sha256: content hash of the bag; empty: it isn't known yet.
 
     Raises:
@@ -171,6 +172,8 @@ def participation_of(
     """Read what the participants of a session declared, and a named person's word.
 
     Args:
+        bag: recording of the session.
+        run: of the session; only a live one's participants declare themselves.
         folder: of the bag.
         bag_sha256: see read_declaration; None: a person's word isn't looked for.
 

@@ -25,6 +25,8 @@ def begin_derived(
     """Name the source, copy its attachments, and announce its topics.
 
     Args:
+        writer: of the new bag, to which nothing was written yet.
+        source: the bag that the new one is derived from.
         identity: further attachments as JSON, by name, that say what the new bag is.
         but: topics that it hasn't.
         types: of topics whose type differs there.

@@ -85,7 +85,7 @@ class VideoDecoder:
         self._waiting: set[int] = set()
 
     def decode(self, number: int, data: memoryview) -> list[Decoded]:
-        """The pictures that are ready now.
+        """Return the pictures that are ready now.
 
         Args:
             number: of this frame, rising.
@@ -115,7 +115,7 @@ class VideoDecoder:
         return ready
 
     def finish(self) -> list[Decoded]:
-        """The pictures that were held back; the next frame must be a keyframe."""
+        """Return the pictures that were held back; the next frame must be a keyframe."""
         try:
             ready = self._known(self._codec.decode(None)) if self._started else []
         except (av.error.FFmpegError, MemoryError):
@@ -133,7 +133,7 @@ class VideoDecoder:
 
 
 def to_bgr(frame: av.VideoFrame) -> Bgr:
-    """The pixels of a decoded frame."""
+    """Return the pixels of a decoded frame."""
     return np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
 
 
@@ -160,7 +160,7 @@ class Jpeg:
 
 
 def image_topics(bag: BagReader) -> list[str]:
-    """Topics of a bag whose messages are images or frames of a video."""
+    """Return the topics of a bag whose messages are images or frames of a video."""
     return [name for name, info in bag.topics.items() if info.msgtype in IMAGE_TYPES]
 
 
@@ -220,7 +220,7 @@ class Frames:
     def messages(
         self, start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[tuple[BagMessage, ImageMessage]]:
-        """The recorded images of a span of log times, nothing decoded."""
+        """Yield the recorded images of a span of log times, nothing decoded."""
         for message in self.bag.messages([self.topic], start_ns, stop_ns):
             image = _image(self.bag, self.msgtype, message, self._damaged)
             if image is not None:
@@ -232,12 +232,13 @@ class Frames:
         stop_ns: int | None = None,
         stamps: Collection[int] | None = None,
     ) -> Iterator[Picture]:
-        """The pictures of a span, in the order of the bag.
+        """Yield the pictures of a span, in the order of the bag.
 
         Of a video the frames from the keyframe before the span on are decoded too; those before
         the first keyframe of a bag can't be, and are left out.
 
         Args:
+            start_ns: first log time; None: the beginning of the bag.
             stop_ns: the first log time that is no longer given.
             stamps: only pictures with these stamps.
 
@@ -357,7 +358,7 @@ class VideoFile:
         self._ticks = 0
 
     def add(self, picture: Picture) -> None:
-        """Appends a frame of this size.
+        """Append a frame of this size.
 
         Where a stamp does not rise, since the camera has none, the time that passed for the
         recorder counts.
@@ -376,6 +377,6 @@ class VideoFile:
         self._container.mux(self._stream.encode(frame))
 
     def close(self) -> None:
-        """Writes what was held back, and the index."""
+        """Write what was held back, and the index."""
         self._container.mux(self._stream.encode(None))
         self._container.close()

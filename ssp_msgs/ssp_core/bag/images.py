@@ -40,14 +40,14 @@ Bgr = NDArray[np.uint8]
 
 
 def suffix_of(data: bytes | memoryview) -> str | None:
-    """``.jpg`` or ``.png`` as the first bytes say, None for anything else."""
+    """Return ``.jpg`` or ``.png`` as the first bytes say, None for anything else."""
     if data[:2] == JPEG_START:
         return ".jpg"
     return ".png" if data[:8] == PNG_START else None
 
 
 def size_px(data: memoryview) -> tuple[int, int]:
-    """Width and height that a JPEG or PNG claims.
+    """Return the width and height that a JPEG or PNG claims.
 
     Raises:
         ValueError: it is neither, or says none.
@@ -65,7 +65,7 @@ def size_px(data: memoryview) -> tuple[int, int]:
 
 
 def shown_size_px(image: ImageMessage) -> tuple[int, int]:
-    """Width and height of an image as it is shown: turned as EXIF says.
+    """Return the width and height of an image as it is shown: turned as EXIF says.
 
     Raises:
         ValueError: it is neither JPEG nor PNG nor raw, or says no size.
@@ -77,7 +77,7 @@ def shown_size_px(image: ImageMessage) -> tuple[int, int]:
 
 
 def orientation_of(image: ImageMessage) -> int:
-    """The orientation that EXIF states, 1 to 8; 1, upright, where it states none.
+    """Return the orientation that EXIF states, 1 to 8; 1, upright, where it states none.
 
     Raises:
         ValueError: a JPEG whose header can't be read.
@@ -116,7 +116,7 @@ def check_depth(image: ImageMessage) -> None:
 
 
 def decode_still(image: ImageMessage) -> Bgr:
-    """The picture of a compressed or raw image, BGR, upright.
+    """Return the picture of a compressed or raw image, BGR, upright.
 
     Raises:
         ValueError: it is damaged, cut off, too large, or in a format that isn't read here.
@@ -144,7 +144,7 @@ def decode_still(image: ImageMessage) -> Bgr:
 
 
 def _demosaicked(mosaic: NDArray[np.uint8], encoding: str) -> Bgr:
-    """The colours of a Bayer mosaic."""
+    """Return the colours of a Bayer mosaic."""
     if min(mosaic.shape[:2]) < 4:
         raise ValueError(f"a Bayer mosaic of {mosaic.shape[1]} x {mosaic.shape[0]} px")
     return np.asarray(cv2.cvtColor(mosaic, _BAYER[encoding]), np.uint8)
@@ -173,8 +173,9 @@ def _raw(encoding: str, layout: RawLayout, data: memoryview) -> Bgr:
 
 
 def even_sized(picture: Bgr) -> Bgr:
-    """The picture without the last column or row where it has an odd number of them: 4:2:0, in
-    which video is played everywhere, can't hold them.
+    """Return the picture without the last column or row where it has an odd number of them.
+
+    4:2:0, in which video is played everywhere, can't hold an odd number.
 
     Raises:
         ValueError: nothing is left.
@@ -186,7 +187,7 @@ def even_sized(picture: Bgr) -> Bgr:
 
 
 def encode(picture: Bgr, suffix: str, quality: int = JPEG_QUALITY) -> bytes:
-    """A picture as a file's bytes.
+    """Return a picture as a file's bytes.
 
     Args:
         picture: BGR.
@@ -201,5 +202,5 @@ def encode(picture: Bgr, suffix: str, quality: int = JPEG_QUALITY) -> bytes:
 
 
 def encode_jpeg(picture: Bgr, quality: int = JPEG_QUALITY) -> bytes:
-    """A picture as JPEG."""
+    """Return a picture as JPEG."""
     return encode(picture, ".jpg", quality)

@@ -49,7 +49,7 @@ def chunk_content(record: memoryview) -> memoryview:
 
 
 def indexed_entries(region: bytes, index: ChunkIndex, channels: Collection[int]) -> list[Entry]:
-    """Messages of some channels in a chunk, from the MessageIndex records behind it.
+    """Return the messages of some channels in a chunk, from the MessageIndex records behind it.
 
     Raises:
         ValueError: a record is damaged or missing.
@@ -77,7 +77,7 @@ def indexed_entries(region: bytes, index: ChunkIndex, channels: Collection[int])
 
 
 def scanned_entries(content: memoryview, channels: Collection[int]) -> list[Entry]:
-    """Messages of some channels in a chunk that has no message index.
+    """Return the messages of some channels in a chunk that has no message index.
 
     Raises:
         ValueError: the chunk's records are cut off.
@@ -107,7 +107,7 @@ class Selection:
     stop_ns: int | None
 
     def times(self, entries: list[Entry]) -> Iterator[Entry]:
-        """The entries within the times, in order of log time and then of the file.
+        """Return the entries within the times, in order of log time and then of the file.
 
         They wait as 16 bytes each, however many chunks overlap.
         """
@@ -126,7 +126,7 @@ class Selection:
         )
 
     def message(self, record: memoryview, at: int, log_time_ns: int) -> BagMessage:
-        """The message whose record begins at an offset.
+        """Return the message whose record begins at an offset.
 
         Raises:
             ValueError: there is none of the wanted topics with that log time.
@@ -199,7 +199,7 @@ class ChunkRun:
         self._cache = cache
 
     def entries(self) -> Iterator[Entry]:
-        """The wanted messages by log time, then by their order in the file."""
+        """Return the wanted messages by log time, then by their order in the file."""
         index = self._index
         if index.message_index_length:
             region = self._file.message_index(index)
@@ -242,7 +242,7 @@ class Run(Protocol):
 
 
 def merged(runs: Iterable[Run]) -> Iterator[BagMessage]:
-    """Messages of all runs by log time; of equal times, in the order of the runs and of the file.
+    """Yield the messages of all runs by log time; of equal times, by run and then by file order.
 
     A run is read when its time comes, so only those that overlap are held.
 
@@ -281,7 +281,7 @@ def _push(active: list[_Cursor], number: int, run: Run, entries: Iterator[Entry]
 
 
 def _until(active: list[_Cursor], limit: tuple[int, int] | None) -> Iterator[BagMessage]:
-    """Gives the messages of the active runs that come before a time and a run's number."""
+    """Yield the messages of the active runs that come before a time and a run's number."""
     while active and (limit is None or active[0][:2] < limit):
         _, number, entry, entries, run = heapq.heappop(active)
         bound = min((b for b in (limit, active[0][:2] if active else None) if b), default=None)

@@ -44,7 +44,7 @@ class JpegHeader:
 
 
 def _segments(data: memoryview) -> Iterator[tuple[int, int, int]]:
-    """Kind, begin and end of each segment up to the first scan; begin is that of its marker."""
+    """Yield kind, begin and end of each segment up to the first scan; it begins at its marker."""
     at = 2
     while True:
         if data[at] != 0xFF:
@@ -82,7 +82,7 @@ def read_header(data: memoryview) -> JpegHeader:
 
 
 def _orientation(exif: memoryview) -> int:
-    """The orientation of an EXIF block; upright where it says none."""
+    """Return the orientation of an EXIF block; upright where it says none."""
     head, tiff = bytes(exif[:8]), exif[6:]
     if head[:6] != b"Exif\0\0":
         return UPRIGHT
@@ -209,6 +209,7 @@ class JpegChecker:
         """Decode a JPEG by a decoder that reports errors.
 
         Args:
+            data: content of the JPEG file.
             is_known: OpenCV can decode it; FFmpeg doesn't know all kinds.
         """
         try:
@@ -222,7 +223,7 @@ class JpegChecker:
             raise ValueError("a JPEG of which a part is missing or damaged")
 
     def patched(self, data: bytes) -> NDArray[np.uint8]:
-        """The picture of a damaged JPEG, BGR, as far as it goes.
+        """Return the picture of a damaged JPEG, BGR, as far as it goes.
 
         Raises:
             ValueError: nothing of it can be decoded.

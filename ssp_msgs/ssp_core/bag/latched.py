@@ -1,5 +1,6 @@
-"""The messages of latched topics that stay valid: for later files, for a cut, for late
-subscribers.
+"""The messages of latched topics that stay valid.
+
+Later files of a bag, cuts and late subscribers begin with them.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class LatchedTopic:
         self.kept: deque[Kept] = deque()
 
     def keep(self, message: Kept) -> None:
-        """Adds the newest message and lets those go that are too many or too large."""
+        """Add the newest message and drop the oldest ones that are too many or too large."""
         self.kept.append(message)
         self._bytes += len(message.cdr)
         while len(self.kept) > self._most or (
@@ -112,7 +113,7 @@ class StaticTransforms:
         return self._merged(message).cdr
 
     def says(self, cdr: bytes) -> bool:
-        """True where all transforms of a message are valid already."""
+        """Tell whether all transforms of a message are valid already."""
         try:
             return all(self._newest.get(one.child) == one for one in decode_transforms(cdr))
         except ValueError:
@@ -130,16 +131,18 @@ class StaticTransforms:
 
 
 def is_static(topic: str, msgtype: str) -> bool:
-    """True for a topic of static transforms, in any namespace."""
+    """Tell whether a topic is one of static transforms, in any namespace."""
     return msgtype == TF_TYPE and f"/{topic.rpartition('/')[2]}" == TF_STATIC
 
 
 def late_joiner(
     topic: str, msgtype: str, offered_qos: str, *, latched: bool | None = None
 ) -> LateJoiner | None:
-    """Give what keeps the messages of a topic that stay valid; None: none do.
+    """Make the store for the messages of a topic that stay valid; None: none do.
 
     Args:
+        topic: full name.
+        msgtype: full type name, ``package/msg/Name``.
         offered_qos: the topic's publishers, as YAML; what is none says nothing.
         latched: whether they keep messages for late joiners; None: as the QoS says.
     """

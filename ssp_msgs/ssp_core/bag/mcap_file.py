@@ -73,7 +73,7 @@ class UnpackBudget:
         self._most = self._left = ANY_TOTAL_BYTES + ratio * file_bytes
 
     def take(self, unpacked_bytes: int) -> None:
-        """Raises ValueError when the file's chunks unpack to more than is believed."""
+        """Raise ValueError when the file's chunks unpack to more than is believed."""
         self._left -= unpacked_bytes
         if self._left < 0:
             raise ValueError(f"the chunks up to here unpack to more than {self._most} bytes")
@@ -91,7 +91,7 @@ class ChunkParts(NamedTuple):
 
 
 def chunk_parts(body: bytes | memoryview) -> ChunkParts:
-    """The fields of a Chunk record, from its bytes after opcode and length.
+    """Return the fields of a Chunk record, from its bytes after opcode and length.
 
     Raises:
         ValueError: the lengths in it don't fit, or claim more than is believed.
@@ -124,7 +124,7 @@ def chunk_length(head: bytes) -> int | None:
 
 
 def check_claim(compression: str, unpacked_bytes: int, packed_bytes: int) -> None:
-    """Refuses a chunk by what it claims, before anything of it is unpacked.
+    """Refuse a chunk by what it claims, before anything of it is unpacked.
 
     Raises:
         ValueError: the claim is beyond belief, or the compression is unknown.
@@ -197,10 +197,12 @@ def _unlz4(data: memoryview, most: int) -> bytearray:
 
 
 def check_summary(summary: Summary, data_end: int, file_bytes: int) -> None:
-    """Refuses indexes that would make a reader read a place twice, or beyond the data.
+    """Refuse indexes that would make a reader read a place twice, or beyond the data.
 
     Args:
+        summary: as the file states it.
         data_end: where the data section ends and the summary begins.
+        file_bytes: size of the file.
 
     Raises:
         ValueError: which index, and what is wrong with it.
@@ -265,7 +267,7 @@ class RawRecord(NamedTuple):
 
 
 def inner_records(data: memoryview) -> Iterator[RawRecord]:
-    """The records of an unpacked chunk, offsets from its first byte.
+    """Yield the records of an unpacked chunk, offsets from its first byte.
 
     Raises:
         ValueError: a record runs out of the chunk, after the whole ones were given.
@@ -297,7 +299,7 @@ class _Fields(ReadDataStream):
 
 
 def parse_record(kind: type[Record], body: memoryview) -> Record:
-    """A schema or channel. Raises ValueError when a length doesn't fit or a text is no UTF-8."""
+    """Return a schema or channel; raise ValueError for a wrong length or text other than UTF-8."""
     found: Record = kind.read(_Fields(io.BytesIO(body)))
     return found
 
@@ -313,7 +315,7 @@ class Names:
         self._left = MAX_SUMMARY_BYTES
 
     def add(self, opcode: int, body: memoryview) -> None:
-        """Takes a schema or a channel; raises ValueError as ``parse_record``, or for too many."""
+        """Take a schema or a channel; raise ValueError as ``parse_record``, or for too many."""
         if opcode == Opcode.SCHEMA:
             schema = parse_record(Schema, body)
             if schema.id not in self.schemas:
@@ -332,7 +334,7 @@ class Names:
 
 
 def parse_message(body: memoryview) -> Message:
-    """Raises ValueError when it is too short."""
+    """Return a message; raise ValueError when it is too short."""
     if len(body) < _MESSAGE.size:
         raise ValueError(f"a message of {len(body)} bytes")
     channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
@@ -340,7 +342,7 @@ def parse_message(body: memoryview) -> Message:
 
 
 def parse_attachment(body: memoryview) -> Attachment:
-    """An attachment with its CRC checked; raises ValueError when that or a length is wrong."""
+    """Return an attachment; raise ValueError when its CRC or a length is wrong."""
     if len(body) < 4:
         raise ValueError("an attachment is cut off")
     crc = int.from_bytes(body[-4:], "little")
@@ -384,7 +386,7 @@ class BoundedFile(io.BufferedReader):
 
 @contextmanager
 def damage_of(path: Path) -> Iterator[None]:
-    """Turns what damaged bytes raise into an InputError that names the file."""
+    """Turn what damaged bytes raise into an InputError that names the file."""
     try:
         yield
     except DAMAGE as error:
@@ -400,7 +402,7 @@ def damaged(path: Path, error: Exception) -> InputError:
 
 
 def open_bounded(path: Path) -> BoundedFile:
-    """Opens a file.
+    """Open a file.
 
     Raises:
         InputError: it can't be opened, or is no file.
@@ -426,7 +428,7 @@ class RecordFrame(NamedTuple):
 
 
 def read_frame(stream: BoundedFile, offset: int) -> RecordFrame:
-    """The record that begins at an offset.
+    """Return the record that begins at an offset.
 
     Raises:
         ValueError: none does, or it is longer than the file or than is believed.
@@ -447,7 +449,7 @@ def read_frame(stream: BoundedFile, offset: int) -> RecordFrame:
 
 
 def read_body(stream: BoundedFile, frame: RecordFrame) -> memoryview:
-    """The bytes of a record after opcode and length."""
+    """Return the bytes of a record after opcode and length."""
     stream.seek(frame.offset + HEAD.size)
     return memoryview(stream.read(frame.length))
 
@@ -480,7 +482,7 @@ def data_crc(stream: BoundedFile) -> bool | None:
 
 
 def read_summary(stream: BoundedFile, path: Path) -> Summary:
-    """The summary section of a closed MCAP file, with its CRC checked; empty when it has none.
+    """Return the summary section of a closed MCAP file, its CRC checked; empty where it has none.
 
     Raises:
         InputError: no MCAP file, not closed, or damaged.
@@ -544,7 +546,7 @@ class McapFile:
             self.summary = read_summary(stream, path)
 
     def read_at(self, offset: int, length: int) -> bytes:
-        """Bytes from the middle of the file.
+        """Return the bytes from the middle of the file.
 
         Raises:
             InputError: the file can't be read.
@@ -557,13 +559,13 @@ class McapFile:
             return stream.read(length)
 
     def message_index(self, chunk: ChunkIndex) -> bytes:
-        """The MessageIndex records behind a chunk; raises as ``read_at``."""
+        """Return the MessageIndex records behind a chunk; raise as ``read_at``."""
         return self.read_at(
             chunk.chunk_start_offset + chunk.chunk_length, chunk.message_index_length
         )
 
     def attachment(self, name: str) -> bytes | None:
-        """The data of the last attachment of that name, with its CRC checked.
+        """Return the data of the last attachment of that name, with its CRC checked.
 
         Raises:
             InputError: it is damaged.

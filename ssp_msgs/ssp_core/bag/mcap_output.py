@@ -60,8 +60,11 @@ Buffer: TypeAlias = bytes | bytearray | memoryview
 
 
 class FinishedChunk(NamedTuple):
-    """A Chunk record and its MessageIndex records: the bytes, their length and CRC, what stands of
-    them in the summary, and messages by channel."""
+    """A Chunk record and its MessageIndex records.
+
+    It holds their bytes, length and CRC, what stands of them in the summary, and messages by
+    channel.
+    """
 
     buffers: list[Buffer]
     length: int
@@ -88,7 +91,7 @@ class ChunkBuilder:
     def add(
         self, channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: bytes
     ) -> None:
-        """Appends a message; large data must not change until the chunk was written.
+        """Append a message; large data must not change until the chunk was written.
 
         Raises:
             struct.error: a number doesn't fit its field; nothing has happened then.
@@ -115,18 +118,18 @@ class ChunkBuilder:
         self.size += MESSAGE_HEAD.size + length
 
     def counts(self) -> dict[int, int]:
-        """Messages by channel."""
+        """Count the messages by channel."""
         return {channel: len(entries) // 2 for channel, entries in self._entries.items()}
 
     def times(self) -> tuple[int, int] | None:
-        """Earliest and latest log time, None while there is no message."""
+        """Return the earliest and latest log time, None while there is no message."""
         if not self._entries:
             return None
         times = [entries[::2] for entries in self._entries.values()]
         return min(map(min, times)), max(map(max, times))
 
     def finish(self, offset: int) -> FinishedChunk:
-        """The records of what was added; the builder is empty afterwards.
+        """Return the records of what was added; the builder is empty afterwards.
 
         Args:
             offset: where the first of them will begin in the file.
@@ -173,7 +176,7 @@ class ChunkBuilder:
 
 
 def _message_indexes(entries: dict[int, list[int]], begin: int) -> tuple[bytearray, dict[int, int]]:
-    """MessageIndex records one after the other, and where each channel's begins."""
+    """Return the MessageIndex records one after the other, and where each channel's begins."""
     records = bytearray()
     offsets = {}
     for channel_id, flat in entries.items():
@@ -224,10 +227,11 @@ class DiskSync:
         return time.monotonic() - min(since) if since else 0.0
 
     def request(self, name: str, descriptor: int) -> None:
-        """Asks for a file to be synchronised soon.
+        """Ask for a file to be synchronised soon.
 
         Args:
             name: of the file; a name waits once.
+            descriptor: of the open file; it is duplicated, so that its owner may close it.
 
         Raises:
             OSError: an earlier request failed: what was written may be lost.
@@ -242,7 +246,7 @@ class DiskSync:
             self._thread.start()
 
     def wait_for_overdue(self) -> None:
-        """Returns when no request is older than OVERDUE_S, or after LONGEST_WAIT_S.
+        """Wait until no request is older than OVERDUE_S, or for LONGEST_WAIT_S.
 
         Raises:
             OSError: a request failed: what was written may be lost.
@@ -255,7 +259,7 @@ class DiskSync:
             self._raise()
 
     def finish(self) -> None:
-        """Waits until everything asked for is done, and ends the thread.
+        """Wait until everything asked for is done, and end the thread.
 
         Raises:
             OSError: a request failed.
@@ -266,7 +270,7 @@ class DiskSync:
         self._raise()
 
     def abandon(self) -> None:
-        """Lets the thread end when it has done what it was asked for; doesn't wait for it."""
+        """Let the thread end when it has done what it was asked for; don't wait for it."""
         with self._changed:
             self._stopped = True
             self._changed.notify_all()
@@ -307,9 +311,10 @@ GATHERED = os.sysconf("SC_IOV_MAX")
 
 
 def write_buffers(descriptor: int, buffers: Sequence[Buffer], gathered: int = GATHERED) -> None:
-    """Writes all buffers in order, without joining them.
+    """Write all buffers in order, without joining them.
 
     Args:
+        descriptor: of the open file.
         buffers: the bytes.
         gathered: buffers that the system takes in one call.
 
@@ -372,6 +377,7 @@ class McapOutput:
         The summary stays in the file until something is written over it.
 
         Args:
+            path: of the file.
             summary: of the file.
             data_end: where the record DataEnd stands.
             crc: that it states.
@@ -430,11 +436,11 @@ class McapOutput:
         return len(self._chunk_index)
 
     def counts(self) -> Counter[int]:
-        """Messages by channel, those in the open chunk included."""
+        """Count the messages by channel, those in the open chunk included."""
         return self._counts + Counter(self.chunk.counts())
 
     def times(self) -> tuple[int, int] | None:
-        """Earliest and latest log time, None while there is no message."""
+        """Return the earliest and latest log time, None while there is no message."""
         return _span(self._times, self.chunk.times())
 
     def add_schema(self, schema: Schema) -> None:
@@ -451,7 +457,7 @@ class McapOutput:
         self._ahead_bytes += len(data)
 
     def flush(self) -> None:
-        """Ends the open chunk and hands everything to the system."""
+        """End the open chunk and hand everything to the system."""
         if self._ahead:
             ahead = b"".join(self._ahead)
             self._ahead, self._ahead_bytes = [], 0
@@ -472,7 +478,7 @@ class McapOutput:
             self._write([seal, *buffers], len(seal) + length, crc, chained=[indexes])
 
     def attach(self, name: str, media_type: str, data: bytes, log_time_ns: int) -> None:
-        """Writes a file into this one, behind the open chunk and without copying it."""
+        """Write a file into this one, behind the open chunk and without copying it."""
         self.flush()
         index = AttachmentIndex(self._offset, 0, log_time_ns, 0, len(data), name, media_type)
         body = bytearray(struct.pack("<QQ", log_time_ns, 0))
@@ -500,7 +506,7 @@ class McapOutput:
         self._metadata_count += 1
 
     def finish(self, ending: Ending = Ending.BAG) -> None:
-        """Writes what waits, the seal, the summary and the footer; nothing may follow."""
+        """Write what waits, the seal, the summary and the footer; nothing may follow."""
         self.flush()
         seal_bytes = len(closing_record(ending, NOTHING.hex(), NOTHING.hex()))
         self._note_metadata(SEAL_NAME, seal_bytes)
@@ -525,12 +531,11 @@ class McapOutput:
         return self._chain.end.hex()
 
     def close(self) -> None:
-        """Closes the file as it is. A second call does nothing."""
+        """Close the file as it is. A second call does nothing."""
         self._file.close()
 
     def _summary(self, start: int) -> tuple[bytes, bytes]:
-        """The groups of the summary as they stand from an offset on, and the records that find
-        them."""
+        """Return the groups of the summary from an offset on, and the records that find them."""
         summary, offsets = b"", b""
         for opcode, group in self._groups():
             if group:
@@ -568,7 +573,7 @@ class McapOutput:
         crc: int,
         chained: Sequence[Buffer] | None = None,
     ) -> None:
-        """Writes buffers; all of them are in the chain unless others are named for it."""
+        """Write buffers; all of them are in the chain unless others are named for it."""
         for buffer in buffers if chained is None else chained:
             self._chain.take_whole(buffer)
         write_buffers(self.descriptor, buffers)

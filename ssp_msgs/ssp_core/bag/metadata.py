@@ -26,7 +26,7 @@ _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
 def offered_qos(depth: int, *, transient_local: bool = False) -> str:
-    """YAML of one reliable KEEP_LAST publisher, for BagWriter.add_topic.
+    """Return the YAML of one reliable KEEP_LAST publisher, for BagWriter.add_topic.
 
     Args:
         depth: the publisher's history, messages.
@@ -48,7 +48,7 @@ def offered_qos(depth: int, *, transient_local: bool = False) -> str:
 
 @lru_cache(maxsize=1024)
 def parse_offered_qos(text: str) -> list[dict[str, Any]]:
-    """The profiles in the YAML of a channel; an empty text has none.
+    """Return the profiles in the YAML of a channel; an empty text has none.
 
     The result is shared by all callers with the same text, since thousands of topics have the
     same few profiles: it must not be changed.
@@ -83,7 +83,10 @@ def is_latched(offered_qos: str) -> bool:
 
 
 def usable_qos(offered_qos: str) -> str:
-    """The same YAML, empty where it is none: messages matter more than what was once offered."""
+    """Return the same YAML, empty where it is none.
+
+    Messages matter more than what was once offered.
+    """
     try:
         parse_offered_qos(offered_qos)
     except ValueError:
@@ -172,7 +175,7 @@ class BagFacts:
 
 
 def bag_information(facts: BagFacts) -> dict[str, Any]:
-    """The mapping under ``rosbag2_bagfile_information``, with every key of version 9."""
+    """Return the mapping under ``rosbag2_bagfile_information``, with every key of version 9."""
     return {
         "version": VERSION,
         "storage_identifier": "mcap",
@@ -222,12 +225,12 @@ class _Dumper(yaml.CSafeDumper):
 
 
 def serialized_metadata(facts: BagFacts) -> str:
-    """The text of the metadata record ``rosbag2`` in an MCAP file."""
+    """Return the text of the metadata record ``rosbag2`` in an MCAP file."""
     return _text(bag_information(facts), facts)
 
 
 def metadata_yaml(facts: BagFacts) -> str:
-    """The text of metadata.yaml."""
+    """Return the text of metadata.yaml."""
     return _text({ROOT_KEY: bag_information(facts)}, facts)
 
 
@@ -239,8 +242,9 @@ def _text(value: dict[str, Any], facts: BagFacts) -> str:
 
 @dataclass(frozen=True, slots=True)
 class BagDirectory:
-    """The part of a metadata.yaml that a reader needs: the files in order, and the counts it
-    claims.
+    """The part of a metadata.yaml that a reader needs.
+
+    It holds the files in order, and the counts that it claims.
     """
 
     files: tuple[Path, ...]
@@ -249,7 +253,7 @@ class BagDirectory:
 
 
 def read_metadata(folder: Path) -> BagDirectory:
-    """Reads the metadata.yaml of a bag directory of any version that names MCAP files.
+    """Read the metadata.yaml of a bag directory of any version that names MCAP files.
 
     Raises:
         InputError: it isn't there, can't be parsed, or is of a bag that is not plain MCAP.
@@ -298,7 +302,7 @@ def read_metadata(folder: Path) -> BagDirectory:
 
 
 def unlisted_files(folder: Path, suffix: str = ".mcap") -> list[str]:
-    """Names of a bag's kind of file that lie in its folder and that metadata.yaml doesn't name.
+    """List the files of a bag's kind in its folder that metadata.yaml doesn't name.
 
     Raises:
         InputError: metadata.yaml can't be read.
@@ -310,7 +314,7 @@ def unlisted_files(folder: Path, suffix: str = ".mcap") -> list[str]:
 
 
 def _check_file(file: Path, path: Path) -> None:
-    """Raises InputError unless a file that metadata.yaml names is one of the bag.
+    """Raise InputError unless a file that metadata.yaml names is one of the bag.
 
     It may be a link to elsewhere: large files are kept on other disks, and an evidence package
     lays its files out by links. What is behind it must be an MCAP file like any other.

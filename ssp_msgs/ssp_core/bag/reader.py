@@ -66,7 +66,7 @@ class Part(McapFile):
         return self._loose.times_ns
 
     def times(self) -> tuple[int, int] | None:
-        """Earliest and latest log time, None for a file without messages."""
+        """Return the earliest and latest log time, None for a file without messages."""
         statistics = self.summary.statistics
         if statistics is None or not statistics.message_count:
             return None
@@ -75,7 +75,7 @@ class Part(McapFile):
     def runs(
         self, topics: Collection[str] | None, start_ns: int | None, stop_ns: int | None
     ) -> list[Run]:
-        """The places that may hold messages of some topics and times, in the order of the file."""
+        """Return the places that may hold messages of some topics and times, in file order."""
         channels = {
             number: channel.topic
             for number, channel in self.channels.items()
@@ -111,7 +111,7 @@ _NONE = Schema(NO_SCHEMA, b"", "", "")
 
 
 def type_definition(schema: Schema, channel: Channel) -> TypeDefinition:
-    """The definition that a file gives for a channel's type."""
+    """Return the definition that a file gives for a channel's type."""
     type_hash = channel.metadata.get("topic_type_hash", "")
     return TypeDefinition.of_bytes(
         schema.name, schema.encoding, schema.data, type_hash, channel.message_encoding
@@ -119,7 +119,7 @@ def type_definition(schema: Schema, channel: Channel) -> TypeDefinition:
 
 
 def bag_files(path: Path) -> tuple[Path, ...]:
-    """The MCAP files of a bag directory in order, or the one file that was named.
+    """Return the MCAP files of a bag directory in order, or the one file that was named.
 
     Raises:
         InputError: it isn't there or is no bag.
@@ -134,7 +134,7 @@ def bag_files(path: Path) -> tuple[Path, ...]:
 
 
 def numbered_files(folder: Path, suffix: str) -> tuple[Path, ...]:
-    """The files of a kind in a directory, ``bag_10`` behind ``bag_9``."""
+    """Return the files of a kind in a directory, ``bag_10`` behind ``bag_9``."""
 
     def place(file: Path) -> tuple[str, int, str]:
         stem, _, number = file.stem.rpartition("_")
@@ -145,7 +145,7 @@ def numbered_files(folder: Path, suffix: str) -> tuple[Path, ...]:
 
 
 def mcap_files(folder: Path) -> tuple[Path, ...]:
-    """The MCAP files in a directory, in their order.
+    """Return the MCAP files in a directory, in their order.
 
     Raises:
         InputError: there are none.
@@ -231,10 +231,11 @@ class BagReader(Closing):
         start_ns: int | None = None,
         stop_ns: int | None = None,
     ) -> Iterator[BagMessage]:
-        """Messages in order of log time; of equal times, in the order of the file.
+        """Return the messages by log time; of equal times, in the order of the file.
 
         Args:
             topics: only these; names that the bag doesn't have give nothing.
+            start_ns: first log time; None: the beginning of the bag.
             stop_ns: the first log time that is no longer given.
 
         Raises:
@@ -257,8 +258,9 @@ class BagReader(Closing):
         return self._definitions[topic]
 
     def unreadable(self) -> dict[str, InputError]:
-        """Return by topic why its messages can't be decoded: the rest of the bag doesn't suffer
-        from it.
+        """Return by topic why its messages can't be decoded.
+
+        The rest of the bag doesn't suffer from it.
         """
         found = {}
         for topic in self.topics:
@@ -269,7 +271,7 @@ class BagReader(Closing):
         return found
 
     def store(self, topic: str) -> Typestore:
-        """The types of one topic as the bag defines them; KeyError for another topic.
+        """Return the types of one topic as the bag defines them; KeyError for another topic.
 
         Raises:
             InputError: the definition can't be used.
@@ -281,7 +283,7 @@ class BagReader(Closing):
             raise error.in_file(self.path) from None
 
     def decode(self, message: BagMessage) -> Any:
-        """The message as an object with the type's fields, numeric arrays as numpy arrays.
+        """Return the message as an object with the type's fields, numeric arrays as numpy arrays.
 
         The type is the one that stands in the bag, whatever this installation knows.
 
@@ -302,7 +304,7 @@ class BagReader(Closing):
             ) from error
 
     def attachment(self, name: str) -> bytes | None:
-        """Data of an attachment, None when the bag has none of that name.
+        """Return data of an attachment, None when the bag has none of that name.
 
         Raises:
             InputError: it is damaged.
@@ -314,7 +316,7 @@ class BagReader(Closing):
         return None
 
     def close(self) -> None:
-        """Ends the reading; no file stays open between two reads, so there is nothing to free."""
+        """End the reading; no file stays open between two reads, so there is nothing to free."""
 
 
 def _difference(one: TypeDefinition, other: TypeDefinition) -> str | None:
@@ -335,12 +337,13 @@ _ARRAYS = absolute(OBJECT_STATES)
 
 
 def object_states(bag: BagReader, ids: Iterable[str]) -> dict[str, Packed[ObjectState]]:
-    """The states of each of these objects in the order in which they were recorded.
+    """Return the states of each of these objects in the order in which they were recorded.
 
     An object has a topic of its own, or its process sends one message for all its objects
     (ObjectStates.msg); a bag may hold both.
 
     Args:
+        bag: recording of the session.
         ids: objects; those that the bag knows nothing of get none.
 
     Returns:

@@ -90,7 +90,7 @@ class RecoverReport:
 
 
 def recover(source: str | Path, target: str | Path) -> RecoverReport:
-    """Copies every message that can be read into a new bag; the source stays as it is.
+    """Copy every message that can be read into a new bag; the source stays as it is.
 
     A chunk counts only when its CRC is right, so nothing damaged gets into the new bag. Behind a
     damaged place the copy goes on at the next record of the file's own index, and in a file
@@ -144,7 +144,7 @@ def recover(source: str | Path, target: str | Path) -> RecoverReport:
 
 
 def _sources(source: Path, files: Sequence[Path]) -> tuple[Source, ...]:
-    """The bag that is recovered, as far as it can be read, and its own sources."""
+    """Return the bag that is recovered, as far as it can be read, and its own sources."""
     digest, seal = "", Seal(damaged="can't be read whole")
     with suppress(InputError):
         for file in files:
@@ -168,13 +168,13 @@ class _NewBag:
     _static: dict[str, StaticTransforms] = field(default_factory=dict)
 
     def note(self, text: str) -> None:
-        """Keeps what is wrong in one place; of very many the first."""
+        """Keep what is wrong in one place; of very many the first."""
         self.places += 1
         if self.places <= _MAX_DAMAGE:
             self.damage.append(text)
 
     def add(self, message: Message, channel: Channel, schema: Schema) -> None:
-        """Writes one message.
+        """Write one message.
 
         Raises:
             ValueError: its topic is no CDR, or has another type than before.
@@ -240,7 +240,7 @@ class _DamagedFile:
         self._search_left = 2 * stream.size
 
     def copy(self) -> int:
-        """Copies the file; gives the offset behind the last record that could be used."""
+        """Copy the file; give the offset behind the last record that could be used."""
         before = self._into.places
         offset = used = len(MCAP0_MAGIC)
         while offset < self._stream.size:
@@ -288,7 +288,7 @@ class _DamagedFile:
         return self._stream.size if found is None else found
 
     def _chunks(self, damaged: int) -> Iterator[int]:
-        """Offsets behind a damaged place of what looks like a chunk and has a right CRC."""
+        """Yield offsets behind a damaged place of what looks like a chunk and has a right CRC."""
         stream = self._stream
         stream.seek(damaged)
         opcode, length = HEAD.unpack(stream.read(HEAD.size).ljust(HEAD.size, b"\0"))
@@ -322,7 +322,7 @@ class _DamagedFile:
         return unpack_chunk(parts)
 
     def _record(self, frame: RecordFrame) -> None:
-        """Raises ValueError when the record is damaged; what stands before that is copied."""
+        """Raise ValueError when the record is damaged; what stands before that is copied."""
         if frame.opcode == Opcode.CHUNK:
             self._chunk(self._unpacked(chunk_parts(read_body(self._stream, frame))))
         elif frame.opcode == Opcode.ATTACHMENT:
@@ -350,7 +350,7 @@ class _DamagedFile:
             raise ValueError(", ".join(f"{count} records: {why}" for why, count in reasons))
 
     def _inner(self, opcode: int, body: memoryview) -> None:
-        """A schema, a channel or a message, in a chunk or outside."""
+        """Take a schema, a channel or a message, in a chunk or outside."""
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             self._names.add(opcode, body)
         elif opcode == Opcode.MESSAGE:

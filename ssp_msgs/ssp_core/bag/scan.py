@@ -36,9 +36,7 @@ from ssp_core.bag.types import BagMessage
 
 
 def is_indexed(summary: Summary) -> bool:
-    """Tell whether a summary says where all messages of its file are, how many, and of which
-    types.
-    """
+    """Tell whether a summary says where all messages of its file are, how many, and their types."""
     statistics, channels = summary.statistics, summary.channels
     if statistics is None or (statistics.message_count and not summary.chunk_indexes):
         return False
@@ -76,9 +74,10 @@ class Loose:
 
 
 def scan(stream: BoundedFile, given: Summary) -> tuple[Summary, Loose]:
-    """Goes through a file from its beginning to the end of its data.
+    """Go through a file from its beginning to the end of its data.
 
     Args:
+        stream: the open file.
         given: the file's own summary; what it says of types, topics and counts stays.
 
     Raises:
@@ -115,7 +114,7 @@ class _Scan:
         self._times: list[int] = []
 
     def record(self, frame: RecordFrame) -> None:
-        """Takes what an index would say of a record; raises ValueError when it is damaged."""
+        """Take what an index would say of a record; raise ValueError when it is damaged."""
         if frame.opcode == Opcode.CHUNK:
             self._chunk(frame)
         elif frame.opcode == Opcode.MESSAGE:

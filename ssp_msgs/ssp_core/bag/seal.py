@@ -150,7 +150,7 @@ def check_unaltered(seal: Seal, path: Path) -> None:
 
 
 def source_of(bag: BagReader) -> tuple[Source, ...]:
-    """An open bag as the source of another one, and its own sources behind it.
+    """Return an open bag as the source of another one, and its own sources behind it.
 
     Raises:
         InputError: a file can't be read any more, or the bag isn't what was sealed.
@@ -161,7 +161,7 @@ def source_of(bag: BagReader) -> tuple[Source, ...]:
 
 
 def sources_with(name: str, digest: str, seal: Seal) -> tuple[Source, ...]:
-    """A bag as the source of another one, and its own sources behind it."""
+    """Return a bag as the source of another one, and its own sources behind it."""
     own = Source(name, digest, seal.text, seal.ends, bool(seal.altered))
     return (own, *seal.sources)
 
@@ -257,12 +257,12 @@ class _FileWalk:
         self._before: tuple[int, str] | None = None
 
     def is_closed(self) -> bool:
-        """The file has its regular last bytes."""
+        """Tell whether the file has its regular last bytes."""
         last_at = max(0, self._stream.size - len(MCAP0_MAGIC))
         return last_at > 0 and self._read(last_at, len(MCAP0_MAGIC)) == MCAP0_MAGIC
 
     def is_closed_with_seal(self) -> bool:
-        """The file's summary names a seal."""
+        """Tell whether the file's summary names a seal."""
         try:
             summary = McapFile(Path(self._stream.name)).summary
         except InputError:
@@ -270,7 +270,7 @@ class _FileWalk:
         return any(index.name == SEAL_NAME for index in summary.metadata_indexes)
 
     def opening(self) -> tuple[str, int, str] | None:
-        """Maker of a file, its number in the bag and its first digest; None without a seal.
+        """Return a file's maker, its number in the bag and its first digest; None without a seal.
 
         The chain takes nothing here, since it must begin with that digest.
         """
@@ -357,7 +357,7 @@ class _FileWalk:
         return bool(crc32(block) == stated)
 
     def _stop_at(self, why: str) -> None:
-        """The data end before their end: a recorder was killed, or the file is damaged."""
+        """Note that the data end too soon: a recorder was killed, or the file is damaged."""
         if self.is_closed():
             self._into.damaged = f"{self._name} at byte {self._at}: {why}"
         else:

@@ -43,6 +43,8 @@ class Split:
         """Tell whether a message belongs into a new file.
 
         Args:
+            file_bytes: size of the present file so far.
+            message_bytes: size of the message.
             span_ns: from the file's first log time to the message's; a clock that was set back
                 makes it negative, and is as good a reason as one that runs on, but not in a small
                 file: two clocks taking turns would make one of every message.

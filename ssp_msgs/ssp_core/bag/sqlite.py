@@ -40,7 +40,7 @@ def open_bag(path: Path) -> BagReader:
 
 
 def _files(folder: Path, told: dict[str, Any]) -> tuple[Path, ...]:
-    """The bag's files in order.
+    """Return the bag's files in order.
 
     Raises:
         InputError: metadata.yaml names none, or they are compressed.
@@ -59,7 +59,7 @@ def _files(folder: Path, told: dict[str, Any]) -> tuple[Path, ...]:
 
 
 def _known(found: TypeDefinition) -> TypeDefinition:
-    """The definition of a type that the file doesn't define, where it is known."""
+    """Return the definition of a type that the file doesn't define, where it is known."""
     try:
         return definition(found.msgtype)
     except InputError:
@@ -148,7 +148,7 @@ class SqliteBag(BagReader):
         start_ns: int | None = None,
         stop_ns: int | None = None,
     ) -> Iterator[BagMessage]:
-        """Messages by log time; SQLite keeps neither publish times nor sequence numbers."""
+        """Return the messages by log time; SQLite keeps no publish times or sequence numbers."""
         return heapq.merge(
             *(self._of(store, topics, start_ns, stop_ns) for store in self._stores),
             key=lambda message: message.log_time_ns,

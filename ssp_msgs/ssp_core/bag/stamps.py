@@ -22,7 +22,7 @@ PAUSE_S = 10.0
 
 
 def pause_text(before_ns: int, after_ns: int) -> str:
-    """A pause of a recording, for people."""
+    """Return a pause of a recording, for people."""
     return (
         f"nothing was recorded for {(after_ns - before_ns) / NS_PER_S:.1f} s, from "
         f"{before_ns / NS_PER_S:.3f} to {after_ns / NS_PER_S:.3f} s"
@@ -30,13 +30,13 @@ def pause_text(before_ns: int, after_ns: int) -> str:
 
 
 def leaps_of(log_times_ns: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """The steps of a bag's log times, in their order, that no recording makes: from and to, ns."""
+    """Return the steps of a bag's log times that no recording makes, in order: from and to, ns."""
     at = np.flatnonzero(np.diff(log_times_ns) > LOG_LEAP_S * NS_PER_S)
     return [(int(log_times_ns[i]), int(log_times_ns[i + 1])) for i in at]
 
 
 def leap_text(before_ns: int, after_ns: int) -> str:
-    """A leap of log times, for people."""
+    """Return a leap of log times, for people."""
     days = (after_ns - before_ns) / NS_PER_S / 86_400.0
     return (
         f"log times leap by {(after_ns - before_ns) / NS_PER_S:.6g} s ({days:.0f} days), from "
@@ -71,8 +71,9 @@ class _Run:
     places: list[int]
 
     def off_ns(self, stamp_ns: int, distance_ns: int) -> int:
-        """Compute how far a stamp is from going on: by its distance, or by the stamps where all
-        stood.
+        """Compute how far a stamp is from going on.
+
+        That is by its distance, or by the stamps where all stood.
 
         A simulator that is paused delivers nothing for a while, and its stamps go on.
         """
@@ -110,7 +111,7 @@ def settle_stamps(
 
 
 def _runs(stamps: _NS, distances: _NS) -> list[_Run]:
-    """Frames by the run that each goes on."""
+    """Group the frames by the run that each goes on."""
     limit_ns = round(LEAP_S * NS_PER_S)
     runs: list[_Run] = []  # the one that went on last comes last
     for place, (stamp_ns, distance_ns) in enumerate(

@@ -70,7 +70,7 @@ _NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
 
 
 def check_text(text: str, *, idl: bool) -> None:
-    """Refuses a text that would take the parser unreasonably long.
+    """Refuse a text that would take the parser unreasonably long.
 
     Raises:
         ValueError: it is too long, or holds expressions that no generated definition has.
@@ -98,7 +98,7 @@ def check_text(text: str, *, idl: bool) -> None:
 
 
 def check_types(types: Mapping[str, Any]) -> None:
-    """Refuses parsed types from which too much code would be made.
+    """Refuse parsed types from which too much code would be made.
 
     Args:
         types: by name (constants, fields), as rosbags' parsers give them.
@@ -145,13 +145,13 @@ def _inner(kind: Any, rest: Any) -> Any:
 
 
 def _named(fields: Iterable[tuple[str, Any]]) -> list[str]:
-    """The message types that a type's fields name."""
+    """Return the message types that a type's fields name."""
     held = (_inner(*described) for _, described in fields)
     return [str(inner[1]) for inner in held if inner[0] == Nodetype.NAME]
 
 
 def _check_depth(types: Mapping[str, Any]) -> None:
-    """Raises ValueError where a type contains itself, or types nest deeper than MAX_DEPTH."""
+    """Raise ValueError where a type contains itself, or types nest deeper than MAX_DEPTH."""
     below = {name: [n for n in _named(fields) if n in types] for name, (_, fields) in types.items()}
     depths: dict[str, int] = {}
     try:
@@ -209,7 +209,7 @@ class BoundedStore(Typestore):
 
 
 def _ends_in_wide_numbers(types: Mapping[str, Any], name: str) -> bool:
-    """True for a type whose last field is a sequence of numbers of 8 bytes, be it in another's."""
+    """Tell whether a type's last field is a sequence of 8-byte numbers, be it in another's."""
     fields = types[name][1]
     if not fields:
         return False
@@ -220,11 +220,11 @@ def _ends_in_wide_numbers(types: Mapping[str, Any], name: str) -> bool:
 
 
 def growth_of(types: Mapping[str, Any], msgtype: str) -> float:
-    """Bytes of Python objects per byte of a message, at the worst."""
+    """Return the bytes of Python objects per byte of a message, at the worst."""
 
     @cache
     def least(name: str) -> tuple[int, int]:
-        """Least bytes of a type in a message, and of its objects besides its sequences' items."""
+        """Return the least bytes of a type in a message and as objects without sequences' items."""
         total, objects = 0, _OBJECT_BYTES
         for _, (kind, rest) in types[name][1]:
             objects += _FIELD_BYTES
@@ -264,7 +264,7 @@ _MSGTYPE = re.compile(r"([A-Za-z][A-Za-z0-9_]*)/msg/([A-Za-z][A-Za-z0-9_]*)", re
 
 
 def installed_file(msgtype: str) -> Path | None:
-    """The .msg file of a type below AMENT_PREFIX_PATH; None when there is none.
+    """Return the .msg file of a type below AMENT_PREFIX_PATH; None when there is none.
 
     Args:
         msgtype: from anywhere; it is no path, whatever it says.
@@ -280,7 +280,7 @@ def installed_file(msgtype: str) -> Path | None:
 
 
 def installed_types(msgtype: str, known: Container[str]) -> Typesdict:
-    """A type and all that it uses, read from their .msg files.
+    """Return a type and all that it uses, read from their .msg files.
 
     Raises:
         InputError: the file of one isn't there, or is no definition.
@@ -368,8 +368,9 @@ class TypeDefinition:
 
 
 def _folders() -> list[Traversable]:
-    """List the folders that may hold .msg files: beside the sources, in the wheel, in ROS
-    prefixes.
+    """List the folders that may hold .msg files.
+
+    They are beside the sources, in the wheel, and in ROS prefixes.
     """
     folders: list[Traversable] = [Path(__file__).resolve().parents[2] / "msg"]
     with suppress(ModuleNotFoundError):  # only a pip installation has it
@@ -381,7 +382,7 @@ def _folders() -> list[Traversable]:
 
 @cache
 def _own_texts() -> dict[str, str]:
-    """Text of each .msg file of ssp_msgs, and of the video type, by full type name."""
+    """Return the text of each .msg file of ssp_msgs, and of the video type, by full type name."""
     folders = _folders()
     for folder in folders:
         # Other packages have folders named msg too; ours holds this file.
@@ -399,7 +400,7 @@ def _own_texts() -> dict[str, str]:
 
 @cache
 def typestore() -> Typestore:
-    """The types of ROS 2 Jazzy and of ssp_msgs; one store, shared by all callers.
+    """Return the types of ROS 2 Jazzy and of ssp_msgs; one store, shared by all callers.
 
     Raises:
         HostError: the .msg files of ssp_msgs are not installed.
@@ -414,7 +415,7 @@ def typestore() -> Typestore:
 
 @cache
 def definition(msgtype: str) -> TypeDefinition:
-    """Definition of a known type with all that it uses, comments of ssp_msgs kept.
+    """Return the definition of a known type with all that it uses, comments of ssp_msgs kept.
 
     A type that is neither among Jazzy's common interfaces nor in ssp_msgs is looked for in what is
     installed, and is in the typestore afterwards.
@@ -439,7 +440,7 @@ def definition(msgtype: str) -> TypeDefinition:
 
 
 def serialize(message: object) -> bytes:
-    """CDR (little endian, with its four bytes of encapsulation) of a message of typestore().
+    """Return a message of typestore() as CDR: little endian, with four bytes of encapsulation.
 
     Args:
         message: made with ``typestore().types[msgtype](...)``.
@@ -451,10 +452,10 @@ def serialize(message: object) -> bytes:
 
 
 def store_from(written: TypeDefinition) -> Typestore:
-    """A store that knows exactly the types of one definition, as it stands in a bag.
+    """Return a store that knows exactly the types of one definition, as it stands in a bag.
 
-    A definition takes time in proportion to its length, so it is parsed once, whoever uses it, also
-    when it is of no use. Whoever has a store only reads it.
+    A definition takes time in proportion to its length, so it is parsed once for all callers, even
+    when it is of no use. Callers only read a store.
 
     Raises:
         InputError: the definition can't be parsed, asks for too much, or lacks the type that it is

@@ -38,6 +38,9 @@ def leave_verdict(
 
     Args:
         bag: folder of a bag that may be unclosed; it holds the file alone then.
+        verdict: of the run.
+        reasons: for it, the primary one first.
+        told_by: the one that decided it.
 
     Returns:
         The digest of the whole bag; empty where it isn't closed and sealed.
@@ -58,6 +61,7 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
     """Hold the verdict beside a bag against the one in it.
 
     Args:
+        bag: the open bag.
         seal: of the bag.
         folder: of the bag.
 

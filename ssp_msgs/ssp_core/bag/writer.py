@@ -135,9 +135,10 @@ class BagWriter(Closing):
         written: TypeDefinition | None = None,
         latched: bool = False,
     ) -> None:
-        """Announces a topic; needed before its first message.
+        """Announce a topic; needed before its first message.
 
         Args:
+            topic: full name.
             msgtype: full type name, ``package/msg/Name``.
             offered_qos: YAML from ``offered_qos``, or empty.
             written: the definition to put into the file; by default the one that this project
@@ -180,9 +181,10 @@ class BagWriter(Closing):
     def write(
         self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0
     ) -> None:
-        """Appends one serialised message.
+        """Append one serialised message.
 
         Args:
+            topic: one that was added.
             cdr: the message with its encapsulation; it must not change afterwards.
             log_time_ns: when it was received; readers order by it.
             publish_time_ns: when it was sent.
@@ -216,14 +218,14 @@ class BagWriter(Closing):
         self.bytes += len(cdr)
 
     def write_all(self, messages: Iterable[BagMessage]) -> None:
-        """Appends messages in order; as write, of which the first that fails ends the call."""
+        """Append messages in order; as write, of which the first that fails ends the call."""
         for topic, log_time_ns, publish_time_ns, data, sequence in messages:
             self.write(topic, data, log_time_ns, publish_time_ns, sequence)
 
     def _before_message(
         self, entry: WrittenTopic, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int
     ) -> None:
-        """Begins a new file when it is time for one, and keeps what later files repeat."""
+        """Begin a new file when it is time for one, and keep what later files repeat."""
         if min(log_time_ns, publish_time_ns) < 0 or max(log_time_ns, publish_time_ns) > _MAX_TIME:
             return  # write refuses it; nothing may have happened before
         if self._begun_ns is None:
@@ -278,7 +280,7 @@ class BagWriter(Closing):
         self._index_limit = output.index_bytes + INDEX_BYTES
 
     def attach(self, name: str, data: bytes, media_type: str) -> None:
-        """Puts a file into the bag, whole, at once."""
+        """Put a file into the bag, whole, at once."""
         _, end_ns = self._output.times() or (0, 0)
         try:
             self._output.attach(name, media_type, data, end_ns)
@@ -294,7 +296,7 @@ class BagWriter(Closing):
             raise self._broken(error) from error
 
     def flush(self) -> None:
-        """Finishes the chunk and hands it to the system: a SIGKILL takes nothing before this.
+        """Finish the chunk and hand it to the system: a SIGKILL takes nothing before this.
 
         The disk is asked to take it too, without waiting for that while it keeps up: an error of
         the disk comes with this or the next flush. For a disk that is more than a second behind
@@ -335,7 +337,7 @@ class BagWriter(Closing):
         return BagFacts((*self._whole, self._file_facts()), self._topic_facts(total))
 
     def _topic_counts(self) -> Counter[str]:
-        """Messages of the present file by topic, those that were repeated included."""
+        """Count the messages of the present file by topic, those that were repeated included."""
         by_channel = self._output.counts()
         return Counter(
             {
@@ -363,7 +365,7 @@ class BagWriter(Closing):
         return FileFacts(self.file.name, start_ns, end_ns, self._output.counts().total())
 
     def _finish_file(self, ending: Ending) -> None:
-        """Writes metadata record and summary of the present file, and remembers what it holds."""
+        """Write metadata record and summary of the present file, and remember what it holds."""
         counts = self._topic_counts()
         facts = BagFacts((self._file_facts(),), self._topic_facts(counts))
         self._output.add_metadata("rosbag2", {"serialized_metadata": serialized_metadata(facts)})
@@ -377,7 +379,7 @@ class BagWriter(Closing):
         return self._chain.end.hex()
 
     def close(self) -> None:
-        """Writes indexes, the metadata record and metadata.yaml. A second call does nothing.
+        """Write indexes, the metadata record and metadata.yaml. A second call does nothing.
 
         Raises:
             HostError: the disk didn't take it; `ssp bag recover` gets what was flushed.
@@ -396,7 +398,7 @@ class BagWriter(Closing):
             raise self._broken(error) from error
 
     def _broken(self, error: OSError) -> HostError:
-        """Closes the file as it is and makes the error that says so."""
+        """Close the file as it is and make the error that says so."""
         self.closed = True
         self._sync.abandon()
         with suppress(OSError):  # closed before, or the disk's error comes once more

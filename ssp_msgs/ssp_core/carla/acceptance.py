@@ -48,13 +48,13 @@ class Refusal:
 
 
 def opendrive_sha256(text: str) -> str:
-    """The hash of a map's text, whatever its byte order mark and line ends are."""
+    """Return the hash of a map's text, whatever its byte order mark and line ends are."""
     plain = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
     return sha256_bytes(plain.encode())
 
 
 def read_map(path: str | Path) -> str:
-    """The text of an OpenDRIVE file. Raises InputError where it can't be read."""
+    """Return the text of an OpenDRIVE file; raise InputError where it can't be read."""
     return read_text(path, _MOST_MAP_BYTES)
 
 
@@ -69,7 +69,7 @@ def version_refusal(version: str, client_version: str) -> Refusal | None:
 
 
 def foreign_actors(actors: Sequence[str]) -> list[str]:
-    """Type ids of actors that somebody put into the world, sorted."""
+    """List the type ids of actors that somebody put into the world, sorted."""
     return sorted(one for one in actors if one.startswith(_PUT_THERE))
 
 
@@ -77,6 +77,7 @@ def refusals(facts: ServerFacts, wanted_map_sha256: str | None) -> list[Refusal]
     """List the reasons not to run, the gravest first.
 
     Args:
+        facts: of the server, as it stands.
         wanted_map_sha256: of the OpenDRIVE that a run is for, by ``opendrive_sha256``; None: any.
     """
     version = version_refusal(facts.version, facts.client_version)

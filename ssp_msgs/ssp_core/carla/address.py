@@ -28,6 +28,7 @@ def parse_address(text: str, field: str) -> CarlaAddress:
     """Read ``HOST[:PORT]``, with or without ``carla://`` in front.
 
     Args:
+        text: as a person wrote it.
         field: the argument or option that the text was given to.
 
     Raises:

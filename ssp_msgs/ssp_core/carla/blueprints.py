@@ -67,7 +67,7 @@ def box_problem(box: BodyBox) -> str:
 
 
 def mismatch_m(size: Size, box: BodyBox) -> float:
-    """Sum of the differences in length, width and height."""
+    """Return the sum of the differences in length, width and height."""
     return (
         abs(size.length_m - box.length_m)
         + abs(size.width_m - box.width_m)
@@ -84,6 +84,9 @@ def choose_body(
     """Choose the body of the class whose measured box is nearest in size; of equals, by its id.
 
     Args:
+        object_class: of the object.
+        size: of the object.
+        blueprints: those that the server offers.
         boxes: as measured, by blueprint; one without a box isn't chosen, nor one with an empty one.
 
     Raises:

@@ -51,7 +51,7 @@ NEWEST_PYTHON = (3, 12)
 
 
 def client_library() -> Any:
-    """CARLA's client.
+    """Import CARLA's client.
 
     Raises:
         HostError: it isn't installed.
@@ -210,17 +210,17 @@ class CarlaServer:
         return facts
 
     def settings(self) -> dict[str, Any]:
-        """The world's settings by the names of carla.WorldSettings."""
+        """Return the world's settings by the names of carla.WorldSettings."""
         with self._asking("asked for its settings"):
             return _fields(self._world.get_settings())
 
     def weather(self) -> dict[str, float]:
-        """The weather as the server has it, by the names of carla.WeatherParameters."""
+        """Return the weather as the server has it, by the names of carla.WeatherParameters."""
         with self._asking("asked for its weather"):
             return _numbers(self._world.get_weather())
 
     def blueprints(self) -> list[Blueprint]:
-        """All vehicles and pedestrians that it offers, by id."""
+        """List all vehicles and pedestrians that it offers, by id."""
         with self._asking("asked for its blueprints"):
             library = list(self._world.get_blueprint_library())
         found = []
@@ -234,13 +234,13 @@ class CarlaServer:
         return sorted(found, key=lambda one: one.id)
 
     def is_counterpart(self) -> bool:
-        """True for a server that says that it stands in for CARLA in tests."""
+        """Tell whether the server says that it stands in for CARLA in tests."""
         with self._asking("asked for its blueprints"):
             library = self._world.get_blueprint_library()
             return any(one.id == COUNTERPART_BLUEPRINT for one in library)
 
     def ground(self) -> Ground:
-        """The height of the map's roads and sidewalks at x, y of frame map."""
+        """Return the height of the map's roads and sidewalks at x, y of frame map."""
         with self._asking("asked for its map"):
             chart = self._world.get_map()
         every, locate = self._carla.LaneType.Any, self._carla.Location
@@ -257,7 +257,7 @@ class CarlaServer:
         self._client.set_timeout(timeout_s)
 
     def start_place(self) -> CarlaPose:
-        """A place on the road: the map's first spawn point, or the origin."""
+        """Return a place on the road: the map's first spawn point, or the origin."""
         with self._asking("asked for its map"):
             points = self._world.get_map().get_spawn_points()
         return pose_of_transform(points[0]) if points else CarlaPose(0.0, 0.0, 0.0)
@@ -402,11 +402,11 @@ class CarlaServer:
         return frame
 
     def pose_of(self, actor: int) -> CarlaPose:
-        """The pose of an actor in the newest frame."""
+        """Return the pose of an actor in the newest frame."""
         return self.motion_of(actor).pose
 
     def motion_of(self, actor: int) -> CarlaMotion:
-        """The motion of an actor in the newest frame."""
+        """Return the motion of an actor in the newest frame."""
         with self._asking("asked for its frame"):
             found = self._world.get_snapshot().find(actor)
         if found is None:
@@ -467,6 +467,8 @@ class CarlaServer:
         """Spawn a camera that is attached to nothing, and tick until it sends a tick's picture.
 
         Args:
+            attributes: of the blueprint, as texts by name.
+            pose: in CARLA's frame.
             name: its blueprint.
 
         Raises:
@@ -550,7 +552,7 @@ class CarlaServer:
 
 
 def _fields(found: Any) -> dict[str, Any]:
-    """The values of one of CARLA's structures, by name."""
+    """Return the values of one of CARLA's structures, by name."""
     return {name: getattr(found, name) for name in dir(found) if not name.startswith("_")}
 
 

@@ -62,13 +62,13 @@ def _cos_sin(angle_deg: float) -> tuple[float, float]:
 
 
 def yaw_in_carla_deg(yaw_rad: float) -> float:
-    """Yaw in (-180, 180], clockwise, of one that turns counter-clockwise."""
+    """Return the yaw in (-180, 180], clockwise, of one that turns counter-clockwise."""
     yaw = math.remainder(-math.degrees(yaw_rad), 360.0) + 0.0
     return 180.0 if yaw <= -180.0 else yaw
 
 
 def flat_ground(_x_m: float, _y_m: float) -> float:
-    """The height 0 everywhere."""
+    """Return the height 0 everywhere."""
     return 0.0
 
 
@@ -79,6 +79,7 @@ def vehicle_pose(pose: Pose2, size: Size, box: BodyBox, ground: Ground) -> Carla
         pose: of our reference point, frame map.
         size: ours.
         box: CARLA's, as measured.
+        ground: height of the ground at x, y of frame map.
 
     Returns:
         The actor's origin, on the ground; pitch by the ground below both ends of our box.
@@ -107,6 +108,7 @@ def camera_pose(pose: Pose2, size: Size, camera: Camera, ground: Ground) -> Carl
         size: of the vehicle, for the slope that it stands on.
         camera: pitch down, yaw left and roll right are CARLA's pitch and yaw with the sign changed,
             and its roll.
+        ground: height of the ground at x, y of frame map.
     """
     base = vehicle_pose(pose, size, BodyBox(size.length_m, size.width_m, size.height_m), ground)
     # The reference point, on the line between the ground at both ends.

@@ -24,7 +24,7 @@ class Placement:
     lights: int | None = None
 
     def commands(self, carla: Any) -> Iterator[Any]:
-        """CARLA's commands, by its client's module."""
+        """Yield the placement as CARLA's commands, by its client's module."""
         transform = transform_of(carla, self.pose)
         if self.walking_mps is None:
             yield carla.command.ApplyTransform(self.actor, transform)
@@ -50,7 +50,7 @@ class PedalOrder:
     steer: float
 
     def commands(self, carla: Any) -> Iterator[Any]:
-        """CARLA's command, by its client's module."""
+        """Yield the order as CARLA's commands, by its client's module."""
         told = carla.VehicleControl(throttle=self.throttle, brake=self.brake, steer=self.steer)
         yield carla.command.ApplyVehicleControl(self.actor, told)
 
@@ -64,6 +64,6 @@ class CarlaMotion:
 
 
 def transform_of(carla: Any, pose: CarlaPose) -> Any:
-    """A pose as carla.Transform."""
+    """Return a pose as carla.Transform."""
     location = carla.Location(pose.x_m, pose.y_m, pose.z_m)
     return carla.Transform(location, carla.Rotation(pose.pitch_deg, pose.yaw_deg, pose.roll_deg))

@@ -51,7 +51,7 @@ class CarlaCamera:
         self._come.put(Picture(int(image.frame), pose_of_transform(image.transform), pixels))
 
     def take(self, frame: int, wait_s: float) -> Picture | None:
-        """The picture of a frame; those of other frames are dropped. None: it doesn't come."""
+        """Return the picture of a frame, None where it doesn't come; drop those of other frames."""
         until = time.monotonic() + wait_s
         while True:
             try:
@@ -64,6 +64,6 @@ class CarlaCamera:
 
 
 def pose_of_transform(transform: Any) -> CarlaPose:
-    """Location and rotation of a carla.Transform."""
+    """Return the location and rotation of a carla.Transform."""
     at, turn = transform.location, transform.rotation
     return CarlaPose(at.x, at.y, at.z, turn.pitch, turn.yaw, turn.roll)

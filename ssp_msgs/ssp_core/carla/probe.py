@@ -67,7 +67,10 @@ def probe(
     """Measure what a server does.
 
     Args:
+        server: accepted, and not taken over yet.
         facts: of an accepted server.
+        address: of the server, for the report.
+        started: when the probe began, for the report.
         say: takes a line on what comes next.
 
     Raises:
@@ -245,10 +248,13 @@ def _repeat(server: CarlaServer, actor: int, camera: CarlaCamera, place: CarlaPo
 def projected_rectangle(
     camera: CarlaPose, lens: Camera, pose: CarlaPose, box: BodyBox
 ) -> tuple[float, float, float, float]:
-    """The rectangle (left, top, right, bottom) in px around a box that lies before a camera.
+    """Return the rectangle (left, top, right, bottom) in px around a box that lies before a camera.
 
     Args:
+        camera: pose of the camera.
+        lens: focal length and size of the picture, px.
         pose: of the actor that has the box.
+        box: of the actor, about its origin, m.
     """
     half = np.array([box.length_m, box.width_m, box.height_m]) / 2.0
     signs = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])

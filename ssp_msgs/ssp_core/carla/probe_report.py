@@ -95,7 +95,7 @@ class CarlaProbeReport(Strict):
 
 
 def load_report(path: str | Path) -> CarlaProbeReport:
-    """The report in a file.
+    """Return the report in a file.
 
     Raises:
         InputError: the file can't be read, or isn't a probe report.
@@ -104,5 +104,5 @@ def load_report(path: str | Path) -> CarlaProbeReport:
 
 
 def write_report(path: str | Path, report: CarlaProbeReport) -> None:
-    """Raises InputError or HostError where the file can't be written."""
+    """Raise InputError or HostError where the file can't be written."""
     write_json(path, report.model_dump(mode="json", by_alias=True))

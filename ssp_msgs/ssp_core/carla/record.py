@@ -71,7 +71,7 @@ class BodyRecord(Strict):
 
 
 def body_record(body: ChosenBody, size: Size) -> dict[str, Any]:
-    """The fields of a ``BodyRecord``."""
+    """Return the fields of a ``BodyRecord``."""
     return {"blueprint": body.blueprint, "box": asdict(body.box), "size": asdict(size)}
 
 
@@ -148,8 +148,9 @@ class CarlaScene(_ServerRecord):
         return {name: body.text for name, body in sorted(self.bodies.items())}
 
     def differences(self, other: CarlaScene) -> list[str]:
-        """Name the fields that differ, but for the address, the frame's number and bodies of
-        other objects.
+        """Name the fields that differ.
+
+        The address, the frame's number and bodies of other objects don't count.
         """
         named = [
             name
@@ -162,7 +163,7 @@ class CarlaScene(_ServerRecord):
 
 
 def with_bodies(scene: CarlaScene, bodies: Mapping[str, BodyRecord]) -> CarlaScene:
-    """The record with further bodies."""
+    """Return the record with further bodies."""
     return scene.model_copy(update={"bodies": {**bodies, **scene.bodies}})
 
 

@@ -28,7 +28,9 @@ _FOG_OVER_M = 100.0
 
 
 def camera_attributes(camera: Camera) -> dict[str, str]:
-    """The attributes of CARLA's camera that a run's camera asks for; its others stay as they are.
+    """Return the attributes of CARLA's camera that a run's camera asks for.
+
+    All others stay as they are.
 
     The field of view is horizontal in both, so that the focal length in pixels is the same.
     """
@@ -41,8 +43,9 @@ def camera_attributes(camera: Camera) -> dict[str, str]:
 
 
 def weather_of(look: Look) -> dict[str, float]:
-    """Sun, fog and rain of a run as fields of carla.WeatherParameters; azimuth turns as CARLA's
-    yaw.
+    """Return the sun, fog and rain of a run as fields of carla.WeatherParameters.
+
+    The azimuth turns as CARLA's yaw.
     """
     rain = look.rain
     dusk = look.light == "dusk"
@@ -62,6 +65,6 @@ def weather_of(look: Look) -> dict[str, float]:
 
 
 def instance_attributes(camera: Camera) -> dict[str, str]:
-    """The attributes of a camera that gives each actor a colour of its own."""
+    """Return the attributes of a camera that gives each actor a colour of its own."""
     wanted = camera_attributes(camera)
     return {name: wanted[name] for name in ("image_size_x", "image_size_y", "fov", "sensor_tick")}

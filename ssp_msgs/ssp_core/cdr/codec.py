@@ -38,26 +38,27 @@ T = TypeVar("T")
 
 
 def align4(at: int) -> int:
-    """The first offset from ``at`` on where a 4-byte field may begin."""
+    """Return the first offset from ``at`` on where a 4-byte field may begin."""
     return (at + 3) & ~3
 
 
 def align8(at: int) -> int:
-    """The first offset from ``at`` on where an 8-byte field may begin."""
+    """Return the first offset from ``at`` on where an 8-byte field may begin."""
     return ((at + 3) & ~7) + 4
 
 
 @cache
 def _parts(layout: str) -> list[str]:
-    """The layout's letters, with numbers that follow each other in one part."""
+    """Return the layout's letters, with numbers that follow each other in one part."""
     return re.findall(r"[tsm]|[?BHIQd]+", layout)
 
 
 @cache
 def _numbers(letters: str, phase: int) -> struct.Struct:
-    """Numbers that follow each other, each aligned to its size.
+    """Return the struct of numbers that follow each other, each aligned to its size.
 
     Args:
+        letters: a format letter of ``struct`` for each number.
         phase: how far they begin behind a multiple of 8, counted from START.
     """
     form, at = "<", phase
@@ -72,7 +73,7 @@ def _numbers(letters: str, phase: int) -> struct.Struct:
 
 
 def u32_bytes(value: int) -> bytes:
-    """A uint32; raises ValueError when the value is none."""
+    """Return a uint32; raise ValueError when the value is none."""
     try:
         return _U32.pack(value)
     except struct.error as error:
@@ -80,7 +81,7 @@ def u32_bytes(value: int) -> bytes:
 
 
 def raw_text(text: str) -> bytes:
-    """A string's UTF-8 without length and NUL.
+    """Return a string's UTF-8 without length and NUL.
 
     Raises:
         ValueError: a NUL in the text, or half a character.
@@ -93,22 +94,23 @@ def raw_text(text: str) -> bytes:
 
 @lru_cache(maxsize=256)
 def text_bytes(text: str) -> bytes:
-    """A string as it stands at an aligned offset, without padding behind it; as ``raw_text``."""
+    """Return a string as it stands at an aligned offset, without padding; raise as ``raw_text``."""
     raw = raw_text(text)
     return _U32.pack(len(raw) + 1) + raw + b"\0"
 
 
 @lru_cache(maxsize=256)
 def padded_text(text: str) -> bytes:
-    """Encode as ``text_bytes``, up to the next multiple of 4: for a field of 4 bytes or more
-    after it.
+    """Encode as ``text_bytes``, up to the next multiple of 4.
+
+    This is for a field of 4 bytes or more after it.
     """
     raw = text_bytes(text)
     return raw + bytes(-len(raw) % 4)
 
 
 def stamp_bytes(stamp_ns: int) -> bytes:
-    """A builtin_interfaces/Time; raises ValueError for one beyond its 32 bits of seconds."""
+    """Return a builtin_interfaces/Time; raise ValueError beyond its 32 bits of seconds."""
     try:
         return _STAMP.pack(*divmod(stamp_ns, NS_PER_S))
     except struct.error as error:
@@ -124,7 +126,7 @@ _WRITERS: dict[str, Callable[[Any], bytes]] = {
 
 
 def write(layout: str, values: Iterable[Any], at: int = START) -> bytes:
-    """Fields as they stand in a message at an offset, with the padding before them.
+    """Return the fields as they stand in a message at an offset, with the padding before them.
 
     Raises:
         ValueError: what a field can't hold.
@@ -144,7 +146,7 @@ def write(layout: str, values: Iterable[Any], at: int = START) -> bytes:
 
 
 def fields_of(message: Any) -> list[Any]:
-    """The fields of a dataclass with slots, in their order."""
+    """Return the fields of a dataclass with slots, in their order."""
     return [getattr(message, name) for name in message.__slots__]
 
 
@@ -152,25 +154,25 @@ def fields_of(message: Any) -> list[Any]:
 
 
 def read_u32(data: bytes, at: int) -> tuple[int, int]:
-    """A uint32 at the next aligned offset, and the offset behind it."""
+    """Return a uint32 at the next aligned offset, and the offset behind it."""
     at = (at + 3) & ~3
     return _U32.unpack_from(data, at)[0], at + 4
 
 
 def read_stamp(data: bytes, at: int) -> tuple[int, int]:
-    """A stamp in ns at the next aligned offset, and the offset behind it."""
+    """Return a stamp in ns at the next aligned offset, and the offset behind it."""
     at = (at + 3) & ~3
     return time_ns(*_STAMP.unpack_from(data, at)), at + 8
 
 
 def read_header(data: bytes, at: int) -> tuple[int, int]:
-    """The stamp of a std_msgs/Header in ns, and the offset behind its frame_id."""
+    """Return the stamp of a std_msgs/Header in ns, and the offset behind its frame_id."""
     stamp_ns, at = read_stamp(data, at)
     return stamp_ns, skip_text(data, at)
 
 
 def read_text(data: bytes, at: int) -> tuple[str, int]:
-    """A string at the next aligned offset, and the offset behind it.
+    """Return a string at the next aligned offset, and the offset behind it.
 
     Raises:
         ValueError: it runs out of the message, isn't closed, or is no UTF-8.
@@ -180,7 +182,10 @@ def read_text(data: bytes, at: int) -> tuple[str, int]:
 
 
 def text_of(data: bytes, at: int, size: int) -> tuple[str, int]:
-    """The string whose length was read already, and the offset behind it; as ``read_text``."""
+    """Return the string whose length was read already, and the offset behind it.
+
+    It raises as ``read_text``.
+    """
     end = at + size
     if size > MOST_TEXT:
         raise ValueError(f"a text of {size} bytes, at most {MOST_TEXT} are read")
@@ -205,7 +210,7 @@ _short_text = lru_cache(maxsize=1024)(_text)
 
 
 def skip_text(data: bytes, at: int) -> int:
-    """The offset behind the string at the next aligned offset, whatever it says."""
+    """Return the offset behind the string at the next aligned offset, whatever it says."""
     size, at = read_u32(data, at)
     if at + size > len(data):
         raise ValueError(f"a text of {size} bytes in a message of {len(data)}")
@@ -213,7 +218,7 @@ def skip_text(data: bytes, at: int) -> int:
 
 
 def read(layout: str, data: bytes, at: int) -> tuple[list[Any], int]:
-    """The fields from an offset on, and the offset behind them.
+    """Return the fields from an offset on, and the offset behind them.
 
     Raises:
         ValueError: a text or a stamp that is none.
@@ -240,9 +245,11 @@ _READERS: dict[str, Callable[[bytes, int], tuple[Any, int]]] = {
 
 
 def read_count(data: bytes, at: int, least: int) -> tuple[int, int]:
-    """The length of an array at the next aligned offset, and the offset behind it.
+    """Return the length of an array at the next aligned offset, and the offset behind it.
 
     Args:
+        data: of the whole message.
+        at: offset from which the array is looked for.
         least: bytes that an item takes at the least; a length that can't fit isn't believed.
     """
     count, at = read_u32(data, at)
@@ -252,13 +259,13 @@ def read_count(data: bytes, at: int, least: int) -> tuple[int, int]:
 
 
 def check_start(data: bytes) -> None:
-    """Raises ValueError for a message that isn't little-endian XCDR1."""
+    """Raise ValueError for a message that isn't little-endian XCDR1."""
     if data[:2] != ENCAPSULATION[:2]:
         raise ValueError(f"encapsulation {bytes(data[:2]).hex()!r} instead of '0001'")
 
 
 def decoder(read: Callable[[bytes, int], tuple[T, int]]) -> Callable[[bytes], T]:
-    """Makes a function that decodes whole messages out of one that reads the fields at an offset.
+    """Make a function that decodes whole messages out of one that reads the fields at an offset.
 
     The result raises ValueError for everything that is no such message, and nothing else.
     """

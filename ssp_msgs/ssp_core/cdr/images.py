@@ -98,7 +98,7 @@ _READERS: dict[str, Callable[[bytes], ImageMessage]] = {
 
 
 def read_image(msgtype: str, cdr: bytes) -> ImageMessage:
-    """The image in a serialised message; fields behind those that are known are passed over.
+    """Return the image in a serialised message; fields behind those that are known are passed over.
 
     Raises:
         ValueError: the bytes are no such message.
@@ -111,7 +111,7 @@ def read_image(msgtype: str, cdr: bytes) -> ImageMessage:
 
 
 def encode_video_message(stamp_ns: int, frame_id: str, data: bytes, form: str) -> bytes:
-    """A CompressedVideo message of one encoded frame.
+    """Return a CompressedVideo message of one encoded frame.
 
     Raises:
         ValueError: a stamp or text that no message can carry.

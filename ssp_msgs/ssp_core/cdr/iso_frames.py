@@ -42,7 +42,7 @@ class FrameBatch:
 
 
 def encode_frames(batch: FrameBatch) -> bytes:
-    """IsoFrames.msg.
+    """Encode an IsoFrames.msg.
 
     Raises:
         ValueError: a stamp or a text that a field can't hold.
@@ -65,7 +65,7 @@ def encode_frames(batch: FrameBatch) -> bytes:
 
 @decoder
 def decode_frames(data: bytes, at: int) -> tuple[FrameBatch, int]:
-    """The frames of an IsoFrames.msg."""
+    """Return the frames of an IsoFrames.msg."""
     (stamp_ns, object_id), at = read("mt", data, at)
     count, at = read_count(data, at, 1)
     sent, at = data[at : at + count], at + count

@@ -19,12 +19,12 @@ _ENCAPSULATION_BYTES = 4
 
 
 def stamp_ns(stamp: Any) -> int:
-    """A decoded builtin_interfaces/Time in ns."""
+    """Return a decoded builtin_interfaces/Time in ns."""
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def leading_stamp_ns(cdr: bytes, at: int = _ENCAPSULATION_BYTES) -> int | None:
-    """The stamp with which a serialised message begins, ns; None when there is no valid one.
+    """Return the stamp with which a serialised message begins, ns; None when there is no valid one.
 
     Eight bytes instead of the whole message are what makes an index over camera frames cheap.
 
@@ -52,7 +52,7 @@ def peek_stamp_ns(cdr: bytes) -> int:
 
 
 def object_state(message: Any) -> ObjectState:
-    """A decoded ssp_msgs/ObjectState.
+    """Return a decoded ssp_msgs/ObjectState.
 
     Raises:
         ValueError: a number that stands for no class, role or control state.

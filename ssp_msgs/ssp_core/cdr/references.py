@@ -35,7 +35,7 @@ class Acknowledgement:
 
 
 def encode_reference(reference: Reference) -> bytes:
-    """Reference.msg, in frame map. Raises ValueError for what its fields can't hold."""
+    """Encode a Reference.msg, in frame map; raise ValueError for what its fields can't hold."""
     values = [
         reference.dispatched_ns,
         reference.reference_id,
@@ -54,7 +54,7 @@ def encode_reference(reference: Reference) -> bytes:
 
 @decoder
 def decode_reference(data: bytes, at: int) -> tuple[Reference, int]:
-    """The reference of a Reference.msg, with whatever points it has."""
+    """Return the reference of a Reference.msg, with whatever points it has."""
     (dispatched_ns, *texts, execute_at_ns, expires_at_ns), at = read(_REFERENCE, data, at)
     count, at = read_count(data, at, _POINT_BYTES)
     columns = np.empty((_VALUES, 0))
@@ -70,12 +70,12 @@ def decode_reference(data: bytes, at: int) -> tuple[Reference, int]:
 
 
 def encode_ack(ack: Acknowledgement) -> bytes:
-    """ReferenceAck.msg. Raises ValueError for what its fields can't hold."""
+    """Encode a ReferenceAck.msg; raise ValueError for what its fields can't hold."""
     return ENCAPSULATION + write(_ACK, fields_of(ack))
 
 
 @decoder
 def decode_ack(data: bytes, at: int) -> tuple[Acknowledgement, int]:
-    """The answer in a ReferenceAck.msg."""
+    """Return the answer in a ReferenceAck.msg."""
     values, at = read(_ACK, data, at)
     return Acknowledgement(*values), at

@@ -63,9 +63,11 @@ class StateArray:
 
 @lru_cache(maxsize=512)
 def _layout(id_size: int, reference_size: int, phase: int) -> struct.Struct:
-    """Layout of a state whose texts have these lengths, NUL included.
+    """Return the layout of a state whose texts have these lengths, NUL included.
 
     Args:
+        id_size: bytes of the object's id, NUL included.
+        reference_size: bytes of the reference's id, NUL included.
         phase: 0 or 4, the state's distance from START modulo 8.
     """
     codes = START + phase + 8 + len(_FRAME) + 4 + id_size
@@ -83,7 +85,7 @@ def _size(extents: bytes) -> Size:
 
 
 def write_state(state: ObjectState, at: int) -> bytes:
-    """A state as it stands in a message at an offset that is a multiple of 4."""
+    """Return a state as it stands in a message at an offset that is a multiple of 4."""
     object_id, reference_id = raw_text(state.object_id), raw_text(state.reference_id)
     size = state.size
     id_size, reference_size = len(object_id) + 1, len(reference_id) + 1
@@ -119,7 +121,7 @@ def write_state(state: ObjectState, at: int) -> bytes:
 
 
 def read_state(data: bytes, at: int) -> tuple[ObjectState, int]:
-    """The state at an offset that is a multiple of 4, and the offset behind it."""
+    """Return the state at an offset that is a multiple of 4, and the offset behind it."""
     seconds, nanoseconds, frame_size = _HEAD.unpack_from(data, at)
     at = align4(at + _HEAD.size + frame_size)
     object_id, at = text_of(data, at + 4, _U32.unpack_from(data, at)[0])
@@ -165,7 +167,7 @@ def read_state(data: bytes, at: int) -> tuple[ObjectState, int]:
 
 
 def encode_state(state: ObjectState) -> bytes:
-    """ObjectState.msg, in frame map.
+    """Encode an ObjectState.msg, in frame map.
 
     Raises:
         ValueError: a number that its field can't hold, or a NUL in a text.
@@ -177,7 +179,7 @@ decode_state = decoder(read_state)
 
 
 def write_states(states: Sequence[ObjectState], at: int) -> list[bytes]:
-    """An array of states whose length stands at an offset that is a multiple of 4."""
+    """Return an array of states whose length stands at an offset that is a multiple of 4."""
     parts = [u32_bytes(len(states))]
     at += 4
     for state in states:
@@ -188,7 +190,7 @@ def write_states(states: Sequence[ObjectState], at: int) -> list[bytes]:
 
 
 def read_states(data: bytes, at: int) -> tuple[tuple[ObjectState, ...], int]:
-    """An array of states at the next aligned offset, and the offset behind it."""
+    """Return an array of states at the next aligned offset, and the offset behind it."""
     count, at = read_count(data, at, _LEAST_BYTES)
     states = []
     for _ in range(count):
@@ -198,7 +200,7 @@ def read_states(data: bytes, at: int) -> tuple[tuple[ObjectState, ...], int]:
 
 
 def find_state(data: bytes, object_id: str) -> ObjectState | None:
-    """The last state of one object in an ObjectStates.msg; None when it holds none.
+    """Return the last state of one object in an ObjectStates.msg; None when it holds none.
 
     Mostly the others are passed over, which takes a small part of the time of decoding them.
 
@@ -219,14 +221,14 @@ def find_state(data: bytes, object_id: str) -> ObjectState | None:
 
 
 def encode_states(array: StateArray) -> bytes:
-    """ObjectStates.msg, in frame map. Raises ValueError as encode_state."""
+    """Encode an ObjectStates.msg, in frame map; raise ValueError as encode_state."""
     head = ENCAPSULATION + stamp_bytes(array.stamp_ns) + _FRAME + padded_text(array.source)
     return b"".join([head, *write_states(array.states, len(head))])
 
 
 @decoder
 def decode_states(data: bytes, at: int) -> tuple[StateArray, int]:
-    """The states of an ObjectStates.msg; one broken state makes the whole message invalid."""
+    """Return the states of an ObjectStates.msg; one broken state makes all of it invalid."""
     stamp_ns, at = read_header(data, at)
     source, at = read_text(data, at)
     states, at = read_states(data, at)

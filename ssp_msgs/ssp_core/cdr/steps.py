@@ -1,5 +1,6 @@
-"""Messages of one step as bytes (WorldTick, ActuatorCommands, StepDone, Heartbeat, Clock), and
-what the nodes agree on in lockstep.
+"""Messages of one step as bytes, and what the nodes agree on in lockstep.
+
+The messages are WorldTick, ActuatorCommands, StepDone, Heartbeat and Clock.
 """
 
 from __future__ import annotations
@@ -106,12 +107,12 @@ class Heartbeat:
 
 
 def encode_clock(now_ns: int) -> bytes:
-    """rosgraph_msgs/Clock."""
+    """Encode a rosgraph_msgs/Clock."""
     return ENCAPSULATION + stamp_bytes(now_ns)
 
 
 def encode_tick(tick: WorldTick) -> bytes:
-    """WorldTick.msg, in frame map. Raises ValueError for what its fields can't hold."""
+    """Encode a WorldTick.msg, in frame map; raise ValueError for what its fields can't hold."""
     *head, objects = fields_of(tick)
     data = ENCAPSULATION + write(_TICK, head)
     return b"".join([data, *write_states(objects, len(data))])
@@ -119,7 +120,7 @@ def encode_tick(tick: WorldTick) -> bytes:
 
 @decoder
 def decode_tick(data: bytes, at: int) -> tuple[WorldTick, int]:
-    """A WorldTick.msg with the true states of all objects."""
+    """Return a WorldTick.msg with the true states of all objects."""
     head, at = read(_TICK, data, at)
     objects, at = read_states(data, at)
     return WorldTick(*[*head, objects]), at
@@ -127,13 +128,16 @@ def decode_tick(data: bytes, at: int) -> tuple[WorldTick, int]:
 
 @decoder
 def decode_tick_head(data: bytes, at: int) -> tuple[WorldTick, int]:
-    """A WorldTick.msg without its objects, which aren't looked at."""
+    """Return a WorldTick.msg without its objects, which aren't looked at."""
     head, _ = read(_TICK, data, at)
     return WorldTick(*head), len(data)
 
 
 def encode_commands(message: BodyCommands) -> bytes:
-    """ActuatorCommands.msg, in frame map. Raises ValueError for what its fields can't hold."""
+    """Encode an ActuatorCommands.msg, in frame map.
+
+    It raises ValueError for what its fields can't hold.
+    """
     *head, commands = fields_of(message)
     out = ENCAPSULATION + write(_COMMANDS + "I", [*head, len(commands)])
     for command in commands:
@@ -152,7 +156,7 @@ decode_command = decoder(_read_command)
 
 @decoder
 def decode_commands(data: bytes, at: int) -> tuple[BodyCommands, int]:
-    """The commands of an ActuatorCommands.msg."""
+    """Return the commands of an ActuatorCommands.msg."""
     head, at = read(_COMMANDS, data, at)
     count, at = read_count(data, at, _LEAST_COMMAND_BYTES)
     commands = []
@@ -163,19 +167,19 @@ def decode_commands(data: bytes, at: int) -> tuple[BodyCommands, int]:
 
 
 def encode_done(done: StepDone) -> bytes:
-    """StepDone.msg. Raises ValueError for what its fields can't hold."""
+    """Encode a StepDone.msg; raise ValueError for what its fields can't hold."""
     return ENCAPSULATION + write(_DONE, fields_of(done))
 
 
 @decoder
 def decode_done(data: bytes, at: int) -> tuple[StepDone, int]:
-    """The answer in a StepDone.msg."""
+    """Return the answer in a StepDone.msg."""
     (participant, step, heartbeat, session_state, *sent), at = read(_DONE, data, at)
     return StepDone(participant, step, heartbeat, SessionPhase(session_state), *sent), at
 
 
 def encode_heartbeat(beat: Heartbeat) -> bytes:
-    """Heartbeat.msg. Raises ValueError for what its fields can't hold."""
+    """Encode a Heartbeat.msg; raise ValueError for what its fields can't hold."""
     *head, references_sent, token, abort_id = fields_of(beat)
     count = len(references_sent)
     # rclpy aligns an array of numbers even when it is empty; rosbags can't read that.
@@ -186,7 +190,7 @@ def encode_heartbeat(beat: Heartbeat) -> bytes:
 
 @decoder
 def decode_heartbeat(data: bytes, at: int) -> tuple[Heartbeat, int]:
-    """The sign of life in a Heartbeat.msg."""
+    """Return the sign of life in a Heartbeat.msg."""
     (*head, session_state, token, abort_id), at = read(_HEARTBEAT, data, at)
     count, at = read_count(data, at, 4)
     ids = []

@@ -32,12 +32,12 @@ class Drive(Protocol):
 
 
 def path_of(motion: Drive) -> Polyline:
-    """The path of a motion, frame map."""
+    """Return the path of a motion, frame map."""
     return _path(tuple(motion.path))
 
 
 def approach_points(motion: Drive) -> Points:
-    """Points from standstill along a path to its end, where it stands again.
+    """Plan points from standstill along a path to its end, where it stands again.
 
     Raises:
         ValueError: it can't be driven.

@@ -70,12 +70,12 @@ class Encounter:
 
 
 def corridor_half_m(width_m: float) -> float:
-    """Half the width of a swept corridor (METHOD 1), m."""
+    """Return half the width of a swept corridor (METHOD 1), m."""
     return width_m / 2.0 + CORRIDOR_MARGIN_M
 
 
 def is_crossing(direction_rad: float) -> bool:
-    """A motion in this direction crosses a path.
+    """Tell whether a motion in this direction crosses a path.
 
     Args:
         direction_rad: angle between the motion and the path, within -pi and pi.
@@ -120,13 +120,14 @@ def swept_stations(
 
 
 def encounter(vut: ObjectState, other: ObjectState, path: Polyline) -> Encounter:
-    """The object relative to the VUT, at the present speeds of both (METHOD 1).
+    """Return the object relative to the VUT, at the present speeds of both (METHOD 1).
 
     Of an object that crosses, the conflict zone is what its swept corridor covers of the VUT's. Of
     any other, it starts where the object's rearmost point along the path will be when the object
     reaches the corridor: for a cut-in it moves on with it.
 
     Args:
+        vut: state of the VUT.
         other: state of the object at the same stamp.
         path: the VUT's path, frame map.
     """
@@ -186,12 +187,13 @@ def encounter(vut: ObjectState, other: ObjectState, path: Polyline) -> Encounter
 
 
 def is_conflict(meeting: Encounter, ttc_s: float | None, arrival_gap_s: float | None) -> bool:
-    """METHOD 1: TTC or the gap between the predicted arrivals is under its threshold.
+    """Tell whether TTC or the gap between the predicted arrivals is under its threshold (METHOD 1).
 
     An object that is inside the corridor and not being approached is no conflict: its arrival is
     past, so that the gap between arrivals says nothing about it.
 
     Args:
+        meeting: of the VUT and the object at one instant.
         ttc_s: threshold of TTC; None: the event doesn't use it.
         arrival_gap_s: threshold of the arrival gap; None: the event doesn't use it.
     """
@@ -203,11 +205,12 @@ def is_conflict(meeting: Encounter, ttc_s: float | None, arrival_gap_s: float | 
 
 
 def is_observable(kind: Observable, meeting: Encounter, other: ObjectState) -> bool:
-    """METHOD 1: the object's manoeuvre can be seen at this instant.
+    """Tell whether the object's manoeuvre can be seen at this instant (METHOD 1).
 
     Args:
         kind: ``lateral``: lateral speed towards the VUT's corridor above 0.2 m/s, or the first step
             off the kerb; ``braking``: deceleration above 1 m/s^2 ahead of the VUT in its corridor.
+        meeting: of the VUT and the object at this instant.
         other: the object's state.
     """
     if kind == "lateral":

@@ -1,5 +1,7 @@
-"""The event of METHOD 1 over time: the VUT's corridor, the phases as they happen and as they were
-recorded, and how VUT and object pass the conflict zone.
+"""The event of METHOD 1 over time.
+
+It has the VUT's corridor, the phases as they happen and as they were recorded, and how VUT and
+object pass the conflict zone.
 
 Live, "staying so" and "for good" can only be waited for: a phase begins at the instant at which its
 condition began, and is told once the condition has stayed for its confirmation time. With a whole
@@ -97,9 +99,11 @@ def next_phase(
     thresholds: Thresholds,
     kind: Observable = "lateral",
 ) -> tuple[PhaseWatch, PhaseBegan | None]:
-    """Takes the states of one instant into account.
+    """Take the states of one instant into account.
 
     Args:
+        watch: what the instants before led to; at first ``PhaseWatch()``.
+        vut: state of the VUT.
         target: state of the object target that carries the event, same stamp.
         path: the VUT's path.
         thresholds: when a conflict begins.
@@ -174,7 +178,7 @@ class _Instants(Sequence[Instant]):
 
 
 def instants_of(series: Series, vut_id: str, object_id: str) -> Sequence[Instant]:
-    """The instants at which both are present."""
+    """Return the instants at which both are present."""
     if isinstance(series, StateSeries):
         return _Instants(series, vut_id, object_id)
     return [
@@ -204,7 +208,7 @@ class RecordedEvent:
     resolution_s: float | None
 
     def phase_at(self, t_s: float) -> str:
-        """The phase at a time."""
+        """Return the phase at a time."""
         if t_s < self.trigger_s:
             return "approach"
         if self.conflict_s is None or t_s < self.conflict_s:
@@ -222,12 +226,15 @@ def find_event(
     harmless: bool = False,
     for_good_s: float | None = None,
 ) -> RecordedEvent | None:
-    """The event of one OT, None when its manoeuvre never becomes observable.
+    """Return the event of one OT, None when its manoeuvre never becomes observable.
 
     "Staying so" means until the OT is in the corridor, or for a lead vehicle at least
     BRAKING_HOLD_S.
 
     Args:
+        instants: of the recording, in time order.
+        path: the VUT's path, frame map.
+        thresholds: when a conflict begins.
         observable: ``lateral``: the OT enters the VUT's corridor from the side, ahead of the VUT
             or, where it never does that, behind it; ``braking``: it brakes in the corridor ahead.
         harmless: an entry behind the VUT is an event without a conflict, too.
@@ -265,7 +272,7 @@ def find_event(
 def _resolution_s(
     instants: Sequence[Instant], under: Sequence[int], for_good_s: float | None
 ) -> float | None:
-    """Time from which no threshold is passed for good; None: not in these instants."""
+    """Return the time from which no threshold is passed for good; None: not in these instants."""
     for last, following in pairwise([*under, len(instants)]):
         start = last + 1
         if start == following:
@@ -282,7 +289,9 @@ def _resolution_s(
 def resolution_ns(
     instants: Sequence[Instant], path: Polyline, thresholds: Thresholds, conflict_ns: int
 ) -> int | None:
-    """Stamp after the conflict's start from which no threshold is passed to the last instant.
+    """Return the stamp after the conflict's start from which no threshold is passed to the end.
+
+    The end is the last of the instants.
 
     Looked at from the end, so that a long recording costs no more than its resolution.
     """
@@ -300,8 +309,10 @@ def resolution_ns(
 def _arrivals(
     instants: Sequence[Instant], meetings: Sequence[Encounter]
 ) -> tuple[int | None, int | None]:
-    """Indices of the first overlaps with the corridor that have a beginning: ahead of the VUT, and
-    behind its front."""
+    """Return indices of the first overlaps with the corridor that have a beginning.
+
+    The first index is of one ahead of the VUT, the second of one behind its front.
+    """
     ahead = behind = None
     for i in range(1, len(instants)):
         if meetings[i].in_corridor and not meetings[i - 1].in_corridor:
@@ -351,7 +362,7 @@ class Corridor:
 
     @classmethod
     def of(cls, vut: Sequence[ObjectState]) -> Corridor:
-        """The corridor of a recorded VUT.
+        """Return the corridor of a recorded VUT.
 
         Args:
             vut: its states in time order, at least one.
@@ -383,21 +394,21 @@ class Corridor:
                 yield Extent(min(stations), max(stations), min(offsets), max(offsets))
 
     def overlaps(self, extent: Extent) -> bool:
-        """An extent reaches into the corridor sideways."""
+        """Tell whether an extent reaches into the corridor sideways."""
         return extent.l_min_m <= self.half_width_m and extent.l_max_m >= -self.half_width_m
 
     def holds(self, extent: Extent) -> bool:
-        """An extent lies within the corridor sideways."""
+        """Tell whether an extent lies within the corridor sideways."""
         return extent.l_min_m >= -self.half_width_m and extent.l_max_m <= self.half_width_m
 
     def velocity(self, state: ObjectState) -> tuple[float, float]:
-        """Speed along the path and to its left, m/s."""
+        """Return the speed along the path and to its left, m/s."""
         station, _ = self.path.project_beyond(state.x_m, state.y_m)
         angle = wrap_angle(state.yaw_rad - self.path.pose(station).yaw_rad)
         return state.speed_mps * math.cos(angle), state.speed_mps * math.sin(angle)
 
     def front_m(self, vut: ObjectState) -> float:
-        """Station of the VUT's front bumper."""
+        """Return the station of the VUT's front bumper."""
         return next(self.fronts_m([vut]))
 
     def fronts_m(self, vut: Iterable[ObjectState]) -> Iterator[float]:
@@ -499,7 +510,7 @@ class _Seen:
         ]
 
     def is_ahead(self, i: int) -> bool:
-        """The object is ahead of the front of the one that it is seen from."""
+        """Tell whether the object is ahead of the front of the one that it is seen from."""
         return self._extents[i].s_min_m >= self._fronts_m[i]
 
     def followed(self, start: int) -> Passing:
@@ -510,8 +521,11 @@ class _Seen:
         return Passing("following", zone, -math.inf, own_s, gap_s)
 
     def entered(self, entry: int) -> Passing:
-        """An object crosses where its direction makes more than 45 degrees with the path at the
-        instant of its entry, else it merges, or is oncoming."""
+        """Return the passing of an object from its entry into the corridor on.
+
+        It crosses where its direction makes more than 45 degrees with the path at the instant of
+        its entry, else it merges, or is oncoming.
+        """
         instants, extents = self._instants, self._extents
         left = next((i for i in range(entry, len(instants)) if not self.inside[i]), len(instants))
         along, leftwards = self._corridor.velocity(instants[entry].other)
@@ -540,8 +554,9 @@ class _Seen:
         return Passing(relation, zone, arrival_s, own_s, gap_s)
 
     def _crossed(self, entry: int) -> Zone:
-        """Compute the zone that both swept corridors share, from before the entry to after the
-        exit.
+        """Compute the zone that both swept corridors share.
+
+        It counts from before the entry to after the exit.
         """
         start_m, end_m = self._extents[entry].s_min_m, self._extents[entry].s_max_m
         for way in (range(entry, len(self._instants)), range(entry - 1, -1, -1)):

@@ -38,7 +38,7 @@ class _Heading:
         self._yaw_rad = np.repeat(yaw, 2)
 
     def over(self, stations_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Heading in rad, unwrapped, and curvature in 1/m, + turns left; shape (n,) each."""
+        """Return heading in rad, unwrapped, and curvature in 1/m, + turns left; shape (n,) each."""
         s, yaw = self._stations_m, self._yaw_rad
         i = np.clip(np.searchsorted(s, stations_m, side="right") - 1, 0, len(s) - 2)
         span = s[i + 1] - s[i]
@@ -57,7 +57,7 @@ def drive_along(
     dt_s: float = DEFAULT_STEP_S,
     ramp_s: float = DEFAULT_RAMP_S,
 ) -> Points:
-    """Points along a path: to cruise speed, held, and to a standstill at the path's end.
+    """Plan points along a path: to cruise speed, held, and to a standstill at the path's end.
 
     Args:
         path: frame map, m.
@@ -66,6 +66,7 @@ def drive_along(
         cruise_mps: speed to hold; not reached where the path is too short for it.
         acceleration_mps2: largest acceleration, > 0.
         deceleration_mps2: largest deceleration, > 0.
+        dt_s: time between two points, > 0.
         ramp_s: time over which acceleration builds up.
 
     Raises:
@@ -91,7 +92,7 @@ def brake_along(
     dt_s: float = DEFAULT_STEP_S,
     ramp_s: float = DEFAULT_RAMP_S,
 ) -> Points:
-    """Points of a braking: down to a speed at once, held, and to a standstill at the path's end.
+    """Plan points of a braking at once to a speed, held, and to a standstill at the path's end.
 
     To 0 m/s it stands where the braking ends.
 
@@ -103,6 +104,7 @@ def brake_along(
         deceleration_mps2: of the braking and of the stop at the path's end, > 0.
         start_offset_m: lateral position, kept all the while, m left of the path.
         end_station_m: where to stand; the path's end when None.
+        dt_s: time between two points, > 0.
         ramp_s: time over which deceleration builds up.
 
     Raises:
@@ -131,7 +133,7 @@ def brake_along(
 def _beside_foot(
     path: Polyline, stations_m: FloatArray, yaw_rad: FloatArray, offset_m: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Places at an offset from a path, across the smooth heading.
+    """Return the places at an offset from a path, across the smooth heading.
 
     The polyline's own would throw the offset about at a vertex.
     """
@@ -148,7 +150,7 @@ class _Shift:
     duration_s: float = 0.0
 
     def over(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Lateral position in m, its rate in m/s and its acceleration in m/s^2; shape (n,) each."""
+        """Return lateral position in m, its rate in m/s and acceleration in m/s^2, shape (n,)."""
         if self.shift_m == 0.0:
             still = np.zeros_like(times_s)
             return still + self.start_m, still, still
@@ -170,7 +172,7 @@ def _driven(
     speed_over: Callable[[float], SpeedProfile],
     dt_s: float,
 ) -> Points:
-    """Points of an object that drives beside a path, at a speed and an offset over time.
+    """Plan points of an object that drives beside a path, at a speed and an offset over time.
 
     The speed u is the object's own, parallel to the path. Beside a bend it passes stations faster
     or slower than u: with curvature k and offset y, s' = u / (1 - k y), so s = s0 + integral of
@@ -182,6 +184,7 @@ def _driven(
         end_station_m: beside which it stands at the end.
         shift: its lateral position, m left of the path.
         speed_over: u over time, for the room in m that there is to drive.
+        dt_s: time between two points, > 0.
 
     Raises:
         ValueError: no such speed, or the path bends too tightly for the offset.
@@ -216,7 +219,7 @@ def _driven(
 
 
 def _stations(heading: _Heading, driven_m: FloatArray, offset_m: FloatArray) -> FloatArray:
-    """Stations of an object at offsets beside a path, of which it has driven so far itself.
+    """Return stations of an object at offsets beside a path, from what it has driven so far itself.
 
     Raises:
         ValueError: the path bends too tightly for the offset.
@@ -253,7 +256,7 @@ def lane_change(
     dt_s: float = DEFAULT_STEP_S,
     ramp_s: float = DEFAULT_RAMP_S,
 ) -> Points:
-    """Points of a lane change: sideways over time while driving on, then parallel to the path.
+    """Plan points of a lane change: sideways while driving on, then parallel to the path.
 
     The speed parallel to the path goes to cruise speed meanwhile, and the motion ends in a
     standstill beside the path's end (or ``end_station_m``). With that speed u and the offset y, the
@@ -270,6 +273,7 @@ def lane_change(
         acceleration_mps2: largest acceleration, > 0.
         start_offset_m: lateral position at t = 0, m left of the path.
         end_station_m: where to stand; the path's end when None.
+        dt_s: time between two points, > 0.
         ramp_s: time over which acceleration builds up.
 
     Raises:

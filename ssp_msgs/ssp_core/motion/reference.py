@@ -59,7 +59,7 @@ class Points(Sequence[ReferencePoint]):
         self._rows: bytes | None = None
 
     def row_bytes(self) -> bytes:
-        """The points one after the other, each as seven little-endian doubles: as they are sent."""
+        """Return the points one by one as they are sent: seven little-endian doubles each."""
         if self._rows is None:
             self._rows = self.columns.T.astype("<f8", order="C", copy=False).tobytes()
         return self._rows
@@ -121,7 +121,7 @@ class Reference:
         return np.array(rows, dtype=np.float64).reshape(-1, 7).T.copy()
 
     def row_bytes(self) -> bytes:
-        """The points as they are sent; kept where they are columns already."""
+        """Return the points as they are sent; kept where they are columns already."""
         points = self.points
         return (points if isinstance(points, Points) else Points(self.columns)).row_bytes()
 
@@ -138,7 +138,7 @@ class Reference:
 
 
 def between(a: ReferencePoint, b: ReferencePoint, t_s: float) -> ReferencePoint:
-    """Cubic Hermite in position (speeds are its tangents), linear in everything else."""
+    """Interpolate by a cubic Hermite in position (speeds are its tangents), else linearly."""
     span_s = b.t_s - a.t_s
     u = (t_s - a.t_s) / span_s
     h_a, h_b = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * u * (3.0 - 2.0 * u)
@@ -160,7 +160,7 @@ def between(a: ReferencePoint, b: ReferencePoint, t_s: float) -> ReferencePoint:
 
 
 def sample(reference: Reference, t_ns: int) -> ReferencePoint:
-    """The point that the object should be at, interpolated between the reference's points.
+    """Return the point that the object should be at, interpolated between the reference's points.
 
     Before the first point it is that point without acceleration; after the last one a standstill
     at that point.

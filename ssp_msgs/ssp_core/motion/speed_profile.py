@@ -110,7 +110,10 @@ class SpeedProfile:
         return distance, v + a * u, a, integral + u * (s + u * (v / 2.0 + u * (a / 6.0)))
 
     def over(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Distance in m, speed in m/s and acceleration in m/s^2 at times in s, >= 0, shape (n,)."""
+        """Return distance in m, speed in m/s and acceleration in m/s^2 at times in s, shape (n,).
+
+        The times are >= 0.
+        """
         width = self._ramp_s
         distance, speed, acceleration, integral = self._sharp(times_s)
         if width > SAME_TIME_S:
@@ -126,12 +129,15 @@ class SpeedProfile:
         )
 
     def at(self, t_s: float) -> tuple[float, float, float]:
-        """Distance in m, speed in m/s and acceleration in m/s^2 at a time in s from the start."""
+        """Return distance in m, speed in m/s and acceleration in m/s^2 at a time in s.
+
+        The time counts from the start.
+        """
         distance, speed, acceleration = self.over(np.array([t_s]))
         return float(distance[0]), float(speed[0]), float(acceleration[0])
 
     def times(self, dt_s: float) -> FloatArray:
-        """Times 0, dt, 2 dt, … and the end, rising strictly.
+        """Return times 0, dt, 2 dt, … and the end, rising strictly.
 
         Raises:
             ValueError: dt_s isn't positive.

@@ -83,7 +83,7 @@ class ObjectState:
         ) < _UNBELIEVABLE
 
     def place_at(self, stamp_ns: int) -> tuple[float, float, float]:
-        """x, y and yaw at another time; see ``extrapolated``."""
+        """Return x, y and yaw at another time; see ``extrapolated``."""
         dt = ns_to_seconds(stamp_ns - self.stamp_ns)
         turn = self.yaw_rate_radps * dt
         half = 0.5 * turn
@@ -94,7 +94,7 @@ class ObjectState:
         return x, y, wrap_angle(self.yaw_rad + turn)
 
     def extrapolated(self, stamp_ns: int) -> ObjectState:
-        """The state at another time with speed and yaw rate held: straight or on a circle."""
+        """Return the state at another time, speed and yaw rate held: straight or on a circle."""
         if stamp_ns == self.stamp_ns:
             return self
         x, y, yaw = self.place_at(stamp_ns)

@@ -50,7 +50,7 @@ class Packed(Sequence[Row], Generic[Row]):
             self.append(row)
 
     def append(self, row: Row) -> None:
-        """Puts a row behind the others."""
+        """Put a row behind the others."""
         floats, wholes, others = (get(row)[2:] for get in self._get)
         self._floats.extend(floats)
         for whole in wholes:
@@ -110,7 +110,7 @@ class StateSeries(Sequence[tuple[float, States]]):
             self.append(t_s, states)
 
     def append(self, t_s: float, states: Iterable[ObjectState]) -> None:
-        """Puts the states of a time behind the others; of one id the last counts."""
+        """Put the states of a time behind the others; of one id the last counts."""
         for state in {state.object_id: state for state in states}.values():
             self._states.append(state)
         self._times_s.append(t_s)
@@ -159,18 +159,18 @@ class StateSeries(Sequence[tuple[float, States]]):
 
 
 def times_of(series: Series) -> Sequence[float]:
-    """The times of a series, s."""
+    """Return the times of a series, s."""
     return series.times_s if isinstance(series, StateSeries) else [t_s for t_s, _ in series]
 
 
 def between(series: Series, first_s: float, last_s: float) -> Series:
-    """The rows from one time to another, both included."""
+    """Return the rows from one time to another, both included."""
     times_s = times_of(series)
     return series[bisect_left(times_s, first_s) : bisect_right(times_s, last_s)]
 
 
 def copied(series: Series, first_s: float, last_s: float) -> Series:
-    """The rows from one time to another, both included, which share nothing with the rest."""
+    """Return the rows from one time to another, both included, sharing nothing with the rest."""
     part = between(series, first_s, last_s)
     if isinstance(part, StateSeries) and len(part) < len(series):
         return part.copied()
@@ -178,5 +178,5 @@ def copied(series: Series, first_s: float, last_s: float) -> Series:
 
 
 def states_of(series: Series, object_id: str) -> Packed[ObjectState]:
-    """The states of one object where it is there, in arrays."""
+    """Return the states of one object where it is there, in arrays."""
     return Packed(ObjectState, (now[object_id] for _, now in series if object_id in now))

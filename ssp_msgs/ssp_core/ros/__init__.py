@@ -65,12 +65,12 @@ ns_from_stamp = stamp_ns
 
 
 def session_ns(stamp: TimeMsg) -> int:
-    """A stamp that a node goes on with, ns; ValueError for one that is no time of a session."""
+    """Return a stamp that a node goes on with, ns; raise ValueError for one of no session."""
     return time_ns(stamp.sec, stamp.nanosec)
 
 
 def diagnostic_array(statuses: Iterable[Status], stamp_ns: int) -> DiagnosticArray:
-    """The statuses, dated by this host's clock as is usual on that topic."""
+    """Return the statuses, dated by this host's clock as is usual on that topic."""
     array = DiagnosticArray()
     array.header.stamp = stamp_from_ns(stamp_ns)
     array.status = [
@@ -87,7 +87,7 @@ def diagnostic_array(statuses: Iterable[Status], stamp_ns: int) -> DiagnosticArr
 
 
 def declare(node: Node, table: Iterable[Parameter]) -> dict[str, Any]:
-    """Declares the parameters of a table, each with its descriptor, and gives their values.
+    """Declare the parameters of a table, each with its descriptor, and give their values.
 
     Raises:
         InputError: a value is of another type than its parameter's, or out of its range.
@@ -118,7 +118,7 @@ def _descriptor(one: Parameter) -> ParameterDescriptor:
 
 
 def declare_kind(node: Node, kind: ParticipantKind, *participants: str) -> None:
-    """Declares what participants of a live session are, in latched messages (METHOD 4.4b)."""
+    """Declare what participants of a live session are, in latched messages (METHOD 4.4b)."""
     for who in participants:
         node.create_publisher(String, declared_topic(who), LATCHED).publish(String(data=kind))
 
@@ -142,15 +142,18 @@ def subscribe_raw(
     *,
     raw: bool = True,
 ) -> Any:
-    """A subscription whose messages are decoded by one of ``ssp_core.cdr``, not by rclpy.
+    """Subscribe to messages that are decoded by one of ``ssp_core.cdr``, not by rclpy.
 
     A message that is none is dropped, which is as good as silence; the first one of a topic is
     logged, because more of the same would tell nothing new and cost time.
 
     Args:
+        node: owns the subscription.
+        kind: class of the messages.
         topic: relative to the node's namespace.
         decode: raises ValueError for bytes that are no such message.
         callback: takes what ``decode`` gives.
+        qos: of the subscription.
         raw: False: ``decode`` takes what rclpy has decoded.
     """
     decode_or_tell = tolerant(node, topic, decode)
@@ -164,7 +167,7 @@ def subscribe_raw(
 
 
 def tolerant(node: Node, topic: str, decode: Callable[[Any], T]) -> Callable[[Any], T | None]:
-    """``decode`` as subscribe_raw calls it: None for bytes that are no message, told of once."""
+    """Wrap ``decode`` as subscribe_raw calls it: None for bytes that are no message, told once."""
     told = False
 
     def decode_or_tell(data: Any) -> T | None:
@@ -183,7 +186,7 @@ def tolerant(node: Node, topic: str, decode: Callable[[Any], T]) -> Callable[[An
 
 
 def make_executor() -> Executor:
-    """EventsExecutor where this rclpy has it, SingleThreadedExecutor otherwise."""
+    """Make an EventsExecutor where this rclpy has it, a SingleThreadedExecutor otherwise."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
@@ -228,11 +231,13 @@ def run_node(
     args: list[str] | None = None,
     afterwards: Callable[[Any], None] | None = None,
 ) -> int:
-    """Runs one node in this process until a signal, or until the node asks to stop; then exits.
+    """Run one node in this process until a signal, or until the node asks to stop; then exit.
 
     Signals only set a flag; ``shutdown(node)`` then runs with the context still valid.
 
     Args:
+        make: makes the node; by the StopRequest it can ask to stop.
+        shutdown: ends the node in order; takes it.
         args: for ROS to read; None: those of this process, in which it finds remap rules also
             before ``--ros-args``. A command that reads its own gives an empty list.
         afterwards: what is left to do without ROS after an orderly stop; takes the node.
@@ -298,5 +303,5 @@ def run_node(
 
 
 def make_node(name: str, cls: type[Node] = Node, **kwargs: Any) -> Node:
-    """A node in the project's namespace."""
+    """Return a node in the project's namespace."""
     return cls(name, namespace=NAMESPACE, **kwargs)

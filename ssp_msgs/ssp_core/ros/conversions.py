@@ -30,7 +30,7 @@ def body_status_message(status: BodyStatus, now_ns: int) -> BodyStatusMsg:
 
 
 def body_status_of(message: BodyStatusMsg) -> BodyStatus:
-    """The inverse of ``body_status_message``, with bounded texts."""
+    """Convert what ``body_status_message`` made back, with bounded texts."""
     no_state, cannot_arm = (
         tuple(text[:_LONGEST_SENTENCE] for text in texts[:_MOST_SENTENCES])
         for texts in (message.no_state, message.cannot_arm)

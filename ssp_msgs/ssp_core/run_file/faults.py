@@ -61,7 +61,7 @@ _RULES: dict[FaultKind, _Rule] = {
 
 
 def load_faults(path: str | Path) -> FaultFile:
-    """Reads a fault file.
+    """Read a fault file.
 
     Raises:
         InputError: it can't be read or is not valid.
@@ -70,7 +70,7 @@ def load_faults(path: str | Path) -> FaultFile:
 
 
 def with_faults(run: RunSpec, extra: FaultFile, file: str | Path) -> RunSpec:
-    """The run with the faults and disturbances of a file.
+    """Return the run with the faults and disturbances of a file.
 
     Raises:
         InputError: a fault or a disturbance is of something that the run doesn't have, its value
@@ -97,7 +97,7 @@ def with_faults(run: RunSpec, extra: FaultFile, file: str | Path) -> RunSpec:
 
 
 def check_object_faults(run: RunSpec, faults: list[Fault], file: str | Path | None = None) -> None:
-    """Refuses faults of objects that strike nothing in this run, or with a value of no use.
+    """Refuse faults of objects that strike nothing in this run, or with a value of no use.
 
     Raises:
         InputError: naming the fault's field.

@@ -147,6 +147,7 @@ class WantedPassing(Strict):
         A gap is asked for only where K* bounds it; one that never came is a miss then too.
 
         Args:
+            initiator: id of the object.
             initiator_first: it arrived before the VUT; None: it never arrived.
             gap_s: time gap at the conflict point; None: one of them never arrived or never left.
             vut_arrived: it reached the conflict zone.
@@ -417,12 +418,12 @@ class RunSpec(Strict):
         return len(self.targets) > SINGLE_STATE_TOPICS
 
     def disturbance_of(self, object_id: str) -> LinkDisturbance:
-        """The disturbance of one object's links, sensors and actuators."""
+        """Return the disturbance of one object's links, sensors and actuators."""
         return self.disturbances.get(object_id, self.disturbance)
 
 
 def load_run(path: str | Path) -> RunSpec:
-    """Reads a run file.
+    """Read a run file.
 
     Raises:
         InputError: it can't be read or is not a valid run file.

@@ -211,8 +211,9 @@ AnyOf.model_rebuild()
 
 
 class Adaptation(Strict):
-    """The adaptation after the trigger: it keeps the time gap at the conflict point for any VUT
-    speed.
+    """The adaptation after the trigger.
+
+    It keeps the time gap at the conflict point for any VUT speed.
 
     The manager sends the OT references for the same path with another speed profile, so that it
     meets the VUT as specified. It ends when the one that decides the gap is about to arrive, and

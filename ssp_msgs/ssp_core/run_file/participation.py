@@ -42,7 +42,7 @@ def body_of(object_id: str) -> str:
 
 
 def declaring(run: RunSpec) -> tuple[str, ...]:
-    """Names of all participants of a live session that must declare their kind.
+    """List the names of all participants of a live session that must declare their kind.
 
     The run file of a session lists them; another file's are those that any live run has.
     """
@@ -52,7 +52,7 @@ def declaring(run: RunSpec) -> tuple[str, ...]:
 
 
 def participants(object_ids: Iterable[str], *, has_camera: bool) -> tuple[str, ...]:
-    """Names of the participants that a live run has at least."""
+    """List the names of the participants that a live run has at least."""
     objects = [name for object_id in object_ids for name in (object_id, body_of(object_id))]
     camera = (CAMERA,) if has_camera else ()
     return (VUT_ID, POSITIONING, *camera, *objects)
@@ -103,7 +103,7 @@ class Participation:
         return Standing.UNDECLARED if self.silent else Standing.REAL
 
     def kinds_of(self, who: str) -> tuple[str, ...]:
-        """Kinds that a participant declared; a person's word counts where it declared none."""
+        """Return the kinds that a participant declared, by a person's word where there are none."""
         told = self.declared.get(who, ())
         has_word = who in self.word and who not in self.lost
         return told or ((self.word[who],) if has_word else ())
@@ -131,7 +131,7 @@ class Participation:
 
 
 def contradictions(declared: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
-    """Sentences about participants that declared two different kinds."""
+    """List sentences about participants that declared two different kinds."""
     listed = {who: list(dict.fromkeys(kinds)) for who, kinds in declared.items()}
     return tuple(
         f"{who} is declared {' and '.join(kinds)}"

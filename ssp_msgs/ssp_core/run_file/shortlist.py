@@ -70,9 +70,11 @@ class Shortlist(Strict):
 
 
 def load_candidate(path: Path, name: str, version: str) -> Listed:
-    """The entry of an event that a shortlist holds as a candidate.
+    """Return the entry of an event that a shortlist holds as a candidate.
 
     Args:
+        path: of the shortlist.
+        name: of the scenario, for the error.
         version: content hash of its K*.
 
     Raises:

@@ -31,6 +31,7 @@ def _in_radians(value: float, most_rad: float, written: str) -> float:
     """Take an angle that is in radians.
 
     Args:
+        value: of the angle, rad.
         most_rad: largest angle either way that the field can mean.
         written: that bound for people, such as 2π.
 
@@ -77,14 +78,14 @@ ObjectId = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
 
 
 def _whole(value: Any) -> Any:
-    """A value that may become a whole number: no text, no boolean."""
+    """Return a value that may become a whole number: no text, no boolean."""
     if isinstance(value, bool | str):
         raise PydanticCustomError("int_type", "Input should be a valid integer")
     return value
 
 
 def _numbers_as_such(schema: Any) -> Any:
-    """A core schema in which neither a text nor a boolean is a number."""
+    """Return a core schema in which neither a text nor a boolean is a number."""
     if isinstance(schema, list | tuple):
         return type(schema)(_numbers_as_such(item) for item in schema)
     if not isinstance(schema, dict) or schema.get("type") == "model":
@@ -120,7 +121,10 @@ class Strict(BaseModel):
 
 
 def without_defaults(dumped: dict[str, Any], **defaults: object) -> dict[str, Any]:
-    """A dumped model; fields with these values read, and hash, as if there were no such fields."""
+    """Return a dumped model without the fields that have these values.
+
+    It reads, and hashes, as if there were no such fields.
+    """
     for name, default in defaults.items():
         if name in dumped and dumped[name] == default:
             del dumped[name]

@@ -53,7 +53,7 @@ class EndWord:
     folder: str = ""
 
     def line(self) -> bytes:
-        """The word as it is sent."""
+        """Return the word as it is sent."""
         value = {
             "verdict": self.verdict.name.lower(),
             "reasons": list(self.reasons),
@@ -64,7 +64,7 @@ class EndWord:
 
     @classmethod
     def parse(cls, line: bytes) -> EndWord:
-        """Reads a line. Raises ValueError for one that is no such word."""
+        """Read a line; raise ValueError for one that is no such word."""
         value = json.loads(line)
         try:
             verdict = Verdict[value["verdict"].upper()]
@@ -80,6 +80,9 @@ def verdict_bytes(
     """Give what stands in the file.
 
     Args:
+        verdict: of the run.
+        reasons: for it, the primary one first.
+        told_by: the one that decided it.
         seal: digest of the bag as it was before it got the verdict; empty: it isn't sealed.
     """
     value = {

@@ -168,15 +168,16 @@ class Facts:
         return self.lasting or any(body.lasting for body in self.bodies.values())
 
     def silence_s(self, sign: SignOfLife) -> float:
-        """Seconds since a sign that is counted by arrival; infinite for what was never heard."""
+        """Return the seconds since a sign counted by arrival; infinite for what was never heard."""
         if sign.code is SafetyCode.REPLY_MISSING:
             return self.links.get(sign.who, LinkEstimate()).age_s
         return self.ages_s.get(sign.who, math.inf)
 
     @staticmethod
     def of_one_process(spec: RunSpec) -> Facts:
-        """Make the facts of a session whose parts share one process: no links, one clock, nobody
-        else.
+        """Make the facts of a session whose parts share one process.
+
+        It has no links, one clock, and no other processes.
         """
         ids = [target.id for target in spec.targets]
         nodes = (names.SIL_WORLD, names.MONITOR, names.FRONT_CAMERA, names.VUT_ID)
@@ -191,8 +192,10 @@ class Facts:
 def recorder_lacks(
     missing: Sequence[str], failure: str, warnings: Sequence[str]
 ) -> tuple[str, ...]:
-    """Say what a recorder that isn't ready lacks (RecorderStatus.msg): topics; without one it is
-    the file or the disk, of which the first warning tells."""
+    """Say what a recorder that isn't ready lacks (RecorderStatus.msg).
+
+    That is topics; without one it is the file or the disk, of which the first warning tells.
+    """
     return tuple(missing) or ((failure,) if failure else tuple(warnings[:1]))
 
 
@@ -226,18 +229,18 @@ class Situation:
         return [(one, self._turned(one, known[one.id])) for one in everyone if one.id in known]
 
     def _turned(self, one: ParticipantSpec, state: ObjectState) -> ObjectState:
-        """A state; where its heading isn't known at rest, turned as its start is."""
+        """Return a state, turned as its start is where its heading isn't known at rest."""
         if one.id not in self.spec.limits.heading_by_course:
             return state
         return replace(state, yaw_rad=one.start.yaw_rad)
 
     def state_of(self, object_id: str) -> ObjectState | None:
-        """The newest state of the VUT or of an object."""
+        """Return the newest state of the VUT or of an object."""
         own = object_id in (names.VUT_ID, self.spec.vut.id)
         return self.vut if own else self.targets.get(object_id)
 
     def age_s(self, state: ObjectState) -> float:
-        """Age of a state by its stamp, s; below zero for a stamp ahead of time."""
+        """Return the age of a state by its stamp, s; below zero for a stamp ahead of time."""
         return ns_to_seconds(self.now_ns - state.stamp_ns)
 
 
@@ -249,7 +252,7 @@ def obstacles(
     targets: Mapping[str, ObjectState],
     now_ns: int,
 ) -> list[Obstacle]:
-    """Everything that a command lacks, each with object, measured value and limit.
+    """Find everything that a command lacks, each with object, measured value and limit.
 
     Connecting needs a sign of life of the VUT and the objects. Arming and starting need one of
     everybody, and that everything is measured, recorded and in place; an object is DISARMED or
@@ -283,7 +286,10 @@ def _receiver_gives_states(at: Situation) -> Iterator[Obstacle]:
 
 
 def _bodies_ready(at: Situation) -> Iterator[Obstacle]:
-    """Real bodies, as their processes see them; what keeps states away has been said."""
+    """Find real bodies that aren't ready, as their processes see them.
+
+    What keeps states away has been said.
+    """
     for target in at.spec.targets:
         body = at.facts.bodies.get(target.id)
         for text in body.cannot_arm if body is not None else ():
@@ -305,14 +311,14 @@ def _one_manager(at: Situation) -> Iterator[Obstacle]:
 
 
 def _same_rules(at: Situation) -> Iterator[Obstacle]:
-    """Each object judges by what the run's file says, or more strictly."""
+    """Find objects that judge less strictly than the run's file says, or in no known way."""
     for target in at.spec.targets:
         if problem := at.facts.rules.get(target.id, untold(target.id)).problem:
             yield Obstacle(Need.RULES, target.id, detail=problem)
 
 
 def _nodes_live(at: Situation) -> Iterator[Obstacle]:
-    """World, recorder and camera; a recorder that is heard must also be ready."""
+    """Find silence of world, recorder and camera; a recorder that is heard must also be ready."""
     for sign in at.signs:
         if sign.code not in (
             SafetyCode.WORLD_SILENT,
@@ -356,7 +362,7 @@ def _links_good(at: Situation) -> Iterator[Obstacle]:
 
 
 def _stamps_good(at: Situation) -> Iterator[Obstacle]:
-    """States are young by their stamps, and none is stamped ahead of time."""
+    """Find states that are too old by their stamps, or stamped ahead of time."""
     for sign in at.signs:
         state = at.state_of(sign.who) if sign.by_stamp else None
         if state is None:
@@ -369,7 +375,7 @@ def _stamps_good(at: Situation) -> Iterator[Obstacle]:
 
 
 def _in_place(at: Situation) -> Iterator[Obstacle]:
-    """Control state, values, place and motion of each."""
+    """Find what is wrong with control state, values, place and motion of each."""
     for participant, state in at.present:
         wanted = _CONTROL[at.gate]
         if participant is not at.spec.vut and state.control_state not in wanted:
@@ -415,7 +421,7 @@ def _young_for_triggers(at: Situation) -> Iterator[Obstacle]:
 
 
 def _apart(at: Situation) -> Iterator[Obstacle]:
-    """Pairs that would break the separation limit as soon as the run starts."""
+    """Find pairs that would break the separation limit as soon as the run starts."""
     everyone, limits = [state for _, state in at.present], at.spec.limits
     for i, state in enumerate(everyone):
         for other in everyone[:i]:

@@ -37,7 +37,9 @@ def known_bodies(
     """Say of each object of a live run what is known of its body, or that its process is silent.
 
     Args:
+        object_ids: of the live run.
         heard: by object, what its process said last, and when, ns on the steady clock.
+        steady_ns: now, on the steady clock.
     """
     found = {}
     for object_id in object_ids:

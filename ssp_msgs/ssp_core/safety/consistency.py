@@ -188,7 +188,10 @@ class ConsistencyWatch:
         """Judge a state by those before it; an older one has no effect.
 
         Args:
-            x_m: with y_m the place of the reference point, under the rear axle of a vehicle.
+            stamp_ns: of the state.
+            x_m: place of the reference point, under the rear axle of a vehicle, m.
+            y_m: see x_m.
+            yaw_rad: of the object, counter-clockwise.
             speed_mps: along the yaw, backwards is negative; all values are finite.
             position_std_m: as stated; not finite: unknown.
         """
@@ -276,7 +279,7 @@ class ConsistencyWatch:
             self._contradicts(found, kind)
 
     def _fits_as_before(self, start: int) -> bool:
-        """True where a window that fits without a delay fits with the believed one, if any."""
+        """Tell whether a window that fits without a delay fits with the believed one, if any."""
         if self._yaw_delays.believed_s != 0.0:
             return False  # Rare, and its window is another.
         delay_s = self._speed_delays.believed_s
@@ -332,7 +335,7 @@ class ConsistencyWatch:
         return max(share, self._direction_share(self._window(start, n), start)), moves, off
 
     def _in_map_axes(self, start: int, n: int) -> bool:
-        """True where the twist fits the parent's frame, and no delay makes it fit the object's.
+        """Tell whether the twist fits the parent's frame, and with no delay the object's.
 
         It may be off by less than a speed may be: on a road that leads a little off the map's x.
         """
@@ -435,10 +438,12 @@ class ConsistencyWatch:
         first: int,
         fit: Callable[[Window], tuple[float, float]],
     ) -> bool:
-        """True where no delay that fits the window fitted those before it.
+        """Tell whether no delay that fits the window fitted those before it.
 
         Args:
+            delays: those of the same check; they take the result.
             is_off: it doesn't fit without a delay.
+            first: index of the sample with which the window begins.
             fit: gives what is left over, and what may be.
         """
         if delays.believed_s != 0.0:
@@ -488,7 +493,9 @@ class ConsistencyWatch:
     # -- places that step ----------------------------------------------------------------------
 
     def _steps(self, first: int, n: int) -> bool:
-        """True where one step of the place explains what was found; windows then begin after it.
+        """Tell whether one step of the place explains what was found.
+
+        Windows then begin after it.
 
         A receiver that gets a better fix moves its place at once. One that does so again and again
         is one that moves.

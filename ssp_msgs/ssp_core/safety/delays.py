@@ -50,6 +50,7 @@ class Delays:
         """Take which delays fit a window that the believed one doesn't fit.
 
         Args:
+            now_s: end of the window, s, rising.
             fits: for each of DELAYS_S.
 
         Returns:

@@ -35,7 +35,7 @@ _MANY_CORNERS = 512
 
 
 def _to_outline_m(x_m: FloatArray, y_m: FloatArray, polygon: Sequence[Point]) -> FloatArray:
-    """Smallest distance of n points to the outline of a polygon, shape (n,)."""
+    """Return the smallest distance of n points to the outline of a polygon, shape (n,)."""
     nearest = np.full(len(x_m), np.inf)
     xa, ya = polygon[-1]
     for xb, yb in polygon:
@@ -57,10 +57,11 @@ def rooms_m(x_m: FloatArray, y_m: FloatArray, fence: Sequence[Point]) -> FloatAr
 
 
 def room_m(x_m: float, y_m: float, fence: Sequence[Point]) -> float:
-    """Distance of a point inside a fence to its outline in m; negative for a point outside.
+    """Return the distance of a point in a fence to its outline in m; negative for one outside.
 
     Args:
         x_m: of the point, frame of the fence; NaN gives NaN.
+        y_m: see x_m.
         fence: simple polygon, m.
     """
     nearest = math.inf
@@ -81,7 +82,9 @@ def room_m(x_m: float, y_m: float, fence: Sequence[Point]) -> float:
 
 
 def way_room_m(start: Point, end: Point, fence: Sequence[Point]) -> float:
-    """Distance of a straight way inside a fence to its outline in m; at most 0 for another.
+    """Return the distance of a straight way inside a fence to its outline in m.
+
+    It is at most 0 for another way.
 
     Args:
         start: of the way, m, frame of the fence; one without a number gives no room.
@@ -111,10 +114,11 @@ def way_room_m(start: Point, end: Point, fence: Sequence[Point]) -> float:
 
 
 def lies_inside(inner: Sequence[Point], fence: Sequence[Point]) -> bool:
-    """True where all of a polygon lies inside a fence; touching is inside.
+    """Tell whether all of a polygon lies inside a fence; touching is inside.
 
     Args:
         inner: legal outline, m, frame of the fence.
+        fence: simple polygon, m.
     """
     import shapely  # type: ignore[import-untyped]  # slow to import, no types
 
@@ -149,7 +153,7 @@ _MOST_SEEN = 8
 
 
 def _corners(fence: Sequence[Point]) -> FloatArray:
-    """A fence as an array, shape (n, 2), which is made once as long as the fence stays the same."""
+    """Return a fence as an array, shape (n, 2), made once as long as the fence stays the same."""
     seen = _SEEN.get(id(fence))
     # The comparison is quick: corners that stayed are the same objects.
     if seen is None or seen[0] != fence:
@@ -171,6 +175,7 @@ def _is_inside_many(box: Box, corners: FloatArray) -> bool:
     """Tell what ``_is_inside_few`` tells, with arrays.
 
     Args:
+        box: of the object, frame of the fence.
         corners: of the fence, shape (n, 2).
     """
     pose = box.pose
@@ -223,7 +228,7 @@ def _is_inside_few(box: Box, fence: Sequence[Point]) -> bool:
 
 
 def _enters(xa: float, ya: float, xb: float, yb: float, half_x: float, half_y: float) -> bool:
-    """True when some of a segment lies within a rectangle around the origin."""
+    """Tell whether some of a segment lies within a rectangle around the origin."""
     first, last = 0.0, 1.0
     for at, step, half in ((xa, xb - xa, half_x), (ya, yb - ya, half_y)):
         if step == 0.0:
@@ -279,7 +284,7 @@ def way_excess_m(
 def _parts(
     before: FloatArray, after: FloatArray
 ) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
-    """Ways between poses in parts that turn little: which way each is of, its start, its end."""
+    """Cut ways between poses into parts that turn little: of which way each is, start, end."""
     step = after - before
     step[:, 2] = wrap_angles(step[:, 2])
     counts = np.maximum(np.ceil(np.abs(step[:, 2]) / _TURN_RAD), 1.0).astype(np.intp)
@@ -322,7 +327,7 @@ def _excess_m(
 
 
 def _points_of(poses: FloatArray, size: Size, at: Sequence[Point]) -> FloatArray:
-    """Points given ahead and to the left of a box's centre, in frame map, shape (n, k, 2)."""
+    """Move points given ahead and to the left of a box's centre to frame map, shape (n, k, 2)."""
     ahead, left = np.array(at).T
     ahead = ahead + 0.5 * (size.front_m - size.rear_m)
     c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
@@ -331,7 +336,7 @@ def _points_of(poses: FloatArray, size: Size, at: Sequence[Point]) -> FloatArray
 
 
 def _in_box(poses: FloatArray, size: Size, points: FloatArray) -> FloatArray:
-    """Points in frames of the box's centre (ahead, left), shape (n, k, 2)."""
+    """Move points to frames of the box's centre (ahead, left), shape (n, k, 2)."""
     dx, dy = points[:, 0] - poses[:, :1], points[:, 1] - poses[:, 1:2]
     c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
     ahead = c * dx + s * dy - 0.5 * (size.front_m - size.rear_m)
@@ -339,8 +344,9 @@ def _in_box(poses: FloatArray, size: Size, points: FloatArray) -> FloatArray:
 
 
 def _deepest_m(start: FloatArray, end: FloatArray, half_x: float, half_y: float) -> FloatArray:
-    """Compute how deep segments go into a rectangle around the origin, shape (n,); 0 for not at
-    all.
+    """Compute how deep segments go into a rectangle around the origin, shape (n,).
+
+    It is 0 where none goes into it.
 
     Args:
         start: of k segments for each of n boxes, shape (n, k, 2).

@@ -45,27 +45,30 @@ def _judge(code: SafetyCode, measured: float, limit: float) -> LimitViolation | 
 
 
 def heartbeat_lost(silence_s: float, limits: Limits) -> LimitViolation | None:
-    """The manager was not heard for too long, s."""
+    """Check how long the manager has been silent, s."""
     return _judge(SafetyCode.HEARTBEAT_LOST, silence_s, limits.heartbeat_s)
 
 
 def state_stale(age_s: float, limits: Limits) -> LimitViolation | None:
-    """The newest state is too old, s; an age below zero is the clock's matter."""
+    """Check the age of the newest state, s; an age below zero is the clock's matter."""
     return _judge(SafetyCode.STATE_STALE, max(age_s, 0.0), limits.state_age_s)
 
 
 def state_not_finite(state: ObjectState) -> LimitViolation | None:
-    """A state with a value that is no number says nothing about where the object is."""
+    """Check a state for values that are no numbers: they don't say where the object is."""
     return None if state.is_finite else LimitViolation(SafetyCode.STATE_NOT_FINITE, math.nan, 0.0)
 
 
 def outside_geofence(excess_m: float) -> LimitViolation | None:
-    """The object's box sticks out of the fence, by so many m (ssp_core.safety.fence.excess_m)."""
+    """Check how far the object's box sticks out of the fence, m.
+
+    ``ssp_core.safety.fence.excess_m`` computes it.
+    """
     return _judge(SafetyCode.OUTSIDE_GEOFENCE, excess_m, 0.0)
 
 
 def _least_gap_m(a: ObjectState, b: ObjectState) -> float:
-    """No two points of the two boxes are nearer than this: the widest gap along one of their axes.
+    """Return a gap that no two points of two boxes fall below: the widest along one of their axes.
 
     Negative when there is none. Cheap, because most pairs need not be measured any closer.
     """
@@ -92,12 +95,13 @@ def _least_gap_m(a: ObjectState, b: ObjectState) -> float:
 
 
 def near_pairs(states: Sequence[ObjectState], within_m: float) -> list[tuple[int, int]]:
-    """The pairs of objects whose boxes may be within a distance of each other.
+    """Return the pairs of objects whose boxes may be within a distance of each other.
 
     Among many objects few are near each other, and most pairs need not be looked at.
 
     Args:
         states: with finite poses, at one instant.
+        within_m: distance between two boxes.
 
     Returns:
         Indexes of the two, the lower one first, in rising order; no pair that is as near is left
@@ -124,7 +128,7 @@ def near_pairs(states: Sequence[ObjectState], within_m: float) -> list[tuple[int
 
 
 def separation(a: ObjectState, b: ObjectState, limits: Limits) -> LimitViolation | None:
-    """The boxes of two objects at the same instant are too close, m; touching is a collision."""
+    """Check the distance of two objects' boxes at the same instant, m; touching is a collision."""
     if _least_gap_m(a, b) > limits.separation_m:
         return None
     distance_m = box_distance(a.box, b.box)
@@ -136,43 +140,45 @@ def separation(a: ObjectState, b: ObjectState, limits: Limits) -> LimitViolation
 
 
 def over_speed(state: ObjectState, limits: Limits) -> LimitViolation | None:
-    """Too fast, forwards or backwards, m/s."""
+    """Check the speed, forwards or backwards, m/s."""
     return _judge(SafetyCode.OVER_SPEED, state.speed_mps, limits.speed_mps)
 
 
 def over_acceleration(state: ObjectState, limits: Limits) -> LimitViolation | None:
-    """Accelerates or brakes too hard, m/s^2 along the heading."""
+    """Check how hard an object accelerates or brakes, m/s^2 along the heading."""
     return _judge(SafetyCode.OVER_ACCELERATION, state.acceleration_mps2, limits.acceleration_mps2)
 
 
 def error_longitudinal(error_m: float, limits: Limits) -> LimitViolation | None:
-    """Too far ahead of (+) or behind (-) the reference, m."""
+    """Check how far an object is ahead of (+) or behind (-) the reference, m."""
     return _judge(SafetyCode.ERROR_LONGITUDINAL, error_m, limits.error_longitudinal_m)
 
 
 def error_lateral(error_m: float, limits: Limits) -> LimitViolation | None:
-    """Too far left (+) or right (-) of the reference, m."""
+    """Check how far an object is left (+) or right (-) of the reference, m."""
     return _judge(SafetyCode.ERROR_LATERAL, error_m, limits.error_lateral_m)
 
 
 def error_yaw(error_rad: float, limits: Limits) -> LimitViolation | None:
-    """Turned too far left (+) or right (-) of the reference, rad."""
+    """Check how far an object is turned left (+) or right (-) of the reference, rad."""
     return _judge(SafetyCode.ERROR_YAW, error_rad, limits.error_yaw_rad)
 
 
 def localisation(state: ObjectState, limits: Limits) -> LimitViolation | None:
-    """The stated uncertainty of the position is too large, m, one sigma."""
+    """Check the stated uncertainty of the position, m, one sigma."""
     return _judge(SafetyCode.LOCALISATION, state.position_std_m, limits.position_std_m)
 
 
 def position_jump(before: ObjectState, state: ObjectState, limits: Limits) -> LimitViolation | None:
-    """The position is too far from where the state before it led, m.
+    """Check how far the position is from where the state before it led, m.
 
     The state before is extrapolated with its speed and yaw rate. States that were lost in between
     leave more time to accelerate, so that the limit grows by a t^2 / 2 with the acceleration limit.
 
     Args:
         before: an earlier state of the same object.
+        state: the newer one.
+        limits: of the run.
     """
     x_m, y_m, _ = before.place_at(state.stamp_ns)
     away_m = math.hypot(state.x_m - x_m, state.y_m - y_m)
@@ -182,38 +188,43 @@ def position_jump(before: ObjectState, state: ObjectState, limits: Limits) -> Li
 
 
 def state_frozen(stood_s: float, limits: Limits) -> LimitViolation | None:
-    """The position has stood for too long in states that say that the object moves, s."""
+    """Check how long the position stood in states that say that the object moves, s."""
     return _judge(SafetyCode.STATE_FROZEN, stood_s, limits.frozen_s)
 
 
 def clock_offset(
     offset_s: float, limits: Limits, uncertainty_s: float = 0.0
 ) -> LimitViolation | None:
-    """An object's clock is too far ahead of (+) or behind (-) the manager's, s.
+    """Check how far an object's clock is ahead of (+) or behind (-) the manager's, s.
 
     Args:
+        offset_s: the object's clock minus the manager's.
+        limits: of the run.
         uncertainty_s: of the measured offset, to either side.
     """
     return _judge(SafetyCode.CLOCK_OFFSET, offset_s, limits.clock_offset_s + uncertainty_s)
 
 
 def stamp_ahead(age_s: float, limits: Limits, allowance_s: float = 0.0) -> LimitViolation | None:
-    """A state is younger than now: the clocks that made its stamp and its age are too far apart.
+    """Check how far a state is stamped ahead of now, s.
+
+    The clocks that made its stamp and its age are too far apart then.
 
     Args:
         age_s: of the state; below zero for a stamp ahead of time.
+        limits: of the run.
         allowance_s: how far the clock of ``age_s`` may lag behind by itself.
     """
     return clock_offset(max(-age_s - allowance_s, 0.0), limits)
 
 
 def duration(running_s: float, limits: Limits) -> LimitViolation | None:
-    """The run goes on for too long, s."""
+    """Check how long the run goes on, s."""
     return _judge(SafetyCode.DURATION, running_s, limits.duration_s)
 
 
 def link_delay(delay_s: float, limits: Limits) -> LimitViolation | None:
-    """A message to an object and its answer take too long, s, there and back."""
+    """Check the time that a message to an object and its answer take, s, there and back."""
     return _judge(SafetyCode.LINK_DELAY, delay_s, limits.link_delay_s)
 
 
@@ -231,10 +242,9 @@ def state_contradicts(watch: ConsistencyWatch) -> LimitViolation | None:
 
 
 def net_way_m(watch: ConsistencyWatch) -> tuple[float, float] | None:
-    """Return how far an object went in STOOD_S, and the limit, where its places don't show
-    standstill.
+    """Return how far an object went in STOOD_S, and the limit, both in m.
 
-    None: they do, as far as they are known.
+    None: its places show standstill, as far as they are known.
     """
     way_m, _ = watch.net_way_m(STOOD_S)
     limit_m = STOOD_WAY_M + 2.0 * watch.position_std_m
@@ -242,7 +252,7 @@ def net_way_m(watch: ConsistencyWatch) -> tuple[float, float] | None:
 
 
 def has_stood(state: ObjectState, watch: ConsistencyWatch) -> bool:
-    """True where speed and places say that the object stands, as far as its places are known."""
+    """Tell whether speed and places say that the object stands, as far as places are known."""
     return abs(state.speed_mps) <= STANDSTILL_MPS and net_way_m(watch) is None
 
 
@@ -255,6 +265,7 @@ def link_violations(offset_s: float, delay_s: float, limits: Limits) -> list[Lim
     Args:
         offset_s: the object's clock minus the manager's.
         delay_s: there and back.
+        limits: of the run.
     """
     found = link_delay(delay_s, limits), clock_offset(offset_s, limits, 0.5 * max(delay_s, 0.0))
     return [passed for passed in found if passed is not None]
@@ -283,12 +294,15 @@ class Continuity:
 def follow(
     memory: Continuity, state: ObjectState, limits: Limits, asked_mps: float = 0.0
 ) -> tuple[Continuity, list[LimitViolation]]:
-    """Judges a state by those before it.
+    """Judge a state by those before it.
 
     A state with a value that is no number is not judged and not remembered, nor is one that is
     older than the newest. After a jump the new position is believed, so that it is told once.
 
     Args:
+        memory: what the states before led to; at first ``Continuity()``.
+        state: the newest one of the object.
+        limits: of the run.
         asked_mps: speed that an object which isn't ahead of its reference is asked for, 0 for
             none. A state that froze while the object stood says that it stands for ever.
 

@@ -63,7 +63,7 @@ class LinkClock:
         self._known: tuple[int, LinkEstimate] | None = None
 
     def add(self, exchange: Exchange, steady_ns: int) -> None:
-        """Takes an answer, and when it came on the steady clock."""
+        """Take an answer, and when it came on the steady clock."""
         if exchange.delay_s < _IMPOSSIBLE_DELAY_S:
             return
         self._answered_ns = steady_ns
@@ -71,7 +71,7 @@ class LinkClock:
         self._window.append((steady_ns, exchange))
 
     def link(self, steady_ns: int) -> LinkEstimate:
-        """Offset and delay of the fastest exchange of the last WINDOW_S."""
+        """Return the offset and delay of the fastest exchange of the last WINDOW_S."""
         if self._known is None or self._known[0] != steady_ns:
             self._known = steady_ns, self._measured(steady_ns)
         return self._known[1]
@@ -97,7 +97,7 @@ class LinkClocks:
         self._serving: dict[str, LinkClock] = {}
 
     def on_sent(self, sequence: int, sent_ns: int) -> None:
-        """A heartbeat went out."""
+        """Remember a heartbeat that went out."""
         self._beats[sequence] = sent_ns
         if len(self._beats) > _REMEMBERED_BEATS:
             self._beats.popitem(last=False)
@@ -105,11 +105,12 @@ class LinkClocks:
     def on_reply(
         self, object_ids: Sequence[str], sequence: int, exchange: Exchange, steady_ns: int
     ) -> bool:
-        """An answer came.
+        """Take an answer to a heartbeat; tell whether it is one to a heartbeat of ours.
 
         Args:
             object_ids: of the process that answers.
             sequence: of the heartbeat that it answers.
+            exchange: times of the heartbeat and of its answer.
             steady_ns: when it came, on the steady clock.
 
         Returns:
@@ -151,7 +152,7 @@ class LossCounter:
     _highest: int | None = None
 
     def see(self, sequence: int) -> None:
-        """Counts a state that arrived.
+        """Count a state that arrived.
 
         Args:
             sequence: ObjectState.sequence; 0 where the source doesn't count.
@@ -181,12 +182,12 @@ class LossCounters:
         self.of.setdefault(object_id, LossCounter()).see(sequence)
 
     def forget(self) -> None:
-        """A new run counts anew."""
+        """Forget all counts: a new run counts anew."""
         self.of.clear()
         self._told.clear()
 
     def news(self) -> list[str]:
-        """One line for people per object that has lost states since the last call."""
+        """Return one line for people per object that has lost states since the last call."""
         lines = []
         for object_id, count in sorted(self.of.items()):
             told = self._told.get(object_id, 0)

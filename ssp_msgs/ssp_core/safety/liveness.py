@@ -71,7 +71,7 @@ RECORDER_SIGN = SignOfLife(SafetyCode.RECORDER, names.MONITOR, RECORDER_SILENT_S
 
 
 def signs_of_life(spec: RunSpec) -> tuple[SignOfLife, ...]:
-    """The table for a run.
+    """Return the table for a run.
 
     In lockstep an object's silence is counted in simulated time once the world steps, and answers
     to heartbeats, which come by the wall clock, end nothing; arming asks for them all the same.
@@ -101,7 +101,7 @@ def signs_of_life(spec: RunSpec) -> tuple[SignOfLife, ...]:
 
 
 def lockstep_participants(spec: RunSpec) -> tuple[str, ...]:
-    """Nodes whose first answer the world of a lockstep run waits for, the manager left out."""
+    """List the nodes that a lockstep world waits for at first, the manager left out."""
     camera = (names.FRONT_CAMERA,) if spec.camera is not None else ()
     driver = (names.VUT_DRIVER,) if spec.driver.external else ()
     return names.OBJECT_TARGET, *camera, *driver, names.MONITOR

@@ -97,7 +97,7 @@ def rules_of(run: RunSpec, object_id: str) -> ObjectRules:
 
 
 def _fields(name: str, value: Any) -> Iterator[tuple[str, str]]:
-    """The leaves below a value; a point of a path is one."""
+    """Yield the leaves below a value; a point of a path is one."""
     if isinstance(value, Mapping) and value:
         for key, below in value.items():
             yield from _fields(f"{name}.{key}" if name else str(key), below)
@@ -114,11 +114,12 @@ def untold(object_id: str) -> RulesCheck:
 
 
 def check_rules(ours: ObjectRules, theirs: ObjectRules | None, object_id: str) -> RulesCheck:
-    """Holds what an object says to judge by against what its manager does.
+    """Hold what an object says to judge by against what its manager does.
 
     Args:
         ours: of the manager's run file.
         theirs: as the object told it; None: it hasn't.
+        object_id: of the object, for the text.
     """
     if theirs is None:
         return untold(object_id)
@@ -148,7 +149,7 @@ class HeardRules:
         self._checks: dict[str, RulesCheck] = {}
 
     def hear(self, told: tuple[str, ObjectRules]) -> None:
-        """Takes whose they are, and what an object says to judge by; the newest word counts."""
+        """Take whose they are, and what an object says to judge by; the newest word counts."""
         object_id, rules = told
         self._heard[object_id] = rules
         self._run = None
@@ -174,13 +175,13 @@ def _value(rules: ObjectRules, name: str) -> str:
 
 
 def _has_fence_inside(ours: ObjectRules, theirs: ObjectRules) -> bool:
-    """True where an object has another fence of its own, which lies inside the run's."""
+    """Tell whether an object has another fence of its own, which lies inside the run's."""
     outer, inner = _fence(ours), _fence(theirs)
     return inner != outer and bool(inner) and lies_inside(inner, outer)
 
 
 def _fence(rules: ObjectRules) -> list[tuple[float, float]]:
-    """Corners of the fence; empty where it is none that could be in a run file."""
+    """Return the corners of the fence; empty where it is none that could be in a run file."""
     told = [value for name, value in rules.values.items() if name.startswith(f"{_FENCE}[")]
     try:
         corners = [(float(x), float(y)) for x, y in map(json.loads, told)]

@@ -86,7 +86,7 @@ def declarations(run: RunSpec) -> tuple[str, ...]:
 
 
 def expected_publishers(run: RunSpec | None) -> dict[str, tuple[Part, ...]]:
-    """The parts that share each topic of a session, ``ONE`` where it has one publisher.
+    """Return the parts that share each topic of a session, ``ONE`` where it has one publisher.
 
     Args:
         run: None: no run is loaded, and nothing is known of its objects.
@@ -110,7 +110,7 @@ def _of_object(object_id: str) -> tuple[str, ...]:
 
 
 def _asks_for_references(run: RunSpec, object_id: str) -> bool:
-    """The run's own faults have the runner send this object references."""
+    """Tell whether the run's own faults have the runner send this object references."""
     return any(f.target == object_id and f.kind.startswith("reference_") for f in run.faults)
 
 
@@ -197,7 +197,7 @@ class PublisherRules:
         self._known: dict[Part, set[bytes]] = {part: set() for part in Part}
 
     def know(self, graph: Mapping[str, Sequence[Publisher]]) -> None:
-        """Learns from topics that have one publisher, which processes belong to the session."""
+        """Learn from topics that have one publisher which processes belong to the session."""
         for topic, part in self._proofs.items():
             if len(found := graph.get(topic, ())) == 1:
                 self._known[part].add(found[0].process)

@@ -64,7 +64,7 @@ class Stopping:
     margin_m: float = MARGIN_M
 
     def distance_m(self, speed_mps: float, timeout_s: float, gain_mps2: float = 0.0) -> float:
-        """The farthest that the object may get from the fault on.
+        """Return the farthest that the object may get from the fault on.
 
         Args:
             speed_mps: at the fault, m/s; without a gain the highest until the object noticed it.
@@ -77,7 +77,7 @@ class Stopping:
         return blind_m + reached**2 / (2.0 * self.deceleration_mps2) + self.margin_m
 
     def duration_s(self, speed_mps: float, timeout_s: float) -> float:
-        """The longest time from the fault to standstill, s; arguments as for distance_m."""
+        """Return the longest time from the fault to standstill, s; arguments as for distance_m."""
         return timeout_s + self.reaction_s + abs(speed_mps) / self.deceleration_mps2
 
 
@@ -119,7 +119,7 @@ EMERGENCY_BRAKE_MPS2: dict[ObjectClass, float] = {
 
 
 def grown(size: Size) -> Size:
-    """The extent with the slack that a reference must leave around it."""
+    """Return the extent with the slack that a reference must leave around it."""
     return Size(
         size.front_m + SLACK_M, size.rear_m + SLACK_M, size.width_m + 2.0 * SLACK_M, size.height_m
     )
@@ -157,6 +157,8 @@ def blind_excess_m(
     Args:
         columns: reference points, shape (7, n) with n >= 1.
         cls: of the object; walkers stop straight on.
+        size: of the object.
+        limits: of the run.
         fence: polygon, m, frame map.
         step_s: how often the object judges its state.
     """

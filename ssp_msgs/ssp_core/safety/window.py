@@ -65,6 +65,8 @@ def speed_bound_mps(stated_mps: float, way_mps: float, noise_mps: float = 0.0) -
     """Give how far the amount of a stated speed may be off that of the way.
 
     Args:
+        stated_mps: with or without its sign.
+        way_mps: of the way, >= 0.
         noise_mps: of the way, by what its places are uncertain.
     """
     return max(SPEED_SHARE * max(abs(stated_mps), way_mps), SPEED_MPS, noise_mps)
@@ -74,6 +76,7 @@ def kind_of(w: Window, fastest: float, direction_rad: float, *, signed: bool) ->
     """Name the mistake that explains a window best.
 
     Args:
+        w: the window.
         fastest: amount of the speeds stated in it, m/s.
         direction_rad: that the way may lead off the yaw.
         signed: the sign of the speed says whether the object goes forwards.

@@ -31,11 +31,11 @@ class Intrinsics:
     cy_px: float
 
     def k(self) -> list[float]:
-        """The 3x3 camera matrix, row by row, as CameraInfo wants it."""
+        """Return the 3x3 camera matrix, row by row, as CameraInfo wants it."""
         return [self.fx_px, 0.0, self.cx_px, 0.0, self.fy_px, self.cy_px, 0.0, 0.0, 1.0]
 
     def p(self) -> list[float]:
-        """The 3x4 projection matrix, row by row, as CameraInfo wants it."""
+        """Return the 3x4 projection matrix, row by row, as CameraInfo wants it."""
         k = self.k()
         return [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0]
 
@@ -67,7 +67,7 @@ class Mounting:
         translation_m: tuple[float, float, float],
         quaternion_xyzw: tuple[float, float, float, float],
     ) -> Mounting:
-        """The mounting that a transform from base_link to the optical frame stands for.
+        """Return the mounting that a transform from base_link to the optical frame stands for.
 
         Args:
             translation_m: of the camera's centre in base_link.
@@ -113,7 +113,7 @@ class Projection:
 
 
 def intrinsics(camera: Camera) -> Intrinsics:
-    """The pinhole numbers of a camera with square pixels and a central principal point."""
+    """Return the pinhole numbers of a camera with square pixels and a central principal point."""
     return Intrinsics(
         camera.width_px,
         camera.height_px,
@@ -127,7 +127,7 @@ def intrinsics(camera: Camera) -> Intrinsics:
 def optical_axes(
     pitch_down_rad: float, yaw_left_rad: float = 0.0, roll_right_rad: float = 0.0
 ) -> FloatArray:
-    """Shape (3, 3): rows are the optical x, y, z axes in base_link.
+    """Return the optical axes, shape (3, 3): rows are optical x, y, z in base_link.
 
     The camera is turned about the upright axis first, then down, then about its direction of view;
     signs as in ``Mounting``.
@@ -142,7 +142,10 @@ def optical_axes(
 
 
 def view_from(pose: Pose2, camera: Camera) -> View:
-    """The camera of a VUT whose reference point has this pose, in the pose's parent frame."""
+    """Return the camera of a VUT whose reference point has this pose.
+
+    It is in the pose's parent frame.
+    """
     return mounted_view(pose, intrinsics(camera), camera)
 
 
@@ -151,6 +154,8 @@ def mounted_view(pose: Pose2, lens: Intrinsics, mounting: Mounting | Camera) -> 
 
     Args:
         pose: of the VUT's reference point.
+        lens: of the recorded camera.
+        mounting: of the camera on the VUT.
     """
     c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     parent_from_base = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -182,7 +187,7 @@ def project(view: View, points_m: ArrayLike) -> Projection:
 
 
 def object_corners(state: ObjectState) -> FloatArray:
-    """Corners of an object's bounding box in map, shape (8, 3), the four on the ground first."""
+    """Return the corners of an object's box in map, shape (8, 3), the four on the ground first."""
     ground = state.box.corners()
     return np.array(
         [[x, y, 0.0] for x, y in ground] + [[x, y, state.size.height_m] for x, y in ground]
@@ -196,7 +201,7 @@ _EDGES = tuple(
 
 
 def shown_box(view: View, state: ObjectState) -> tuple[float, float, float, float] | None:
-    """Rectangle (left, top, right, bottom) in px around what the image shows of a bounding box.
+    """Return the rectangle (left, top, right, bottom) in px around what the image shows of a box.
 
     The bounding box is cut off 0.1 m before the camera and at the image's borders, so that an
     object beside the camera has one too.

@@ -17,12 +17,15 @@ _INFO = "stIItI" + "d" * (len(_UNDISTORTED) + 9 + len(_UNTURNED) + 12) + "IIIIII
 
 
 def encode_frame(stamp_ns: int, jpeg: bytes) -> bytes:
-    """CompressedImage.msg of a JPEG picture. Raises ValueError for a stamp beyond its field."""
+    """Encode the CompressedImage.msg of a JPEG picture.
+
+    It raises ValueError for a stamp beyond its field.
+    """
     return ENCAPSULATION + write("sttI", (stamp_ns, OPTICAL_FRAME, "jpeg", len(jpeg))) + jpeg
 
 
 def encode_camera_info(stamp_ns: int, lens: Intrinsics) -> bytes:
-    """CameraInfo.msg. Raises ValueError for what its fields can't hold."""
+    """Encode a CameraInfo.msg; raise ValueError for what its fields can't hold."""
     values = [stamp_ns, OPTICAL_FRAME, lens.height_px, lens.width_px, "plumb_bob"]
     values += [len(_UNDISTORTED), *_UNDISTORTED, *lens.k(), *_UNTURNED, *lens.p()]
     return ENCAPSULATION + write(_INFO, [*values, *_WHOLE_PICTURE])

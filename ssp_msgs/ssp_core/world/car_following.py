@@ -15,7 +15,7 @@ _MIN_GAP_M = 0.1
 
 
 def free_acceleration(speed_mps: float, driver: Driver) -> float:
-    """Acceleration in m/s^2 on a free road: a (1 - (v/v0)^4), v0 the cruise speed."""
+    """Return the acceleration in m/s^2 on a free road: a (1 - (v/v0)^4), v0 the cruise speed."""
     return driver.acceleration_mps2 * (1.0 - (speed_mps / driver.cruise_mps) ** 4)
 
 
@@ -26,15 +26,18 @@ def following_acceleration(
     ahead_acceleration_mps2: float,
     driver: Driver,
 ) -> float:
-    """Acceleration in m/s^2 with somebody ahead.
+    """Return the acceleration in m/s^2 behind another road user.
 
     IDM: a (1 - (v/v0)^4 - (s*/s)^2), s* = s0 + v T + v dv / (2 sqrt(a b)). CAH: the acceleration
     that just avoids a collision when the one ahead keeps its own. Of the two the milder counts,
     softened: CAH + b tanh((IDM - CAH) / b).
 
     Args:
+        speed_mps: of the vehicle.
         gap_m: bumper gap, > 0.
         ahead_mps: speed of the one ahead along the same path.
+        ahead_acceleration_mps2: of the one ahead.
+        driver: of the vehicle.
     """
     a, b = driver.acceleration_mps2, driver.comfortable_deceleration_mps2
     v = speed_mps

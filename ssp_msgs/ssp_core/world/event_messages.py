@@ -13,7 +13,7 @@ _FAULT = "mttt?dt"
 
 
 def encode_phase(began: PhaseBegan) -> bytes:
-    """PhaseEvent.msg, in frame map. Raises ValueError for what its fields can't hold."""
+    """Encode a PhaseEvent.msg, in frame map; raise ValueError for what its fields can't hold."""
     values = [began.stamp_ns, began.phase, began.evidence, began.phase.is_provisional]
     return ENCAPSULATION + write(_PHASE, values)
 
@@ -21,9 +21,10 @@ def encode_phase(began: PhaseBegan) -> bytes:
 def encode_limit(
     passed: LimitFact, reaction: str = "abort", *, name: str = "", unit: str = ""
 ) -> bytes:
-    """SafetyEvent.msg, in frame map. Raises ValueError for what its fields can't hold.
+    """Encode a SafetyEvent.msg, in frame map; raise ValueError for what its fields can't hold.
 
     Args:
+        passed: the limit, and what was measured.
         reaction: what follows from it, ``abort`` or ``local_stop``.
         name: of the limit, where it isn't the one that its code usually stands for.
         unit: of such a limit.
@@ -45,6 +46,6 @@ def encode_limit(
 
 
 def encode_fault(fault: FaultFact) -> bytes:
-    """FaultEvent.msg, in frame map. Raises ValueError for what its fields can't hold."""
+    """Encode a FaultEvent.msg, in frame map; raise ValueError for what its fields can't hold."""
     *told, stamp_ns = fields_of(fault)
     return ENCAPSULATION + write(_FAULT, [stamp_ns, *told])

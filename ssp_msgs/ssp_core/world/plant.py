@@ -103,19 +103,19 @@ class Plant(Protocol):
     """The world and all objects of one run."""
 
     def hold(self, word: ManagerUpdate) -> StepReport:
-        """The state before the start once more, as the objects report it."""
+        """Return the state before the start once more, as the objects report it."""
         ...
 
     def command(self, object_id: str, command: int, event_version: str) -> str:
-        """An ObjectCommand; gives the reason of a refusal, empty when it was accepted."""
+        """Take an ObjectCommand; return the reason of a refusal, empty when it was accepted."""
         ...
 
     def advance(self, word: ManagerUpdate) -> StepReport:
-        """One step on."""
+        """Go one step on."""
         ...
 
     def close(self) -> None:
-        """Gives back what the plant holds."""
+        """Give back what the plant holds."""
         ...
 
 
@@ -123,19 +123,21 @@ class SessionCamera(Protocol):
     """The front camera of one run."""
 
     def picture(self, step: int, stamp_ns: int, truths: Sequence[ObjectState]) -> bytes | None:
-        """The JPEG of a step; None: the step has no frame.
+        """Return the JPEG of a step; None: the step has no frame.
 
         Args:
             step: each step of the world once, in their order.
+            stamp_ns: session time of the step.
             truths: true states of everything.
         """
         ...
 
 
 def make_camera(run: RunSpec, module: str = PLANT_MODULE) -> SessionCamera:
-    """The camera of a run that has one.
+    """Return the camera of a run that has one.
 
     Args:
+        run: one that has a camera.
         module: that has ``make_camera(run)``.
     """
     camera: SessionCamera = importlib.import_module(module).make_camera(run)
@@ -143,9 +145,10 @@ def make_camera(run: RunSpec, module: str = PLANT_MODULE) -> SessionCamera:
 
 
 def make_plant(run: RunSpec, work_dir: Path | None = None, module: str = PLANT_MODULE) -> Plant:
-    """The world's side of a run.
+    """Return the world's side of a run.
 
     Args:
+        run: of the session.
         work_dir: for SUMO's files, where there is traffic; None: a temporary folder.
         module: that has ``make_plant(run, work_dir)``.
     """

@@ -106,18 +106,18 @@ class Panels:
         return dx, dy
 
     def _on(self, index: IndexArray, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Place and heading u m into panels."""
+        """Return the place and heading u m into panels."""
         dx, dy = self._chord(index, u)
         yaw = self.yaw[index] + u * (self.k[index] + 0.5 * self.rate[index] * u)
         return self.x[index] + dx, self.y[index] + dy, yaw
 
     def index(self, s: FloatArray) -> IndexArray:
-        """Panels that hold arc lengths; the outermost ones beyond the ends."""
+        """Return the panels that hold arc lengths; the outermost ones beyond the ends."""
         found = np.searchsorted(self.s, s, side="right") - 1
         return np.clip(found, 0, len(self.s) - 1)
 
     def at(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Place and heading at arc lengths: x, y, yaw, each of shape (n,)."""
+        """Return the place and heading at arc lengths: x, y, yaw, each of shape (n,)."""
         index = self.index(s)
         inside = np.clip(s, 0.0, self.length_m)
         x, y, yaw = self._on(index, inside - self.s[index])
@@ -127,13 +127,13 @@ class Panels:
         return x, y, yaw
 
     def curvature(self, s: FloatArray) -> FloatArray:
-        """Curvature at arc lengths, 1/m; 0 beyond the ends."""
+        """Return the curvature at arc lengths, 1/m; 0 beyond the ends."""
         index = self.index(s)
         k = self.k[index] + self.rate[index] * (s - self.s[index])
         return np.where((s < 0.0) | (s > self.length_m), 0.0, k)
 
     def feet(self, xy: FloatArray) -> FloatArray:
-        """Arc length and offset of the nearest foot of each place.
+        """Return the arc length and offset of the nearest foot of each place.
 
         Args:
             xy: shape (n, 2), m, frame map.
@@ -169,7 +169,7 @@ class Panels:
         return out
 
     def _candidates(self, xy: FloatArray) -> tuple[IndexArray, FloatArray, FloatArray, FloatArray]:
-        """Feet that may be the nearest: whose place, arc length, offset, stretch of the map."""
+        """Return feet that may be the nearest: which place's, arc length, offset, map's stretch."""
         px, py = xy[:, :1], xy[:, 1:]
         ax, ay = self.x[:-1], self.y[:-1]
         bx, by = self.x[1:] - ax, self.y[1:] - ay
@@ -209,7 +209,7 @@ class Panels:
     def _roots(
         self, xy: FloatArray, who: IndexArray, index: IndexArray
     ) -> list[tuple[IndexArray, FloatArray, FloatArray, FloatArray]]:
-        """Feet on panels: places where the slip changes from forwards to backwards."""
+        """Return feet on panels: places where the slip changes from forwards to backwards."""
         share = np.linspace(0.0, 1.0, _SPLITS + 1)
         slips = np.stack(
             [self._slip(xy[who], index, self.u[index] * part)[0] for part in share], axis=1
@@ -260,7 +260,7 @@ _MANY_JOINTS = 250
 
 
 def _thinned(points: FloatArray, error_m: float) -> FloatArray:
-    """The points that a chord needs, so that it leaves none of the others by more than an error."""
+    """Return the points that a chord needs to leave none of the others by more than an error."""
     import shapely  # type: ignore[import-untyped]  # slow to import, no types
 
     line = shapely.LineString(points).simplify(error_m, preserve_topology=False)
@@ -318,7 +318,7 @@ class ReferenceLine:
 
     @classmethod
     def of_road(cls, road: Road) -> ReferenceLine:
-        """The line of a run's road; straight where the road has no pieces."""
+        """Return the line of a run's road; straight where the road has no pieces."""
         return cls(road.origin.pose, road.pieces or [CurvePiece(length_m=road.length_m)])
 
     @property
@@ -332,7 +332,7 @@ class ReferenceLine:
         return self._straight
 
     def pose(self, s_m: float) -> Pose2:
-        """Pose of the line at an arc length."""
+        """Return the pose of the line at an arc length."""
         return self.poses([s_m])[0]
 
     def poses(self, s_m: Sequence[float]) -> list[Pose2]:
@@ -345,12 +345,12 @@ class ReferenceLine:
         return [Pose2(x, y, wrap_angle(yaw)) for x, y, yaw in zip(*found, strict=True)]
 
     def curvature_1pm(self, s_m: float) -> float:
-        """Curvature at an arc length, + turns left; 0 beyond the ends."""
+        """Return the curvature at an arc length, + turns left; 0 beyond the ends."""
         _check(s_m)
         return float(self._panels.curvature(np.array([s_m]))[0])
 
     def to_map(self, s_m: float, l_m: float) -> Point:
-        """The place in frame map.
+        """Return the place in frame map.
 
         Raises:
             NotOneToOne: l is at or beyond the centre of curvature, or another stretch of the line
@@ -392,7 +392,7 @@ class ReferenceLine:
         return xy
 
     def to_local(self, x_m: float, y_m: float) -> Point:
-        """Arc length and offset of a place in frame map; exact to 1e-6 m against to_map.
+        """Return the arc length and offset of a place in frame map; exact to 1e-6 m against to_map.
 
         Raises:
             NotOneToOne: two feet on the line are equally near, or the place lies at or beyond the
@@ -423,7 +423,7 @@ class ReferenceLine:
     def path(
         self, from_s_m: float, to_s_m: float, l_m: float, max_error_m: float = 0.005
     ) -> list[Point]:
-        """Points at an offset from one arc length to another (either order), frame map.
+        """Return the points at an offset from one arc length to another (either order), frame map.
 
         A chord leaves the true curve by at most max_error_m; a straight stretch has two points,
         from one arc length to itself is one point. Of a line in very many pieces only the joints
@@ -473,7 +473,7 @@ class ReferenceLine:
         return [(float(x), float(y)) for x, y in points]
 
     def section(self, from_s_m: float, to_s_m: float) -> ReferenceLine:
-        """The part between two arc lengths, as a line of its own.
+        """Return the part between two arc lengths, as a line of its own.
 
         Raises:
             ValueError: the second isn't above the first.
@@ -505,7 +505,7 @@ class ReferenceLine:
         return ReferenceLine(self.pose(from_s_m), parts)
 
     def reversed(self) -> ReferenceLine:
-        """The same line driven the other way: l changes its sign."""
+        """Return the same line driven the other way: l changes its sign."""
         end = self.pose(self.length_m)
         pieces = [
             CurvePiece(

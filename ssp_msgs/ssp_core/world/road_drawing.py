@@ -1,5 +1,6 @@
-"""The road from above: a run as lines and outlines, made of the run file alone, and the page on
-which they are drawn.
+"""The road from above: a run as lines and outlines, and the page on which they are drawn.
+
+It is made of the run file alone.
 
 The operators' page, RViz's markers and the task sheet show the same lines.
 """
@@ -134,7 +135,7 @@ class Drawing:
 
 
 def drawing_of(run: RunSpec) -> Drawing:
-    """The drawing of a run."""
+    """Return the drawing of a run."""
     return Drawing(
         fence=tuple(run.geofence),
         road_lines=tuple(_road_lines(run.road)),
@@ -185,7 +186,7 @@ def _road_lines(road: Road) -> Iterator[RoadLine]:
 
 
 def _dividers(lanes: Sequence[Lane]) -> list[tuple[float, bool]]:
-    """Lateral position of each border between neighbours, and whether they are opposed."""
+    """Return each border between neighbours: lateral position, and whether they are opposed."""
     ordered = sorted(lanes, key=lambda lane: lane.y_m)
     return [
         (
@@ -234,7 +235,7 @@ def _conflict_zones(run: RunSpec) -> Iterator[Area]:
 def _swept(
     route: Polyline, target: ParticipantSpec, vut_path: Polyline, half_m: float
 ) -> tuple[float, float] | None:
-    """Stations of the VUT's path that the target's body covers while it crosses."""
+    """Return the stations of the VUT's path that the target's body covers while it crosses."""
     count = max(math.ceil(route.length_m / _STEP_M), 1)
     covered: list[float] = []
     for at_m in np.linspace(0.0, route.length_m, count + 1).tolist():
@@ -260,7 +261,7 @@ def _swept(
 
 
 def _stretch(path: Polyline, from_m: float, to_m: float, half_m: float) -> tuple[Point, ...]:
-    """Outline of a corridor along a path between two stations."""
+    """Return the outline of a corridor along a path between two stations."""
     inner: FloatArray = path.stations_m[(path.stations_m > from_m) & (path.stations_m < to_m)]
     stations = [from_m, *inner.tolist(), max(to_m, from_m + _LEAST_STEP_M)]
     left = [path.pose(s, half_m) for s in stations]
@@ -318,7 +319,7 @@ class RoadView:
         self.height_px = float(tall * scale * stretch + 2 * _MARGIN_PX)
 
     def points(self, places: Sequence[Point]) -> list[Point]:
-        """Places of frame map in pixels from the upper left corner of the page."""
+        """Move places of frame map to pixels from the upper left corner of the page."""
         found = (
             np.array(places).reshape(-1, 2) @ self._turn - self._corner
         ) * self._scale + _MARGIN_PX

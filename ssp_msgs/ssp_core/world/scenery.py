@@ -28,16 +28,19 @@ _BORDER_M = 1e-6
 
 
 def half_extent_m(item: SceneryItem) -> tuple[float, float]:
-    """Half the length and half the width of the ground that an item takes."""
+    """Return half the length and half the width of the ground that an item takes."""
     if isinstance(item, Building):
         return item.length_m / 2, item.width_m / 2
     return _POST_M, _POST_M
 
 
 def item_pose(item: SceneryItem, line: ReferenceLine) -> Pose2:
-    """Pose of an item in the line's parent frame; its x axis is along its length, or its traffic's.
+    """Return the pose of an item in the line's parent frame.
+
+    Its x axis is along the item's length, or along its traffic's direction.
 
     Args:
+        item: on the line.
         line: the road's.
 
     Raises:
@@ -107,7 +110,7 @@ class Clearance:
 
 
 def _outline(pose: Pose2, half_length_m: float, half_width_m: float) -> FloatArray:
-    """Places along the border of a rectangle, its corners and its middle, shape (n, 2)."""
+    """Return places along the border of a rectangle, its corners and its middle, shape (n, 2)."""
     along = _steps(half_length_m)
     across = _steps(half_width_m)
     local = np.concatenate(
@@ -129,12 +132,12 @@ def _steps(half_m: float) -> FloatArray:
 
 
 def shifted(item: SceneryItem, by_m: float) -> SceneryItem:
-    """The item along a line that starts by_m earlier."""
+    """Return the item along a line that starts by_m earlier."""
     return item.model_copy(update={"s_m": item.s_m + by_m})
 
 
 def reversed_item(item: SceneryItem, length_m: float) -> SceneryItem:
-    """The same item along the same line driven the other way, which is that long."""
+    """Return the same item along the same line driven the other way, which is that long."""
     place: dict[str, float | str] = {"s_m": length_m - item.s_m, "l_m": -item.l_m}
     if isinstance(item, Building):
         place["yaw_rad"] = wrap_angle(item.yaw_rad + math.pi)

@@ -56,7 +56,7 @@ class LanePlace:
     y_m: float
 
     def position_m(self, x_m: float) -> float:
-        """SUMO's position along the lane of a place given by block x (arc length)."""
+        """Return SUMO's position along the lane of a place given by block x (arc length)."""
         if self.line.is_straight:
             return self.start_x_m - x_m if self.backward else x_m - self.start_x_m
         way = self.line.path(self.start_x_m, x_m, self.y_m, _CHORD_M)
@@ -82,7 +82,7 @@ class _Edge:
 
 
 def find_netconvert() -> Path:
-    """The netconvert program: of the eclipse-sumo package, else of the system.
+    """Return the netconvert program: of the eclipse-sumo package, else of the system.
 
     Raises:
         HostError: neither has it.
@@ -133,13 +133,13 @@ def _span(road: Road, edge: _Edge) -> tuple[float, float]:
 
 
 def _shape(line: ReferenceLine, x0_m: float, x1_m: float, y_m: float) -> str:
-    """A lane's middle; straight beyond both ends of the line."""
+    """Return the middle of a lane; straight beyond both ends of the line."""
     way = line.path(x0_m, x1_m, y_m, _CHORD_M)
     return " ".join(f"{_number(x)},{_number(y)}" for x, y in way)
 
 
 def _plain_xml(road: Road) -> tuple[ElementTree.Element, ElementTree.Element]:
-    """The nodes and edges files. Every lane has a shape of its own, so that gaps are possible."""
+    """Return the nodes and edges files; each lane has a shape of its own, so that gaps can be."""
     line = ReferenceLine.of_road(road)
     nodes, edges = ElementTree.Element("nodes"), ElementTree.Element("edges")
     for edge in _edges(road):
@@ -190,7 +190,7 @@ _UNFINISHED = "unfinished.net.xml"
 
 
 def write_network(road: Road, folder: Path) -> Network:
-    """Writes ``road.net.xml`` and the plain files that it is made from into a folder.
+    """Write ``road.net.xml`` and the plain files that it is made from into a folder.
 
     A network that lies there already and was made from the same files is left as it is.
 

@@ -60,7 +60,7 @@ class Transform:
 
 
 def base_frame(object_id: str) -> str:
-    """The frame of an object's body."""
+    """Return the frame of an object's body."""
     return f"{object_id}/base_link"
 
 
@@ -68,7 +68,7 @@ BASE_FRAME = base_frame(VUT_ID)
 
 
 def of_state(state: ObjectState) -> Transform:
-    """map → base_link, at the stamp of a state; the ground is at z = 0."""
+    """Return the transform map → base_link at the stamp of a state; the ground is at z = 0."""
     half = state.yaw_rad / 2
     turn = (0.0, 0.0, math.sin(half), math.cos(half))
     child = base_frame(state.object_id)
@@ -76,7 +76,7 @@ def of_state(state: ObjectState) -> Transform:
 
 
 def mount(camera: Camera | Mounting, stamp_ns: int = 0) -> Transform:
-    """vut/base_link → vut/front_camera_optical, as the topic ``mount`` states it.
+    """Return the transform vut/base_link → vut/front_camera_optical, as topic ``mount`` states it.
 
     The rotation turns base_link's axes into the optical ones: the mounting's yaw, then yaw by -90
     degrees and roll by -90 degrees (REP 103), then the pitch about the optical x axis and the roll
@@ -106,7 +106,7 @@ def of_camera(camera: Camera | Mounting) -> tuple[Transform, Transform]:
 
 
 def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The rotation that turns by b and then by a, (x, y, z, w)."""
+    """Return the rotation that turns by b and then by a, (x, y, z, w)."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -118,15 +118,16 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 class TransformFilter:
-    """The choice of states that are news for tf2, which complains of a stamp that it has heard
-    before.
+    """The choice of states that are news for tf2.
+
+    tf2 complains of a stamp that it has heard before.
     """
 
     def __init__(self) -> None:
         self._told: dict[str, int] = {}
 
     def news(self, states: Iterable[ObjectState]) -> list[Transform]:
-        """Transforms of the states that are later than what was told of their objects.
+        """Return transforms of the states that are later than what was told of their objects.
 
         What is no pose, or has a stamp that no message can carry, is left out.
         """
@@ -141,18 +142,21 @@ class TransformFilter:
 
 
 def _write(one: Transform, at: int) -> bytes:
-    """A geometry_msgs/TransformStamped at an offset that is a multiple of 4."""
+    """Return a geometry_msgs/TransformStamped at an offset that is a multiple of 4."""
     numbers = (*one.translation_m, *one.quaternion_xyzw)
     return write(_LAYOUT, (one.stamp_ns, one.parent, one.child, *numbers), at)
 
 
 def encode_transform(one: Transform) -> bytes:
-    """geometry_msgs/TransformStamped. Raises ValueError for a stamp beyond 32 bits of seconds."""
+    """Encode a geometry_msgs/TransformStamped.
+
+    It raises ValueError for a stamp beyond 32 bits of seconds.
+    """
     return ENCAPSULATION + _write(one, START)
 
 
 def encode_transforms(transforms: Iterable[Transform]) -> bytes:
-    """tf2_msgs/TFMessage; raises ValueError as encode_transform."""
+    """Encode a tf2_msgs/TFMessage; raise ValueError as encode_transform."""
     several = list(transforms)
     parts = [ENCAPSULATION, u32_bytes(len(several))]
     at = START + 4
@@ -164,7 +168,7 @@ def encode_transforms(transforms: Iterable[Transform]) -> bytes:
 
 @decoder
 def decode_transforms(data: bytes, at: int) -> tuple[tuple[Transform, ...], int]:
-    """The transforms of a tf2_msgs/TFMessage."""
+    """Return the transforms of a tf2_msgs/TFMessage."""
     count, at = read_count(data, at, _LEAST_BYTES)
     found = []
     for _ in range(count):
