@@ -166,7 +166,7 @@ class InProcessPlant:
 
 
 def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
-    """World and objects of a run; SUMO is there only where there is traffic to move.
+    """Make world and objects of a run; SUMO is there only where there is traffic to move.
 
     Raises:
         InputError: a run that needs processes or a clock.
@@ -218,7 +218,7 @@ class InProcessCamera:
 
 
 def make_camera(run: RunSpec) -> InProcessCamera:
-    """The camera of a run that has one.
+    """Make the camera of a run that has one.
 
     Raises:
         InputError: CARLA draws it.

@@ -85,7 +85,7 @@ class Body(Protocol):
     """One body. No method waits for anything."""
 
     def read(self) -> BodyReading | None:
-        """The newest reading since the last call, None when there is no new one."""
+        """Return the newest reading since the last call, None when there is no new one."""
 
     def command(self, command: Command, now_ns: int) -> None:
         """Take the command that holds until the next.
@@ -106,13 +106,15 @@ class Body(Protocol):
         """
 
     def close(self) -> None:
-        """Gives back what it holds; the body is left to its own watchdog."""
+        """Give back what it holds; the body is left to its own watchdog."""
 
 
 def state_of(reading: BodyReading, spec: ParticipantSpec, sequence: int) -> ObjectState:
-    """An object's own state as its body reads it.
+    """Return an object's own state as its body reads it.
 
     Args:
+        reading: newest one of the body.
+        spec: gives id, class and size of the object.
         sequence: number of the state, from 1.
     """
     return ObjectState(
@@ -151,7 +153,7 @@ class MirrorBody:
         return reading
 
     def command(self, command: Command, now_ns: int) -> None:
-        """Moves as commanded from the last command's time to this one's."""
+        """Move as commanded from the last command's time to this one's."""
         last = self._newest
         done = self.commands[-1] if self.commands else Command(0.0, 0.0, last.yaw_rad)
         self.commands.append(command)

@@ -43,7 +43,7 @@ class BodyState:
 
     @classmethod
     def at_rest(cls, pose: Pose2) -> BodyState:
-        """A body that stands."""
+        """Return a body that stands."""
         return cls(pose.x_m, pose.y_m, wrap_angle(pose.yaw_rad))
 
 
@@ -124,7 +124,7 @@ LIMITS: dict[ObjectClass, BodyLimits] = {
 
 
 def tightened(body: BodyLimits, site: Limits) -> BodyLimits:
-    """The body's limits cut down to what the site allows; an emergency stop stays as it is."""
+    """Return the body's limits cut down to what the site allows, but for an emergency stop."""
     return replace(
         body,
         speed_mps=min(body.speed_mps, site.speed_mps),
@@ -134,7 +134,7 @@ def tightened(body: BodyLimits, site: Limits) -> BodyLimits:
 
 
 def brake_command(state: Moving, deceleration_mps2: float) -> Command:
-    """Brakes with the given deceleration (> 0) and keeps steering as it is."""
+    """Brake with the given deceleration (> 0) and keep steering as it is."""
     curvature = 0.0
     if state.speed_mps > _MIN_CURVATURE_SPEED_MPS:
         curvature = state.yaw_rate_radps / state.speed_mps
@@ -142,7 +142,7 @@ def brake_command(state: Moving, deceleration_mps2: float) -> Command:
 
 
 def _follow(value: float, target: float, lag_s: float, rate: float, dt_s: float) -> float:
-    """First-order lag, solved exactly over the step, then the rate limit."""
+    """Follow a command by a first-order lag, solved exactly over the step, then the rate limit."""
     share = 1.0 if lag_s <= 0.0 else -math.expm1(-dt_s / lag_s)
     change = share * (target - value)
     return value + min(max(change, -rate * dt_s), rate * dt_s)
@@ -151,7 +151,7 @@ def _follow(value: float, target: float, lag_s: float, rate: float, dt_s: float)
 def _advance(
     state: BodyState, command: Command, limits: BodyLimits, dt_s: float, lag_scale: float
 ) -> tuple[float, float, float]:
-    """Distance, speed and acceleration after the step; braking ends at zero speed."""
+    """Return the distance, speed and acceleration after the step; braking ends at zero speed."""
     if command.emergency_stop:
         target = -limits.emergency_deceleration_mps2
     else:
@@ -185,9 +185,15 @@ def _check(command: Command, dt_s: float, lag_scale: float) -> None:
 def step_vehicle(
     state: BodyState, command: Command, limits: BodyLimits, dt_s: float, lag_scale: float = 1.0
 ) -> BodyState:
-    """The vehicle's state one step later: x' = v cos yaw, y' = v sin yaw, yaw' = v curvature.
+    """Return the vehicle's state one step later.
+
+    x' = v cos yaw, y' = v sin yaw, yaw' = v curvature.
 
     Args:
+        state: at the step's begin.
+        command: held over the step.
+        limits: of the vehicle.
+        dt_s: of the step, > 0.
         lag_scale: factor on both lags (1 is a healthy actuator).
 
     Raises:
@@ -225,7 +231,9 @@ def step_vehicle(
 def step_walker(
     state: BodyState, command: Command, limits: BodyLimits, dt_s: float, lag_scale: float = 1.0
 ) -> BodyState:
-    """The walker's state one step later: it turns towards the commanded heading and walks along it.
+    """Return the walker's state one step later.
+
+    It turns towards the commanded heading and walks along it.
 
     Arguments and errors as for ``step_vehicle``; the command's curvature is ignored.
     """
@@ -256,7 +264,9 @@ def step_body(
     limits: BodyLimits | None = None,
     lag_scale: float = 1.0,
 ) -> BodyState:
-    """Steps a body of a class with its plant and limits; see ``step_vehicle``.
+    """Return the state one step later of a body of a class, with its plant and limits.
+
+    See ``step_vehicle``.
 
     Raises:
         KeyError: a class without a body (UNKNOWN).

@@ -134,7 +134,7 @@ class GnssStates:
         self._why_no_heading = ""
 
     def hear_heading(self, heading: Heading) -> None:
-        """A heading; its rate is made of differences.
+        """Take a heading; its rate is made of differences.
 
         Raises:
             Unusable: there is none in it, or it is too uncertain.
@@ -168,7 +168,7 @@ class GnssStates:
         self._heading_ns, self._yaw_rad = heading.stamp_ns, yaw_rad
 
     def hear_speed(self, speed: Speed) -> None:
-        """A speed.
+        """Take a speed.
 
         Raises:
             Unusable: it is no number.
@@ -178,7 +178,7 @@ class GnssStates:
         self._speed = speed
 
     def take(self, fix: NavSat, now_ns: int) -> ObjectState:
-        """The state of the reference point at the fix's stamp.
+        """Return the state of the reference point at the fix's stamp.
 
         Raises:
             Unusable: the gate doesn't let it through, or ``VutStates.take`` doesn't.
@@ -233,7 +233,7 @@ class GnssStates:
         return math.hypot(*(self._velocity or (0.0, 0.0)))
 
     def _near(self, what: str, stamp_ns: int | None, fix_ns: int, why: str = "") -> None:
-        """Raises Unusable where a fix has no partner that was measured about when it was."""
+        """Raise Unusable where a fix has no partner that was measured about when it was."""
         if stamp_ns is None:
             raise Unusable(f"{what}: none has come that could be used{why}")
         apart_s = abs(ns_to_seconds(fix_ns - stamp_ns))
@@ -242,7 +242,7 @@ class GnssStates:
             raise Unusable(f"{what}: the last usable one is {apart_s:.3f} s from the fix, {limit}")
 
     def _forward_mps(self, stamp_ns: int, x_m: float, y_m: float, yaw_rad: float) -> float:
-        """Velocity of the unit along the vehicle's heading."""
+        """Return the velocity of the unit along the vehicle's heading."""
         velocity = self._by_places(stamp_ns, x_m, y_m)
         vx, vy = velocity or (0.0, 0.0)
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
@@ -263,7 +263,7 @@ class GnssStates:
         return -speed_mps if along_mps < -_BACKWARDS_MPS else speed_mps
 
     def _by_places(self, stamp_ns: int, x_m: float, y_m: float) -> tuple[float, float] | None:
-        """Velocity in the site's frame from differences; None: at first and after a pause."""
+        """Return velocity in the site's frame by differences; None at first and after a pause."""
         last, self._last = self._last, (stamp_ns, x_m, y_m)
         before, self._velocity = self._velocity, None
         if last is None or not 0 < stamp_ns - last[0] <= seconds_to_ns(MAX_PAUSE_S):

@@ -89,7 +89,7 @@ class VutStates:
         self._sequence = 0
 
     def take(self, fix: Fix, now_ns: int | None = None) -> ObjectState:
-        """The state of the reference point at the fix's stamp.
+        """Return the state of the reference point at the fix's stamp.
 
         Raises:
             Unusable: wrong frame, values that aren't finite, a stamp that doesn't rise, or lies
@@ -112,7 +112,7 @@ class VutStates:
         return replace(state, sequence=self._sequence)
 
     def check_stamp(self, stamp_ns: int, now_ns: int | None) -> None:
-        """Raises Unusable for a stamp that no state can have now."""
+        """Raise Unusable for a stamp that no state can have now."""
         ahead_s = 0.0 if now_ns is None else ns_to_seconds(stamp_ns - now_ns)
         if ahead_s > AHEAD_S:
             raise Unusable(f"its stamp lies {ahead_s:.3f} s ahead of this machine's clock")
@@ -153,10 +153,11 @@ class VutStates:
 
 
 def smoothed_rate(before: float, difference: float, dt_s: float) -> float:
-    """First-order filter over differences; 0 after a pause.
+    """Filter differences by a first-order lag; 0 after a pause.
 
     Args:
         before: what it gave for the difference before.
+        difference: since the one before, in the unit of the result times s.
         dt_s: in which the difference came about, > 0.
     """
     if dt_s > MAX_PAUSE_S:
@@ -166,7 +167,7 @@ def smoothed_rate(before: float, difference: float, dt_s: float) -> float:
 
 
 def _std_m(fix: Fix) -> float:
-    """The larger of the two standard deviations; infinite where the unit gives none.
+    """Return the larger of the two standard deviations; infinite where the unit gives none.
 
     A receiver that doesn't say how good its position is has none that can be relied on.
     """

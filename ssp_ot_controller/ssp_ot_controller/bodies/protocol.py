@@ -94,7 +94,7 @@ def _pack(kind: int, envelope: Envelope, payload: bytes) -> bytes:
 
 
 def encode_state(envelope: Envelope, reading: BodyReading) -> bytes:
-    """A body's datagram. Raises ValueError for what its fields can't hold.
+    """Return a body's datagram; raise ValueError for what its fields can't hold.
 
     The envelope's stamp is sent, not the reading's.
     """
@@ -113,7 +113,7 @@ def encode_state(envelope: Envelope, reading: BodyReading) -> bytes:
 
 
 def encode_command(datagram: CommandDatagram) -> bytes:
-    """An object_target's datagram. Raises ValueError for what its fields can't hold."""
+    """Return an object_target's datagram; raise ValueError for what its fields can't hold."""
     command = datagram.command
     if not command.is_finite:
         raise ValueError(f"a body can't follow a command that isn't finite: {command}")
@@ -147,7 +147,7 @@ def _open(data: bytes, kind: int, size: int, object_id: str) -> Envelope | Reaso
 
 
 def decode_state(data: bytes, object_id: str) -> tuple[Envelope, BodyReading] | Reason:
-    """A body's reading, or why it is not taken. Its stamp is the envelope's."""
+    """Return a body's reading, or why it is not taken. Its stamp is the envelope's."""
     envelope = _open(data, STATE_KIND, STATE_BYTES, object_id)
     if isinstance(envelope, Reason):
         return envelope
@@ -169,7 +169,7 @@ def decode_state(data: bytes, object_id: str) -> tuple[Envelope, BodyReading] | 
 
 
 def decode_command(data: bytes, object_id: str) -> CommandDatagram | Reason:
-    """A command, or why it is not taken; arguments as for decode_state."""
+    """Return a command, or why it is not taken; arguments as for decode_state."""
     envelope = _open(data, COMMAND_KIND, COMMAND_BYTES, object_id)
     if isinstance(envelope, Reason):
         return envelope
@@ -207,9 +207,10 @@ class Order:
         self._older_heard_ns = 0
 
     def is_new(self, envelope: Envelope, now_ns: int, *, may_restart: bool = True) -> bool:
-        """True for one that is newer than all before; it counts from then on.
+        """Tell whether a datagram is newer than all before; it counts from then on.
 
         Args:
+            envelope: of the datagram.
             now_ns: of its arrival, on a clock that doesn't step.
             may_restart: an older boot may be followed from now on.
         """

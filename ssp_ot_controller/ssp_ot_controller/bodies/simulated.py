@@ -76,12 +76,12 @@ class BodyServer:
         return max(0.0, ns_to_seconds(self._now_ns - self._brakes_at_ns))
 
     def place(self, pose: Pose2) -> None:
-        """Puts the body somewhere, at rest, as a person does who moves it by hand."""
+        """Put the body somewhere, at rest, as a person does who moves it by hand."""
         self.body = BodyState.at_rest(pose)
         self._command = Command(0.0, 0.0, self.body.yaw_rad, emergency_stop=True)
 
     def on_datagram(self, data: bytes, address: Any, now_ns: int) -> None:
-        """A datagram of whoever, at the time at which it came."""
+        """Take a datagram of any sender, at the time at which it came."""
         self.advance(now_ns)
         found = decode_command(data, self.object_id)
         if isinstance(found, Reason):
@@ -101,7 +101,7 @@ class BodyServer:
         self._brakes_at_ns = now_ns + seconds_to_ns(holds_s)
 
     def advance(self, now_ns: int) -> None:
-        """Moves the body up to a time. Its own goes on where the clock was set back."""
+        """Move the body up to a time. Its own goes on where the clock was set back."""
         back_ns = max(0, self._seen_ns - now_ns)
         self._seen_ns = now_ns
         self._now_ns -= back_ns
@@ -119,7 +119,7 @@ class BodyServer:
             self._now_ns += step_ns
 
     def state_due(self, now_ns: int) -> bytes | None:
-        """The datagram that is due by now, None while none is, or nobody has asked for any."""
+        """Return the datagram that is due by now, None while none is, or none was asked for."""
         self.advance(now_ns)
         if self.commander is None or now_ns < self._next_state_ns:
             return None
@@ -142,7 +142,7 @@ def serve(
     until: Callable[[], bool],
     sent: Callable[[BodyServer], None] = lambda _body: None,
 ) -> None:
-    """Follows commands and sends states until told to end; ``sent`` is told of each state."""
+    """Follow commands and send states until told to end; ``sent`` is told of each state."""
     sockets = [sock for _, sock in bodies]
     while not until():
         readable, _, _ = select.select(sockets, [], [], _TICK_S)
@@ -192,7 +192,7 @@ def main(
     yaw_rad: float,
     rate_hz: float,
 ) -> None:
-    """Plays the body of one object: follows commands, sends states, brakes when it hears none."""
+    """Play the body of one object: follow commands, send states, brake when it hears none."""
     cls = ObjectClass.from_word(object_class)
     server = BodyServer(object_id, cls, Pose2(x_m, y_m, yaw_rad), time.time_ns(), rate_hz)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:

@@ -32,7 +32,7 @@ _SIZE = ("front_m", "rear_m", "width_m", "height_m")
 
 
 def board_of(kind: str, seed: int, same: int, opposite: int) -> Storyboard:
-    """The storyboard of a kind on a road with so many lanes with and against the VUT.
+    """Return the storyboard of a kind on a road with so many lanes with and against the VUT.
 
     Raises:
         InputError: the kind isn't drawn on such a road.
@@ -41,12 +41,12 @@ def board_of(kind: str, seed: int, same: int, opposite: int) -> Storyboard:
 
 
 def truth_path(video: Path) -> Path:
-    """``clip.truth.json`` for ``clip.mp4``."""
+    """Name the truth file of a video: ``clip.truth.json`` for ``clip.mp4``."""
     return video.with_suffix(".truth.json")
 
 
 def object_record(state: ObjectState) -> dict[str, Any]:
-    """Plain fields of a state as the truth file holds them; class and role by their words."""
+    """Return plain fields of a state as in the truth file; class and role by their words."""
     record = asdict(state)
     record |= {"object_class": state.object_class.word, "role": state.role.name.lower()}
     record["size"] = {key: record["size"][key] for key in _SIZE}
@@ -54,7 +54,7 @@ def object_record(state: ObjectState) -> dict[str, Any]:
 
 
 def truth(board: Storyboard) -> dict[str, Any]:
-    """The truth file's content: states per frame, ego speed, road, camera and look."""
+    """Return the truth file's content: states per frame, ego speed, road, camera and look."""
     times = board.times()
     camera = board.camera.model_dump(mode="json") | {"provenance": "declared"}
     return {
@@ -76,10 +76,12 @@ def truth(board: Storyboard) -> dict[str, Any]:
 
 
 def write_clip(board: Storyboard, video: Path, advance: Callable[[], None] = lambda: None) -> None:
-    """Draws the clip into an MP4 file and writes its truth file beside it.
+    """Draw the clip into an MP4 file and write its truth file beside it.
 
     Args:
+        board: of the clip.
         video: the file to write; its folder is made.
+        advance: called after each frame.
 
     Raises:
         HostError: OpenCV can't write MP4 here.

@@ -17,7 +17,7 @@ HOLD_PERIOD_NS = NS_PER_S  # while the world holds at step 0
 
 
 def steps_per_frame(rate_hz: float, step_s: float) -> int:
-    """N of a run: step k has a frame when k % N == 0."""
+    """Return N of a run: step k has a frame when k % N == 0."""
     return max(1, round(1.0 / (rate_hz * step_s)))
 
 
@@ -56,7 +56,7 @@ class Odometer:
         self._travelled_m: dict[str, float] = {}
 
     def update(self, states: Iterable[ObjectState]) -> None:
-        """Takes the states of the next instant; showing the same instant twice changes nothing."""
+        """Take the states of the next instant; showing the same instant twice changes nothing."""
         for state in states:
             last = self._last.get(state.object_id)
             if last is not None:
@@ -68,12 +68,12 @@ class Odometer:
             self._last[state.object_id] = (state.x_m, state.y_m)
 
     def snapshot(self) -> Mapping[str, float]:
-        """Distances so far in m by object id; later updates don't change it."""
+        """Return the distances so far in m by object id; later updates don't change it."""
         return MappingProxyType(dict(self._travelled_m))
 
 
 def jpeg(image: Array, quality: int) -> bytes:
-    """A picture (shape (height, width, 3), uint8, blue, green, red) as JPEG.
+    """Return a picture (shape (height, width, 3), uint8, blue, green, red) as JPEG.
 
     Raises:
         ValueError: the encoder refused the picture.

@@ -49,6 +49,8 @@ class Painter(Protocol):
         """Give the picture of a scene: shape (height, width, 3), uint8, blue, green, red.
 
         Args:
+            scene: what the camera sees.
+            stamp_ns: session time of the frame.
             index: number of the frame.
 
         Raises:
@@ -105,6 +107,8 @@ class Shooting:
         """Describe the world before a run's camera.
 
         Args:
+            run: gives the road, the look and the objects.
+            camera: of the run.
             start: where the first picture isn't the run's first.
         """
         return cls(

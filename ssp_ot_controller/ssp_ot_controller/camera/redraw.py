@@ -62,9 +62,12 @@ class Redrawing:
         states: Sequence[ObjectState],
         camera_at: ObjectState | None = None,
     ) -> Scene | None:
-        """Takes the states of the next step; the scene if the step has a frame.
+        """Take the states of the next step; return the scene if the step has a frame.
 
         Args:
+            step: number of the step.
+            stamp_ns: session time of the step.
+            states: of all objects at that time.
             camera_at: where the VUT carries the camera; None: where it is.
         """
         known = tuple(state for state in states if state.is_finite)
@@ -81,13 +84,15 @@ class Redrawing:
         )
 
     def draw(self, scene: Scene, step: int) -> Picture:
-        """The frame of a scene."""
+        """Return the frame of a scene."""
         run = self._run
         pixels = render(scene, run.look, self._camera, step // self._every, run.seed)
         return Picture(scene, pixels, jpeg(pixels, self._camera.jpeg_quality))
 
     def touched(self, scene: Scene, object_id: str) -> Array:
-        """The pixels that an object's image or its shadow may reach, shape (height, width), bool.
+        """Return the pixels that an object's image or shadow may reach.
+
+        Shape (height, width), bool.
 
         It is drawn from the object's triangles alone, without the renderer's rasteriser and
         whatever stands in front of it. Light that it sends out or mirrors isn't in it.
@@ -117,7 +122,7 @@ class Redrawing:
 
 
 def _body(scene: Scene, object_id: str, bodies: Sequence[Body]) -> Body | None:
-    """The body of an object; bodies come in the order of the scene's others."""
+    """Return the body of an object; bodies come in the order of the scene's others."""
     for state, body in zip(scene.others, bodies, strict=False):
         if state.object_id == object_id:
             return body
@@ -125,9 +130,11 @@ def _body(scene: Scene, object_id: str, bodies: Sequence[Body]) -> Body | None:
 
 
 def _fill(mask: Array, view: View, triangles: Array) -> None:
-    """Fills what triangles cover, each cut off where the camera can't see.
+    """Fill what triangles cover, each cut off where the camera can't see.
 
     Args:
+        mask: shape (height, width), uint8; pixels that are covered become 1.
+        view: of the camera.
         triangles: shape (n, 3, 3), in the block's frame.
     """
     at = (np.asarray(triangles, np.float64) - view.position_m) @ view.rotation.T
@@ -146,8 +153,9 @@ def _fill(mask: Array, view: View, triangles: Array) -> None:
 
 
 def _planes(view: View) -> Array:
-    """Compute the planes that bound a picture and as much again on each side, in the camera's
-    frame.
+    """Compute the planes that bound a picture and as much again on each side.
+
+    They are in the camera's frame.
 
     Shape (5, 4): a point (x, y, z) is inside where its product with each row's first three numbers
     plus the fourth isn't negative. Farther out OpenCV's coordinates would not suffice.
@@ -164,7 +172,7 @@ def _planes(view: View) -> Array:
 
 
 def _outline(view: View, points: Array) -> Array:
-    """Pixels of points in the camera's frame, rounded, shape (..., 2)."""
+    """Return the pixels of points in the camera's frame, rounded, shape (..., 2)."""
     lens = view.intrinsics
     u = lens.fx_px * points[..., 0] / points[..., 2] + lens.cx_px
     v = lens.fy_px * points[..., 1] / points[..., 2] + lens.cy_px
@@ -172,9 +180,10 @@ def _outline(view: View, points: Array) -> Array:
 
 
 def _cut(points: Array, side: Array) -> Array:
-    """The part of a convex polygon on the right side of a plane, shape (m, 3), m may be 0.
+    """Return the part of a convex polygon on the right side of a plane, shape (m, 3), m may be 0.
 
     Args:
+        points: corners of the polygon, shape (n, 3).
         side: of each corner, how far it is on the right side.
     """
     kept = []

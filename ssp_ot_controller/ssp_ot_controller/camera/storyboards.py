@@ -90,7 +90,7 @@ class Steered:
         return sum(r.speed(t_s) for r in self.ramps)
 
     def position(self, t_s: float) -> float:
-        """Speed times time, less the integral of what is lost, ramp by ramp."""
+        """Return start plus speed times time, less the integral of what is lost, ramp by ramp."""
         limits = {0.0, t_s}
         for ramp in self.ramps:
             limits |= {min(t_s, ramp.start_s), min(t_s, ramp.start_s + ramp.duration_s)}
@@ -165,7 +165,7 @@ class LaneCounts:
 
 
 def clip_road(counts: LaneCounts) -> Road:
-    """A city road with sidewalks; the VUT's lane is the rightmost."""
+    """Return a city road with sidewalks; the VUT's lane is the rightmost."""
     lanes = [
         Lane(y_m=i * LANE_M, width_m=LANE_M, direction="forward" if i < counts.same else "backward")
         for i in range(counts.total)
@@ -194,7 +194,7 @@ CLIP_CAMERA = Camera(
 
 
 def clip_look(rng: np.random.Generator) -> Look:
-    """The light of an evening."""
+    """Return the light of an evening."""
     return Look(
         palette="dusk_city",
         fog_per_m=float(rng.uniform(0.001, 0.002)),
@@ -206,20 +206,20 @@ def clip_look(rng: np.random.Generator) -> Look:
 
 
 def _vut(speed_mps: float, *ramps: Ramp) -> Actor:
-    """The car with the camera, in its lane."""
+    """Return the car with the camera, in its lane."""
     along = Line(VUT_START_M, speed_mps, ramps)
     return Actor(VUT_ID, ObjectClass.CAR, Role.VUT, along, Line(0.0, 0.0))
 
 
 def _oncoming(lanes: LaneCounts, start_m: float, speed_mps: float) -> tuple[Actor, ...]:
-    """A car in the outer oncoming lane; nobody on a one-way road."""
+    """Return a car in the outer oncoming lane; none on a one-way road."""
     along, across = Line(start_m, -speed_mps), Line((lanes.total - 1) * LANE_M, 0.0)
     car = Actor("oncoming_car", ObjectClass.CAR, Role.TRAFFIC, along, across, math.pi)
     return (car,) if lanes.opposite else ()
 
 
 def cut_in(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
-    """The VUT closes in, the car cuts in, the VUT brakes to less than its speed."""
+    """Cast a VUT that closes in and a car that cuts in; the VUT brakes to less than its speed."""
     speed = float(rng.uniform(11.0, 12.0))
     slower = float(rng.uniform(4.1, 4.5))  # closing speed at the start
     cut_s, change_s, gap_m = float(rng.uniform(2.9, 3.4)), 2.4, 15.0  # where the lane change starts
@@ -234,7 +234,10 @@ def cut_in(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
 
 
 def lead_braking(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
-    """The VUT closes in slowly, the car ahead brakes nearly to a standstill, the VUT late."""
+    """Cast a VUT that closes in slowly and a car ahead that brakes nearly to a standstill.
+
+    The VUT brakes late.
+    """
     speed = float(rng.uniform(12.2, 12.8))
     slower = float(rng.uniform(2.4, 2.8))  # closing speed at the start
     brake_s = float(rng.uniform(2.9, 3.3))
@@ -251,11 +254,16 @@ def lead_braking(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
 def _crossing(
     speed_mps: float, brake_s: float, stop_s: float, stand_m: float, step: Ramp
 ) -> tuple[Actor, Actor, float]:
-    """A VUT that stops before the path of a pedestrian, who waits on the sidewalk and then steps.
+    """Return a VUT that stops before a pedestrian's path.
+
+    The pedestrian waits on the sidewalk and then steps.
 
     Args:
-        brake_s, stop_s: when the VUT begins to brake, and how long it does.
+        speed_mps: of the VUT before it brakes.
+        brake_s: when the VUT begins to brake.
+        stop_s: how long the VUT brakes.
         stand_m: from its front to the pedestrian's path in the end.
+        step: the pedestrian's change of speed.
 
     Returns:
         The VUT, the pedestrian, and where the path crosses, along the road.
@@ -268,7 +276,7 @@ def _crossing(
 
 
 def occluded_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
-    """The pedestrian waits hidden, steps out, and the VUT stops late before the path."""
+    """Cast a pedestrian who waits hidden and steps out; the VUT stops late before the path."""
     speed = float(rng.uniform(9.5, 10.2))
     step_s = float(rng.uniform(2.5, 2.9))
     walk = float(rng.uniform(1.35, 1.5))
@@ -282,7 +290,7 @@ def occluded_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
 
 
 def vru_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
-    """The pedestrian waits, walks, and the VUT stops before the path."""
+    """Cast a pedestrian who waits and walks, and a VUT that stops before the path."""
     speed = float(rng.uniform(8.8, 9.6))
     step_s = float(rng.uniform(2.3, 2.7))
     walk = float(rng.uniform(1.3, 1.45))
@@ -318,17 +326,17 @@ class Storyboard:
     others: tuple[Actor, ...]
 
     def times(self) -> list[float]:
-        """Times of the frames in s, from 0."""
+        """Return the times of the frames in s, from 0."""
         return [k / self.fps for k in range(round(self.duration_s * self.fps))]
 
     def states(self, t_s: float) -> tuple[ObjectState, ...]:
-        """All objects, the VUT too, sorted by id."""
+        """Return the states of all objects, the VUT too, sorted by id."""
         actors = sorted((self.vut, *self.others), key=lambda actor: actor.object_id)
         return tuple(actor.state(t_s) for actor in actors)
 
 
 def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
-    """The clip of a scenario; the seed varies speeds, timing and light a little.
+    """Return the clip of a scenario; the seed varies speeds, timing and light a little.
 
     Args:
         scenario: one of `INTERACTIONS`.

@@ -50,10 +50,11 @@ class Response:
 
 
 def first_order(values: Sequence[float], dt_s: float) -> tuple[float, float]:
-    """Gain and time constant in s of a response to a step that came before the first value.
+    """Return gain and time constant, s, of a response to a step that came before the values.
 
     Args:
         values: measured at each end of a step of ``dt_s``.
+        dt_s: time between two values, s.
     """
     width = max(1, round(_SMOOTH_S / dt_s))
     if len(values) <= 2 * width:
@@ -148,6 +149,7 @@ def response_problems(response: Response, stop_mps2: float, reaction_s: float) -
     """List why a vehicle can't be led within a site's limits, each with the figure.
 
     Args:
+        response: of the vehicle to its pedals.
         stop_mps2: with which the site has its objects stop.
         reaction_s: the site's bound from an abort until an object becomes slower.
     """

@@ -43,7 +43,7 @@ class BrakeMonitor:
     from_mps: float
 
     def fails(self, speed_mps: float, now_ns: int, deceleration_mps2: float) -> bool:
-        """True when the object is too fast for the time that it has been braking.
+        """Tell whether the object is too fast for the time that it has been braking.
 
         Args:
             speed_mps: measured; no number counts as too fast.
@@ -93,7 +93,10 @@ class _Clear:
         self._room_m = -math.inf
 
     def is_sure(self, start: Point, end: Point, radius_m: float) -> bool:
-        """True when nothing within a radius of a straight way is outside; False: nobody knows."""
+        """Tell whether nothing within a radius of a straight way is outside.
+
+        False: it isn't known.
+        """
         if self._holds(start, end, radius_m):
             return True
         dx, dy = end[0] - start[0], end[1] - start[1]
@@ -109,7 +112,7 @@ class _Clear:
         return False
 
     def _holds(self, start: Point, end: Point, radius_m: float) -> bool:
-        """A way whose ends are near to the measured one is all along as near to it."""
+        """Tell whether the measured way shows it: all of a way is as near to it as its ends."""
         left_m = self._room_m - radius_m
         return left_m > 0.0 and self._off_m(start) < left_m and self._off_m(end) < left_m
 
@@ -202,9 +205,7 @@ class StoppingRoom:
         return self._swept_m([_on_arc(here, curvature_1pm, way_m * share) for share in shares])
 
     def _axis(self, start: Pose2, end: Pose2) -> tuple[Point, Point]:
-        """Return the line from the middle of its rear at one pose to the middle of its front at
-        another.
-        """
+        """Return the line from its rear's middle at one pose to its front's middle at another."""
         return start.to_parent(-self._size.rear_m, 0.0), end.to_parent(self._size.front_m, 0.0)
 
     def _swept_m(self, way: Sequence[Pose2]) -> float:
@@ -212,7 +213,7 @@ class StoppingRoom:
         return float(way_excess_m(x, y, yaw, self._size, self._fence).max())
 
     def lack(self, columns: FloatArray) -> Shortfall | None:
-        """The first point of a reference from which a stop would lead outside, None for a good one.
+        """Return the first point of a reference from which a stop would lead outside; None: none.
 
         Args:
             columns: of the reference, finite.
@@ -250,7 +251,7 @@ class StoppingRoom:
 
 
 def _on_arc(start: Pose2, curvature_1pm: float, along_m: float) -> Pose2:
-    """A pose further on along the arc of a curvature."""
+    """Return a pose further on along the arc of a curvature."""
     half = 0.5 * curvature_1pm * along_m
     chord = along_m * (math.sin(half) / half if abs(half) > STRAIGHT_RAD else 1.0)
     heading = start.yaw_rad + half

@@ -84,7 +84,7 @@ class Track:
         return piece[i & _PIECE - 1]
 
     def _value(self, t_s: float, column: int) -> float:
-        """A column of the table at a time, linear; its ends before and after."""
+        """Return a column of the table at a time, linear; its ends before and after."""
         times = self._times_s
         if t_s < times[0]:
             return self._row(0)[column]
@@ -100,22 +100,25 @@ class Track:
         return Pose2(*self._row(len(self._times_s) - 1)[:3])
 
     def accelerations(self, times_s: FloatArray) -> FloatArray:
-        """Accelerations at times after execute_at; 0 before the first point and from the last."""
+        """Return accelerations at times after execute_at.
+
+        They are 0 before the first point and from the last on.
+        """
         t = self.reference.columns[0]
         inside = (times_s >= t[0]) & (times_s < t[-1])
         return np.where(inside, np.interp(times_s, t, self._table[:, 4]), 0.0)
 
     def curvatures(self, times_s: FloatArray) -> FloatArray:
-        """Curvatures at times after execute_at; those of both ends before and after."""
+        """Return curvatures at times after execute_at; those of both ends before and after."""
         found: FloatArray = np.interp(times_s, self.reference.columns[0], self._table[:, 5])
         return found
 
     def seconds(self, t_ns: int) -> float:
-        """A session time in s after execute_at."""
+        """Return a session time in s after execute_at."""
         return ns_to_seconds(t_ns - self._execute_at_ns)
 
     def at(self, t_s: float) -> Point:
-        """Cubic Hermite in position, linear in everything else; at rest before and after."""
+        """Interpolate by a cubic Hermite in position, else linearly; at rest before and after."""
         times = self._times_s
         if t_s < times[0]:
             x, y, yaw, v, _, k, _, _, _ = self._row(0)
@@ -150,7 +153,7 @@ class Track:
         return 0.0 if t_s >= self._times_s[-1] else self._value(t_s, 3)
 
     def left_m(self, t_s: float, ahead_m: float) -> float:
-        """Length of path ahead of an object, m; negative past its end.
+        """Return the length of path ahead of an object, m; negative past its end.
 
         Args:
             t_s: after execute_at.
@@ -181,13 +184,16 @@ _WALKER_POSITION_1PS, _WALKER_SPEED_1PS = 1.2, 5.0
 
 
 def lag_share(lag_s: float, dt_s: float) -> float:
-    """The part of its way to a held command that a first-order lag goes in one step."""
+    """Return the part of its way to a held command that a first-order lag goes in one step."""
     return 1.0 if lag_s <= 0.0 else -math.expm1(-dt_s / lag_s)
 
 
 @lru_cache(maxsize=16)
 def lateral_gains(lag_s: float, dt_s: float) -> tuple[FloatArray, FloatArray]:
-    """Speeds in m/s, shape (n,), and LQR gains on (e_y, e_yaw, e_curvature), shape (n, 3)."""
+    """Return speeds in m/s, shape (n,), and LQR gains for them, shape (n, 3).
+
+    The gains are on e_y, e_yaw and e_curvature.
+    """
     speeds = np.linspace(MIN_GAIN_SPEED_MPS, MAX_GAIN_SPEED_MPS, _GAIN_SPEEDS)
     share = lag_share(lag_s, dt_s)
     table = np.empty((len(speeds), 3))
@@ -227,7 +233,7 @@ class PreviewGains:
 
 @lru_cache(maxsize=16)
 def preview_gains(lag_s: float, dt_s: float) -> PreviewGains:
-    """Gains of the longitudinal loop for a lag and a step."""
+    """Return the gains of the longitudinal loop for a lag and a step."""
     share = lag_share(lag_s, dt_s)
     # Errors after a step by what acceleration error it ends with: mean value of the step.
     into = np.array([[0.5 * dt_s**2], [dt_s], [1.0]])
@@ -283,7 +289,7 @@ class TrackingError:
 
 
 def tracking_error(state: ObjectState, point: Point | ReferencePoint) -> TrackingError:
-    """State minus reference in the reference's frame."""
+    """Return the state minus the reference in the reference's frame."""
     c, s = math.cos(point.yaw_rad), math.sin(point.yaw_rad)
     dx, dy = state.x_m - point.x_m, state.y_m - point.y_m
     return TrackingError(
@@ -329,7 +335,7 @@ class Tracker:
         self._forward: dict[int, list[float]] = {}
 
     def track_of(self, reference: Reference) -> Track:
-        """The reference made ready; that of the last one is kept."""
+        """Return the reference made ready; keep that of the last one."""
         driven = self._driven
         if driven is None or driven.reference is not reference:
             driven = self._driven = Track(reference)
@@ -339,7 +345,7 @@ class Tracker:
     def track(
         self, state: ObjectState, reference: Reference, now_ns: int
     ) -> tuple[Command, TrackingError]:
-        """The command for the next step, and the error at ``now_ns``.
+        """Return the command for the next step, and the error at ``now_ns``.
 
         Args:
             state: of the object at ``now_ns``.
@@ -360,7 +366,7 @@ class Tracker:
     def brake(
         self, state: ObjectState, reference: Reference, now_ns: int, deceleration_mps2: float
     ) -> Command:
-        """Brakes with the given deceleration (> 0) and stays on the reference's path meanwhile."""
+        """Brake with the given deceleration (> 0) and stay on the reference's path meanwhile."""
         if self._walker:
             return Command(-deceleration_mps2, 0.0, state.yaw_rad)
         now = self._now(state, reference, now_ns)
@@ -387,8 +393,9 @@ class Tracker:
         return self._bounded(self._feed_forward(now.track, now.t_s) - back)
 
     def _feed_forward(self, track: Track, t_s: float) -> float:
-        """Compute the command for the reference's accelerations from now on, linear between two
-        steps.
+        """Compute the command for the reference's accelerations from now on.
+
+        It is linear between two steps.
         """
         steps = t_s / self._dt_s
         k = math.floor(steps)
@@ -414,7 +421,7 @@ class Tracker:
         return piece[k - first * _PIECE]
 
     def _steer(self, now: _Now) -> float:
-        """Curvature command against the point of the path that the object is beside now."""
+        """Return the curvature command against the path's point that the object is beside now."""
         state, track = now.state, now.track
         # An object that is ahead of or behind its time steers by the place where it is.
         shift_s = now.error.longitudinal_m / max(now.point.speed_mps, MIN_GAIN_SPEED_MPS)

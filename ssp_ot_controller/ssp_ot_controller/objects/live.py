@@ -43,10 +43,11 @@ _REMEDY = (
 def parse_bodies(
     text: str, object_ids: Iterable[str]
 ) -> dict[str, tuple[str, int] | IsoAddress | None]:
-    """Host and port of each object's body, None for a mirror.
+    """Return the host and port of each object's body, None for a mirror.
 
     Args:
         text: ``ot1=udp://host:port,ot2=iso22133://host,ot3=mirror,...``.
+        object_ids: of the process's objects.
 
     Raises:
         InputError: not of that form, or not exactly one for each object.
@@ -80,7 +81,7 @@ def parse_bodies(
 
 
 def check_undisturbed(run: RunSpec, object_ids: Iterable[str]) -> None:
-    """Noise and faults are for simulated objects.
+    """Refuse noise and faults of real objects; they are for simulated ones.
 
     Raises:
         InputError: the run disturbs one of these objects on purpose.
@@ -98,9 +99,13 @@ def check_undisturbed(run: RunSpec, object_ids: Iterable[str]) -> None:
 def open_bodies(
     run: RunSpec, object_ids: Iterable[str], text: str, now_ns: int, tell: Callable[[str], None]
 ) -> dict[str, Body]:
-    """The bodies of a live run's objects.
+    """Return the bodies of a live run's objects.
 
     Args:
+        run: a live one.
+        object_ids: of the process's objects.
+        text: see ``parse_bodies``.
+        now_ns: by this host's clock.
         tell: is told what an operator needs to know of a test object.
 
     Raises:
@@ -124,7 +129,7 @@ def open_bodies(
 
 
 def _leap_hint(off_s: float, now_ns: int, hint: str) -> str:
-    """A word on leap seconds, where a clock is off by as many."""
+    """Return a word on leap seconds, where a clock is off by as many."""
     return f" ({hint})" if abs(off_s - leap_seconds(now_ns)) < _NEAR_S else ""
 
 
@@ -172,16 +177,17 @@ class LiveObjects:
         return tuple(self._test_objects)
 
     def listen(self, now_ns: int) -> bool:
-        """Reads the test objects that have said something; True where there is a new reading."""
+        """Read the test objects that have said something; True where there is a new reading."""
         owners = {one: body for body in self._test_objects.values() for one in body.sockets}
         readable = {id(owners[one]): owners[one] for one in select.select(owners, (), (), 0)[0]}
         new = [body.poll(now_ns) for body in readable.values()]
         return any(new)
 
     def tick(self, now_ns: int, *, only_new: bool = False) -> WorldTick:
-        """Reads all bodies; one that says nothing new is where it was, with its old stamp.
+        """Read all bodies; one that says nothing new is where it was, with its old stamp.
 
         Args:
+            now_ns: by this host's clock.
             only_new: after ``listen``; those that say nothing new, or were in a tick just now, are
                 left out.
         """
@@ -216,9 +222,10 @@ class LiveObjects:
         return is_silent and not only_new
 
     def check(self, pool: ObjectPool, among: Iterable[str] | None = None) -> None:
-        """Tells object targets what their test objects are found to be.
+        """Tell object targets what their test objects are found to be.
 
         Args:
+            pool: the object targets.
             among: which of the objects; None: all.
         """
         for object_id in self._bodies if among is None else among:
@@ -226,18 +233,18 @@ class LiveObjects:
                 pool.target_of(object_id).body = self._test_objects[object_id].check
 
     def follow(self, pool: ObjectPool, now_ns: int, among: Iterable[str] | None = None) -> None:
-        """Tells test objects what their object targets decided; ``among`` as for ``check``."""
+        """Tell test objects what their object targets decided; ``among`` as for ``check``."""
         for object_id in self._bodies if among is None else among:
             if object_id in self._test_objects:
                 self._test_objects[object_id].follow(pool.target_of(object_id).decided, now_ns)
 
     def beat(self, now_ns: int) -> None:
-        """A heartbeat to each test object."""
+        """Send a heartbeat to each test object."""
         for body in self._test_objects.values():
             body.beat(now_ns)
 
     def frames(self) -> Iterator[FrameBatch]:
-        """Raw frames of each test object since the last call."""
+        """Yield the raw frames of each test object since the last call."""
         for object_id, body in self._test_objects.items():
             frames = body.frames()
             if frames:
@@ -261,7 +268,7 @@ class LiveObjects:
         return found
 
     def _deaf(self, object_id: str) -> tuple[str, ...]:
-        """Tell whether a body says that it hears no command.
+        """Say that a body hears no command, where it says so; empty otherwise.
 
         One of ISO 22133 says it by its state.
         """
@@ -300,7 +307,7 @@ class LiveObjects:
         return False
 
     def command(self, step: PoolStep | None, now_ns: int) -> None:
-        """Sends a step's commands; bodies that were never heard are told to stand."""
+        """Send a step's commands; bodies that were never heard are told to stand."""
         commands = dict(step.commands) if step is not None else {}
         for object_id, body in self._bodies.items():
             command = commands.get(object_id)
@@ -310,6 +317,6 @@ class LiveObjects:
                 body.command(command if command.is_finite else _STAND, now_ns)
 
     def close(self) -> None:
-        """Leaves the bodies to their own watchdogs."""
+        """Leave the bodies to their own watchdogs."""
         for body in self._bodies.values():
             body.close()

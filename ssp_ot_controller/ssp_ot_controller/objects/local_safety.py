@@ -36,12 +36,12 @@ _MOVING = (ControlState.RUNNING, ControlState.POSTRUN, ControlState.REMOTE_CONTR
 
 
 def reference_over(reference: Reference | None, now_ns: int) -> bool:
-    """True when no reference asks for motion: none, not begun, or driven to its end."""
+    """Tell whether no reference asks for motion: none, not begun, or driven to its end."""
     return reference is None or now_ns < reference.execute_at_ns or now_ns >= reference.end_ns
 
 
 def is_idle(control_state: ControlState, reference: Reference | None, now_ns: int) -> bool:
-    """True when nothing asks for motion: the object brakes to a standstill and holds it."""
+    """Tell whether nothing asks for motion: the object brakes to a standstill and holds it."""
     return control_state is not ControlState.RUNNING or reference_over(reference, now_ns)
 
 
@@ -78,12 +78,13 @@ class SafetyInputs:
 def lost_its_place(
     state: ObjectState, now_ns: int, continuity: Sequence[LimitViolation], limits: Limits
 ) -> LimitViolation | None:
-    """The first sign that an object's own state can't be believed, None when there is none.
+    """Return the first sign that an object's own state can't be believed, None when there is none.
 
     Args:
         state: the newest own state.
         now_ns: on the object's clock.
         continuity: what ``ssp_core.safety.limits.follow`` says of it.
+        limits: of the run.
     """
     age_s = ns_to_seconds(now_ns - state.stamp_ns)
     return (
@@ -103,15 +104,19 @@ def decide(
     control_state: ControlState,
     limits: Limits,
 ) -> LimitViolation | None:
-    """The first limit that is passed: the object must stop and latch. None: it may go on.
+    """Return the first limit that is passed; None where the object may go on.
+
+    Where one is passed the object must stop and latch.
 
     Outside WATCHED the object stands or is stopping anyway, so nothing is checked.
     Tracking errors and acceleration count only while a reference is being driven: an object that
     brakes for another reason leaves its reference and brakes harder than one.
 
     Args:
+        seen: measured values of the step.
         now_ns: on the object's clock.
         control_state: of the object.
+        limits: of the run.
     """
     if control_state not in WATCHED:
         return None

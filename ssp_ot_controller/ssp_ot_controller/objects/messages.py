@@ -28,7 +28,7 @@ from ssp_ot_controller.sil.disturbance import LinkSizes
 
 
 def in_step(tick: WorldTick) -> bool:
-    """True when the world waits for the answer to a tick."""
+    """Tell whether the world waits for the answer to a tick."""
     return tick.lockstep and tick.running
 
 
@@ -60,17 +60,17 @@ class MessageBuffer:
             self._received[reference.object_id] += 1
 
     def on_state(self, state: ObjectState) -> None:
-        """A state of the VUT or of another process's object."""
+        """Keep a state of the VUT or of another process's object."""
         self._states.append(state)
         # While the world holds, the VUT's first state is repeated and not counted.
         self._vut_states += state.object_id == VUT_ID and state.sequence > 1
 
     def on_tick(self, tick: WorldTick) -> None:
-        """Keeps the newest tick; a held one that the world didn't wait for is replaced."""
+        """Keep the newest tick; a held one that the world didn't wait for is replaced."""
         self._tick = tick
 
     def take(self, *, overdue: bool = False) -> WorldTick | None:
-        """The held tick if it may be dealt with now, else None.
+        """Return the held tick if it may be dealt with now, else None.
 
         Args:
             overdue: what is still missing won't come; a manager that died has sent its last.
@@ -84,7 +84,7 @@ class MessageBuffer:
         return tick
 
     def heartbeats(self, up_to: int | None, holding: bool) -> list[Heartbeat]:
-        """Takes out the heartbeats up to a sequence number, all with None.
+        """Take out the heartbeats up to a sequence number, all with None.
 
         Args:
             up_to: last sequence number to be taken.
@@ -102,12 +102,12 @@ class MessageBuffer:
         return taken
 
     def references(self, object_id: str) -> list[Reference]:
-        """Takes out the references to an object, in the order of arrival."""
+        """Take out the references to an object, in the order of arrival."""
         taken, self._references[object_id] = self._references[object_id], []
         return taken
 
     def states(self) -> list[ObjectState]:
-        """Takes out the states of others, in the order of arrival."""
+        """Take out the states of others, in the order of arrival."""
         taken, self._states = self._states, []
         return taken
 
@@ -149,10 +149,11 @@ class ManagerArbiter:
     def is_ours(
         self, sender: str, sequence: int, steady_ns: int, *, may_move: bool, token: str = ""
     ) -> bool:
-        """True for a heartbeat that is to be obeyed.
+        """Tell whether a heartbeat is to be obeyed.
 
         Args:
             sender: node that sent it.
+            sequence: number of the heartbeat; one that doesn't rise is not obeyed.
             token: of the session that it leads.
             steady_ns: when it came, on the steady clock.
             may_move: an object moves or is about to, so that nobody new may take over.
@@ -173,6 +174,7 @@ class ManagerArbiter:
 
         Args:
             token: that came with it.
+            steady_ns: when the command came, on the steady clock.
         """
         follows = self._token or (self._sender is not None and not self._is_gone(steady_ns))
         return token_problem(self._followed_token if follows else "", token, self._mode)
@@ -207,14 +209,14 @@ class NearbyObjects:
         self._heard: dict[str, tuple[float, float, float, ObjectState]] = {}
 
     def take(self, states: Iterable[ObjectState]) -> None:
-        """States as they were heard; a broken one replaces none."""
+        """Take states as they were heard; a broken one replaces none."""
         for state in states:
             if state.is_finite:
                 far_m = _reach_m(state) + abs(state.speed_mps) * self._age_s
                 self._heard[state.object_id] = (state.x_m, state.y_m, far_m, state)
 
     def near(self, own: ObjectState) -> list[ObjectState]:
-        """Those that may be too close, led on to the stamp of the own state, by id."""
+        """List the objects that may be too close, by id, led on to the stamp of the own state."""
         found = []
         x, y, mine_m = own.x_m, own.y_m, _reach_m(own) + self._separation_m
         for its_x, its_y, far_m, state in self._heard.values():
@@ -267,7 +269,7 @@ class HeartbeatResponder:
     def on_heartbeat(
         self, beat: Heartbeat, links: Mapping[str, LinkSizes], system_ns: int, steady_ns: int
     ) -> list[HeartbeatAnswer]:
-        """The answers that leave at once; others are handed out by ``due``.
+        """Return the answers that leave at once; others are handed out by ``due``.
 
         Args:
             beat: of the manager.
@@ -305,7 +307,7 @@ class HeartbeatResponder:
         return at_once
 
     def due(self, steady_ns: int) -> list[HeartbeatAnswer]:
-        """Answers that arrive by now, in the order in which they were given."""
+        """Return the answers that arrive by now, in the order in which they were given."""
         arrived = [reply for due_ns, reply in self._under_way if due_ns <= steady_ns]
         if arrived:
             self._under_way = deque(entry for entry in self._under_way if entry[0] > steady_ns)
@@ -313,7 +315,7 @@ class HeartbeatResponder:
 
 
 def answers_late(run: RunSpec, object_ids: Iterable[str]) -> bool:
-    """True when the run delays messages of one of these objects at any time."""
+    """Tell whether the run delays messages of one of these objects at any time."""
     links = [run.disturbance_of(object_id) for object_id in object_ids]
     delayed = any(link.state_delay_s or link.command_delay_s for link in links)
     return delayed or any(fault.kind == "link_delay" for fault in run.faults)

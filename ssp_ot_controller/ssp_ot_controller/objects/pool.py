@@ -102,7 +102,7 @@ _INACTIVE = Refusal(RefusalCode.STATE, "the node of this object is not active")
 
 
 def _acknowledged(reference: Reference, refusal: Refusal | None, now_ns: int) -> Acknowledgement:
-    """The answer to a reference, on the object's own clock; no refusal is an acceptance."""
+    """Return the answer to a reference, on the object's own clock; no refusal is an acceptance."""
     code, text = (int(refusal.code), refusal.message) if refusal else (0, "")
     return Acknowledgement(
         now_ns, reference.reference_id, reference.object_id, refusal is None, code, text
@@ -132,7 +132,7 @@ class _Member:
         return ns_to_seconds(steady_ns - self.heartbeat_arrived_ns)
 
     def answer(self, now_ns: int, active: bool) -> list[Acknowledgement]:
-        """Deals with the references that have come, on the object's own clock."""
+        """Deal with the references that have come, on the object's own clock."""
         # While armed they wait for the start, which may be under way on another topic.
         if not self.references or self.target.state is ControlState.ARMED:
             return []
@@ -184,7 +184,7 @@ class ObjectPool:
     # -- what arrives --------------------------------------------------------------------------
 
     def take_heartbeat(self, beat: Heartbeat, steady_ns: int) -> None:
-        """A heartbeat of a manager, which the objects hear with the next tick.
+        """Take a heartbeat of a manager, which the objects hear with the next tick.
 
         Another sender than before is not obeyed, but stops us.
         """
@@ -195,16 +195,16 @@ class ObjectPool:
             self._buffer.on_heartbeat(beat)
 
     def take_reference(self, reference: Reference) -> None:
-        """A reference; one for an object of another process is not looked at."""
+        """Take a reference; ignore one for an object of another process."""
         self._buffer.on_reference(reference)
 
     def take_states(self, states: Iterable[ObjectState]) -> None:
-        """States of others that are heard: the VUT's, and objects' of other processes."""
+        """Take states of others that are heard: the VUT's, and objects' of other processes."""
         for state in states:
             self._buffer.on_state(state)
 
     def take_tick(self, tick: WorldTick, steady_ns: int) -> None:
-        """The newest tick, and when it came on the steady clock."""
+        """Take the newest tick, and when it came on the steady clock."""
         self._tick_arrived_ns = steady_ns
         self._in_step = in_step(tick)
         self._buffer.on_tick(tick)
@@ -218,7 +218,7 @@ class ObjectPool:
         session_token: str = "",
         abort_id: str = "",
     ) -> CommandResponse:
-        """A command of the manager to one object; an abort counts from anybody."""
+        """Pass a command of the manager to one object; an abort counts from any sender."""
         if event is not ObjectEvent.ABORT and (
             problem := self._arbiter.command_problem(session_token, steady_ns)
         ):
@@ -240,7 +240,7 @@ class ObjectPool:
         )
 
     def links_of(self, object_id: str) -> LinkSizes:
-        """Clock and delays of an object's links as they are now."""
+        """Return the clock and delays of an object's links as they are now."""
         return self._members[object_id].channel.links()
 
     def target_of(self, object_id: str) -> Target:
@@ -252,7 +252,7 @@ class ObjectPool:
     # -- steps ---------------------------------------------------------------------------------
 
     def step(self, steady_ns: int) -> PoolStep | None:
-        """Answers the newest tick; None while there is none or something before it is missing.
+        """Answer the newest tick; None where there is none or something before it is missing.
 
         Args:
             steady_ns: now on the steady clock; in lockstep it decides only when something is lost.
@@ -314,7 +314,7 @@ class ObjectPool:
         )
 
     def watch(self, steady_ns: int) -> PoolStep | None:
-        """Stops whatever may move when no tick comes any more; None when nothing is to be done."""
+        """Stop whatever may move when no tick comes any more; None when nothing is to be done."""
         limit_s = WORLD_HANG_S if self._in_step else TICK_SILENCE_S
         if ns_to_seconds(steady_ns - self._tick_arrived_ns) <= limit_s:
             return None

@@ -30,7 +30,7 @@ _AWAY_SHARE = 0.02
 
 
 def contradiction(columns: FloatArray) -> str | None:
-    """The first contradiction between columns, for people; None when there is none.
+    """Return the first contradiction between columns, for people; None when there is none.
 
     Args:
         columns: of a reference: t, x, y, yaw, speed, acceleration, curvature; finite, t rising.
@@ -114,8 +114,9 @@ class RefusalCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """The reason why a reference is refused: number and one sentence with measured value and
-    limit.
+    """The reason why a reference is refused.
+
+    It is a number, and one sentence with measured value and limit.
     """
 
     code: RefusalCode
@@ -135,12 +136,16 @@ def check_reference(
     control_state: ControlState,
     stop_room: StoppingRoom,
 ) -> Refusal | None:
-    """The first reason to refuse a reference, None when it may be taken.
+    """Return the first reason to refuse a reference, None when it may be taken.
 
     Args:
+        reference: to be driven.
+        now_ns: on the object's clock.
         current: the object's own state; its size is used against the fence.
         previous: the reference being tracked or waiting, None when there is none.
+        limits: of the run.
         geofence: polygon, m, frame map.
+        body_limits: of the object's body.
         event_version: K* version that the object was connected with.
         control_state: references are taken in RUNNING only.
         stop_room: of the object, in this fence.
@@ -243,7 +248,7 @@ def _check_start(
 def _first_over(
     code: RefusalCode, checks: list[tuple[str, float, float, str]], where: str, rounding: float
 ) -> Refusal | None:
-    """The first measured value that isn't within its limit; one that isn't finite never is."""
+    """Return the first measured value above its limit; one that isn't finite is never within."""
     for what, measured, limit, unit in checks:
         if not measured <= limit + rounding:
             text = f"{what} {measured:.3f} {unit}{where}, limit is {limit:g} {unit}"
@@ -320,7 +325,7 @@ class ReferenceQueue:
         self._taken: dict[str, int] = {}
 
     def before(self, execute_at_ns: int) -> Reference | None:
-        """The reference that the object will be driving just before a time, as things stand."""
+        """Return the reference that will be driven just before a time, as things stand."""
         earlier = [r for r in self._waiting if r.execute_at_ns < execute_at_ns]
         return earlier[-1] if earlier else self.current
 
@@ -335,11 +340,11 @@ class ReferenceQueue:
         return self.current is None and not self._waiting
 
     def has_taken(self, reference: Reference) -> bool:
-        """True for one that was taken before: what was sent twice is answered alike twice."""
+        """Tell whether a reference was taken before: the same is answered alike twice."""
         return self._taken.get(reference.reference_id) == reference.execute_at_ns
 
     def overtaker(self, reference: Reference) -> Reference | None:
-        """An accepted reference that waits, begins no earlier, and was sent after this one.
+        """Return an accepted reference that waits, begins no earlier, and was sent after this one.
 
         Taking the older one would put it in the place of what the manager wants now and believes
         to be driven.
@@ -355,14 +360,14 @@ class ReferenceQueue:
         )
 
     def take(self, reference: Reference) -> None:
-        """Lets a reference wait for its time, instead of what would have begun then or later."""
+        """Let a reference wait for its time, instead of what would have begun then or later."""
         at_ns = reference.execute_at_ns
         self._waiting = [r for r in self._waiting if r.execute_at_ns < at_ns]
         self._waiting.append(reference)
         self._taken[reference.reference_id] = at_ns
 
     def advance(self, now_ns: int) -> bool:
-        """Begins what is due; True when another reference is driven from now on."""
+        """Begin what is due; return True when another reference is driven from now on."""
         due = [r for r in self._waiting if r.execute_at_ns <= now_ns]
         if not due:
             return False
@@ -371,7 +376,7 @@ class ReferenceQueue:
         return True
 
     def clear(self) -> None:
-        """Forgets everything."""
+        """Forget everything."""
         self.current = None
         self._waiting.clear()
         self._taken.clear()

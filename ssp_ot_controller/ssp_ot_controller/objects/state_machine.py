@@ -84,7 +84,7 @@ TABLE: dict[ControlState, dict[ObjectEvent, ControlState]] = {
 
 
 def transition(state: ControlState, event: ObjectEvent) -> ControlState:
-    """The state after an event.
+    """Return the state after an event.
 
     Raises:
         IllegalTransition: the table has no such pair.
@@ -128,12 +128,14 @@ class CommandResponse:
 def cannot_arm(
     run: Rules, event_version: str, heartbeat_age_s: float, other_managers: int, body: BodyCheck
 ) -> CommandResponse | None:
-    """All reasons for which an object can't be armed, None when nothing keeps it from that.
+    """Return all reasons for which an object can't be armed, None where there are none.
 
     Args:
+        run: gives the K* version and the limits of the object.
         event_version: K* version of the manager's run.
         heartbeat_age_s: since the manager's last heartbeat, inf before the first. Half of the limit
             that stops a driving object is allowed, so that no object is armed that stops next.
+        other_managers: how many managers beside ours send heartbeats.
         body: what a body with a control state of its own is found to be.
     """
     ours, limit_s = run.event_version, ARMING_SHARE * run.limits.heartbeat_s

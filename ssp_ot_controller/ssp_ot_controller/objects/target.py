@@ -116,7 +116,7 @@ class Target:
     # -- commands ------------------------------------------------------------------------------
 
     def power_on(self) -> None:
-        """OFF -> INIT; the first good state leads on to DISARMED."""
+        """Go from OFF to INIT; the first good state leads on to DISARMED."""
         self.state = transition(self.state, ObjectEvent.CONNECT)
 
     def command(
@@ -127,9 +127,10 @@ class Target:
         other_managers: int = 0,
         abort_id: str | None = "",
     ) -> CommandResponse:
-        """A command of the manager; refused ones change nothing.
+        """Obey a command of the manager; refused ones change nothing.
 
         Args:
+            event: one of COMMANDS.
             event_version: K* version of the manager's run.
             heartbeat_age_s: since the manager's last heartbeat, inf before the first. An object
                 that doesn't hear the manager is not armed: it would have to stop at once.
@@ -170,6 +171,7 @@ class Target:
         """Obey the session's state in the manager's heartbeat: start, stop, abort.
 
         Args:
+            session: state that the heartbeat names.
             abort_id: names the session's newest abort.
         """
         aborted = session in (SessionPhase.ABORTING, SessionPhase.ABORTED)
@@ -188,7 +190,7 @@ class Target:
             self.state = transition(self.state, ObjectEvent.START)
 
     def on_reference(self, reference: Reference, now_ns: int) -> Refusal | None:
-        """Takes a reference, or says why not. One that was taken before is taken again."""
+        """Take a reference, or say why not; one that was taken before is taken again."""
         if self._queue.has_taken(reference):
             return None
         if self._own is None:
@@ -211,6 +213,8 @@ class Target:
         """Say why a reference would be refused, None when it would be taken; changes nothing.
 
         Args:
+            reference: to be checked.
+            now_ns: on the object's clock.
             control_state: that the object has when it gets the reference.
         """
         if self._own is None:
@@ -229,7 +233,7 @@ class Target:
         )
 
     def _can_do_without(self, reference: Reference, refusal: Refusal) -> bool:
-        """An adapted reference came too late, and what it would adapt is driven, or waits to be."""
+        """Tell whether an adapted reference came too late to adapt what is driven or waits."""
         late = refusal.code in (RefusalCode.LATE, RefusalCode.DISCONTINUOUS)
         return reference.purpose == "adapted" and late and not self._queue.is_empty
 
@@ -239,17 +243,17 @@ class Target:
         return Decided(self.session, self.state, self._queue.planned)
 
     def last_report(self) -> ObjectState | None:
-        """The newest own state as it would be reported now, None before the first."""
+        """Return the newest own state as it would be reported now, None before the first."""
         return None if self._own is None else self._report(self._own)
 
     def local_stop(self) -> None:
-        """Stops without being told to; left by all_clear alone, once the session has aborted."""
+        """Stop without being told to; left by all_clear alone, once the session has aborted."""
         if self.state is not ControlState.ABORTING:
             self._abort_id = None
         self.state = transition(self.state, ObjectEvent.LOCAL_STOP)
 
     def stop_blindly(self) -> Command:
-        """Stops without being told to and without states to go by; the command for the body."""
+        """Stop without being told to and without states; return the command for the body."""
         self.local_stop()
         self._blind = True
         return self._hold_steering()
@@ -264,10 +268,11 @@ class Target:
         others: Sequence[ObjectState] = (),
         other_managers: int = 0,
     ) -> TargetStep:
-        """Judges the newest own state and says what the body is to do until the next one.
+        """Judge the newest own state and say what the body is to do until the next one.
 
         Args:
             own: the object's localised state.
+            now_ns: on the object's clock.
             heartbeat_age_s: since the manager's last heartbeat, on the watchdog's clock.
             others: states of other objects, as far as they are heard; at the stamp of the own one.
             other_managers: how many managers beside ours send heartbeats.
@@ -334,9 +339,7 @@ class Target:
         return TargetStep(command, self._report(own), stopped)
 
     def _turned(self, own: ObjectState, *, running: bool) -> LimitViolation | None:
-        """Judge how far the object faces off its start's heading, where its first metre shows
-        it.
-        """
+        """Judge how far the object faces off its start's heading, once its first metre shows it."""
         if self._heading is None or not own.is_finite:
             return None
         if not running:
@@ -360,7 +363,7 @@ class Target:
         return ns_to_seconds(now_ns - self._running_since_ns)
 
     def _asked_mps(self, now_ns: int) -> float:
-        """The speed of its reference, unless the object is ahead of it and may wait."""
+        """Return the speed of its reference, unless the object is ahead of it and may wait."""
         reference = self._queue.current
         if reference is None or self._error is None or reference_over(reference, now_ns):
             return 0.0
@@ -374,7 +377,7 @@ class Target:
         return self._stop_room.excess_m(own, left_m, track)
 
     def _advance(self, own: ObjectState) -> None:
-        """Transitions that the object makes by itself."""
+        """Make the transitions that the object makes by itself."""
         if self.state is ControlState.INIT and own.is_finite:
             self.state = transition(self.state, ObjectEvent.INIT_DONE)
         elif self.state is ControlState.PRE_ARMING and own.is_finite and self._stands():
@@ -400,7 +403,7 @@ class Target:
         return replace(command, emergency_stop=True) if self._hard else command
 
     def _hold_steering(self) -> Command:
-        """The last steering, and the brakes as hard as they go."""
+        """Return the last steering, and the brakes as hard as they go."""
         return replace(self._command, acceleration_mps2=0.0, emergency_stop=True)
 
     def _report(self, own: ObjectState) -> ObjectState:

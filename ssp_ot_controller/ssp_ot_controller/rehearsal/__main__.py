@@ -100,7 +100,7 @@ def main(
     log: Path | None,
     remappings: tuple[str, ...],
 ) -> int:
-    """Plays the hardware of a live session until it is interrupted.
+    """Play the hardware of a live session until it is interrupted.
 
     FOLDER is what `ssp compile --target track` or `ssp run --mode live` wrote, or a run.yaml.
     Start it first: it says how `ssp run --mode live`, in another terminal, reaches what it plays.
@@ -162,9 +162,10 @@ def _play(
     told: list[str],
     what: Path | None,
 ) -> int:
-    """Plays until something ends.
+    """Play until something ends.
 
     Args:
+        group: processes of the parts.
         open_bodies: listens for the objects; None: they aren't played.
         told: options of `ssp run` that reach the rest.
         what: folder of the run where all of it is played: the whole command is said; None: not.
@@ -199,7 +200,7 @@ def _play(
 
 
 def run() -> None:
-    """Entry point: exit status 0 after an interrupt, 1 when a part ended, 2 for wrong usage."""
+    """Run the command: exit with 0 after an interrupt, 1 when a part ended, 2 for wrong usage."""
     raise SystemExit(_status())
 
 

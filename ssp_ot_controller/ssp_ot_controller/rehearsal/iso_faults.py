@@ -81,7 +81,7 @@ class IsoFault:
 
     @staticmethod
     def parse(text: str) -> IsoFault:
-        """``KIND[=VALUE][@AT_S[+FOR_S]]``.
+        """Parse ``KIND[=VALUE][@AT_S[+FOR_S]]``.
 
         Raises:
             InputError: it isn't of that form.
@@ -185,12 +185,12 @@ class FaultyObject:
         self._played.on_udp(data, address, now_ns)
 
     def _later(self, take: Callable[[int], None], now_ns: int) -> None:
-        """Now, after the delay, or when the link stands again; in the order of arrival."""
+        """Call now, after the delay, or when the link stands again; in the order of arrival."""
         self._waiting.append((now_ns + self._delay_ns(now_ns), take))
         self.advance(now_ns)
 
     def advance(self, now_ns: int) -> None:
-        """Moves the object up to a time."""
+        """Move the object up to a time."""
         while self._waiting and self._waiting[0][0] <= now_ns and not self._is_cut(now_ns):
             self._waiting.popleft()[1](now_ns)
         deaf = self._has("deaf_to_silence", now_ns) is not None
@@ -255,7 +255,7 @@ class FaultyObject:
     # -- which faults --------------------------------------------------------------------------
 
     def _has(self, kind: str, now_ns: int) -> IsoFault | None:
-        """A fault of that kind that is active."""
+        """Return an active fault of that kind, or None."""
         for fault in self._faults:
             if fault.kind != kind:
                 continue
@@ -278,7 +278,7 @@ class FaultyObject:
 
 
 def _again(header: Header, message: Message) -> bytes:
-    """Another message under the same header."""
+    """Encode another message under the same header."""
     return encode(
         message,
         transmitter_id=header.transmitter_id,
@@ -289,6 +289,6 @@ def _again(header: Header, message: Message) -> bytes:
 
 
 def _with_checksum(frame: bytes) -> bytes:
-    """The frame with the checksum that its bytes give."""
+    """Return the frame with the checksum that its bytes give."""
     body = frame[:-2]
     return body + crc_hqx(body, 0).to_bytes(2, "little")

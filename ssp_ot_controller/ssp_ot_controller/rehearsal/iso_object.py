@@ -153,7 +153,7 @@ class IsoObject:
         return self._target.state is ControlState.ABORTING
 
     def connect(self, host: str, now_ns: int) -> bool:
-        """A control centre connects by TCP; False where another one is connected already."""
+        """Connect a control centre by TCP; return False where another one is connected already."""
         self.advance(now_ns)
         if not self.link.open(host):
             return False
@@ -163,7 +163,7 @@ class IsoObject:
         return True
 
     def disconnect(self, now_ns: int) -> None:
-        """The connection has ended, from whichever side."""
+        """End the connection, from whichever side."""
         self.advance(now_ns)
         if not self.link.close():
             return
@@ -173,12 +173,12 @@ class IsoObject:
             self._stopped(LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0))
 
     def on_tcp(self, data: bytes, now_ns: int) -> None:
-        """Bytes of the connection, in pieces of any size."""
+        """Take bytes of the connection, in pieces of any size."""
         self.advance(now_ns)
         self._take(self.link.feed(data, now_ns))
 
     def on_udp(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
-        """A datagram; only the centre that is connected is heard, from one port."""
+        """Take a datagram; hear only the centre that is connected, from one port."""
         self.advance(now_ns)
         if not self.link.is_from_centre(address):
             return
@@ -276,13 +276,13 @@ class IsoObject:
         return replace(made, expires_at_ns=made.end_ns)
 
     def _check(self, points: Points, name: str) -> Refused | None:
-        """Judges a trajectory as if it were started now."""
+        """Judge a trajectory as if it were started now."""
         reference = self._reference(points, name, self._now_ns)
         refusal = self._target.check(reference, self._now_ns, ControlState.RUNNING)
         return None if refusal is None else invalid(refusal.message)
 
     def _drive(self, points: Points, name: str, began_ns: int) -> Refused | None:
-        """Drives a trajectory from its first point on that isn't over."""
+        """Drive a trajectory from its first point on that isn't over."""
         due = points.columns[0] >= ns_to_seconds(self._now_ns - began_ns)
         if np.count_nonzero(due) < 2:
             return invalid("less than two of its points lie ahead")
@@ -352,7 +352,7 @@ class IsoObject:
     # -- motion --------------------------------------------------------------------------------
 
     def advance(self, now_ns: int) -> None:
-        """Moves the object up to a time."""
+        """Move the object up to a time."""
         while self._now_ns + _STEP_NS <= now_ns:
             self._step()
         self._take(self.link.given_up(now_ns))
@@ -384,7 +384,7 @@ class IsoObject:
         self._settle()
 
     def put_back(self) -> bool:
-        """Puts it back to its start, switched on anew; False while that isn't called for.
+        """Put it back to its start, switched on anew; return False while that isn't called for.
 
         It is once no centre has been connected and nothing has moved for ``PUT_BACK_S``, where it
         stands elsewhere or is latched by an abort.

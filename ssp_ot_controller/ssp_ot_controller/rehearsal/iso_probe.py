@@ -42,7 +42,10 @@ _CORNERS = 4
 
 
 def _points(value: Any) -> Any:
-    """A run file has the fence's points alone; a site file names them, or has a strip of a road."""
+    """Return the points of a fence: a run file's fence has nothing else, a site file's names them.
+
+    A fence that is a strip of a road has none, and is refused.
+    """
     if not isinstance(value, dict):
         return value
     if "points" not in value:
@@ -60,7 +63,7 @@ class _Place(Strict):
 
 
 def parse_address(text: str) -> tuple[str, int]:
-    """Host and TCP port of ``HOST[:PORT]``.
+    """Return the host and TCP port of ``HOST[:PORT]``.
 
     Raises:
         InputError: it is none.
@@ -78,7 +81,7 @@ def parse_address(text: str) -> tuple[str, int]:
 
 
 def parse_numbers(text: str, count: int, field: str, remedy: str) -> list[float]:
-    """Numbers with commas between them. Raises InputError for anything else."""
+    """Parse numbers with commas between them; raise InputError for anything else."""
     try:
         numbers = [decimal(part) for part in text.split(",")]
     except ValueError:
@@ -89,7 +92,7 @@ def parse_numbers(text: str, count: int, field: str, remedy: str) -> list[float]
 
 
 def load_fence(text: str) -> tuple[tuple[Point, ...], Datum | None]:
-    """The fence of four corners or of a file, and the datum of a file that has one.
+    """Return the fence of four corners or of a file, and the datum of a file that has one.
 
     Raises:
         InputError: neither.
@@ -114,7 +117,7 @@ def load_fence(text: str) -> tuple[tuple[Point, ...], Datum | None]:
 
 
 def load_motion(path: Path, datum: Datum) -> Motion:
-    """Way and speed of a trajectory file, in the datum's frame. Raises InputError for none."""
+    """Load way and speed of a trajectory file, in the datum's frame; raise InputError for none."""
     points = points_of(read_trajectory(path), datum)
     found = points if isinstance(points, Rejected) else motion_of(points)
     if not isinstance(found, Motion):
@@ -231,12 +234,12 @@ def _up_to(stages: tuple[str, ...]) -> tuple[Stage, ...]:
 
 
 def asked_of(report: ProbeReport) -> list[Row]:
-    """Rows of the stages that were asked for."""
+    """Return the rows of the stages that were asked for."""
     return [row for row in report.rows if row.stage in report.stages]
 
 
 def show(report: ProbeReport) -> None:
-    """The table for people, on standard output."""
+    """Print the table for people, on standard output."""
     firmware = report.firmware or "unknown"
     title = f"{report.host}:{report.port}, firmware {firmware}, wire version {report.wire_version}"
     table = Table(title=escape(title), title_justify="left")

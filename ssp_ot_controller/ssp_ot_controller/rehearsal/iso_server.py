@@ -62,7 +62,7 @@ class IsoServer(Closing):
         return [s for s in (self._listener, self._udp, self._centre) if s is not None]
 
     def serve(self, readable: Sequence[socket.socket], now_ns: int) -> None:
-        """Takes what came, and sends what is due."""
+        """Take what came, and send what is due."""
         if self._udp in readable:
             self._read_udp()
         # A centre that connects again has ended its old connection before.
@@ -104,7 +104,7 @@ class IsoServer(Closing):
             self.played.on_udp(data, address, time.time_ns())
 
     def _read_tcp(self) -> bool:
-        """True when there may be more to read."""
+        """Read once; tell whether there may be more."""
         if self._centre is None:
             return False
         try:
@@ -151,9 +151,12 @@ def serve(
     *,
     puts_back: bool = False,
 ) -> None:
-    """Plays objects until told to end; says what happens to each.
+    """Play objects until told to end; say what happens to each.
 
     Args:
+        servers: of the objects.
+        until: tells whether to end; asked once a tick.
+        log: takes the objects' states.
         puts_back: one that is left alone goes back to its start.
     """
     next_log_ns = 0
@@ -204,7 +207,7 @@ class PlayedIsoObjects(Closing):
         return {s.played.object_id: f"iso22133://{s.host}:{s.port}" for s in self._servers}
 
     def serve(self, until: Callable[[], bool]) -> None:
-        """Plays until told to end."""
+        """Play until told to end."""
         serve(self._servers, until, self._log, puts_back=True)
 
     def close(self) -> None:

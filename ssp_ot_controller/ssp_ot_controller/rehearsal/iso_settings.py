@@ -61,9 +61,10 @@ def problem_of(osem: Osem, now_ns: int) -> Refused | None:
 
 
 def frame_of(osem: Osem, datum: Datum | None) -> Pose2 | Refused:
-    """The pose of the centre's frame in frame map.
+    """Return the pose of the centre's frame in frame map.
 
     Args:
+        osem: settings that the centre sent.
         datum: of frame map; None: nobody knows, and the centre's frame is frame map.
     """
     if osem.latitude_deg is None or osem.longitude_deg is None:
@@ -85,7 +86,7 @@ def frame_of(osem: Osem, datum: Datum | None) -> Pose2 | Refused:
 
 
 def tightened(rules: ObjectRules, osem: Osem) -> ObjectRules:
-    """Rules of an object where the OSEM doesn't ask for more."""
+    """Tighten the rules of an object where the OSEM asks for more."""
     limits = rules.limits
     asked = {
         "heartbeat_s": max(osem.heab_timeout_s, _LEAST_PERIODS / osem.heab_rate_hz),

@@ -51,18 +51,18 @@ class PlayedVehicle:
         self.body = BodyState.at_rest(run.vut.start.pose)
 
     def hear(self, phase: SessionPhase, now_ns: int) -> None:
-        """A heartbeat."""
+        """Take the phase of a heartbeat."""
         if phase is SessionPhase.RUNNING and self._phase is not SessionPhase.RUNNING:
             self._began_ns = now_ns
         self._phase, self._heard_ns = phase, now_ns
 
     def drives(self, now_ns: int) -> bool:
-        """The session runs, and somebody still says so."""
+        """Tell whether the session runs, and a manager still says so."""
         heard = self._heard_ns is not None and now_ns - self._heard_ns <= self._silent_ns
         return heard and self._phase is SessionPhase.RUNNING
 
     def advance(self, others: Sequence[ObjectState], now_ns: int) -> BodyState:
-        """Moves the vehicle up to a time."""
+        """Move the vehicle up to a time."""
         left_ns = min(now_ns - self._now_ns, seconds_to_ns(_LONGEST_S))
         self._now_ns = now_ns - left_ns
         longest_ns = seconds_to_ns(_PLANT_STEP_S)
@@ -79,7 +79,7 @@ class PlayedVehicle:
         return self.body
 
     def _is_left_away(self) -> bool:
-        """The session has gone, and the vehicle stands where it ended."""
+        """Tell whether the session has gone, and the vehicle stands where it ended."""
         heard_ns = self._heard_ns
         silent = heard_ns is not None and self._now_ns - heard_ns > seconds_to_ns(PUT_BACK_S)
         return silent and is_away(self.body, self._run.vut.start.pose)
@@ -118,7 +118,7 @@ class StateLog(Closing):
         self._write("time_ns,object,x_m,y_m,yaw_rad,speed_mps,brakes_by_itself\n")
 
     def add(self, object_id: str, body: BodyState, *, brakes_by_itself: bool) -> None:
-        """The state that an object has now."""
+        """Write the state that an object has now."""
         self._write(
             f"{time.time_ns()},{object_id},{body.x_m:.4f},{body.y_m:.4f},{body.yaw_rad:.5f},"
             f"{body.speed_mps:.4f},{int(brakes_by_itself)}\n"
@@ -174,7 +174,7 @@ class PlayedBodies(Closing):
         return found
 
     def serve(self, until: Callable[[], bool]) -> None:
-        """Follows commands and sends states until told to end."""
+        """Follow commands and send states until told to end."""
         serve(self._served, until, self._write)
 
     def _write(self, server: BodyServer) -> None:
@@ -185,7 +185,7 @@ class PlayedBodies(Closing):
         self._log.add(server.object_id, server.body, brakes_by_itself=server.brakes_by_itself)
 
     def close(self) -> None:
-        """Frees the sockets."""
+        """Free the sockets."""
         for _, sock in self._served:
             sock.close()
         self._log.close()

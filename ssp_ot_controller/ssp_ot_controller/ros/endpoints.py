@@ -30,7 +30,7 @@ class CameraPublishers:
         self._mount.publish(encode_transform(mount(camera)))
 
     def publish(self, stamp_ns: int, jpeg: bytes) -> None:
-        """A frame behind its numbers, which know no distortion."""
+        """Publish a frame behind its numbers, which know no distortion."""
         self._info.publish(encode_camera_info(stamp_ns, self._lens))
         self._image.publish(encode_frame(stamp_ns, jpeg))
 
@@ -38,7 +38,7 @@ class CameraPublishers:
 def subscribe_states(
     node: Node, run: RunSpec, object_ids: Iterable[str], on_state: Callable[[State], None]
 ) -> None:
-    """Hears the states of objects, in whichever way the run's targets send theirs.
+    """Hear the states of objects, in whichever way the run's targets send theirs.
 
     Args:
         node: owns the subscriptions.

@@ -129,7 +129,7 @@ class FrontCamera(Node):
         self._waiting.append(self._worker.submit(self._publish_frame, job))
 
     def _publish_frame(self, job: _Job) -> None:
-        """Runs in the worker thread: draws, publishes, and answers the step."""
+        """Draw, publish and answer the step, in the worker thread."""
         index = job.step // self._schedule.every
         picture = self._painter.draw(job.scene, job.stamp_ns, index)
         data = jpeg(picture, self._camera.jpeg_quality)

@@ -97,7 +97,7 @@ class ObjectPublishers:
             self._rules[object_id].publish(rules_to_msg(one, object_id, self._node.get_name()))
 
     def send(self, step: PoolStep | None) -> None:
-        """Everything that a step led to; nothing for None."""
+        """Publish everything that a step led to; nothing for None."""
         if step is None:
             return
         for change in step.faults:
@@ -122,7 +122,7 @@ class ObjectPublishers:
             self._command.publish(steps.encode_commands(self._commands_of(step)))
 
     def reply(self, reply: HeartbeatAnswer) -> None:
-        """An answer to a heartbeat; one that leaves now is stamped here, as late as may be."""
+        """Publish an answer to a heartbeat; stamp one that leaves now here, as late as may be."""
         message = HeartbeatReply(
             participant=self._node.get_name(),
             object_ids=list(reply.object_ids),
@@ -203,7 +203,7 @@ class TestObjectEndpoints:
             self._on_report()
 
     def publish_frames(self) -> None:
-        """Those since the last call."""
+        """Publish the frames since the last call."""
         for batch in self._live.frames():
             self._publishers[batch.object_id].publish(encode_frames(batch))
 
@@ -277,7 +277,7 @@ class ObjectProcess:
         ]
 
     def close(self) -> None:
-        """Takes the endpoints and timers away, and leaves bodies to their own watchdogs."""
+        """Take the endpoints and timers away, and leave bodies to their own watchdogs."""
         if self._test_objects is not None:
             self._test_objects.publish_frames()
             self._test_objects = None
@@ -394,7 +394,7 @@ class ObjectProcess:
             self._live_step(self._live, only_new=True)
 
     def _work(self) -> None:
-        """Deals with the newest tick once everything that belongs to it has arrived."""
+        """Deal with the newest tick once everything that belongs to it has arrived."""
         if self._live is None:
             self._send(self.pool.step(time.monotonic_ns()))
 
@@ -463,7 +463,7 @@ class ObjectTargetNode(LifecycleNode):
 
 
 def main() -> None:
-    """Entry point of the node."""
+    """Run the node."""
     sys.exit(ros.run_node(ObjectTargetNode, lambda node: node.trigger_shutdown()))
 
 

@@ -27,7 +27,7 @@ class PlayedBodies(Node):
 
 
 def main() -> None:
-    """Entry point of the node."""
+    """Run the node."""
     sys.exit(ros.run_node(PlayedBodies, lambda _node: None))
 
 

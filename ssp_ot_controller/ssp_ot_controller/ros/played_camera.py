@@ -61,7 +61,7 @@ class PlayedCamera(Node):
 
 
 def main() -> None:
-    """Entry point of the node."""
+    """Run the node."""
     sys.exit(ros.run_node(PlayedCamera, lambda _node: None))
 
 

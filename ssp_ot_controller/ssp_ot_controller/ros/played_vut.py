@@ -1,5 +1,6 @@
-"""Plays the VUT's GNSS/INS of a vehicle that drives while the session runs: its odometry, or its
-places, headings and velocities.
+"""The VUT's GNSS/INS, played for a vehicle that drives while the session runs.
+
+It sends its odometry, or its places, headings and velocities.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ class PlayedVut(Node):
         self._pub.publish(message)
 
     def _as_places(self, body: BodyState) -> None:
-        """First what belongs to the place, which is taken with what is there."""
+        """Publish velocity and heading first: a place is taken with what is there."""
         velocity, heading, place = TwistStamped(), Imu(), NavSatFix()
         for message in (velocity, heading, place):
             self._header(message)
@@ -120,7 +121,7 @@ class PlayedVut(Node):
 
 
 def main() -> None:
-    """Entry point of the node."""
+    """Run the node."""
     sys.exit(ros.run_node(PlayedVut, lambda _node: None))
 
 

@@ -162,7 +162,7 @@ class SilWorld(Node):
         self._go_on()
 
     def _on_vut_command(self, message: steps.BodyCommand) -> None:
-        """An external driver; in lockstep its command for a step is its answer to it."""
+        """Take a command of an external driver; in lockstep it answers its step."""
         self._driver_heard_ns = time.monotonic_ns()
         self._barrier.on_done(names.VUT_DRIVER, message.step)
         if self._lockstep and message.step == 0:
@@ -190,7 +190,7 @@ class SilWorld(Node):
     # -- stepping ------------------------------------------------------------------------------
 
     def _go_on(self) -> None:
-        """Lockstep: steps as soon as nobody is waited for."""
+        """Step as soon as everything that is waited for is there, in lockstep."""
         if not (self._lockstep and self._running):
             return
         if not self._barrier.waiting_for(self._world.step_index):
@@ -211,7 +211,7 @@ class SilWorld(Node):
         self._publish_tick()
 
     def _report_driver(self, now_ns: int) -> None:
-        """Faults of the VUT's driver that began or ended, and the silence of an external one."""
+        """Publish faults of the VUT's driver that began or ended, and an external one's silence."""
         driver = self._world.driver
         self._publish_faults(driver.fault_changes, now_ns)
         driver.fault_changes.clear()
@@ -241,7 +241,7 @@ class SilWorld(Node):
             self._pub_fault.publish(encode_fault(change.fact(self.get_name(), now_ns)))
 
     def _report_vut(self, running: bool) -> int:
-        """Sends what the VUT reports of itself; gives the number of states that arrive now."""
+        """Send what the VUT reports of itself; return the number of states that arrive now."""
         now_ns, channel = self._world.now_ns, self._channel
         armed = self._session is SessionPhase.ARMED
         self._publish_faults(channel.begin(now_ns, running=running, armed=armed), now_ns)
@@ -251,14 +251,14 @@ class SilWorld(Node):
         return len(arrived)
 
     def _manager_lost(self) -> bool:
-        """The VUT's driver stops when nobody leads the session any more."""
+        """Tell whether the manager is lost; the VUT's driver stops then."""
         if self._lockstep:
             return names.SCENARIO_MANAGER in self._barrier.dropped
         silence_s = (time.monotonic_ns() - self._heartbeat_arrived_ns) / NS_PER_S
         return silence_s > self._run.limits.heartbeat_s
 
     def _on_pace_timer(self) -> None:
-        """Realtime: one step a period, and the truth about falling behind."""
+        """Make one step a period in real time, and tell of falling behind."""
         if not self._running:
             return
         behind_s = ns_to_seconds(time.monotonic_ns() - self._started_ns - self._world.now_ns)
@@ -268,7 +268,7 @@ class SilWorld(Node):
         self._step()
 
     def _on_hold_timer(self) -> None:
-        """While holding: repeats the present state. While stepping: watches for the silent."""
+        """Repeat the present state while holding; watch for the silent while stepping."""
         now_ns, looked_ns = time.monotonic_ns(), self._looked_ns
         self._looked_ns = now_ns
         if not self._running:
@@ -346,7 +346,7 @@ def _command(command: steps.BodyCommand) -> Command:
 
 
 def main() -> None:
-    """Entry point of the node."""
+    """Run the node."""
     sys.exit(ros.run_node(SilWorld, lambda node: node.close()))
 
 

@@ -121,7 +121,7 @@ class VutAdapter(Node):
         self._pub.publish(encode_state(state))
 
     def _tolerate(self, what: str, hear: Callable[[], None]) -> None:
-        """The next fix says that it lacks what couldn't be used here."""
+        """Hear a message; what can't be used here the next fix says it lacks."""
         try:
             hear()
         except (Unusable, ValueError) as error:
@@ -147,7 +147,7 @@ class VutAdapter(Node):
         self._status.publish(status)
 
     def _find_velocity(self) -> None:
-        """Hears it once it is there: only its publisher says of which of both types it is."""
+        """Hear the topic once it is there: only its publisher says of which type it is."""
         topic = self.resolve_topic_name(self._velocity)
         for name in dict(self.get_topic_names_and_types()).get(topic, ()):
             if name in _TWISTS:
@@ -159,7 +159,7 @@ class VutAdapter(Node):
 
 
 def _fix(message: Odometry) -> Fix:
-    """A message of the receiver; ValueError for a stamp that is none."""
+    """Convert a message of the receiver; raise ValueError for a stamp that is none."""
     pose, twist = message.pose, message.twist.twist
     q = pose.pose.orientation
     return Fix(
@@ -177,7 +177,7 @@ def _fix(message: Odometry) -> Fix:
 
 
 def _nav_sat(message: NavSatFix) -> NavSat:
-    """A place; what a driver made of DOP or of nothing is no variance that one can rely on."""
+    """Convert a place; a driver's variance from DOP or from nothing can't be relied on."""
     stated = message.position_covariance_type >= NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN
     east, north = (float(message.position_covariance[i]) for i in (0, 4))
     return NavSat(
@@ -204,7 +204,7 @@ def _heading(message: Imu) -> Heading:
 
 
 def main() -> None:
-    """Entry point of the node."""
+    """Run the node."""
     sys.exit(ros.run_node(VutAdapter, lambda _node: None))
 
 

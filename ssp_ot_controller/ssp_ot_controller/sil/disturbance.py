@@ -81,9 +81,10 @@ class FaultSchedule:
         return not self._mine
 
     def begin(self, now_ns: int, *, running: bool, armed: bool) -> list[FaultChange]:
-        """Once a step, before anything else of it: what begins or ends now.
+        """Begin and end what is due, once a step before anything else of it; return the changes.
 
         Args:
+            now_ns: session time of the step.
             running: the session's time goes; False while the world holds.
             armed: the target is armed. A fault without a time begins then.
         """
@@ -112,7 +113,7 @@ class FaultSchedule:
         return changes
 
     def active(self, kind: FaultKind) -> list[Fault]:
-        """Active faults of a kind, in the order of the run file."""
+        """Return the active faults of a kind, in the order of the run file."""
         if not self._active:
             return []
         return [self._active[i] for i in sorted(self._active) if self._active[i].kind == kind]
@@ -121,11 +122,11 @@ class FaultSchedule:
         return bool(self._active) and any(f.kind == kind for f in self._active.values())
 
     def total(self, kind: FaultKind) -> float:
-        """Sum of the values of the active faults of a kind."""
+        """Return the sum of the values of the active faults of a kind."""
         return sum(f.value or 0.0 for f in self.active(kind))
 
     def share(self, kind: FaultKind, usual: float) -> float:
-        """Probability that the usual or one of the active faults of a kind strikes."""
+        """Return the probability that the usual or one of the active faults of a kind strikes."""
         kept = 1.0 - usual
         for fault in self.active(kind):
             kept *= 1.0 - (fault.value or 0.0)
@@ -149,14 +150,14 @@ def _generator(seed: int, name: str, purpose: str) -> np.random.Generator:
 
 
 def uniforms(seed: int, name: str, purpose: str) -> Iterator[float]:
-    """Numbers in [0, 1), the same for the same seed, name and purpose."""
+    """Yield numbers in [0, 1), the same for the same seed, name and purpose."""
     random = _generator(seed, name, purpose)
     while True:
         yield from random.random(_BLOCK).tolist()
 
 
 def normals(seed: int, name: str, purpose: str) -> Iterator[float]:
-    """Standard normal numbers, the same for the same seed, name and purpose."""
+    """Yield standard normal numbers, the same for the same seed, name and purpose."""
     random = _generator(seed, name, purpose)
     while True:
         yield from random.standard_normal(_BLOCK).tolist()
@@ -210,7 +211,7 @@ class Link(Generic[Item]):
         self.clear()
 
     def clear(self) -> None:
-        """Nothing is under way any more."""
+        """Drop everything that is under way."""
         self._under_way: deque[tuple[int, Sequence[Item]]] = deque()
         self._overtaken: Sequence[Item] = ()
         self._last_due_ns = 0
@@ -218,7 +219,7 @@ class Link(Generic[Item]):
     def pass_on(
         self, items: Sequence[Item], now_ns: int, held: Iterator[float] | None
     ) -> list[Item]:
-        """Takes in what is sent in this step, and gives what arrives, in order of arrival.
+        """Take in what is sent in this step; return what arrives, in order of arrival.
 
         Args:
             items: that are sent.
@@ -320,9 +321,10 @@ class Channel:
         )
 
     def begin(self, now_ns: int, *, running: bool, armed: bool) -> list[FaultChange]:
-        """Opens a step; what begins or ends with it is to be published as FaultEvent.
+        """Open a step; return what begins or ends with it, to be published as FaultEvent.
 
         Args:
+            now_ns: session time of the step.
             running: the session's time goes; False while the world holds.
             armed: the object is armed.
         """
@@ -338,7 +340,7 @@ class Channel:
         return now_ns + step_ns + (self._offset_ns if self._running else 0)
 
     def links(self) -> LinkSizes:
-        """Clock and delays as they are now, for a measurement of the link outside the steps."""
+        """Return clock and delays as they are now, for measuring the link outside the steps."""
         n, extra_s = self._noise, self._faults.total("link_delay")
         return LinkSizes(
             n.clock_offset_s + self._faults.total("clock_step"),
@@ -408,19 +410,19 @@ class Channel:
         return None if self._running else self._hold
 
     def up(self, state: ObjectState, now_ns: int) -> list[ObjectState]:
-        """Sends a state to the manager; gives the states that arrive there now, in that order."""
+        """Send a state to the manager; return the states that arrive there now, in that order."""
         return self._up.pass_on([state], now_ns, self._held)
 
     def up_acks(self, acks: Sequence[Acknowledgement], now_ns: int) -> list[Acknowledgement]:
-        """The same for acknowledgements."""
+        """Send acknowledgements to the manager; return those that arrive there now."""
         return self._acks.pass_on(acks, now_ns, self._held)
 
     def down_heartbeats(self, beats: Sequence[Heartbeat], now_ns: int) -> list[Heartbeat]:
-        """Those heartbeats that reach the object now, of this step's and of earlier ones."""
+        """Send heartbeats; return those that reach the object now, earlier ones too."""
         return self._heartbeats.pass_on(beats, now_ns, self._held)
 
     def down_references(self, references: Sequence[Reference], now_ns: int) -> list[Reference]:
-        """Those references that reach the object now, of this step's and of earlier ones."""
+        """Send references; return those that reach the object now, earlier ones too."""
         return self._references.pass_on(references, now_ns, self._held)
 
 

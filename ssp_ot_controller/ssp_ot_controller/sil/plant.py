@@ -40,7 +40,10 @@ class BodyPlant(Protocol):
 
 
 def lag_scale(run: RunSpec, object_id: str) -> float:
-    """The run's general disturbance is of the objects' actuators; the VUT's has to be named."""
+    """Return the factor on an actuator's lags.
+
+    The run's general disturbance is of the objects' actuators; the VUT's has to be named.
+    """
     if object_id == run.vut.id and object_id not in run.disturbances:
         return 1.0
     return run.disturbance_of(object_id).actuator_lag_scale

@@ -41,13 +41,13 @@ class SumoPose:
 
 
 def to_sumo(pose: Pose2, front_m: float) -> SumoPose:
-    """SUMO's pose of an object whose reference point is ``front_m`` behind its front."""
+    """Return SUMO's pose of an object whose reference point is ``front_m`` behind its front."""
     x, y = pose.to_parent(front_m, 0.0)
     return SumoPose(x, y, (90.0 - math.degrees(pose.yaw_rad)) % 360.0)
 
 
 def from_sumo(pose: SumoPose, front_m: float) -> Pose2:
-    """Pose of the reference point, ``front_m`` behind SUMO's front bumper."""
+    """Return the pose of the reference point, ``front_m`` behind SUMO's front bumper."""
     yaw = wrap_angle(math.radians(90.0 - pose.angle_deg))
     x, y = Pose2(pose.x_m, pose.y_m, yaw).to_parent(-front_m, 0.0)
     return Pose2(x, y, yaw)
@@ -198,11 +198,11 @@ class SumoWorld:
         return seconds_to_ns(self._step * self._run.step_s)
 
     def traffic(self) -> list[ObjectState]:
-        """Present states of the traffic, sorted by id; a vehicle that left the road is gone."""
+        """Return the states of the traffic, sorted by id; a vehicle that left the road is gone."""
         return list(self._states)
 
     def step(self, poses: Sequence[ObjectState]) -> list[ObjectState]:
-        """Advances by one step to where the VUT and all targets have the given states.
+        """Advance by one step to where the VUT and all targets have the given states.
 
         Args:
             poses: one state per participant of the run, in any order; stamps are ignored.
@@ -226,7 +226,7 @@ class SumoWorld:
         return self.traffic()
 
     def _place(self, places: Mapping[str, tuple[Pose2, float]]) -> None:
-        """Puts our objects where they are, in the order of their ids."""
+        """Put our objects where they are, in the order of their ids."""
         for name, walks, front_m in self._fronts:
             pose, speed_mps = places[name]
             at = to_sumo(pose, front_m)

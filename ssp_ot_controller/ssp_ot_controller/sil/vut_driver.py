@@ -61,7 +61,7 @@ class _Extent:
 
 
 def _extent(state: ObjectState, path: Polyline, place: tuple[float, float]) -> _Extent:
-    """Extent about the projection of the reference point; the path counts as straight there."""
+    """Return the extent about the reference point's projection; the path is straight there."""
     station, offset = place
     pose = path.pose(station)
     if station <= 0.0 or station >= path.length_m:
@@ -88,7 +88,7 @@ def _extent(state: ObjectState, path: Polyline, place: tuple[float, float]) -> _
 def _is_beside(
     other: ObjectState, path: Polyline, place: tuple[float, float], half_m: float
 ) -> bool:
-    """True when an object is so far beside the path that none of its corners is in the corridor."""
+    """Tell whether an object is so far beside the path that no corner is in the corridor."""
     station, offset = place
     size = other.size
     reach = max(size.front_m, size.rear_m) + 0.5 * size.width_m
@@ -114,7 +114,7 @@ def _occupied_s(other: _Extent, half_m: float) -> tuple[float, float] | None:
 
 
 def _arrival_s(gap_m: float, speed_mps: float, driver: Driver) -> float:
-    """Earliest arrival: accelerating as the driver would, up to cruise speed."""
+    """Return the earliest arrival: accelerating as the driver would, up to cruise speed."""
     a, v0 = driver.acceleration_mps2, speed_mps
     top = max(driver.cruise_mps, v0)
     t_top = (top - v0) / a
@@ -127,7 +127,7 @@ def _arrival_s(gap_m: float, speed_mps: float, driver: Driver) -> float:
 def _places(
     vut: ObjectState, others: Sequence[ObjectState], path: Polyline
 ) -> list[tuple[float, float]]:
-    """Station and offset of the VUT, then of everybody else."""
+    """Return station and offset of the VUT, then of all others."""
     return path.project_all([(vut.x_m, vut.y_m), *((o.x_m, o.y_m) for o in others)])
 
 
@@ -138,7 +138,7 @@ def find_obstacles(
     driver: Driver,
     places: Sequence[tuple[float, float]] | None = None,
 ) -> list[Obstacle]:
-    """Everything ahead in the VUT's corridor, or predicted to be there when the VUT comes by.
+    """Find everything ahead in the VUT's corridor, or predicted there when the VUT comes by.
 
     A vulnerable road user who is only predicted to be there is an obstacle that stands, so that
     the VUT stops before the place where they cross.
@@ -189,7 +189,7 @@ def _meets(vut: ObjectState, other: _Extent, gap_m: float, half_m: float, driver
 
 
 def _steer(vut: ObjectState, path: Polyline, station: float) -> float:
-    """Curvature in 1/m of pure pursuit: 2 y / L^2 to the path's point at a distance ahead."""
+    """Return the curvature of pure pursuit, 1/m: 2 y / L^2 to a point of the path ahead."""
     ahead = max(_MIN_LOOKAHEAD_M, _LOOKAHEAD_S * vut.speed_mps)
     target = path.pose(station + ahead)
     x, y = vut.pose.to_local(target.x_m, target.y_m)
@@ -199,14 +199,16 @@ def _steer(vut: ObjectState, path: Polyline, station: float) -> float:
 def drive(
     vut: ObjectState, others: Sequence[ObjectState], path: Polyline, driver: Driver, dt_s: float
 ) -> Command:
-    """The driver's command for the next step.
+    """Return the driver's command for the next step.
 
     The VUT accelerates to cruise speed, keeps its gap to obstacles if the driver reacts, and
     stands with its reference point at the path's end.
 
     Args:
+        vut: state of the VUT.
         others: all other objects; their order doesn't matter.
         path: to be driven, frame map.
+        driver: how the VUT is driven.
         dt_s: time for which the command is held.
     """
     limits = LIMITS[vut.object_class]
@@ -235,7 +237,7 @@ BUILD_UP_S = 0.2
 
 
 def needed_deceleration(speed_mps: float, obstacle: Obstacle) -> float:
-    """Constant deceleration in m/s^2 that just avoids an obstacle, inf for none that does.
+    """Return the constant deceleration that just avoids an obstacle, m/s^2; inf where none does.
 
     The obstacle keeps braking until it stands; that it may speed up doesn't count. Where the two
     come closest while it moves, (v - v_o)^2 / (2 s) + |a_o| is needed; where it stands first,
@@ -244,6 +246,7 @@ def needed_deceleration(speed_mps: float, obstacle: Obstacle) -> float:
 
     Args:
         speed_mps: of the VUT, >= 0.
+        obstacle: ahead on the VUT's path.
     """
     ahead, braking = max(obstacle.speed_mps, 0.0), max(-obstacle.acceleration_mps2, 0.0)
     closing = speed_mps - ahead
@@ -359,7 +362,7 @@ class VutDriver:
         return self.external_silence_s > DRIVER_TIMEOUT_S
 
     def _external(self, vut: ObjectState, external: tuple[float, Command] | None) -> Command:
-        """The command of an external driver; a silent one's vehicle brakes to a standstill.
+        """Return an external driver's command; with a silent one, brake to a standstill.
 
         Nobody answers the state before the start. A command that isn't finite is no command.
         """
@@ -372,7 +375,7 @@ class VutDriver:
 
 
 def _drivers(driver: Driver) -> list[tuple[int, Driver, bool]]:
-    """The driver from which time on, ns, and whether it wants to drive at all."""
+    """Return in time order from when on, ns, which driver, and whether it wants to drive."""
     found = [(0, driver, True)]
     for change in sorted(driver.later, key=lambda c: c.at_s):
         wants = change.cruise_mps > 0.0

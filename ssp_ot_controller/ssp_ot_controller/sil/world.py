@@ -62,7 +62,7 @@ class World:
         return self.step_index * self._step_ns
 
     def objects(self) -> list[ObjectState]:
-        """Ground truth of everything, sorted by id."""
+        """Return the ground truth of everything, sorted by id."""
         return list(self._everyone)
 
     def vut(self) -> ObjectState:
@@ -71,7 +71,7 @@ class World:
     def advance(
         self, commands: Mapping[str, tuple[int, Command]], drive_vut: bool
     ) -> list[ObjectState]:
-        """One step on.
+        """Go one step on.
 
         Args:
             commands: newest command of each object, with the step that it answered. An object
@@ -99,12 +99,12 @@ class World:
     def _observe(
         self, traffic: list[ObjectState], own: dict[str, ObjectState] | None = None
     ) -> None:
-        """Takes the ground truth of an instant."""
+        """Take the ground truth of an instant."""
         self._own = own or {object_id: self._state(object_id) for object_id in self._bodies}
         self._everyone = sorted([*self._own.values(), *traffic], key=lambda s: s.object_id)
 
     def all_stand(self) -> bool:
-        """True when VUT and object targets stand; traffic doesn't count."""
+        """Tell whether VUT and object targets stand; traffic doesn't count."""
         return all(body.speed_mps == 0.0 for body in self._bodies.values())
 
     def _object_command(
@@ -224,7 +224,7 @@ class StepBarrier:
         return [name for name in missing if name != self._leader] or missing
 
     def waiting_for(self, step: int) -> list[str]:
-        """Participants that keep the world from going on from ``step`` to ``step + 1``."""
+        """Return the participants that keep the world from going from ``step`` to ``step + 1``."""
         missing = [name for name, done in self._done.items() if done < step]
         if self._owner not in missing and any(c < step for c in self._commanded.values()):
             missing.append(self._owner)

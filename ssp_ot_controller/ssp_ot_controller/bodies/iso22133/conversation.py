@@ -124,7 +124,7 @@ class Settings:
     honours_start_time: bool = False
 
     def osem(self, now_ns: int) -> Osem:
-        """The settings as they are sent; the coordinate system isn't rotated."""
+        """Return the settings as they are sent; the coordinate system isn't rotated."""
         place, limits = self.datum.place, self.limits
         week, time_of_week_ns = to_gps(now_ns)
         today = datetime.fromtimestamp(now_ns / NS_PER_S, UTC)
@@ -195,13 +195,13 @@ class Conversation:
     # -- what happens --------------------------------------------------------------------------
 
     def on_connected(self, now_ns: int) -> None:
-        """The control connection stands: settings, first trajectory, and who are you."""
+        """Queue the settings, the first trajectory and a DREQ: the control connection stands."""
         self._quiet_until_ns = now_ns
         self._queue = deque([self._settings.osem(now_ns), self._first(), Dreq()])
         self._forget_run()
 
     def on_lost(self) -> None:
-        """The control connection broke, for however short a time."""
+        """Note that the control connection broke, for however short a time."""
         self._lost = True
 
     def step(self, decided: Decided, reported: Reported, now_ns: int) -> None:
@@ -222,7 +222,7 @@ class Conversation:
         self._lost = False
 
     def due(self, now_ns: int) -> list[Message]:
-        """Control messages that are sent now, in their order."""
+        """Return the control messages that are sent now, in their order."""
         messages: list[Message] = []
         while self._queue and now_ns >= self._quiet_until_ns:
             message = self._queue.popleft()
@@ -232,7 +232,7 @@ class Conversation:
         return messages
 
     def heab(self, now_ns: int) -> Heab | None:
-        """The heartbeat; None for an object that doesn't obey it: silence must stop it."""
+        """Return the heartbeat; None for an object that doesn't obey it: silence must stop it."""
         return None if self._deaf else Heab(to_gps(now_ns)[1], self.status)
 
     # -- what is known -------------------------------------------------------------------------
@@ -284,7 +284,7 @@ class Conversation:
         self._over = self._soft = False
 
     def _run(self, now_ns: int) -> None:
-        """STRT at its time, and the trajectories of the references that were taken."""
+        """Queue STRT at its time, and the trajectories of the references that were taken."""
         if self._start_ns is None:
             self._start_ns = self._start_of_run(now_ns)
             if self._start_ns is None:
@@ -303,7 +303,7 @@ class Conversation:
         self._soft = self._soft or (self._over and abs(self._reported.speed_mps) > SLOW_MPS)
 
     def _start_of_run(self, now_ns: int) -> int | None:
-        """Session time of the trajectory's time 0; None while the manager hasn't said it."""
+        """Return the session time of the trajectory's 0; None while the manager hasn't said it."""
         approach = self._settings.approach
         if approach is None:
             return now_ns
@@ -320,7 +320,7 @@ class Conversation:
         return first.execute_at_ns
 
     def _next(self, reference: Reference, start_ns: int, now_ns: int) -> Traj:
-        """A reference instead of what was to be driven from its time on.
+        """Return the trajectory of a reference, in place of what was to be driven from its time on.
 
         Objects merge points by their times: those of before that lie beyond its end are sent again
         as a standstill there.

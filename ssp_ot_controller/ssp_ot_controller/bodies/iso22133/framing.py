@@ -109,7 +109,7 @@ class Item:
 
 
 def pack_frame(header: Header, payload: bytes) -> bytes:
-    """The bytes of a frame.
+    """Return the bytes of a frame.
 
     Raises:
         ValueError: a number is larger than its field.
@@ -132,7 +132,7 @@ def pack_frame(header: Header, payload: bytes) -> bytes:
 
 
 def pack_items(items: Iterable[Item]) -> bytes:
-    """The bytes of a payload.
+    """Return the bytes of a payload.
 
     Raises:
         ValueError: a content is longer than 65,535 bytes.
@@ -146,7 +146,7 @@ def pack_items(items: Iterable[Item]) -> bytes:
 
 
 def items_of(payload: bytes) -> tuple[Item, ...] | Rejected:
-    """The items of a payload in their order."""
+    """Return the items of a payload in their order."""
     items: list[Item] = []
     at = 0
     while at < len(payload):
@@ -190,7 +190,7 @@ class StreamDecoder:
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[Frame | Rejected]:
-        """Frames that are complete with these bytes, and each loss of synchronisation, in order.
+        """Return the frames that these bytes complete, and each loss of synchronisation, in order.
 
         A loss is told once, with what was found first; what follows it is counted.
         """
@@ -198,7 +198,7 @@ class StreamDecoder:
         return self._scan(0)
 
     def resync(self) -> list[Frame | Rejected]:
-        """Gives up the frame that is waited for, and looks for others in what there is.
+        """Give up the frame that is waited for, and look for others in what there is.
 
         For callers with a clock: a damaged length may announce more bytes than will ever come.
         """
@@ -273,7 +273,7 @@ class StreamDecoder:
 
 
 def frames_of(datagram: bytes) -> list[Frame | Rejected]:
-    """The frames of one datagram; what is left at its end is a rejected one."""
+    """Return the frames of one datagram; what is left at its end is a rejected one."""
     decoder = StreamDecoder()
     found = decoder.feed(datagram)
     while decoder.waiting_bytes:

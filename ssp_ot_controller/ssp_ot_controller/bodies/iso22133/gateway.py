@@ -106,7 +106,7 @@ class MonrStatistics:
         self._last_ns: int | None = None
 
     def take(self, monr: Monr, stamp_ns: int | None, arrived_ns: int) -> None:
-        """One MONR; its stamp is None where it gave no reading."""
+        """Count one MONR; its stamp is None where it gave no reading."""
         self.count += 1
         if self._last_ns is not None:
             self._intervals_s.append(ns_to_seconds(arrived_ns - self._last_ns))
@@ -118,8 +118,9 @@ class MonrStatistics:
         )
 
     def text(self) -> str:
-        """Describe for people the rate, the 1st and 99th percentile of the intervals, and the
-        ages.
+        """Describe the rate, the intervals and the ages for people.
+
+        Of the intervals it has the 1st and the 99th percentile.
         """
         if len(self._intervals_s) < 2:
             return f"{self.count} MONR"
@@ -205,10 +206,10 @@ class IsoBody:
         return newest
 
     def command(self, command: Command, now_ns: int) -> None:
-        """Nothing: it drives by itself what ``follow`` was told."""
+        """Do nothing: the object drives by itself what ``follow`` was told."""
 
     def close(self) -> None:
-        """Leaves the object to its own watchdog."""
+        """Leave the object to its own watchdog."""
         self._tell(f"{self._object_id}: {self.statistics.text()}{self._timing()}")
         self._link.close()
 
@@ -232,12 +233,12 @@ class IsoBody:
         return self._conversation.check
 
     def frames(self) -> list[RawFrame]:
-        """Those since the last call, of both directions."""
+        """Return the frames since the last call, of both directions."""
         frames, self._frames = self._frames, []
         return frames
 
     def poll(self, now_ns: int) -> bool:
-        """Takes what has come, and keeps the connection; True for a new reading."""
+        """Take what has come, and keep the connection; True for a new reading."""
         if not self._link.connected:
             self._lose()
             if now_ns >= self._retry_ns:
@@ -281,13 +282,13 @@ class IsoBody:
         self.send(now_ns)
 
     def send(self, now_ns: int) -> None:
-        """Control messages that are due."""
+        """Send the control messages that are due."""
         if self._link.connected:
             for message in self._conversation.due(now_ns):
                 self._link.send(message)
 
     def beat(self, now_ns: int) -> None:
-        """One heartbeat, and what else is due."""
+        """Send one heartbeat, and what else is due."""
         if self._link.connected:
             heab = self._conversation.heab(now_ns)
             if heab is not None:

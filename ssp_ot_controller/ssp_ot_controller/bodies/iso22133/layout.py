@@ -79,7 +79,7 @@ _LAYOUTS: dict[type, tuple[_Group, ...]] = {}
 
 
 def _groups_of(cls: Any) -> tuple[_Group, ...]:
-    """The items of a message in the order in which they are sent."""
+    """Return the items of a message in the order in which they are sent."""
     known = _LAYOUTS.get(cls)
     if known is not None:
         return known
@@ -102,7 +102,7 @@ def _groups_of(cls: Any) -> tuple[_Group, ...]:
 
 
 def _to_wire(field: _Field, value: Any) -> Any:
-    """The number or bytes that struct packs. Raises ValueError for what the wire can't say."""
+    """Return a number or bytes for struct; raise ValueError for what the wire can't say."""
     wire = field.wire
     if wire.code == "text":
         return _text_bytes(field.name, value)
@@ -157,7 +157,7 @@ def _tell(odd: list[str], text: str) -> None:
 
 
 def _from_wire(field: _Field, raw: Any, odd: list[str]) -> Any:
-    """The field's value; what isn't one is None, and told."""
+    """Return the field's value; what isn't one is None, and told."""
     wire = field.wire
     if wire.code == "text":
         return raw.split(b"\0", 1)[0].decode(errors="replace")
@@ -181,7 +181,7 @@ def _from_wire(field: _Field, raw: Any, odd: list[str]) -> Any:
 
 
 def items_to_send(message: object) -> list[Item]:
-    """A message's items.
+    """Return a message's items.
 
     Raises:
         ValueError: a value that the wire can't say.
@@ -203,9 +203,11 @@ def items_to_send(message: object) -> list[Item]:
 
 
 def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | Rejected:
-    """A message of a class, or why its items are none.
+    """Return a message of a class, or why its items are none.
 
     Args:
+        cls: of the message.
+        items: of the payload, in their order.
         odd: is told of items that the message doesn't have, and of values that are none; of the
             first MOST_ODD.
     """
@@ -230,7 +232,7 @@ def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | Reje
 
 
 def _read_item(group: _Group, item: Item, values: dict[str, Any], odd: list[str]) -> str | None:
-    """Fills in the values of one item; what is wrong with it, or None."""
+    """Fill in the values of one item; return what is wrong with it, or None."""
     first = group.fields[0]
     if first.wire.points is not None:
         point = read_items(first.wire.points, (item,), odd)

@@ -132,7 +132,7 @@ class Link:
         return self._tcp is not None and not self._connected
 
     def connect(self) -> None:
-        """Starts to connect; does nothing while there is a connection or an attempt."""
+        """Start to connect; do nothing while there is a connection or an attempt."""
         if self._tcp is not None:
             return
         self._close_udp()
@@ -170,7 +170,7 @@ class Link:
         return found
 
     def send(self, message: Message, *, acknowledge: bool = False) -> Header:
-        """Sends a message; without a connection it is lost, as it may be on its way.
+        """Send a message; without a connection it is lost, as it may be on its way.
 
         Raises:
             ValueError: a value that the wire can't say.
@@ -192,7 +192,7 @@ class Link:
         return Header(message_id, *ids, acknowledge)
 
     def close(self) -> None:
-        """Leaves the object to its own watchdog."""
+        """Leave the object to its own watchdog."""
         if self._connected:
             self._flush()
         self._lose("closed")
@@ -254,7 +254,7 @@ class Link:
             self._lose(f"takes no bytes, more than {QUEUE_BYTES} wait")
 
     def _flush(self) -> None:
-        """Sends what waits, a message at a time, until the socket takes no more."""
+        """Send what waits, a message at a time, until the socket takes no more."""
         while self._queue and self._tcp is not None:
             data = self._queue[0]
             try:
@@ -301,7 +301,7 @@ class Link:
         return found
 
     def _lose(self, problem: str) -> None:
-        """Gives the connection up. UDP stays open, for heartbeats that tell of an abort."""
+        """Give the connection up. UDP stays open, for heartbeats that tell of an abort."""
         if self._tcp is not None:
             self._tcp.close()
         self._tcp, self._connected, self.problem = None, False, problem

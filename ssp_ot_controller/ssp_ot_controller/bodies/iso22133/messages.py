@@ -491,7 +491,7 @@ def encode(
     counter: int = 0,
     acknowledge: bool = False,
 ) -> bytes:
-    """The frame of a message; the other arguments are those of ``Header``.
+    """Return the frame of a message; the other arguments are those of ``Header``.
 
     Raises:
         ValueError: a value that the wire can't say.
@@ -505,7 +505,7 @@ def encode(
 
 
 def decode(frame: Frame) -> Decoded | Rejected:
-    """The message of a frame, or why it is none."""
+    """Return the message of a frame, or why it is none."""
     message_id = frame.header.message_id
     if message_id not in _KNOWN and message_id not in VENDORS:
         return Rejected(Reason.MESSAGE, f"message 0x{message_id:04X} isn't known")

@@ -109,7 +109,7 @@ class ProbeReport(Strict):
 
 
 def load_report(path: str | Path) -> ProbeReport:
-    """The report in a file.
+    """Return the report in a file.
 
     Raises:
         InputError: the file can't be read, or isn't a probe report.
@@ -118,7 +118,7 @@ def load_report(path: str | Path) -> ProbeReport:
 
 
 def write_report(path: str | Path, report: ProbeReport) -> None:
-    """Raises InputError or HostError where the file can't be written."""
+    """Raise InputError or HostError where the file can't be written."""
     write_json(path, report.model_dump(mode="json", by_alias=True))
 
 
@@ -149,9 +149,10 @@ def honours_start_time(report: ProbeReport) -> float | None:
 def cannot_arm(
     report: ProbeReport | None, bound_s: float, firmware: str | None, waived_by: str | None
 ) -> tuple[str, ...]:
-    """All reasons for which an object must not be armed, as sentences; none where it may be.
+    """List all reasons for which an object must not be armed, as sentences; none where it may be.
 
     Args:
+        report: of the object's last probe; None: there is none.
         bound_s: the site's ``limits.stop_reaction_s``.
         firmware: as the object's DRES states it; None where it answers no DREQ, as it must have
             done when it was probed.

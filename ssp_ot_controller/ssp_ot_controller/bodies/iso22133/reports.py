@@ -46,9 +46,10 @@ class MonrReadings:
         self._last: BodyReading | None = None
 
     def take(self, monr: Monr, now_ns: int) -> BodyReading | Rejected:
-        """The reading of a MONR, or why it gives none.
+        """Return the reading of a MONR, or why it gives none.
 
         Args:
+            monr: of the object, newly arrived.
             now_ns: session time, for the GPS week.
         """
         missing = [name for name in _NEEDED if getattr(monr, name) is None]
@@ -83,7 +84,7 @@ class MonrReadings:
         return self._last
 
     def _derived(self, stamp_ns: int, speed_mps: float, yaw_rad: float) -> tuple[float, float]:
-        """Acceleration and yaw rate; 0 at first and after a pause."""
+        """Return the acceleration and yaw rate; 0 at first and after a pause."""
         last = self._last
         if last is None:
             return 0.0, 0.0
@@ -121,7 +122,7 @@ class Answers:
         self._sent: dict[tuple[int, int, int], tuple[Header, int]] = {}
 
     def on_sent(self, header: Header, now_ns: int) -> None:
-        """A message that goes out; one that asks for no acknowledgement isn't waited for."""
+        """Remember a message that goes out, unless it asks for no acknowledgement."""
         if header.acknowledge:
             key = header.transmitter_id, header.counter, header.message_id
             self._sent[key] = header, now_ns
@@ -132,6 +133,6 @@ class Answers:
         return None if sent is None else Answer(grem, sent[0], now_ns - sent[1])
 
     def silent(self, now_ns: int, limit_ns: int) -> list[Header]:
-        """Messages that weren't answered within a limit; each is told once."""
+        """Return the messages that weren't answered within a limit; each is told once."""
         late = [key for key, (_, at_ns) in self._sent.items() if now_ns - at_ns > limit_ns]
         return [self._sent.pop(key)[0] for key in late]

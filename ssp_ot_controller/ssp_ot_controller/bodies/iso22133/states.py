@@ -64,12 +64,12 @@ _FITS: dict[SessionPhase, tuple[frozenset[ControlState], frozenset[ControlState]
 
 
 def state_of(number: int | None) -> ControlState | None:
-    """The state that a MONR reports; None for 'unavailable' and for numbers without a name."""
+    """Return the state that a MONR reports; None: it is unavailable, or a number without a name."""
     return ControlState(number) if number in _NUMBERS else None
 
 
 def state_text(number: int | None) -> str:
-    """A reported state for people: its name, and its number as it came."""
+    """Return a reported state for people: its name, and its number as it came."""
     state = state_of(number)
     if state is not None:
         return f"{state.name} ({number})"
@@ -134,7 +134,7 @@ AFTER: dict[ControlState, dict[Stimulus, ControlState]] = {
 
 
 def after(state: ControlState, stimulus: Stimulus) -> ControlState:
-    """The state that a conforming object takes; the one it has where nothing changes."""
+    """Return the state that a conforming object takes; its present one where nothing changes."""
     return AFTER[state].get(stimulus, state)
 
 
@@ -154,7 +154,7 @@ _STATUSES = frozenset(CentreStatus)
 
 
 def session_of(status: int, started: bool) -> SessionPhase:
-    """The session's state that a heartbeat of another centre amounts to.
+    """Return the session's state that a heartbeat of another centre amounts to.
 
     Args:
         status: of the HEAB; a number without a name is taken for an abort.

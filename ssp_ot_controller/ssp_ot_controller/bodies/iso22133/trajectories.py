@@ -37,13 +37,15 @@ def trajectory_of(
     from_ns: int | None = None,
     to_ns: int | None = None,
 ) -> Traj:
-    """A reference, or a part of it, as it is sent.
+    """Return a reference, or a part of it, as it is sent.
 
     The last point of a whole reference is a standstill at its end.
 
     Args:
         reference: one that ``check_reference`` accepts; it begins no earlier than ``start_ns``.
         start_ns: session time at which the trajectory's time is 0.
+        datum: of the site; the points are sent in ENU at it.
+        trajectory_id: number of the trajectory in the message.
         from_ns: session time of the first point that is sent; None: where the reference begins.
         to_ns: session time before which the last point lies; None: the reference's end.
 
@@ -83,7 +85,7 @@ def trajectory_of(
 
 
 def points_of(trajectory: Traj, datum: Datum) -> Points | Rejected:
-    """The points of a trajectory of another centre, with times since the start.
+    """Return the points of a trajectory of another centre, with times since the start.
 
     Accelerations that aren't stated are the differences of the speeds; curvatures that aren't
     stated are the turn over the way.
@@ -125,7 +127,7 @@ _REST: dict[str, Any] = {
 
 
 def read_trajectory(path: str | Path) -> Traj:
-    """A trajectory of a CSV file, as it is sent to an object.
+    """Return a trajectory of a CSV file, as it is sent to an object.
 
     Its header names the columns t_s, x_m, y_m, yaw_rad, speed_mps, and may name acceleration_mps2
     and curvature_1pm: those of ``TrajPoint``, in the test's coordinate system.

@@ -29,7 +29,7 @@ _LEAPS_PLAIN_NS = tuple(since + count * NS_PER_S for count, since in enumerate(L
 
 
 def to_gps(utc_ns: int) -> tuple[int, int]:
-    """GPS week and time of that week in ns, rounded down to quarter milliseconds.
+    """Return the GPS week and time of that week in ns, rounded down to quarter milliseconds.
 
     Raises:
         ValueError: before GPS time began.
@@ -42,13 +42,13 @@ def to_gps(utc_ns: int) -> tuple[int, int]:
 
 
 def to_utc_ns(week: int, time_of_week_ns: int) -> int:
-    """The inverse of ``to_gps``."""
+    """Return the UTC time of a GPS time, ns: the inverse of ``to_gps``."""
     plain_ns = _GPS_EPOCH_NS + week * WEEK_NS + time_of_week_ns
     return plain_ns - bisect_right(_LEAPS_PLAIN_NS, plain_ns) * NS_PER_S
 
 
 def nearest_utc_ns(time_of_week_ns: int, near_ns: int) -> int:
-    """The instant with that time of its week that is nearest to another instant.
+    """Return the instant with that time of its week that is nearest to another instant.
 
     A message that was sent just before a week's end and is read after it gets its own week.
     """
@@ -57,7 +57,7 @@ def nearest_utc_ns(time_of_week_ns: int, near_ns: int) -> int:
 
 
 def yaw_of_compass(heading_rad: float) -> float:
-    """Yaw of a compass heading, and the other way round.
+    """Return the yaw of a compass heading, and the other way round.
 
     Args:
         heading_rad: rad, from north, clockwise.

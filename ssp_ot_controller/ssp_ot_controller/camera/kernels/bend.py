@@ -55,7 +55,7 @@ class Bend(NamedTuple):
 
 
 def build_bend(road: Road) -> Bend | None:
-    """The tables of a road's line; None for a straight road."""
+    """Return the tables of a road's line; None for a straight road."""
     line = block_line(road)
     if line.is_straight:
         return None
@@ -86,14 +86,14 @@ def build_bend(road: Road) -> Bend | None:
 
 
 def block_line(road: Road) -> ReferenceLine:
-    """The road's line in the block's frame: its start is the origin."""
+    """Return the road's line in the block's frame: its start is the origin."""
     line = ReferenceLine.of_road(road)
     return ReferenceLine(Pose2(0.0, 0.0, 0.0), line.pieces)
 
 
 @inlined
 def _seed(bend: Bend, x: float, y: float) -> int:
-    """A node near the foot of a place."""
+    """Return a node near the foot of a place."""
     nodes, cells = bend.nodes, bend.cells
     column = (x - bend.x_m) * bend.cells_per_m
     row = (y - bend.y_m) * bend.cells_per_m
@@ -113,7 +113,7 @@ def _seed(bend: Bend, x: float, y: float) -> int:
 
 @inlined
 def locate(bend: Bend, x: float, y: float) -> tuple[float, float, float, float, float]:
-    """Arc length, offset, cosine and sine of the line's heading, stretch of the map there.
+    """Return arc length, offset, cosine and sine of the line's heading, stretch of the map there.
 
     With curvature k and the place a to the left of a node and b ahead of it, the touching circle
     gives r^2 = (1 - k a)^2 + (k b)^2, l = (1 - r) / k and s = atan2(k b, 1 - k a) / k, here in a
@@ -150,14 +150,17 @@ def locate(bend: Bend, x: float, y: float) -> tuple[float, float, float, float, 
 
 @compiled
 def locate_all(bend: Bend, xy: Array, out: Array) -> None:
-    """Arc length and offset of places, shape (n, 2) both."""
+    """Write arc length and offset of places into ``out``, shape (n, 2) both."""
     for n in range(xy.shape[0]):
         s, offset, _, _, _ = locate(bend, xy[n, 0], xy[n, 1])
         out[n, 0], out[n, 1] = s, offset
 
 
 def offsets_of(bend: Bend | None, xy_m: Array) -> Array:
-    """Offset to the left of the line, shape (n,), of places in the block's frame, shape (n, 2)."""
+    """Return offsets to the left of the line, shape (n,), of places, shape (n, 2).
+
+    The places are in the block's frame.
+    """
     places = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
     if bend is None:
         return np.asarray(places[:, 1])

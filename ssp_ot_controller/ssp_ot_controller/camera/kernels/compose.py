@@ -52,7 +52,7 @@ class Buffers(threading.local):
         self._kept: Samples | None = None
 
     def cleared(self, height: int, width: int, room: int) -> Samples:
-        """Empty memory for a frame of a size, with room for so many triangles."""
+        """Return empty memory for a frame of a size, with room for so many triangles."""
         kept = self._kept
         if kept is None or kept.cover.shape != (SAMPLES * height, SAMPLES * width):
             rows, columns = SAMPLES * height, SAMPLES * width
@@ -80,7 +80,7 @@ class Buffers(threading.local):
 
 @inlined
 def _count_drawn(inverse_depth: Array, v: int, drawn: Array, hidden: Array) -> int:
-    """Drawn samples per pixel of a row, and whether those are all; returns the row's sum."""
+    """Count drawn samples per pixel of a row, note where all are, and return the row's sum."""
     total = 0
     j = np.uint64(SAMPLES * v)
     for u in range(np.uint64(drawn.shape[0])):
@@ -98,7 +98,7 @@ def _count_drawn(inverse_depth: Array, v: int, drawn: Array, hidden: Array) -> i
 def _light_ground(
     fog: Colour, shadow_light: Colour, clear: float, cover: Array, v: int, row: Array
 ) -> None:
-    """Shadow and fog on the ground of one image row."""
+    """Put shadow and fog on the ground of one image row."""
     upper, lower = cover[SAMPLES * v], cover[SAMPLES * v + 1]
     for u in range(row.shape[0] // 3):
         shaded = 0
@@ -126,7 +126,7 @@ def _one_owner(owner: Array, j: np.uint64, u: int, number: int) -> bool:
 
 @inlined
 def _draw_bodies(samples: Samples, lens: Array, style: Style, noise: Array, v: int) -> None:
-    """Puts what was drawn over one image row; each triangle of a pixel is coloured once."""
+    """Put what was drawn over one image row; each triangle of a pixel is coloured once."""
     inverse_depth, owner, planes = samples.inverse_depth, samples.owner, samples.planes
     drawn, single, row = samples.drawn, samples.single, samples.row
     every = SAMPLES * SAMPLES
@@ -183,7 +183,7 @@ def _draw_bodies(samples: Samples, lens: Array, style: Style, noise: Array, v: i
 def compose(
     around: Surroundings, eye: Eye, samples: Samples, film: Film, light: Array, out: Array
 ) -> None:
-    """Fills a frame, or the light that falls on the sensor where something is to come in between.
+    """Fill a frame, or the light that falls on the sensor where something is to come in between.
 
     Args:
         around: what is behind and around the bodies.

@@ -44,7 +44,7 @@ JOINT_M, JOINT_PERIOD_M = 0.03, 0.9
 def _paint(
     table: Array, channels: slice | int, start_m: float, end_m: float, value: object
 ) -> None:
-    """Puts a value between two lateral positions, in proportion where a cell is cut."""
+    """Put a value between two lateral positions, in proportion where a cell is cut."""
     low = -HALF_WIDTH_M + CELL_M * np.arange(len(table))
     share = np.clip((np.minimum(end_m, low + CELL_M) - np.maximum(start_m, low)) / CELL_M, 0.0, 1.0)
     if isinstance(channels, slice):
@@ -57,7 +57,7 @@ def _line(table: Array, channels: slice | int, centre_m: float, value: object) -
 
 
 def _surface(road: Road, palette: Palette) -> Array:
-    """Ground, sidewalks, carriageway and edge lines; shape (cells, CHANNELS)."""
+    """Return the ground, sidewalks, carriageway and edge lines; shape (cells, CHANNELS)."""
     table = np.zeros((round(2 * HALF_WIDTH_M / CELL_M), CHANNELS))
     left, right = road.left_edge_m, road.right_edge_m
     colour = slice(0, 3)
@@ -91,7 +91,7 @@ def _surface(road: Road, palette: Palette) -> Array:
 
 
 def _paint_borders(table: Array, lanes: list[Lane], palette: Palette) -> None:
-    """Dashes between lanes of one direction, the centre line between directions."""
+    """Paint dashes between lanes of one direction, and the centre line between directions."""
     for lower, upper in pairwise(lanes):
         border = (lower.y_m + lower.width_m / 2 + upper.y_m - upper.width_m / 2) / 2
         if lower.direction == upper.direction:
@@ -143,7 +143,7 @@ class Ground(NamedTuple):
 
 
 def build_ground(road: Road, palette: Palette, texture: bool) -> Ground:
-    """The surface of a road."""
+    """Return the surface of a road."""
     lanes = sorted(road.lanes, key=lambda lane: lane.y_m)
     along = _surface(road, palette)
     crossing = along.copy()
@@ -172,7 +172,7 @@ CROSSING_REACH_M = ZEBRA_HALF_LENGTH_M + STOP_DISTANCE_M + STOP_WIDTH_M
 
 @inlined
 def _pattern(x: float, width: float, mark: float, period: float) -> float:
-    """Mean over [x - width/2, x + width/2] of marks of a length that repeat with a period."""
+    """Return the mean over [x - width/2, x + width/2] of marks that repeat with a period."""
     a, b = x - width / 2, x + width / 2
     na, nb = math.floor(a / period), math.floor(b / period)
     fa = na * mark + min(a - na * period, mark)
@@ -183,7 +183,7 @@ def _pattern(x: float, width: float, mark: float, period: float) -> float:
 
 @inlined
 def _band(x: float, width: float, start: float, end: float) -> float:
-    """Mean over [x - width/2, x + width/2] of one mark."""
+    """Return the mean over [x - width/2, x + width/2] of one mark."""
     overlap = min(end, x + width / 2) - max(start, x - width / 2)
     share: float = max(0.0, overlap) / width
     return share
@@ -193,7 +193,7 @@ def _band(x: float, width: float, start: float, end: float) -> float:
 def _mean(
     ground: Ground, table: int, y: float, width: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Means of the channels over [y - width/2, y + width/2]."""
+    """Return the means of the channels over [y - width/2, y + width/2]."""
     sums, strips, values = ground.sums, ground.strips, ground.values
     last = strips.shape[1]
     a = (y - width / 2 + HALF_WIDTH_M) * CELLS_PER_M
@@ -232,7 +232,7 @@ def _mean(
 def _rise(
     sums: Array, table: int, ia: int, ib: int, weights: tuple[float, ...], channel: int
 ) -> float:
-    """Running sum between cells ib and ib + 1 less that between ia and ia + 1, so weighted."""
+    """Return a weighted running sum between cells ib and ib + 1 less that between ia and ia + 1."""
     ga, fa, gb, fb = weights
     high = gb * sums[table, ib, channel] + fb * sums[table, ib + 1, channel]
     low = ga * sums[table, ia, channel] + fa * sums[table, ia + 1, channel]
@@ -242,7 +242,7 @@ def _rise(
 
 @inlined
 def _nearest_zebra(ground: Ground, x: float) -> int:
-    """The zebra nearest to a place along the road, -1 where the road has none."""
+    """Return the zebra nearest to a place along the road, -1 where the road has none."""
     zebras = ground.zebras_m
     nearest = -1
     for i in range(zebras.shape[0]):
@@ -255,12 +255,14 @@ def _nearest_zebra(ground: Ground, x: float) -> int:
 def _colour(
     ground: Ground, x: float, y: float, wx: float, wy: float, grain: float
 ) -> tuple[float, float, float]:
-    """Colour of the ground (blue, green, red), averaged over a footprint.
+    """Return the colour of the ground (blue, green, red), averaged over a footprint.
 
     Args:
         ground: of the road.
-        x, y: place along and across the road, m.
-        wx, wy: extents of the footprint along and across the road, m.
+        x: place along the road, m.
+        y: place across the road, m, + is left.
+        wx: extent of the footprint along the road, m.
+        wy: extent of the footprint across the road, m.
         grain: texture, in shares of its strength.
     """
     blue, green, red, mark, strength, paving = _mean(ground, 0, y, wy)
@@ -306,7 +308,7 @@ FINE_M = 0.12  # footprint from which on fine grain isn't resolved
 
 @inlined
 def _patches(noise: Array, x_m: float, y_m: float, footprint_m: float) -> float:
-    """Light and dark patches; each scale fades before a pixel can no longer resolve it."""
+    """Return the light of patches; each scale fades before a pixel can no longer resolve it."""
     middle = 1.0 - footprint_m / 1.5
     coarse = 1.0 - footprint_m / 12.0
     patch = 0.0
@@ -319,7 +321,7 @@ def _patches(noise: Array, x_m: float, y_m: float, footprint_m: float) -> float:
 
 @inlined
 def _plain_strip(ground: Ground, x: float, y: float, wx: float, wy: float) -> int:
-    """A number for the ground around a footprint if it has one colour but for grain, else -1.
+    """Return a number for the ground around a footprint of one colour but for grain, else -1.
 
     Footprints with the same number have the same colour, and so has the ground between them.
     """
@@ -347,7 +349,7 @@ def _fill_plain(
     values: Array, strip: int, noise: Array, place: tuple[float, ...], step: tuple[float, ...],
     row: Array,
 ) -> None:  # fmt: skip
-    """Pixels of one strip: its colour and grain, whose shares change by steps along the row.
+    """Fill the pixels of one strip with its colour and grain; shares change by steps along the row.
 
     Place and step are those of x, y, patch and fine grain.
     """
@@ -376,6 +378,10 @@ def _straight_place(
     Args:
         depth: at which it meets the ground.
         growth: of the depth per row of the image, over the depth.
+        position: of the camera, block frame, m.
+        rays: direction at pixel (0, 0), its change per column and per row.
+        dx: way of the ray along the road, over the depth.
+        dy: way of the ray across the road, over the depth.
     """
     wx = max(depth * (abs(rays[1, 0]) + abs(growth * dx + rays[2, 0])), CELL_M)
     wy = max(depth * (abs(rays[1, 1]) + 0.5 * abs(growth * dy + rays[2, 1])), CELL_M)
@@ -386,7 +392,7 @@ def _straight_place(
 def _bent_place(
     bend: Bend, depth: float, growth: float, position: Array, rays: Array, dx: float, dy: float
 ) -> tuple[float, float, float, float]:
-    """The same for a road that bends."""
+    """Find the same as ``_straight_place`` for a road that bends."""
     s, offset, c, w, stretch = locate(bend, position[0] + depth * dx, position[1] + depth * dy)
     ax, ay = depth * rays[1, 0], depth * rays[1, 1]
     bx, by = depth * (growth * dx + rays[2, 0]), depth * (growth * dy + rays[2, 1])
@@ -400,7 +406,7 @@ def ground_row(
     ground: Ground, bend: Bend | None, noise: Array, position: Array, rays: Array, start: Array,
     hidden: Array, row: Array,
 ) -> None:  # fmt: skip
-    """Colours of one image row below the horizon, without light and fog.
+    """Write the colours of one image row below the horizon, without light and fog.
 
     Most of the ground has one colour but for its grain: where both ends of a block of pixels lie
     in one strip, so does all between them.

@@ -25,7 +25,7 @@ _SETTINGS: Any = numba.config  # its attributes are made at run time
 
 
 def digest(folder: Path) -> str:
-    """A short hash of the names and contents of the Python files below a folder."""
+    """Return a short hash of the names and contents of the Python files below a folder."""
     total = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
         content = path.read_bytes()
@@ -34,7 +34,7 @@ def digest(folder: Path) -> str:
 
 
 def cache_folder(sources: Path, places: list[Path]) -> Path | None:
-    """The folder for the machine code of these sources, in the first place that can be written.
+    """Return the folder for the machine code of these sources, in the first writable place.
 
     Folders of earlier sources in the same place are removed. None: no place can be written, and
     kernels are compiled anew in each process.
@@ -82,7 +82,7 @@ def _jit(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compiles with numba on the first call and keeps the machine code on disk.
+    """Compile with numba on the first call and keep the machine code on disk.
 
     The interpreter lock is released while the kernel runs, so that a node's executor stays
     responsive; one thread, so that the order of operations and with it every pixel is fixed.

@@ -16,7 +16,7 @@ CentreLine = Literal["double", "solid"]
 
 
 def rgb(code: str) -> Colour:
-    """``rrggbb`` as blue, green, red, 0-255."""
+    """Return a text ``rrggbb`` as blue, green, red, 0-255."""
     return float(int(code[4:6], 16)), float(int(code[2:4], 16)), float(int(code[0:2], 16))
 
 
@@ -192,7 +192,7 @@ def _times(a: Colour, factor: float | Colour) -> Colour:
 
 
 def fog_per_m(look: Look) -> float:
-    """Extinction with what the rain adds, 1/m."""
+    """Return the extinction with what the rain adds, 1/m."""
     return look.fog_per_m + RAIN_FOG_PER_M * look.rain
 
 
@@ -248,7 +248,7 @@ def _dusky(palette: Palette) -> Palette:
 
 
 def palette_of(look: Look) -> Palette:
-    """The palette of a look in its weather and light."""
+    """Return the palette of a look in its weather and light."""
     palette = PALETTES[look.palette]
     if look.rain > 0.0:
         palette = replace(_rainy(palette, look.rain), lamps_on=True)

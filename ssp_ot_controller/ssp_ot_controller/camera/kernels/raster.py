@@ -92,7 +92,7 @@ _IN_FRONT_M = 1e-3
 
 @inlined
 def _to_optical(corners: Array, n: int, eye: Eye, place: Array) -> float:
-    """Places of a triangle's corners in the optical frame into ``place``; the largest depth."""
+    """Write places of a triangle's corners in the optical frame; return the largest depth."""
     deepest = -1e30
     for i in range(3):
         dx = corners[n, i, 0] - eye.position[0]
@@ -106,7 +106,7 @@ def _to_optical(corners: Array, n: int, eye: Eye, place: Array) -> float:
 
 @inlined
 def _edges(place: Array, lens: Array, cross: Array, edge: Array) -> float:
-    """Cross products of the corners, and the edges on the image; volume, + when seen from front.
+    """Write cross products of the corners, and edges on the image; return the volume, + in front.
 
     Args:
         place: shape (3, 3), corners in the optical frame.
@@ -129,7 +129,10 @@ def _edges(place: Array, lens: Array, cross: Array, edge: Array) -> float:
 
 @inlined
 def _frame(place: Array, lens: Array, height: int, width: int) -> tuple[int, int, int, int]:
-    """Rows and columns that a triangle may cover: top, bottom, left, right; bottom < top: none."""
+    """Return rows and columns that a triangle may cover: top, bottom, left, right.
+
+    Where it covers none, bottom < top.
+    """
     if min(place[0, 2], place[1, 2], place[2, 2]) < _IN_FRONT_M:
         return 0, height - 1, 0, width - 1
     left, right, top, bottom = 1e30, -1e30, 1e30, -1e30
@@ -152,7 +155,7 @@ def _frame(place: Array, lens: Array, height: int, width: int) -> tuple[int, int
 
 @inlined
 def _samples(low: float, high: float, left: int, right: int) -> tuple[int, int]:
-    """First and last column within limits; none: last < first."""
+    """Return the first and last column within limits; none: last < first."""
     if low > right or high < left:
         return 0, -1
     return math.ceil(max(low, float(left))), math.floor(min(high, float(right)))
@@ -160,7 +163,7 @@ def _samples(low: float, high: float, left: int, right: int) -> tuple[int, int]:
 
 @inlined
 def _limits(edge: Array, i: int) -> tuple[float, float, float, float]:
-    """An edge as limits of the column: slope per row and value at row 0, below and above.
+    """Return an edge as limits of the column: slope per row and value at row 0, below and above.
 
     A level edge becomes a very steep one, so that its limit lies far outside on one of its sides.
     """
@@ -175,7 +178,7 @@ def _limits(edge: Array, i: int) -> tuple[float, float, float, float]:
 def _draw_span(
     base: np.float32, slope: np.float32, number: np.int32, ramp: Array, depths: Array, owners: Array
 ) -> int:
-    """Takes the samples of one span where the triangle is nearer; the number of those.
+    """Take the samples of one span where the triangle is nearer; return the number of those.
 
     Plain enough for the compiler to do several samples at once.
     """
@@ -193,7 +196,7 @@ def _draw_span(
 def _write_planes(
     scratch: Array, volume: float, mesh: Triangles, n: int, fog_per_m: float, plane: Array
 ) -> None:
-    """The planes of a triangle's values over z into ``plane``."""
+    """Write the planes of a triangle's values over z into ``plane``."""
     place, cross = scratch[0], scratch[1]
     a, b, c = 1.0 / volume, 1.0 / volume, 1.0 / volume
     for k in range(3):
@@ -217,7 +220,7 @@ def _write_planes(
 def rasterise(
     mesh: Triangles, runs: Array, eye: Eye, fog_per_m: float, count: int, samples: Samples
 ) -> int:
-    """Draws the front sides of triangles where they are nearest.
+    """Draw the front sides of triangles where they are nearest.
 
     Args:
         mesh: counter-clockwise as seen from the front.
@@ -271,10 +274,12 @@ def rasterise(
 
 @compiled
 def rasterise_cover(corners: Array, runs: Array, eye: Eye, scratch: Array, cover: Array) -> None:
-    """Marks the samples that the front sides of triangles cover, whatever their depth.
+    """Mark the samples that the front sides of triangles cover, whatever their depth.
 
     Args:
-        corners, runs, eye: see rasterise.
+        corners: see rasterise.
+        runs: see rasterise.
+        eye: see rasterise.
         scratch: shape (3, 3, 3), for numbers of one triangle.
         cover: shape (rows, columns), uint8; covered samples become 1.
     """

@@ -24,20 +24,23 @@ _GRAIN_SIGMA = 104.5  # standard deviation of a sum of two uniform bytes
 
 
 def make_grain() -> Array:
-    """Noise to be read from changing starts, shape (n,), int16: sums of two uniform bytes - 255."""
+    """Make noise that is read from changing starts, shape (n,), int16.
+
+    Each number is the sum of two uniform bytes, less 255.
+    """
     bytes_ = np.random.default_rng(0).integers(0, 256, (2, _GRAIN_LENGTH), dtype=np.int16)
     return np.asarray(bytes_.sum(axis=0, dtype=np.int16) - 255, dtype=np.int16)
 
 
 def falloff(width_px: int) -> Array:
-    """Squared distance from the middle column per channel of a row, shape (3 width,), float32."""
+    """Return the squared distance from the middle column by channel, shape (3 width,), float32."""
     columns = np.arange(width_px, dtype=np.float32) - np.float32(0.5 * (width_px - 1))
     return np.repeat(columns * columns, 3)
 
 
 @inlined
 def mixed(state: np.uint64) -> np.uint64:
-    """A well mixed 64-bit number (splitmix64)."""
+    """Return a well mixed 64-bit number (splitmix64)."""
     state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return state ^ (state >> np.uint64(31))
@@ -61,7 +64,7 @@ class Film(NamedTuple):
 
 @inlined
 def develop_row(row: Array, squares: Array, v: int, height: int, film: Film, out: Array) -> None:
-    """Writes one image row.
+    """Write one image row.
 
     Args:
         row: shape (3 width,), float32, light of blue, green, red in turn.
@@ -88,7 +91,7 @@ def develop_row(row: Array, squares: Array, v: int, height: int, film: Film, out
 
 @compiled
 def develop(light: Array, squares: Array, film: Film, out: Array) -> None:
-    """Writes a whole image; arguments as develop_row, with ``light`` and ``out`` row by row."""
+    """Write a whole image; arguments as develop_row, with ``light`` and ``out`` row by row."""
     for v in range(out.shape[0]):
         develop_row(light[v], squares, v, out.shape[0], film, out[v])
 
@@ -97,7 +100,7 @@ _MARGIN_PX = 4
 
 
 def level_camera(camera: Camera) -> Camera:
-    """The camera without roll whose picture holds all that the leaning one sees."""
+    """Return the camera without roll whose picture holds all that the leaning one sees."""
     if camera.roll_right_rad == 0.0:
         return camera
     c, s = abs(math.cos(camera.roll_right_rad)), abs(math.sin(camera.roll_right_rad))
@@ -115,7 +118,7 @@ def level_camera(camera: Camera) -> Camera:
 
 
 def rolled(light: Array, camera: Camera) -> Array:
-    """The light of a leaning camera from that of its level one, shape (height, width, 3)."""
+    """Return the light of a leaning camera from that of its level one, shape (height, width, 3)."""
     if camera.roll_right_rad == 0.0:
         return light
     c, s = math.cos(camera.roll_right_rad), math.sin(camera.roll_right_rad)

@@ -29,7 +29,7 @@ _WINDOW_PERIOD_V_M = 3.1
 
 
 def make_noise(seed: int) -> Array:
-    """Tileable value noise, shape (NOISE_SIZE, NOISE_SIZE), float32 with mean 0, within [-1, 1]."""
+    """Make tileable value noise in [-1, 1] of mean 0, shape (NOISE_SIZE, NOISE_SIZE), float32."""
     rng = np.random.default_rng(seed)
     total = np.zeros((NOISE_SIZE, NOISE_SIZE))
     for cells, weight in ((16, 0.35), (64, 0.35), (NOISE_SIZE, 0.3)):
@@ -47,7 +47,7 @@ def make_noise(seed: int) -> Array:
 
 @inlined
 def noise_at(noise: Array, x: float, y: float) -> float:
-    """Bilinear value of the tileable noise at texel coordinates, any range."""
+    """Return the tileable noise at texel coordinates of any range, bilinear."""
     x0, y0 = math.floor(x), math.floor(y)
     fx, fy = x - x0, y - y0
     mask = NOISE_SIZE - 1
@@ -61,7 +61,7 @@ def noise_at(noise: Array, x: float, y: float) -> float:
 
 @inlined
 def _overlap(start: float, end: float, low: float, high: float) -> float:
-    """Length that two stretches have in common."""
+    """Return the length that two stretches have in common."""
     common: float = max(0.0, min(end, high) - max(start, low))
     return common
 
@@ -70,7 +70,7 @@ def _overlap(start: float, end: float, low: float, high: float) -> float:
 def window_mix(
     u_m: float, v_m: float, width_u_m: float, width_v_m: float, lit_share: float
 ) -> tuple[float, float]:
-    """Share of glass and share of lit window (of 1) in a footprint on a facade.
+    """Return the shares of glass and of lit window (of 1) in a footprint on a facade.
 
     Windows are products of marks along and up, so that the mean over a rectangle is one too. It
     goes to the mean of the wall where the footprint no longer resolves a window. Without branches,
@@ -128,14 +128,14 @@ _LEAVES_PER_M = 14.0
 
 @inlined
 def _plane(run: Run, start: int) -> tuple[float, float]:
-    """A value over z along a row: its slope per rx, and where rx is 0."""
+    """Return a value over z along a row: its slope per rx, and where rx is 0."""
     planes, n = run.planes, run.n
     return planes[n, start], planes[n, start + 1] * run.ry + planes[n, start + 2]
 
 
 @inlined
 def _light(run: Run, row: Array) -> None:
-    """Colours as the corners have them."""
+    """Fill the row with the colours that the corners have."""
     w1, w0 = _plane(run, G_INVERSE)
     b1, b0 = _plane(run, G_COLOUR)
     g1, g0 = _plane(run, G_COLOUR + 3)
@@ -150,7 +150,7 @@ def _light(run: Run, row: Array) -> None:
 
 @inlined
 def _windows(run: Run, style: Style, row: Array) -> None:
-    """Windows instead of wall."""
+    """Mix windows into the wall."""
     planes, n, step = run.planes, run.n, run.step
     w1, w0 = _plane(run, G_INVERSE)
     u1, u0 = _plane(run, G_UV)
@@ -174,7 +174,10 @@ def _windows(run: Run, style: Style, row: Array) -> None:
 
 @inlined
 def _leaves(run: Run, noise: Array, row: Array) -> None:
-    """Light and dark of foliage; four places where one wouldn't stand for a pixel."""
+    """Put light and dark of foliage on the row.
+
+    Four places count where one wouldn't stand for a pixel.
+    """
     planes, n, step = run.planes, run.n, run.step
     w1, w0 = _plane(run, G_INVERSE)
     u1, u0 = _plane(run, G_UV)
@@ -201,7 +204,7 @@ def _leaves(run: Run, noise: Array, row: Array) -> None:
 
 @inlined
 def _fog(run: Run, fog: Colour, row: Array) -> None:
-    """Fog before it, and the limits of a number."""
+    """Put fog before the row, and keep its numbers from 0 to 255."""
     w1, w0 = _plane(run, G_INVERSE)
     c1, c0 = _plane(run, G_CLEAR)
     b, g, r = fog
@@ -215,7 +218,7 @@ def _fog(run: Run, fog: Colour, row: Array) -> None:
 
 @compiled
 def shade_run(run: Run, style: Style, noise: Array, row: Array) -> None:
-    """Colours of a run of pixels, each averaged, into ``row``: blue, green, red (0-255) in turn."""
+    """Write averaged colours of a run of pixels into ``row``: blue, green, red in turn, 0-255."""
     kind = run.planes[run.n, G_KIND]
     _light(run, row)
     if kind == FACADE:

@@ -43,13 +43,13 @@ _FIXED = 65536.0
 
 
 def sun_direction(azimuth_rad: float, elevation_rad: float) -> tuple[float, float, float]:
-    """Unit vector towards the sun; azimuth counter-clockwise from the frame's x axis."""
+    """Return the unit vector towards the sun; azimuth counter-clockwise from the frame's x axis."""
     c = math.cos(elevation_rad)
     return c * math.cos(azimuth_rad), c * math.sin(azimuth_rad), math.sin(elevation_rad)
 
 
 def build_outline(palette: Palette, palette_name: str, seed: int) -> Array:
-    """Tangent of the horizon's elevation by azimuth, shape (4096,), from -pi on."""
+    """Return the tangent of the horizon's elevation by azimuth, shape (4096,), from -pi on."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0x0071]))
     if palette_name == "dusk_city":
         edges = np.sort(rng.integers(0, _AZIMUTHS, 190))
@@ -67,7 +67,7 @@ def build_outline(palette: Palette, palette_name: str, seed: int) -> Array:
 def _fill_panorama(
     light: SkyLight, outline: Array, noise: Array, cosines: Array, sines: Array, panorama: Array
 ) -> None:
-    """Paints the sky; see build_panorama. cosines, sines: of the columns' azimuths."""
+    """Paint the sky; see build_panorama. ``cosines`` and ``sines`` are of the columns' azimuths."""
     rows, columns = panorama.shape
     turn = outline.shape[0] / columns
     for row in range(rows):
@@ -115,7 +115,7 @@ def _fill_panorama(
 
 
 def build_panorama(light: SkyLight, outline: Array, noise: Array) -> Array:
-    """The whole sky, shape (PANORAMA_ROWS, PANORAMA_COLUMNS), uint64: three numbers in each.
+    """Return the whole sky, shape (PANORAMA_ROWS, PANORAMA_COLUMNS), uint64: three numbers in each.
 
     Blue, green and red (0-255) have 16 bits each, so that a weighted mean with weights of 256 in
     sum is one multiplication for all three.
@@ -128,7 +128,7 @@ def build_panorama(light: SkyLight, outline: Array, noise: Array) -> Array:
 
 @inlined
 def _panorama_place(start: Array, step: Array, u: int, rows: int) -> tuple[float, float]:
-    """Column and row in the panorama of the ray at a column of the image."""
+    """Return column and row in the panorama of the ray at a column of the image."""
     x, y, z = start[0] + u * step[0], start[1] + u * step[1], start[2] + u * step[2]
     slope = max(0.0, z) / math.sqrt(x * x + y * y)
     column = (math.atan2(y, x) + math.pi) * (PANORAMA_COLUMNS / (2.0 * math.pi)) - 0.5
@@ -137,7 +137,7 @@ def _panorama_place(start: Array, step: Array, u: int, rows: int) -> tuple[float
 
 @inlined
 def sky_row(panorama: Array, start: Array, step: Array, hidden: Array, row: Array) -> None:
-    """Colours of one image row above the horizon.
+    """Write the colours of one image row above the horizon.
 
     Args:
         panorama: of build_panorama.

@@ -44,7 +44,7 @@ class Mesh:
         return len(self.corners)
 
     def placed(self, pose: Pose2) -> Mesh:
-        """The mesh in the pose's parent frame."""
+        """Return the mesh in the pose's parent frame."""
         c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]], dtype=np.float32)
         shift = np.array([pose.x_m, pose.y_m, 0.0], dtype=np.float32)
@@ -53,12 +53,12 @@ class Mesh:
         return Mesh(corners, normals, self.colours, self.uv, self.kinds)
 
     def scaled(self, by: float) -> Mesh:
-        """The mesh that many times as large; its surface pattern keeps its size."""
+        """Return the mesh that many times as large; its surface pattern keeps its size."""
         return Mesh(self.corners * np.float32(by), self.normals, self.colours, self.uv, self.kinds)
 
 
 def join(meshes: Iterable[Mesh]) -> Mesh:
-    """All triangles in one mesh."""
+    """Return all triangles in one mesh."""
     parts = list(meshes)
     if not parts:
         none = np.zeros((0, 3, 3), dtype=np.float32)
@@ -68,7 +68,7 @@ def join(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross products of the last axis; for the few rows of a mesh ten times as fast as numpy's."""
+    """Return cross products of the last axis; ten times as fast as numpy's for a few rows."""
     ax, ay, az, bx, by, bz = a[..., 0], a[..., 1], a[..., 2], b[..., 0], b[..., 1], b[..., 2]
     product = np.empty(np.broadcast_shapes(a.shape, b.shape), np.result_type(a, b))
     product[..., 0] = ay * bz - az * by
@@ -78,12 +78,12 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _length(a: Array) -> Array:
-    """Lengths along the last axis, which stays."""
+    """Return the lengths along the last axis, which stays."""
     return np.asarray(np.sqrt((a * a).sum(axis=-1, keepdims=True)))
 
 
 def _flat_normals(corners: Array) -> Array:
-    """The normal of each triangle at its three corners, shape (n, 3, 3), float32."""
+    """Return the normal of each triangle at its three corners, shape (n, 3, 3), float32."""
     points = corners.astype(np.float32)
     flat = _cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
     flat /= np.maximum(_length(flat), 1e-12)
@@ -97,7 +97,10 @@ def triangles(
     normals: ArrayLike | None = None,
     uv: ArrayLike | None = None,
 ) -> Mesh:
-    """A mesh of one colour; without normals triangles are flat, seen counter-clockwise in front."""
+    """Return a mesh of one colour; without normals its triangles are flat.
+
+    They are seen counter-clockwise in front.
+    """
     points = np.asarray(corners, dtype=np.float32).reshape(-1, 3, 3)
     if normals is None:
         directions = _flat_normals(points)
@@ -127,13 +130,13 @@ def quad(
     kind: int = MATTE,
     uv: Sequence[tuple[float, float]] | None = None,
 ) -> Mesh:
-    """A flat quadrilateral, counter-clockwise as seen from outside."""
+    """Return a flat quadrilateral, counter-clockwise as seen from outside."""
     plane = None if uv is None else [uv[0], uv[1], uv[2], uv[0], uv[2], uv[3]]
     return triangles([a, b, c, a, c, d], colour, kind, uv=plane)
 
 
 def hexahedron(low: Sequence[Vec], high: Sequence[Vec], colour: Colour, kind: int = MATTE) -> Mesh:
-    """A solid between two quadrilaterals, each counter-clockwise as seen from above."""
+    """Return a solid between two quadrilaterals, each counter-clockwise as seen from above."""
     faces = [(high[0], high[1], high[2], high[3]), (low[3], low[2], low[1], low[0])]
     for i in range(4):
         j = (i + 1) % 4
@@ -152,16 +155,18 @@ def box(
     colour: Colour,
     kind: int = MATTE,
 ) -> Mesh:
-    """A box between the given limits along x, y and z."""
+    """Return a box between the given limits along x, y and z."""
     return hexahedron(_rectangle(*x, *y, z[0]), _rectangle(*x, *y, z[1]), colour, kind)
 
 
 def loft(sections: ArrayLike, colour: Colour, kind: int = MATTE) -> Mesh:
-    """A smooth skin over closed outlines of equally many points, with flat ends.
+    """Return a smooth skin over closed outlines of equally many points, with flat ends.
 
     Args:
         sections: shape (m, k, 3); outlines counter-clockwise as seen from the last section
             towards the first.
+        colour: of the whole skin.
+        kind: how the surface is shaded, such as MATTE.
     """
     rings = np.asarray(sections, dtype=np.float64)
     m, k, _ = rings.shape
@@ -178,7 +183,7 @@ def loft(sections: ArrayLike, colour: Colour, kind: int = MATTE) -> Mesh:
 
 @lru_cache(maxsize=64)
 def _skin(bands: int, sides: int) -> Array:
-    """Corners of the quadrilaterals between closed outlines, as numbers of points.
+    """Return the corners of the quadrilaterals between closed outlines, as numbers of points.
 
     Shape (bands * sides, 4): a point, the next on its outline, those two on the next outline in
     the opposite order.
@@ -190,14 +195,14 @@ def _skin(bands: int, sides: int) -> Array:
 
 
 def _fan(points: Array) -> Array:
-    """Corners of triangles around the middle of a polygon, shape (k, 3, 3)."""
+    """Return corners of triangles around the middle of a polygon, shape (k, 3, 3)."""
     middle = np.broadcast_to(points.mean(axis=0), points.shape)
     following = np.concatenate([points[1:], points[:1]])
     return np.stack([middle, points, following], axis=1)
 
 
 def fan(outline: ArrayLike, colour: Colour, kind: int = MATTE) -> Mesh:
-    """A flat convex polygon, shape (k, 3), counter-clockwise as seen from outside."""
+    """Return a flat convex polygon, shape (k, 3), counter-clockwise as seen from outside."""
     return triangles(_fan(np.asarray(outline, dtype=np.float64)), colour, kind)
 
 
@@ -217,7 +222,7 @@ def tube(
     sides: int = 8,
     kind: int = MATTE,
 ) -> Mesh:
-    """A round bar, cone or disc between two points, with flat ends."""
+    """Return a round bar, cone or disc between two points, with flat ends."""
     p, q = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     length = float(np.linalg.norm(q - p))
     axis = (q - p) / length
@@ -229,7 +234,7 @@ def tube(
 
 @lru_cache(maxsize=16)
 def _sphere(rings: int, sides: int) -> Array:
-    """Points of a unit sphere, shape (rings + 1, sides, 3), from the top down."""
+    """Return points of a unit sphere, shape (rings + 1, sides, 3), from the top down."""
     polar = np.pi * np.arange(rings + 1)[:, None] / rings
     angles = 2.0 * np.pi * np.arange(sides)[None, :] / sides
     parts = (np.sin(polar) * np.cos(angles), np.sin(polar) * np.sin(angles), np.cos(polar))
@@ -245,7 +250,7 @@ def ellipsoid(
     kind: int = MATTE,
     ripple: Array | None = None,
 ) -> Mesh:
-    """A rounded body; ``ripple``, shape (rings + 1, sides), scales its radius here and there."""
+    """Return a rounded body; ``ripple``, shape (rings + 1, sides), scales its radius."""
     unit = _sphere(rings, sides)
     scale = np.ones((rings + 1, sides)) if ripple is None else ripple
     points = np.asarray(centre) + unit * scale[:, :, None] * np.asarray(radii)
@@ -265,7 +270,7 @@ def ring(
     colour: Colour,
     sides: int = 18,
 ) -> Mesh:
-    """An upright tyre whose axle lies along y: both faces and the tread."""
+    """Return an upright tyre whose axle lies along y: both faces and the tread."""
     angles = 2.0 * np.pi * np.arange(sides + 1) / sides
     direction = np.stack([np.cos(angles), np.zeros(sides + 1), np.sin(angles)], axis=1)
     half = np.array([0.0, width_m / 2, 0.0])

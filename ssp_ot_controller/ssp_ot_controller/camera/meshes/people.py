@@ -51,7 +51,7 @@ class Outfit:
 
 
 def outfit(number: int, tops: tuple[Colour, ...], trousers: tuple[Colour, ...]) -> Outfit:
-    """The outfit that a number stands for."""
+    """Return the outfit that a number stands for."""
     return Outfit(
         tops[number % len(tops)],
         trousers[(number // 7) % len(trousers)],
@@ -65,7 +65,10 @@ def _limb(
     a: Vec, b: Vec, halves_m: tuple[float, float], bend: float, radii: Sequence[float],
     colours: tuple[Colour, Colour],
 ) -> Mesh:  # fmt: skip
-    """A leg or an arm between two ends, with knee or elbow in the x-z plane; bend + is forward."""
+    """Return a leg or an arm between two ends, its joint in the x-z plane.
+
+    A ``bend`` above 0 is forward.
+    """
     upper_m, lower_m = halves_m
     dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     reach = min(max(math.sqrt(dx * dx + dy * dy + dz * dz), 1e-6), upper_m + lower_m)
@@ -85,7 +88,10 @@ def _torso(
     levels: Sequence[tuple[float, float]], x_m: float, lean: float, depth_m: float, half_m: float,
     colour: Colour,
 ) -> Mesh:  # fmt: skip
-    """A rounded body through elliptic outlines (height, share of the width), leaning forward."""
+    """Return a rounded body through elliptic outlines (height, share of the width), leaning.
+
+    A ``lean`` above 0 is forward.
+    """
     angles = 2.0 * np.pi * np.arange(10) / 10
     rings = []
     for z, share in levels:
@@ -95,7 +101,10 @@ def _torso(
 
 
 def pedestrian(size: Size, look: Outfit, travelled_m: float, speed_mps: float) -> Mesh:
-    """A walking person; legs and arms swing with the distance travelled, and hang when standing."""
+    """Return a walking person.
+
+    Legs and arms swing with the distance travelled, and hang when the person stands.
+    """
     phase = round(travelled_m / _STRIDE_M * _PHASES) % _PHASES
     return _walker(size, look, phase, round(min(1.0, abs(speed_mps)) * _SWINGS))
 
@@ -143,7 +152,7 @@ def _rider(
     look: Outfit, size: Size, saddle: Vec, grip: Vec, feet: Sequence[Vec], lean_m: float,
     sleeves: Colour,
 ) -> list[Mesh]:  # fmt: skip
-    """A person without a head who sits on a saddle, hands on the bar, feet where they are put."""
+    """Return a person without a head on a saddle: hands on the bar, feet where they are put."""
     scale = size.height_m / 1.75
     top_m, hip_m = size.height_m - 0.32 * scale, saddle[2] + 0.06
     rise = top_m - hip_m
@@ -164,7 +173,7 @@ def _rider(
 
 
 def cyclist(size: Size, look: Outfit, travelled_m: float, lamps: bool) -> Mesh:
-    """A bicycle with its rider, whose legs turn the pedals with the distance travelled."""
+    """Return a bicycle with its rider, whose legs turn the pedals with the distance travelled."""
     return _bicycle(size, look, round(travelled_m / _PEDAL_M * _PHASES) % _PHASES, lamps)
 
 
@@ -209,7 +218,7 @@ def _bicycle(size: Size, look: Outfit, phase_step: int, lamps: bool) -> Mesh:
 
 @lru_cache(maxsize=64)
 def motorcycle(size: Size, look: Outfit, lights: Lights) -> Mesh:
-    """A motorcycle with its rider in a full helmet and dark clothes."""
+    """Return a motorcycle with its rider in a full helmet and dark clothes."""
     radius, paint = 0.31, look.vehicle
     tail_m, nose_m = -size.rear_m, size.front_m - radius  # rear end, front hub
     hub = tail_m + radius

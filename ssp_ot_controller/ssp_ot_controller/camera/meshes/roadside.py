@@ -35,7 +35,7 @@ LAMP_POST_M = 7.5
 
 
 def tree(rng: np.random.Generator, palette: Palette, height_m: float) -> Mesh:
-    """A broad-leaved tree."""
+    """Return a broad-leaved tree."""
     colour = np.array(palette.foliage[int(rng.integers(len(palette.foliage)))])
     scale, trunk_m = height_m / 7.0, height_m / 7.0 * rng.uniform(1.9, 2.6)
     parts = [tube((0, 0, 0), (0, 0, trunk_m + 0.8), 0.17 * scale, 0.1 * scale, _TRUNK, 7)]
@@ -54,7 +54,7 @@ def tree(rng: np.random.Generator, palette: Palette, height_m: float) -> Mesh:
 
 
 def lamp_post(toward_road: float, palette: Palette, height_m: float = LAMP_POST_M) -> Mesh:
-    """A street lamp whose arm reaches towards the road (+1: to the left)."""
+    """Return a street lamp whose arm reaches towards the road (+1: to the left)."""
     shine = (rgb("fff0c4"), LAMP) if palette.lamps_on else (rgb("d9dcdd"), MATTE)
     arm = 1.6 * toward_road
     head, shade, top = (arm - 0.35, arm + 0.35), (arm - 0.3, arm + 0.3), height_m + 0.05
@@ -69,7 +69,7 @@ def lamp_post(toward_road: float, palette: Palette, height_m: float = LAMP_POST_
 
 
 def pole(height_m: float) -> Mesh:
-    """A bare post."""
+    """Return a bare post."""
     return tube((0, 0, 0), (0, 0, height_m), 0.08, 0.06, _POLE, 8)
 
 
@@ -81,7 +81,7 @@ def building_of(
     height_m: float,
     may_be_pitched: bool,
 ) -> Mesh:
-    """A building of a map, as high as it says; length along x, centred on the origin.
+    """Return a building of a map, as high as it says; length along x, centred on the origin.
 
     A small one may have a pitched roof, whose ridge lies along its longer side.
     """
@@ -104,7 +104,7 @@ def building(
     pitched: bool,
     rim_m: float = _PARAPET_M,
 ) -> Mesh:
-    """A house or block with windows all around; x along the road, centred on the origin.
+    """Return a house or block with windows all around; x along the road, centred on the origin.
 
     Its walls are ``top`` high, with a roof on top; a flat one is as high as its rim.
     """
@@ -133,7 +133,7 @@ def building(
 
 
 def hedge(length_m: float, palette: Palette) -> Mesh:
-    """A clipped hedge along the road, 1.1 m high, centred on the origin."""
+    """Return a clipped hedge along the road, 1.1 m high, centred on the origin."""
     half = length_m / 2
     body = box((-half, half), (-0.35, 0.35), (0.0, 1.1), palette.foliage[0], FOLIAGE)
     plane = np.stack([body.corners[..., 0] + body.corners[..., 1], body.corners[..., 2]], axis=2)
@@ -141,7 +141,7 @@ def hedge(length_m: float, palette: Palette) -> Mesh:
 
 
 def cone() -> Mesh:
-    """A traffic cone of 0.7 m."""
+    """Return a traffic cone of 0.7 m."""
     orange, white = rgb("e0561c"), rgb("f0f0ee")
     return join(
         [
@@ -154,7 +154,7 @@ def cone() -> Mesh:
 
 
 def fence(length_m: float) -> Mesh:
-    """A post and a rail of a safety fence along the road, centred on the origin."""
+    """Return a post and a rail of a safety fence along the road, centred on the origin."""
     post = box((-0.05, 0.05), (-0.05, 0.05), (0.0, 0.75), _STEEL)
     half = length_m / 2
     return join([post, box((-half, half), (-0.04, 0.04), (0.48, 0.76), _STEEL)])
@@ -181,7 +181,7 @@ _BARS = {
 
 
 def sign(kind: str, value: int | None = None) -> Mesh:
-    """A traffic sign on its post; ``value`` is printed on it."""
+    """Return a traffic sign on its post; ``value`` is printed on it."""
     layers = [_polygon(*layer, k + 1) for k, layer in enumerate(_SIGNS[kind])]
     back = triangles(_polygon(*_SIGNS[kind][0], -1).corners[:, ::-1], _BACK)
     post = tube((0.05, 0, 0), (0.05, 0, _MIDDLE_M + 0.3), 0.035, 0.035, _SIGN_POLE, 6)
@@ -189,7 +189,7 @@ def sign(kind: str, value: int | None = None) -> Mesh:
 
 
 def _polygon(radius_m: float, sides: int, first_rad: float, colour: Colour, lift: int) -> Mesh:
-    """A regular polygon, with a corner at first_rad from its right hand side."""
+    """Return a regular polygon, with a corner at first_rad from its right hand side."""
     angles = 2.0 * np.pi * np.arange(sides) / sides + first_rad
     outline: list[Vec] = [
         (-_LIFT_M * lift, -radius_m * math.cos(a), _MIDDLE_M + radius_m * math.sin(a))
@@ -199,7 +199,7 @@ def _polygon(radius_m: float, sides: int, first_rad: float, colour: Colour, lift
 
 
 def _digits(text: str) -> list[Mesh]:
-    """Digits of seven bars; y falls from left to right for who looks along x."""
+    """Return digits of seven bars; for a view along x, y falls from left to right."""
     width, gap, height = (0.13, 0.05, 0.3) if len(text) > 2 else (0.19, 0.07, 0.36)
     bar, x, middle = 0.24 * width, -3 * _LIFT_M, _MIDDLE_M
     low, high = middle - height / 2, middle + height / 2

@@ -95,7 +95,7 @@ def _panel(
     face: Literal["rear", "front", "left", "right"], at_m: float, along: Range, z: Range,
     surface: Surface,
 ) -> Mesh:  # fmt: skip
-    """An upright rectangle that looks to one side of the body; ``along`` is in x or in y."""
+    """Return an upright rectangle that looks to one side of the body; ``along`` is in x or in y."""
     a, b = along if face in ("front", "right") else along[::-1]
     if face in ("rear", "front"):
         (x0, y0), (x1, y1) = (at_m, a), (at_m, b)
@@ -105,7 +105,10 @@ def _panel(
 
 
 def _on_face(face: Sequence[Vec], u: Range, v: Range, surface: Surface, lift_m: float) -> Mesh:
-    """A panel on a quadrilateral, between shares u along its base and v up, lifted off it."""
+    """Return a panel on a quadrilateral, lifted off it.
+
+    It lies between shares u along its base and v up.
+    """
     a, b, c, d = (np.asarray(p, dtype=np.float64) for p in face)
     normal = np.cross(b - a, d - a)
     normal *= lift_m / np.linalg.norm(normal)
@@ -120,7 +123,7 @@ def _on_face(face: Sequence[Vec], u: Range, v: Range, surface: Surface, lift_m: 
 def _wheels(
     f: _Frame, xs: Sequence[float], flank_m: float, radius_m: float, width_m: float
 ) -> list[Mesh]:
-    """Wheels under dark arches on both flanks, and the dark below the body."""
+    """Return the wheels under dark arches on both flanks, and the dark below the body."""
 
     def disc(x: float, y: float, z: float, radius: float, colour: Colour) -> Mesh:
         angles = math.copysign(2.0, y) * math.pi * np.arange(12) / 12
@@ -159,7 +162,7 @@ CAR_SHAPES = (
 
 @lru_cache(maxsize=64)
 def car(size: Size, paint: Colour, variant: int, lights: Lights) -> Mesh:
-    """A car; ``variant`` picks sedan or hatchback."""
+    """Return a car; ``variant`` picks sedan or hatchback."""
     f, shape = _Frame(size), CAR_SHAPES[variant % len(CAR_SHAPES)]
     rear, front = -size.rear_m - 0.006, size.front_m + 0.006
     top, nose = shape.deck_z - 0.1, shape.bonnet_z - 0.18
@@ -253,7 +256,7 @@ _RADIUS_M = 0.48  # of the wheels of trucks and buses
 
 @lru_cache(maxsize=64)
 def truck(size: Size, paint: Colour, lights: Lights) -> Mesh:
-    """A box truck: cab, gap, cargo box with rear doors, underrun guard."""
+    """Return a box truck: cab, gap, cargo box with rear doors, underrun guard."""
     f, floor, top = _Frame(size), 0.95, size.height_m
     cab, rear = (f.x(0.77), f.x(1.0)), f.x(0.0) - 0.008
 
@@ -298,7 +301,10 @@ def truck(size: Size, paint: Colour, lights: Lights) -> Mesh:
 
 @lru_cache(maxsize=64)
 def bus(size: Size, paint: Colour, lights: Lights) -> Mesh:
-    """A city bus: one long body with a band of windows, doors on the right, a destination sign."""
+    """Return a city bus.
+
+    It is one long body with a band of windows, doors on the right, and a destination sign.
+    """
     f, panes = _Frame(size), 7
     rear, front, side_m = f.x(0.0) - 0.01, f.x(1.0) + 0.01, f.y(1.0) + 0.01
     parts = [

@@ -22,11 +22,13 @@ _BUS_PAINTS = (rgb("c9432f"), rgb("2f6fae"), rgb("e0b23c"))
 def body(
     state: ObjectState, palette: Palette, travelled_m: float, indicator: Indicator | None
 ) -> Mesh:
-    """The mesh of an object in its own frame; colours follow from its id.
+    """Return the mesh of an object in its own frame; colours follow from its id.
 
     Args:
         state: gives class, extents, acceleration (brake lamps) and stamp (blinking).
+        palette: gives paints, clothes and lamps.
         travelled_m: way so far; moves limbs.
+        indicator: that blinks; None: none does.
     """
     number = zlib.crc32(state.object_id.encode())
     lit = is_lit(state.stamp_ns)
@@ -70,13 +72,13 @@ class Body:
 
 
 def to_block(pose: Pose2, origin: Pose2) -> Pose2:
-    """A pose of frame map in the block's frame."""
+    """Return a pose of frame map in the block's frame."""
     x, y = origin.to_local(pose.x_m, pose.y_m)
     return Pose2(x, y, pose.yaw_rad - origin.yaw_rad)
 
 
 def bodies_of(scene: Scene, stage: Stage) -> list[Body]:
-    """All objects of a scene, the VUT last."""
+    """Return all objects of a scene, the VUT last."""
     found = []
     for state in (*scene.others, scene.vut):
         pose, key = to_block(state.pose, scene.road.origin.pose), state.object_id

@@ -56,7 +56,7 @@ class LightField:
 
 
 def rays_of(view: View) -> Array:
-    """Direction at pixel (0, 0) and its change per column and per row, shape (3, 3)."""
+    """Return the direction at pixel (0, 0) and its change per column and per row, shape (3, 3)."""
     lens = view.intrinsics
     columns, rows = view.rotation[0] / lens.fx_px, view.rotation[1] / lens.fy_px
     corner = view.rotation[2] - lens.cx_px * columns - lens.cy_px * rows
@@ -64,7 +64,7 @@ def rays_of(view: View) -> Array:
 
 
 def visible(places: Array, view: View, range_m: float) -> Array:
-    """Indices of props within range that reach into the horizontal field of view, nearest first."""
+    """Return indices of props within range and the horizontal field of view, nearest first."""
     forward = view.rotation[2, :2] / np.linalg.norm(view.rotation[2, :2])
     slope = view.intrinsics.width_px / (2 * view.intrinsics.fx_px)
     dx, dy = places[:, 0] - view.position_m[0], places[:, 1] - view.position_m[1]
@@ -79,7 +79,7 @@ def visible(places: Array, view: View, range_m: float) -> Array:
 def finished(
     stage: Stage, look: Look, view: View, bodies: Sequence[Body], noise_state: np.uint64
 ) -> Array:
-    """The picture, shape (height, width, 3), uint8, with the sensor's noise."""
+    """Return the picture, shape (height, width, 3), uint8, with the sensor's noise."""
     lens = view.intrinsics
     out = np.empty((lens.height_px, lens.width_px, 3), np.uint8)
     none = np.empty((0, 3 * lens.width_px), np.float32)
@@ -89,7 +89,7 @@ def finished(
 
 
 def light_field(stage: Stage, look: Look, view: View, bodies: Sequence[Body]) -> LightField:
-    """The light of a frame."""
+    """Return the light of a frame."""
     lens = view.intrinsics
     shape = (lens.height_px, lens.width_px)
     field = np.empty((*shape, 3), np.float32)
@@ -128,7 +128,7 @@ def _film(look: Look, noise_state: np.uint64) -> Film:
 def _draw(
     stage: Stage, view: View, bodies: Sequence[Body], film: Film, field: Array, out: Array
 ) -> Samples:
-    """Runs the kernels for one frame; see compose for ``field`` and ``out``."""
+    """Run the kernels for one frame; see compose for ``field`` and ``out``."""
     lens = view.intrinsics
     static, around = stage.static, stage.around
     far = visible(static.places, view, SCENERY_RANGE_M)

@@ -37,10 +37,15 @@ _GROUND_ASIDE_M = (-3.0, 0.0, 3.0)
 def exposed(
     scene: Scene, look: Look, camera: Camera, frame_index: int, seed: int, detail: Detail
 ) -> Array:
-    """The light on the sensor, shape (height, width, 3), float32.
+    """Return the light on the sensor, shape (height, width, 3), float32.
 
     Args:
-        scene, look, camera, frame_index, seed, detail: see render.
+        scene: see render.
+        look: see render.
+        camera: see render.
+        frame_index: see render.
+        seed: see render.
+        detail: see render.
     """
     stage = stage_for(scene.road, look, seed, detail)
     level = sensor.level_camera(camera)
@@ -102,15 +107,18 @@ def render(
     seed: int,
     detail: Detail = FULL,
 ) -> Array:
-    """The picture that the VUT's front camera takes.
+    """Return the picture that the VUT's front camera takes.
 
     The same arguments give the same pixels. The seed places scenery and texture; seed and
     frame_index together draw sensor noise and rain.
 
     Args:
+        scene: what stands and moves around the VUT, and the VUT itself.
         look: palette, weather, sun (azimuth counter-clockwise from the map's x axis), exposure,
             noise.
         camera: lens, mounting and exposure time.
+        frame_index: number of the frame.
+        seed: of scenery, texture, noise and rain.
         detail: leaves scenery or texture away.
 
     Returns:
@@ -136,7 +144,7 @@ def _at_once(look: Look, camera: Camera) -> bool:
 
 
 def warm_up(road: Road, look: Look, camera: Camera, seed: int) -> None:
-    """Draws one picture, so that kernels are compiled and scenery is built before time matters."""
+    """Draw one picture, so that kernels are compiled and scenery is built before time matters."""
     x, y = road.origin.pose.to_parent(0.0, road.lanes[0].y_m)
     states = [
         ObjectState(

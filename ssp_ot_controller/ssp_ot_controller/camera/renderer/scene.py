@@ -41,7 +41,7 @@ def is_lit(stamp_ns: int) -> bool:
 
 
 def sideways_mps(state: ObjectState, line: ReferenceLine) -> float:
-    """Speed of a vehicle across its direction along the road, + to its own left; 0 in a turn."""
+    """Return a vehicle's speed across its way along the road, + to its own left; 0 in a turn."""
     if state.object_class not in _WITH_INDICATORS or state.speed_mps < _SLOWEST_MPS:
         return 0.0
     s, _ = line.to_local(state.x_m, state.y_m)
@@ -59,7 +59,7 @@ class Indicators:
         self._on: dict[str, tuple[Indicator, int]] = {}
 
     def update(self, states: Iterable[ObjectState], now_ns: int) -> Mapping[str, Indicator]:
-        """Takes the states of the next frame; sides by object id, those that blink only."""
+        """Take the states of the next frame; return the blinking sides by object id."""
         present = {state.object_id: state for state in states}
         for key, state in present.items():
             sideways = sideways_mps(state, self._line)
@@ -93,7 +93,7 @@ class Scene:
         return [o for o in self.objects if o.object_id != self.vut.object_id]
 
     def before(self, by_s: float) -> Scene:
-        """The same a moment earlier, with speeds and yaw rates held: for one exposure's length."""
+        """Return the scene a moment earlier, within one exposure; speeds and yaw rates are held."""
         shift_ns = round(by_s * 1e9)
         # Lamps don't change within an exposure: states keep their stamps.
         earlier = {

@@ -150,7 +150,7 @@ class _Roadside:
         self, kind: Kind, mesh: Mesh, side: _Side, x_m: float, beyond_m: float, shadow: bool = True,
         yaw_rad: float = 0.0,
     ) -> list[Prop]:  # fmt: skip
-        """A thing at an arc length, that far beyond the sidewalk; nothing if there is no room."""
+        """Return a thing at an arc length, that far beyond the sidewalk; none where no room is."""
         if any(item.type == kind for item in self.items):
             return []
         low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
@@ -179,7 +179,7 @@ class _Roadside:
     def _pose(
         self, mesh: Mesh, side: _Side, s_m: float, l_m: float, yaw_rad: float
     ) -> Pose2 | None:
-        """Pose in the block's frame; None: it would stand on the road or in its own way."""
+        """Return a pose in the block's frame; None: it would be on the road or in its own way."""
         if self._bend is None:
             return Pose2(s_m, l_m, yaw_rad)
         at = self._line.pose(s_m)
@@ -199,7 +199,10 @@ class _Roadside:
 def build_scenery(
     road: Road, bend: Bend | None, palette_name: str, palette: Palette, seed: int
 ) -> list[Prop]:
-    """Everything that stands beside the road, the same for the same seed; the map's things last."""
+    """Return everything that stands beside the road, the same for the same seed.
+
+    The map's things come last.
+    """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0x5CE11E]))
     beside, found = _Roadside(road, bend), []
     end_m = road.length_m + BEYOND_M

@@ -27,9 +27,11 @@ _CONTACT_M, _CONTACT_LIGHT = 0.5, 0.6  # bodies get darker towards the ground ov
 
 
 def lighted(mesh: Mesh, palette: Palette, sun: Sun, *, stands: bool) -> Triangles:
-    """A mesh in the block's frame under the palette's light: sun, sky above, ground below.
+    """Return a mesh in the block's frame under the palette's light: sun, sky above, ground below.
 
     Args:
+        mesh: in the block's frame.
+        palette: gives the light of sun, sky and ground.
         sun: unit vector towards the sun, block frame.
         stands: it stands on the ground, and gets darker towards it.
     """
@@ -70,7 +72,7 @@ def _light(
 
 
 def shadow_on_ground(corners: Array, sun: Sun) -> Array:
-    """Triangles moved along the sun's rays onto the ground."""
+    """Return triangles moved along the sun's rays onto the ground."""
     flat = np.array(corners, dtype=np.float32)
     height = np.maximum(flat[..., 2:], 0.0)
     flat[..., :2] -= height * np.array([sun[0] / sun[2], sun[1] / sun[2]], np.float32)
@@ -118,7 +120,7 @@ class Stage:
 
 
 def ranges(lengths: Sequence[int]) -> Array:
-    """Shape (n, 2): first and end of consecutive runs of the given lengths."""
+    """Return first and end of consecutive runs of the given lengths, shape (n, 2)."""
     ends = np.cumsum(np.asarray(lengths, dtype=np.int64))
     return np.stack([ends - np.asarray(lengths, dtype=np.int64), ends], axis=1)
 
@@ -180,5 +182,5 @@ def _static(props: Sequence[Prop], palette: Palette, sun: Sun) -> Static:
 
 
 def stage_for(road: Road, look: Look, seed: int, detail: Detail = FULL) -> Stage:
-    """The stage of a road, a look and a seed; built when it is first asked for."""
+    """Return the stage of a road, a look and a seed; built when it is first asked for."""
     return _build(road.model_dump_json(), look.model_dump_json(), seed, detail)

@@ -46,7 +46,7 @@ def _illuminate(
     beams: Array,
     reach_m: float,
 ) -> None:
-    """Adds what beams light up, as a factor on the light that is there."""
+    """Add what beams light up, as a factor on the light that is there."""
     height, width, _ = light.shape
     for v in range(height):
         for u in range(width):
@@ -93,7 +93,7 @@ def _illuminate(
 
 
 def _headlamps(body: Body) -> list[list[float]]:
-    """Two dipped beams at the front of a motor vehicle."""
+    """Return two dipped beams at the front of a motor vehicle."""
     half_m = 0.5 * body.size.width_m
     if half_m < _LEAST_HALF_M:
         return []
@@ -107,7 +107,10 @@ def _headlamps(body: Body) -> list[list[float]]:
 
 
 def _street_lamps(stage: Stage, eye: Array) -> list[list[float]]:
-    """A wide beam downwards under each thing beside the road that shines high up; nearest first."""
+    """Return a wide beam downwards under each thing beside the road that shines high up.
+
+    The nearest comes first.
+    """
     lit = stage.static.bodies
     found = []
     near = np.hypot(*(stage.static.places[:, :2] - eye[:2]).T) < _BEAM_RANGE_M
@@ -126,7 +129,7 @@ def _street_lamps(stage: Stage, eye: Array) -> list[list[float]]:
 
 
 def illuminate(field: LightField, stage: Stage, bodies: Sequence[Body]) -> None:
-    """Lets headlamps, the VUT's too, and street lamps light up what they reach; in place."""
+    """Let headlamps, the VUT's too, and street lamps light up what they reach; in place."""
     eye = field.view.position_m
     beams = [beam for body in bodies for beam in _headlamps(body)]
     beams += _street_lamps(stage, eye)
@@ -149,12 +152,14 @@ _FRACTION_BITS = 3
 def add_rain(
     light: Array, sky: Colour, rain: float, speed_mps: float, camera: Camera, seeds: list[int]
 ) -> Array:
-    """The light with streaks of rain before it, shape (height, width, 3), float32.
+    """Return the light with streaks of rain before it, shape (height, width, 3), float32.
 
     Args:
+        light: that falls on the sensor, shape (height, width, 3), float32.
         sky: what drops show.
         rain: 0 none, 1 a downpour.
         speed_mps: of the VUT, which slants the streaks.
+        camera: lens, mounting and exposure time.
         seeds: draw the streaks.
     """
     rng = np.random.default_rng(np.random.SeedSequence([*seeds, 0x4A1B]))
@@ -201,7 +206,7 @@ def _reflect(
     strength: float,
     light: Array,
 ) -> None:
-    """Mixes the mirror image into the ground's light, column by column.
+    """Mix the mirror image into the ground's light, column by column.
 
     What stands on the ground is mirrored about the row where it stands; where nothing stands, the
     sky is about the horizon.
@@ -242,10 +247,12 @@ def _reflect(
 
 
 def add_reflections(field: LightField, stage: Stage, road: Road, rain: float) -> None:
-    """Makes carriageway and sidewalks wet; in place.
+    """Make carriageway and sidewalks wet; in place.
 
     Args:
         field: of a camera without roll.
+        stage: of the road.
+        road: gives where carriageway and sidewalks end.
         rain: 0 none, 1 a downpour.
     """
     _reflect(

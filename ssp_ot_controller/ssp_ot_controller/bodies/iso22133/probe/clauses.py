@@ -60,10 +60,11 @@ _UNHEARD = ("arm_loss", "loss")
 
 
 def rows_of(steps: Mapping[str, Step], stages: Iterable[Stage], ended: str) -> tuple[Row, ...]:
-    """A row for each clause.
+    """Return a row for each clause.
 
     Args:
         steps: by their names, in their order.
+        stages: those that were asked for.
         ended: why the probe ended before its last step; for those that were never reached.
     """
     asked = set(stages)
@@ -256,7 +257,7 @@ def _identity(step: Step, _clause: Clause, _: Mapping[str, Step]) -> Finding:
 
 
 def _reaches(*wanted: ControlState) -> Judge:
-    """It reports one of these states after the step's stimulus."""
+    """Make a judge of whether the object reports one of these states after the step's stimulus."""
 
     def judge(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
         since_ns = step.marks.get("stimulus", step.begin_ns)

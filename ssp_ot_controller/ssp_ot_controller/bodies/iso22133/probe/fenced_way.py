@@ -42,7 +42,7 @@ def _motion(path: Sequence[Point], cruise_mps: float) -> Motion:
 
 
 def motion_of(points: Points) -> Motion | None:
-    """The way of a trajectory, at its highest speed; None where it leads nowhere."""
+    """Return the way of a trajectory, at its highest speed; None where it leads nowhere."""
     _, x, y, _, speed = points.columns[:5]
     path: list[Point] = []
     for place in zip(x.tolist(), y.tolist(), strict=True):
@@ -66,7 +66,7 @@ class FencedWay:
     motion: Motion | None = None
 
     def plan(self, pose: Pose2) -> Points | str:
-        """Points from a pose on, or why it can't be moved from there."""
+        """Plan points from a pose on; return why where it can't be moved from there."""
         found = self._rest(pose)
         if isinstance(found, str):
             return found

@@ -51,7 +51,7 @@ class _Track:
     speed_mps: FloatArray
 
     def way_m(self, since: int) -> FloatArray:
-        """Straight ways of all places from one of them."""
+        """Return the straight ways of all places from one of them."""
         ways: FloatArray = np.hypot(self.x_m - self.x_m[since], self.y_m - self.y_m[since])
         return ways
 
@@ -73,7 +73,7 @@ class _Track:
 
 
 def _track(step: Step) -> _Track:
-    """Places from the newest before the start on, or all where nothing was started."""
+    """Return the places from the newest before the start on, or all where nothing was started."""
     strt = step.last_sent(Strt)
     rows: list[tuple[int, int, float, float, float, float]] = []
     for received, m in step.monrs():
@@ -95,7 +95,7 @@ def _track(step: Step) -> _Track:
 
 
 def _plan(step: Step) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times, ways and speeds of the trajectory that was sent last."""
+    """Return times, ways and speeds of the trajectory that was sent last."""
     sent = step.last_sent(Traj)
     points = sent.message.points if sent is not None and isinstance(sent.message, Traj) else ()
     rows = [(p.t_s, p.x_m or 0.0, p.y_m or 0.0, p.speed_mps or 0.0) for p in points]
@@ -251,7 +251,7 @@ LAG_S = 1.0
 
 
 def states_speed(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
-    """The stated speed against the way, in each window of half a second of each drive."""
+    """Judge the stated speed against the way, in each window of half a second of each drive."""
     worst: tuple[float, str, tuple[bytes, ...]] | None = None
     for name in _DRIVES:
         track = _track(steps[name]) if name in steps else None
@@ -277,14 +277,17 @@ def states_speed(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Findi
 
 
 def _windows(track: _Track) -> list[tuple[int, int]]:
-    """First and last index of the windows of METHOD 4.3b that begin at each place."""
+    """Return first and last index of the windows of METHOD 4.3b that begin at each place."""
     ends = np.searchsorted(track.stamp_ns, track.stamp_ns + seconds_to_ns(WINDOW_S))
     ends = np.maximum(ends, np.arange(len(ends)) + LEAST_SAMPLES - 1)
     return [(i, int(end)) for i, end in enumerate(ends) if end < len(track.stamp_ns)]
 
 
 def runs(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
-    """RUNNING from the start to the stimulus that ends each drive, and never DISARMED in motion."""
+    """Judge that each drive is in RUNNING from its start to the stimulus that ends it.
+
+    It must never be DISARMED in motion.
+    """
     late_s: float | None = None
     for name in _DRIVES:
         one = steps.get(name)
@@ -318,7 +321,7 @@ def runs(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
 
 
 def ends_run(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
-    """POSTRUN from soon after the normal stop until it stands."""
+    """Judge that the object is in POSTRUN from soon after the normal stop until it stands."""
     mark_ns, track = step.marks.get("stimulus"), _track(step)
     if mark_ns is None or _begun(step, track) is None:
         return Finding(Outcome.NOT_RUN, step.problem or "it wasn't brought to speed")

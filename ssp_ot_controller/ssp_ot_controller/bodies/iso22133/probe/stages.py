@@ -141,7 +141,7 @@ class Probe:
         self._guard: Callable[[], str] = lambda: ""
 
     def run(self, stages: Iterable[Stage]) -> None:
-        """Asks stage by stage; ``steps`` has what came, ``ended`` why it went no further."""
+        """Ask stage by stage; ``steps`` has what came, ``ended`` why it went no further."""
         by_stage = {
             Stage.LISTEN: self._listen,
             Stage.CONNECT: self._connect,
@@ -192,7 +192,7 @@ class Probe:
             self._bytes = data
 
     def _run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Keeps heartbeats going; True as soon as a condition holds, False at the end."""
+        """Keep heartbeats going; return True as soon as a condition holds, False at the end."""
         end_ns = self._clock.now_ns() + seconds_to_ns(seconds)
         while self._wire is not None:
             now_ns = self._clock.now_ns()
@@ -254,7 +254,7 @@ class Probe:
         )
 
     def _open(self, name: str, text: str, status: CentreStatus = CentreStatus.INIT) -> None:
-        """Connects anew, and sends at once what an object needs to report and to stand."""
+        """Connect anew, and send at once what an object needs to report and to stand."""
         if self._wire is not None:
             self._wire.close()
         self._begin(name, text)
@@ -359,7 +359,7 @@ class Probe:
         return self._monr is not None and state_of(self._monr.state) is C.ABORTING
 
     def _cease(self) -> None:
-        """No heartbeats until the object must have noticed."""
+        """Send no heartbeats until the object must have noticed."""
         wire, self._status = self._wire, None
         self._mark()
         if self._run(self._heartbeat_s + 1.0, lambda: wire is not None and not wire.connected):
@@ -390,14 +390,14 @@ class Probe:
         self._wait_for_standstill("loss_again", 60.0)
 
     def _rests(self, name: str) -> None:
-        """DISARMED by itself, or by another connection."""
+        """Wait until it is DISARMED; connect anew where it doesn't get there by itself."""
         if not self._run(3.0, self._is(C.DISARMED)):
             self._open(name, "connects again")
             if not self._run(1.0, self._is(C.DISARMED)):
                 raise Ended("it doesn't come back to DISARMED")
 
     def _drive(self, name: str, status: CentreStatus | None) -> None:
-        """Brings it to speed, and stops it by this status, or by none."""
+        """Bring it to speed, and stop it by this status, or by none."""
         self._guard = lambda: ""
         self._begin(name, f"moves it, and then: {'no HEAB' if status is None else status.name}")
         pose, way = self._pose(), self._way
